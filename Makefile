@@ -1,0 +1,34 @@
+# Two commands do everything: `make demo` and `make test`. Both set up .venv from the lock file first.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+.PHONY: demo test lint bench lock clean
+
+$(STAMP): requirements.lock pyproject.toml
+	@echo "Setting up $(VENV) from requirements.lock (a minute or two, once) ..."
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "gravcal needs Python 3.11 or newer: make PYTHON=python3.12 ..."; exit 1; }
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --require-hashes -r requirements.lock
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: $(STAMP)  ## simulate a calibration day, process it, print estimate against truth
+	@$(BIN)/gravcal demo
+
+test: $(STAMP)  ## all tests
+	@$(BIN)/python -m pytest -q -n 2
+
+lint: $(STAMP)  ## formatting and static checks
+	@$(BIN)/ruff format --check . && $(BIN)/ruff check .
+
+bench: $(STAMP)  ## recovery study and speed ratios; long
+	@$(BIN)/python -m benchmarks
+
+lock:  ## resolve requirements.lock anew; needs uv
+	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 \
+	  --extra test --extra bench pyproject.toml -o requirements.lock
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

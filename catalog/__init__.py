@@ -1,0 +1,1 @@
+"""Numbers of satellites, events and choices: data only."""

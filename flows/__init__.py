@@ -1,0 +1,1 @@
+"""Prefect flows: one per calibration, the campaign and the command line."""

@@ -1,0 +1,1 @@
+"""In-orbit calibration of gravity missions."""

@@ -1,0 +1,1 @@
+"""Calibrations: observation equations and their solution; datasets in, datasets out."""

@@ -1,0 +1,1 @@
+"""The edge of the library: the only code that opens files."""

@@ -1,0 +1,1 @@
+"""Effects: what nature and instruments add, one object each."""

@@ -1,0 +1,1 @@
+"""Laws of physics: arrays in, arrays out."""

@@ -1,0 +1,1 @@
+"""Simulators: invented events whose truth is known."""

@@ -1,0 +1,1 @@
+"""Stages: thin, cached shells round the science functions."""
