@@ -1,0 +1,27 @@
+"""Errors of gravcal: where, what was found against what was expected, what to do; the numbers travel as facts."""
+
+
+class GravcalError(Exception):
+    """Anything gravcal refuses to do; the numbers behind the message are in ``facts``.
+
+    Parameters
+    ----------
+    message : str, where, found against expected with units, and the remedy
+    **facts : the quantities of the message, for tables of failures
+    """
+
+    def __init__(self, message, **facts):
+        super().__init__(message)
+        self.facts = facts
+
+
+class CatalogError(GravcalError):
+    """A satellite, event, parameter or constant is missing or contradicts itself."""
+
+
+class ProductError(GravcalError):
+    """A file or product is not what it should be."""
+
+
+class EstimationError(GravcalError):
+    """The data do not determine what was asked for."""
