@@ -1,0 +1,1 @@
+"""Manoeuvre sessions as designed: data only."""

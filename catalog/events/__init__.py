@@ -1,0 +1,1 @@
+"""Calibration events, one file each: data only."""

@@ -1,0 +1,1 @@
+"""Numbers the stages take, with reasons: data only."""

@@ -1,0 +1,1 @@
+"""Printed values, with citations: data only."""

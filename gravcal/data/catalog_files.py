@@ -1,0 +1,116 @@
+"""Where the catalogue's TOML files are, how they are read, and what is said when a name or a key is wrong."""
+
+import difflib
+import os
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+from gravcal.errors import CatalogError
+
+ENVIRONMENT = "GRAVCAL_CATALOG"
+
+
+def roots():
+    """Folders searched, in order: the user's own, then the one of the package.
+
+    Returns
+    -------
+    roots : list of Path or Traversable
+    """
+    shipped = resources.files("catalog")
+    own = os.environ.get(ENVIRONMENT)
+    if not own:
+        return [shipped]
+    if not Path(own).is_dir():
+        raise CatalogError(
+            f"{ENVIRONMENT}: found {own!r}, expected a folder with satellites/, events/ or parameters/. "
+            f"Create it, or unset {ENVIRONMENT}.",
+            folder=own,
+        )
+    return [Path(own), shipped]
+
+
+def names(kind, suffix=".toml"):
+    """Names of all entries of a kind ("satellites", "events", ...), sorted.
+
+    Returns
+    -------
+    names : list of str
+    """
+    folders = [root / kind for root in roots()]
+    found = {entry.name for folder in folders if folder.is_dir() for entry in folder.iterdir()}
+    return sorted(name.removesuffix(suffix) for name in found if name.endswith(suffix))
+
+
+def find(kind, name, suffix=".toml"):
+    """Path of one entry; the user's own before the shipped one.
+
+    Raises
+    ------
+    CatalogError : no entry of that name; the nearest names are given
+    """
+    for root in roots():
+        path = root / kind / f"{name}{suffix}"
+        if path.is_file():
+            return path
+    raise unknown(kind.removesuffix("s"), name, names(kind, suffix), where="catalogue")
+
+
+def read(kind, name):
+    """Content of one TOML entry.
+
+    Returns
+    -------
+    path : Path or Traversable, for messages
+    content : dict
+    """
+    path = find(kind, name)
+    return path, parse(path)
+
+
+def parse(path):
+    """Content of a TOML file as a dict; what is wrong with it is said with file and line."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise CatalogError(
+            f"{path}: found bytes that are not UTF-8 ({error.reason} at byte {error.start}), expected a TOML file. "
+            "Save it as UTF-8.",
+            file=str(path),
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise CatalogError(f"{path}: not valid TOML: {error}. Correct the file.", file=str(path)) from error
+
+
+def unknown(what, name, known, where):
+    """CatalogError for a name that is not there, with the nearest that are."""
+    near = difflib.get_close_matches(str(name).lower(), known, n=3, cutoff=0.5)
+    hint = f"Nearest: {', '.join(near)}." if near else f"Known: {', '.join(known) or 'none'}."
+    return CatalogError(
+        f"{where}: no {what} named {name!r} among the {len(known)} known. {hint}", name=str(name), nearest=near
+    )
+
+
+def require(content, keys, path, optional=()):
+    """Check that a table holds exactly these keys (and perhaps the optional ones)."""
+    missing = [key for key in keys if key not in content]
+    surplus = [key for key in content if key not in keys and key not in optional]
+    if missing:
+        raise CatalogError(
+            f"{path}: found {sorted(content)}, expected also {', '.join(missing)}. Add the missing key.",
+            file=str(path),
+            missing=missing,
+        )
+    if surplus:
+        raise CatalogError(
+            f"{path}: found the unknown key {surplus[0]!r}, expected only {', '.join([*keys, *optional])}. "
+            "Correct or remove it.",
+            file=str(path),
+            unknown=surplus,
+        )
+
+
+def wrong(path, key, found, expected, remedy):
+    """CatalogError for a value of the wrong kind: file, key, found, expected, remedy."""
+    return CatalogError(f"{path}: {key}: found {found!r}, expected {expected}. {remedy}", file=str(path), key=key)
