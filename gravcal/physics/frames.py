@@ -1,0 +1,215 @@
+"""Quaternions and rotations between frames.
+
+A quaternion is scalar first, of unit norm, with the meaning of SCA1B: q = (cos(phi/2), n sin(phi/2)) turns the inertial
+frame by phi about n into the body frame. ``R_bi`` takes inertial components to body components: v_b = R_bi @ v_i.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from gravcal.physics.shapes import check_increasing, check_shape, refuse
+
+
+def cross_matrix(vector):
+    """Matrix of the cross product.
+
+    Parameters
+    ----------
+    vector : (..., 3)
+
+    Returns
+    -------
+    matrix : (..., 3, 3) with matrix @ u = vector x u
+    """
+    v = check_shape("cross_matrix", vector, (..., 3))
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    matrix[..., 1, 2], matrix[..., 2, 0], matrix[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
+    return matrix
+
+
+def vex(matrix):
+    """Vector of an antisymmetric matrix, the inverse of cross_matrix.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) antisymmetric
+
+    Returns
+    -------
+    vector : (..., 3) elements 32, 13, 21
+    """
+    S = check_shape("vex", matrix, (..., 3, 3))
+    return np.stack([S[..., 2, 1], S[..., 0, 2], S[..., 1, 0]], axis=-1)
+
+
+def R_bi_from_quaternion(quaternion):
+    """Rotation from inertial to body components.
+
+    Parameters
+    ----------
+    quaternion : (..., 4) scalar first
+
+    Returns
+    -------
+    R_bi : (..., 3, 3)
+
+    Notes
+    -----
+    R_bi = (s^2 - v.v) 1 + 2 v v^T - 2 s [v x]; Remote Sens. 2022, 14, 4030, eq. 11.
+    """
+    return np.swapaxes(_unflatten(Rotation.as_matrix, quaternion, (4,)), -1, -2)
+
+
+def quaternion_from_R_bi(R_bi):
+    """Quaternion of a rotation from inertial to body components, scalar not negative.
+
+    Parameters
+    ----------
+    R_bi : (..., 3, 3)
+
+    Returns
+    -------
+    quaternion : (..., 4) scalar first
+    """
+    R = check_shape("quaternion_from_R_bi", R_bi, (..., 3, 3))
+    q = Rotation.from_matrix(np.swapaxes(R, -1, -2).reshape(-1, 3, 3)).as_quat(canonical=True, scalar_first=True)
+    return q.reshape(*R.shape[:-2], 4)
+
+
+def quaternion_product(left, right):
+    """Hamilton product.
+
+    Parameters
+    ----------
+    left, right : (..., 4) scalar first
+
+    Returns
+    -------
+    product : (..., 4) (a0 b0 - a.b, a0 b + b0 a + a x b)
+    """
+    a, b = check_shape("quaternion_product", left, (..., 4)), check_shape("quaternion_product", right, (..., 4))
+    a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
+    b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+            a0 * b1 + b0 * a1 + a2 * b3 - a3 * b2,
+            a0 * b2 + b0 * a2 + a3 * b1 - a1 * b3,
+            a0 * b3 + b0 * a3 + a1 * b2 - a2 * b1,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(quaternion):
+    """The opposite rotation: vector part with the other sign.
+
+    Parameters
+    ----------
+    quaternion : (..., 4) scalar first
+
+    Returns
+    -------
+    conjugate : (..., 4)
+    """
+    return check_shape("conjugate", quaternion, (..., 4)) * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def continuous(quaternion):
+    """The same attitudes with signs such that neighbours are close (q and -q are one attitude).
+
+    Parameters
+    ----------
+    quaternion : (n, 4) scalar first, in order of time
+
+    Returns
+    -------
+    quaternion : (n, 4) the first one unchanged
+    """
+    q = check_shape("continuous", quaternion, (None, 4))
+    flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
+    sign = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
+    return np.concatenate([q[:1], q[1:] * sign[:, None]])
+
+
+def from_rotation_vector(angle_b):
+    """Quaternion of a rotation vector, scalar not negative up to a turn of pi.
+
+    Parameters
+    ----------
+    angle_b : (..., 3) rad, angle times axis
+
+    Returns
+    -------
+    quaternion : (..., 4) (cos(phi/2), n sin(phi/2))
+    """
+    angle = check_shape("from_rotation_vector", angle_b, (..., 3))
+    q = Rotation.from_rotvec(angle.reshape(-1, 3)).as_quat(scalar_first=True)
+    return q.reshape(*angle.shape[:-1], 4)
+
+
+def rotation_vector(quaternion):
+    """Angle times axis of a rotation, angle from 0 to pi; the same for q and -q.
+
+    Parameters
+    ----------
+    quaternion : (..., 4) scalar first
+
+    Returns
+    -------
+    angle_b : (..., 3) rad
+    """
+    return _unflatten(Rotation.as_rotvec, quaternion, (4,))
+
+
+def attitude_error(quaternion, reference):
+    """Small rotation in the body frame that leads from a reference attitude to another.
+
+    Parameters
+    ----------
+    quaternion, reference : (..., 4) scalar first
+
+    Returns
+    -------
+    angle_b : (..., 3) rad, quaternion = reference * from_rotation_vector(angle_b)
+    """
+    return rotation_vector(quaternion_product(conjugate(reference), quaternion))
+
+
+def interpolate(time, quaternion, at):
+    """Attitude between given epochs at constant rate from each to the next.
+
+    Parameters
+    ----------
+    time : (n,) s, strictly increasing
+    quaternion : (n, 4) scalar first, any signs
+    at : (m,) s, within time
+
+    Returns
+    -------
+    quaternion : (m, 4) scalar first, signs continuous
+
+    Raises
+    ------
+    GravcalError : an epoch outside time
+    """
+    time, at = check_increasing("interpolate: time", time), np.asarray(at, float)
+    if at.size and not (time[0] <= at.min() and at.max() <= time[-1]):
+        found, expected = f"epochs {at.min():.6f} to {at.max():.6f} s", f"{time[0]:.6f} to {time[-1]:.6f} s"
+        refuse("interpolate: at", found, expected, "Attitude is not extrapolated; cut the epochs.")
+    origin = time[0]
+    slerp = Slerp(
+        time - origin, Rotation.from_quat(check_shape("interpolate", quaternion, (None, 4)), scalar_first=True)
+    )
+    return continuous(slerp(at - origin).as_quat(scalar_first=True))
+
+
+def _unflatten(method, quaternion, core):
+    q = check_shape(method.__name__, quaternion, (..., *core))
+    if not np.all(np.abs(np.einsum("...i,...i->...", q, q) - 1) < 1e-6):
+        worst = np.linalg.norm(q, axis=-1).ravel()
+        worst = worst[np.nanargmax(np.abs(worst - 1))] if np.any(np.isfinite(worst)) else np.nan
+        refuse(method.__name__, f"a quaternion of norm {worst:.9f}", "norm 1 within 5e-7", "Flag it or normalise it.")
+    values = method(Rotation.from_quat(q.reshape(-1, 4), scalar_first=True))
+    return values.reshape(*q.shape[:-1], *values.shape[1:])

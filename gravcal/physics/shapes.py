@@ -1,0 +1,37 @@
+"""Cheap checks of the arrays handed to the public functions of physics."""
+
+import numpy as np
+
+from gravcal.errors import GravcalError
+
+
+def refuse(where, found, expected, remedy, **facts):
+    """Raise a GravcalError that says where, what was found, what was expected and what to do."""
+    raise GravcalError(f"{where}: found {found}, expected {expected}. {remedy}", **facts)
+
+
+def check_shape(name, values, shape):
+    """Array of floats of the given shape; ``None`` in shape stands for any length, a leading ``...`` for any axes."""
+    array = np.asarray(values, dtype=float)
+    open_ended = shape[0] is Ellipsis
+    wanted = shape[1:] if open_ended else shape
+    found = array.shape[-len(wanted) :] if open_ended else array.shape
+    if len(found) != len(wanted) or any(w is not None and w != f for w, f in zip(wanted, found, strict=True)):
+        text = "(" + ", ".join("..." if s is Ellipsis else "n" if s is None else str(s) for s in shape) + ")"
+        refuse(name, f"shape {array.shape}", f"shape {text}", "Put vectors on the last axis.", shape=array.shape)
+    return array
+
+
+def check_increasing(name, time, strictly=True):
+    """One-dimensional finite epochs in increasing order."""
+    array = check_shape(name, time, (None,))
+    steps = np.diff(array)
+    if not np.all(np.isfinite(array)):
+        refuse(name, "epochs that are not finite", "finite seconds", "Remove them first.")
+    if np.any(steps <= 0 if strictly else steps < 0):
+        at = int(np.argmax(steps <= 0 if strictly else steps < 0))
+        order = "strictly increasing epochs" if strictly else "sorted epochs"
+        refuse(
+            name, f"{array[at]:.9f} s followed by {array[at + 1]:.9f} s at index {at}", order, "Sort them.", index=at
+        )
+    return array
