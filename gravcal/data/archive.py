@@ -1,0 +1,169 @@
+"""Level-1 files in a folder: loose, compressed, or members of the daily archives, read without extracting."""
+
+import gzip
+import re
+import tarfile
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path, PurePosixPath
+
+from gravcal.data.readers.refusal import refuse
+
+NAME = re.compile(
+    r"(?P<product>[A-Z0-9]{5})_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[A-DXY])_(?P<release>\d{2})"
+    r"\.(?P<form>dat|txt|asc)(?P<packed>\.gz)?"
+)
+FORMS = ("dat", "txt", "asc")
+ARCHIVES = (".tgz", ".tar.gz", ".tar")
+TOGETHER = {"A": "X", "B": "X", "AB": "X", "C": "Y", "D": "Y", "CD": "Y"}
+FETCH_AGAIN = "Fetch the file again from the official archive."
+
+
+@dataclass(frozen=True)
+class LevelOneFile:
+    """One Level-1 file: a path, and its member name where the path is an archive."""
+
+    path: Path
+    member: str | None
+    product: str
+    satellite: str
+    date: str
+    release: str
+
+    @property
+    def name(self) -> str:
+        """Name of the file itself, without folders."""
+        return PurePosixPath(self.member).name if self.member else self.path.name
+
+    @property
+    def where(self) -> str:
+        """How messages call this file."""
+        return f"{self.path}:{self.member}" if self.member else str(self.path)
+
+
+def is_archive(path) -> bool:
+    """Whether the name is that of a tar archive."""
+    return Path(path).name.endswith(ARCHIVES)
+
+
+def from_name(path, member=None) -> LevelOneFile | None:
+    """The Level-1 file a name stands for, None where it is none (reports, AppleDouble members, others)."""
+    path = Path(path)
+    found = NAME.fullmatch(PurePosixPath(member).name if member else path.name)
+    if not found:
+        return None
+    return LevelOneFile(path, member, found["product"], found["satellite"], found["date"], found["release"])
+
+
+def content(file: LevelOneFile) -> bytes:
+    """Bytes of a Level-1 file, unpacked in memory.
+
+    Raises
+    ------
+    ProductError : the file is missing, empty, or its compression is damaged
+    """
+    try:
+        packed = _member(file) if file.member else file.path.read_bytes()
+        plain = gzip.decompress(packed) if file.name.endswith(".gz") else packed
+    except (FileNotFoundError, IsADirectoryError) as reason:
+        refuse(file.where, "no file", "a Level-1 file", "Check the path.", reason=str(reason))
+    except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
+        refuse(file.where, f"damaged compression ({reason})", "a whole file", FETCH_AGAIN)
+    if not plain:
+        refuse(file.where, "an empty file", "a header and records", FETCH_AGAIN)
+    return plain
+
+
+def _member(file):
+    with tarfile.open(file.path, "r:*") as archive:
+        for item in archive:
+            if item.name == file.member:
+                return archive.extractfile(_safe(file.path, item)).read()
+    return refuse(file.where, "no such member", "a member of the archive", "List the archive with inventory().")
+
+
+def _safe(path, item):
+    parts = PurePosixPath(item.name.replace("\\", "/"))
+    if parts.is_absolute() or ".." in parts.parts:
+        refuse(f"{path}:{item.name}", "a path that leaves the folder", "a path inside the archive", FETCH_AGAIN)
+    if not item.isfile() and NAME.fullmatch(parts.name):
+        refuse(f"{path}:{item.name}", "a link or device", "a regular file", FETCH_AGAIN)
+    return item
+
+
+@lru_cache(maxsize=64)
+def _members(path, size, modified_ns):  # noqa: ARG001 - the last two make the cache honest
+    try:
+        with tarfile.open(path, "r:*") as archive:
+            return tuple(_safe(path, item).name for item in archive if not item.isdir())
+    except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
+        return refuse(path, f"a damaged archive ({reason})", "a whole archive", FETCH_AGAIN)
+
+
+def inventory(folder) -> list[LevelOneFile]:
+    """All Level-1 files of a folder, its subfolders and the archives in them, or of one archive.
+
+    Parameters
+    ----------
+    folder : path of a folder, an archive or a single file
+
+    Returns
+    -------
+    files : list of LevelOneFile; newest release first, loose before archived, binary before text
+
+    Raises
+    ------
+    ProductError : no such folder, a damaged archive, or a member whose path leaves the folder
+    """
+    folder = Path(folder)
+    if not folder.exists():
+        refuse(folder, "nothing there", "a folder of Level-1 files", "Check the path.")
+    paths = sorted(p for p in folder.rglob("*") if p.is_file()) if folder.is_dir() else [folder]
+    files = []
+    for path in paths:
+        if path.name.startswith("._"):
+            continue
+        if is_archive(path):
+            state = path.stat()
+            files += [from_name(path, name) for name in _members(path, state.st_size, state.st_mtime_ns)]
+        else:
+            files.append(from_name(path))
+    return sorted((f for f in files if f), key=_preference)
+
+
+def _preference(file):
+    form = FORMS.index(NAME.fullmatch(file.name)["form"])
+    kind = (file.product, file.date, file.satellite)
+    return (*kind, -int(file.release), bool(file.member), form, file.name.endswith(".gz"), file.where)
+
+
+def find(folder, product, satellite=None, date=None) -> LevelOneFile:
+    """The Level-1 file of a product, satellite and day: newest release, loose before archived.
+
+    Parameters
+    ----------
+    folder : path of a folder or archive
+    product : five characters, such as "ACC1A"
+    satellite : letter; "C" or "CD" also finds the combined product "Y", "A" or "AB" the product "X"; None for any
+    date : "YYYY-MM-DD", or None where the folder holds one day only
+
+    Raises
+    ------
+    ProductError : nothing fits, or several days or satellites fit
+    """
+    files = [f for f in inventory(folder) if f.product == product]
+    wanted = (satellite, TOGETHER.get(satellite))
+    fitting = [f for f in files if satellite is None or f.satellite in wanted]
+    fitting = [f for f in fitting if date is None or f.date == str(date)]
+    what = " ".join(str(x) for x in (product, satellite, date) if x)
+    if not fitting:
+        there = sorted({f"{f.product} {f.satellite} {f.date}" for f in files}) or "no file of this product"
+        refuse(
+            folder, there, what, "Add the missing file, or choose another folder, satellite or day.", product=product
+        )
+    for field, remedy in (("date", "Give the date."), ("satellite", "Give the satellite.")):
+        several = sorted({getattr(f, field) for f in fitting})
+        if len(several) > 1:
+            refuse(folder, f"{what} for {', '.join(several)}", f"one {field}", remedy, product=product)
+    return fitting[0]

@@ -1,0 +1,108 @@
+"""Headers of Level-1 files: the YAML one of GRACE-FO RL04 and the 80-column one of GRACE and the constants."""
+
+import re
+from dataclasses import dataclass, field
+
+from gravcal.data.readers.refusal import refuse
+
+YAML_END = b"# End of YAML header\n"
+LABEL_END = re.compile(rb"END OF HEADER *\r?\n")
+LIMIT = 8_000_000  # bytes in which the end of a header has to come
+KEPT = ("title", "summary", "source", "institution", "processing_level", "product_version", "software_version")
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the header of a file says; ``names`` are its columns in order, empty where it lists none."""
+
+    form: str
+    binary: bool
+    size: int
+    lines: int
+    satellite: str = ""
+    declared: int | None = None
+    names: tuple[str, ...] = ()
+    product: str = ""
+    notes: dict = field(default_factory=dict)
+
+
+def parse(data: bytes, where) -> Header:
+    """Header at the start of a Level-1 file.
+
+    Raises
+    ------
+    ProductError : no end of header, or a header that cannot be understood
+    """
+    if data.startswith(b"header:"):
+        return _yaml_header(data, where)
+    return _label_header(data, where)
+
+
+def _yaml_header(data, where):
+    end = data.find(YAML_END, 0, LIMIT)
+    if end < 0:
+        refuse(where, "no end of the YAML header", repr(YAML_END.decode().strip()), "The file is cut or foreign.")
+    size = end + len(YAML_END)
+    tree = _yaml(data[:end], where)
+    try:
+        loose = {**tree["global_attributes"], **tree.get("non-standard_attributes", {})}
+        names = tuple(str(next(iter(v))) for v in tree.get("variables") or ())
+        declared = int(tree["dimensions"]["num_records"])
+    except (KeyError, TypeError, ValueError, AttributeError) as reason:
+        refuse(where, f"a header without {reason}", "dimensions, global_attributes, variables", "The file is damaged.")
+    notes = {k: str(loose[k]) for k in KEPT if k in loose}
+    satellite = _letter(str(loose.get("platform", "")))
+    return Header("yaml", False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
+
+
+def _yaml(text, where):
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        return yaml.load(text.decode("utf-8"), loader)["header"]  # noqa: S506 - both loaders are safe ones
+    except UnicodeDecodeError as reason:
+        line = text.count(b"\n", 0, reason.start) + 1
+        return refuse(f"{where}, line {line}", "bytes that are not UTF-8", "a text header", "The file is damaged.")
+    except (yaml.YAMLError, KeyError, TypeError) as reason:
+        return refuse(where, f"a header that is not YAML ({reason})", "a YAML header", "The file is damaged.")
+
+
+def _label_header(data, where):
+    end = LABEL_END.search(data, 0, LIMIT)
+    if not end:
+        refuse(
+            where,
+            f"a start of {data[:20]!r}",
+            "a YAML or an 80-column header",
+            "This is no Level-1 file, or a cut one.",
+        )
+    labels = {}
+    for line in data[: end.start()].decode("latin-1").splitlines():
+        label, _, value = line.partition(":")
+        labels.setdefault(label.strip(), value.strip())
+    declared = labels.get("NUMBER OF DATA RECORDS", "")
+    binary = labels.get("FILE FORMAT 0=BINARY 1=ASCII") == "0"
+    notes = {"software_version": labels.get("SOFTWARE VERSION", ""), "institution": _institution(labels)}
+    return Header(
+        "label",
+        binary,
+        end.end(),
+        data.count(b"\n", 0, end.end()),
+        _letter(labels.get("SATELLITE NAME", "")),
+        int(declared) if declared.isdigit() else None,
+        product=labels.get("FILENAME", "").rpartition("/")[2][:5],
+        notes={k: v for k, v in notes.items() if v},
+    )
+
+
+def _institution(labels):
+    parts = (labels.get(f"PRODUCER {x}") for x in ("AGENCY", "INSTITUTION"))
+    return "/".join(p for p in parts if p)
+
+
+def _letter(platform):
+    found = re.fullmatch(r"GRACE ([A-D])(\+[A-D])?", platform.strip())
+    if not found:
+        return ""
+    return {"A": "X", "C": "Y"}.get(found[1], "") if found[2] else found[1]
