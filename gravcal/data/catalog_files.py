@@ -3,6 +3,7 @@
 import difflib
 import os
 import tomllib
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
@@ -72,7 +73,7 @@ def read(kind, name):
 def parse(path):
     """Content of a TOML file as a dict; what is wrong with it is said with file and line."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return _loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
         raise CatalogError(
             f"{path}: found bytes that are not UTF-8 ({error.reason} at byte {error.start}), expected a TOML file. "
@@ -81,6 +82,12 @@ def parse(path):
         ) from error
     except tomllib.TOMLDecodeError as error:
         raise CatalogError(f"{path}: not valid TOML: {error}. Correct the file.", file=str(path)) from error
+
+
+@lru_cache(maxsize=128)
+def _loads(text):
+    """Content of a TOML text; the same satellite stands in many events."""
+    return tomllib.loads(text)
 
 
 def unknown(what, name, known, where):

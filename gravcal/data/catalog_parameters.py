@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 from gravcal.data import catalog_files as files
 from gravcal.errors import CatalogError
@@ -62,7 +61,7 @@ class Parameters:
             value = _typed(given, entry, self.calibration)
             changed[name] = replace(entry, value=value)
             _check(changed[name], self.calibration)
-        return replace(self, entries=MappingProxyType({**self.entries, **changed}))
+        return replace(self, entries={**self.entries, **changed})
 
     def for_stage(self, stage):
         """Settings of one stage, ready as keyword arguments.
@@ -81,7 +80,7 @@ def parameters(calibration):
     """Parameters of a calibration from ``catalog/parameters/<calibration>.toml``."""
     path, content = files.read("parameters", calibration)
     entries = {name: _parameter(name, table, path) for name, table in content.items()}
-    return Parameters(calibration, MappingProxyType(entries))
+    return Parameters(calibration, entries)
 
 
 def _parameter(name, table, path):

@@ -3,7 +3,6 @@
 import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
@@ -27,13 +26,13 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Satellite:
-    """One satellite; its quantities are attributes: ``satellite.com_to_antenna.value``."""
+    """One satellite; its quantities are attributes: ``satellite.com_to_antenna.value``. Not launched: None."""
 
     name: str
     letter: str
     mission: str
     platform: str
-    launched: datetime.date
+    launched: datetime.date | None
     quantities: Mapping[str, Quantity]
 
     def __getattr__(self, name):
@@ -88,9 +87,9 @@ def satellite(name):
     tables = {k: v for k, v in content.items() if isinstance(v, dict)}
     heading = {k: v for k, v in content.items() if k not in tables}
     files.require(heading, HEADING, path)
-    _check_heading(heading, path)
+    heading["launched"] = _checked_launch(heading, path)
     quantities = {k: quantity(v, path, k) for k, v in tables.items()}
-    return Satellite(name=key, **heading, quantities=MappingProxyType(quantities))
+    return Satellite(name=key, **heading, quantities=quantities)
 
 
 def quantity(table, path, key):
@@ -111,13 +110,15 @@ def quantity(table, path, key):
     return Quantity(value, table["unit"], table["frame"], sigma, table["source"])
 
 
-def _check_heading(heading, path):
-    """The heading's entries have their types."""
+def _checked_launch(heading, path):
+    """Launch date, None for "none", once the heading's entries are known to have their types."""
     for key in HEADING[:3]:
         if not isinstance(heading[key], str):
             raise files.wrong(path, key, heading[key], "a text", "Put it in quotes.")
-    if not isinstance(heading["launched"], datetime.date):
-        raise files.wrong(path, "launched", heading["launched"], "a date", "Write it as 2018-05-22, without quotes.")
+    launched = heading["launched"]
+    if launched != "none" and not isinstance(launched, datetime.date):
+        raise files.wrong(path, "launched", launched, 'a date or "none"', "Write it as 2018-05-22, without quotes.")
+    return None if launched == "none" else launched
 
 
 def _value(entry, path, key):

@@ -1,0 +1,144 @@
+"""Printed values of the catalogue against independent readings, and against what the prints say about themselves."""
+
+import csv
+import tomllib
+from importlib import resources
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.data import catalog
+from gravcal.errors import CatalogError
+
+EVENT = "grace-c-2020-02-01"
+OFFSET = "10.3390/rs14164030"
+
+
+def _one(calibration, section, **labels):
+    """The one record with these labels."""
+    records = catalog.published(calibration)[section]
+    (record,) = [r for r in records if all(r.labels[key] == value for key, value in labels.items())]
+    return record
+
+
+@pytest.mark.parametrize(
+    ("section", "labels", "value", "sigma"),
+    [
+        ("combined", {"variant": "acc_calibrated"}, (113.5, 4.2, 13.2), (0.5, 0.2, 0.06)),
+        ("combined", {"variant": "sca"}, (91.6, 2.6, 10.4), (1.7, 0.6, 0.2)),
+        ("manoeuvres", {"order": "2", "variant": "mtq"}, (109.5, None, 22.9), (1.8, None, 1.8)),
+        ("manoeuvres", {"order": "5", "variant": "sca"}, (None, 2.0, 10.3), (None, 0.6, 0.2)),
+        ("history", {"date": "2022-02-20"}, (-22.5, -33.4, 5.9), (2.5, 0.3, 0.1)),
+        ("first", {"satellite": "grace-d"}, (-56.7, -272.8, 7.7), (2.5, 2.2, 2.5)),
+    ],
+)
+def test_printed_offsets_are_in_the_catalogue(section, labels, value, sigma):
+    """Published: 10.3390/rs14164030, Tables 6, 7, 9 and 8."""
+    record = _one("com_offset", section, **labels)
+    assert (record.value, record.sigma) == (value, sigma)
+    assert record.direction == "proof_mass_to_com"
+    assert record.unit == "um"
+    assert record.source.startswith(OFFSET)
+
+
+def test_printed_antenna_vectors_and_sensor_factors_are_in_the_catalogue():
+    """Published: 10.3390/rs14143395, Tables 6 and 8; 10.3390/rs15153817, Tables 4 and 5."""
+    robust = _one("kbr_phase_centre", "robust", satellite="grace-d", component="z", observable="range_acceleration")
+    assert (robust.value, robust.sigma, robust.unit) == ((1.3931,), (0.0716,), "mm")
+    assert _one("kbr_phase_centre", "vkb1b", solution="soe", satellite="grace-b").value == (1444.4, 576.1, 3304.1)
+    factor = _one("inertial_sensor", "scale_factors", factor="k_z")
+    assert (factor.value, factor.sigma) == ((1.58e-4, 1.45e-4, 1.14e-4), (2.67e-7,))
+    assert _one("inertial_sensor", "com_offset", component="z").value == (-896.46,)
+
+
+def test_the_last_accelerometer_row_of_the_history_is_the_combined_one():
+    """Published: Table 6, row ACC, equals Table 9, row 2020-02-01."""
+    history = _one("com_offset", "history", date="2020-02-01")
+    combined = _one("com_offset", "combined", variant="acc")
+    assert history.value == combined.value
+
+
+@pytest.mark.parametrize("variant", ["mtq", "acc_calibrated", "acc", "sca"])
+def test_the_combined_offsets_follow_from_the_manoeuvres(variant):
+    """Published: weights 1/sigma^2 over high-latitude pitch (x) and roll (y, z) give Table 6, erratum C-9.
+
+    Input rounding 0.05 um and rounded sigmas move the mean by less than 0.1 um.
+    """
+    rows = [r for r in catalog.published("com_offset", EVENT)["manoeuvres"] if r.variant == variant]
+    combined = _one("com_offset", "combined", variant=variant)
+    for axis, kind in ((0, "pitch"), (1, "roll"), (2, "roll")):
+        used = [r for r in rows if r.kind == kind and r.latitude_class == "high"]
+        assert len(used) == 2
+        values = np.array([r.value[axis] for r in used])
+        weights = np.array([r.sigma[axis] for r in used]) ** -2.0
+        assert_allclose(np.average(values, weights=weights), combined.value[axis], atol=0.1)
+
+
+def test_only_the_x_trim_shows_in_the_series():
+    """Published: Table 4 against Table 9, erratum C-13: 30 um off for every trim but that of x."""
+    history = catalog.published("com_offset")["history"]
+    for trim in catalog.trims("C"):
+        axis = "xyz".index(trim.axis)
+        before = [r for r in history if r.date < trim.date.isoformat()][-1].value[axis]
+        after = next(r for r in history if r.date > trim.date.isoformat()).value[axis]
+        missed = abs(before + trim.trim_um - after)
+        assert (missed < 15) == trim.confirmed, trim
+        assert f"{before + trim.trim_um:.1f} um" in trim.note
+    assert len(catalog.trims("C")) == 4
+    assert catalog.trims("D") == ()
+
+
+def test_days_since_launch_of_the_history_count_from_the_launch_in_the_catalogue():
+    """Published: all 20 entries of Table 9 count from 2018-05-22."""
+    launched = catalog.satellite("C").launched
+    for record in catalog.published("com_offset")["history"]:
+        assert (catalog.event(record.events[0]).date - launched).days == int(record.days_since_launch)
+
+
+def test_an_event_gets_its_own_values_only():
+    """Contract: a report shows what was printed for its event."""
+    sections = catalog.published("com_offset", "grace-c-2018-07-29")
+    assert sorted(sections) == ["history"]
+    assert catalog.published("com_offset", "grace-d-2018-06-06")["first"][0].satellite == "grace-d"
+    with pytest.raises(CatalogError, match="'com_ofset'.*Nearest: com_offset"):
+        catalog.published("com_ofset")
+
+
+def test_events_of_published_values_are_in_the_catalogue():
+    """Contract: nothing refers to an event that is not there."""
+    for calibration in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque"):
+        for records in catalog.published(calibration).values():
+            for record in records:
+                assert all(catalog.event(name).calibration == calibration for name in record.events)
+
+
+def test_rounding_is_half_the_last_printed_digit():
+    """Analytic: 107.2 is printed to 0.05, 0.1365 to 0.00005, 5.43e-4 to 5e-7."""
+    assert _one("com_offset", "combined", variant="mtq").rounding[0] == 0.05
+    bias = _one("kbr_phase_centre", "ls", satellite="grace-c", component="y", observable="range")
+    assert_allclose(bias.rounding, 5e-5, rtol=1e-12)
+    assert_allclose(_one("inertial_sensor", "scale_factors", factor="k_x").rounding[2], 5e-7, rtol=1e-12)
+
+
+def test_every_csv_file_has_a_citation_for_every_column():
+    """Contract: each column is a label, a value, a sigma, the unit or the event of one cited table."""
+    folder = resources.files("catalog") / "published"
+    tables = tomllib.loads((folder / "tables.toml").read_text(encoding="utf-8"))
+    assert {table["file"] for table in tables.values()} == {f.name for f in folder.iterdir() if f.name.endswith(".csv")}
+    for table in tables.values():
+        header = next(csv.reader((folder / table["file"]).read_text(encoding="utf-8").splitlines()))
+        assert set(header) <= {*table["labels"], *table["value"], *table["sigma"], "unit", "events"}
+        assert table["doi"]
+        assert table["table"]
+
+
+def test_thruster_forces_give_the_torques_of_their_names():
+    """Analytic: position x force points as the control column says."""
+    for letter in "AB":
+        satellite = catalog.satellite(letter)
+        torque = np.cross(satellite.thruster_position.value, satellite.thruster_force.value)
+        for control, vector in zip(satellite.thruster_control.value, torque, strict=True):
+            if control != "dV":
+                axis = ["roll", "pitch", "yaw"].index(control[:-1])
+                assert np.sign(vector[axis]) == (1 if control[-1] == "+" else -1), control
