@@ -63,8 +63,9 @@ def propagate(problem, time, y, max_step, out):
                     _interpolate((time[done] - t) / h, y, F, work)
                     _record(problem, piece, time[done], work, K[13], out[done])
                     done += 1
-                work[:] = y + F[0]
-            y[:] = work
+                y += F[0]
+            else:
+                y[:] = work
             _normalise(y)
 
 
@@ -181,7 +182,7 @@ def _total(problem, piece, t, magnetic, gravity, gyroscopic):
 
 @njit(cache=True)
 def _torque_by_angle(m, s, B, gravity):
-    """scale [m x][B x] = scale (B m^T - m.B 1), and the gravity-gradient part."""
+    """Torque change: scale [m x][B x] = scale (B m^T - m.B 1), and the gravity-gradient part."""
     dot = m[0] * B[0] + m[1] * B[1] + m[2] * B[2]
     return (
         *(s[0] * (B[0] * m[0] - dot) + gravity[0], s[0] * B[0] * m[1] + gravity[1], s[0] * B[0] * m[2] + gravity[2]),
@@ -213,15 +214,14 @@ def _variation(inverse, by_angle, by_rate, y, dy):
     n = (y.size - 7) // 6
     wx, wy, wz = y[4], y[5], y[6]
     N, Q = matmul(inverse, by_angle), matmul(inverse, by_rate)
-    S, dS = y[7:].reshape(6, n), dy[7:].reshape(6, n)
-    for c in range(n):
-        a, b, d, e, f, g = S[0, c], S[1, c], S[2, c], S[3, c], S[4, c], S[5, c]
-        dS[0, c] = e + wz * b - wy * d
-        dS[1, c] = f + wx * d - wz * a
-        dS[2, c] = g + wy * a - wx * b
-        dS[3, c] = N[0] * a + N[1] * b + N[2] * d + Q[0] * e + Q[1] * f + Q[2] * g
-        dS[4, c] = N[3] * a + N[4] * b + N[5] * d + Q[3] * e + Q[4] * f + Q[5] * g
-        dS[5, c] = N[6] * a + N[7] * b + N[8] * d + Q[6] * e + Q[7] * f + Q[8] * g
+    for c in range(7, 7 + n):
+        a, b, d, e, f, g = y[c], y[c + n], y[c + 2 * n], y[c + 3 * n], y[c + 4 * n], y[c + 5 * n]
+        dy[c] = e + wz * b - wy * d
+        dy[c + n] = f + wx * d - wz * a
+        dy[c + 2 * n] = g + wy * a - wx * b
+        dy[c + 3 * n] = N[0] * a + N[1] * b + N[2] * d + Q[0] * e + Q[1] * f + Q[2] * g
+        dy[c + 4 * n] = N[3] * a + N[4] * b + N[5] * d + Q[3] * e + Q[4] * f + Q[5] * g
+        dy[c + 5 * n] = N[6] * a + N[7] * b + N[8] * d + Q[6] * e + Q[7] * f + Q[8] * g
 
 
 @njit(cache=True)

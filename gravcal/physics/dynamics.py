@@ -7,11 +7,9 @@ The attitude error angle of every sensitivity is a small rotation in the body fr
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from gravcal.physics import attitude_kernel
-
-from gravcal.physics.frames import cross_matrix, vex
+from gravcal.physics.frames import vex
 from gravcal.physics.shapes import check_increasing, check_shape, refuse
 
 SENSITIVITY_PARAMETERS = (
@@ -44,7 +42,7 @@ class Torque:
     inertia : (3, 3) kg m2, about the CoM, in b
     edges : (m + 1,) GPS s, strictly increasing; the dipole is constant between them and zero outside
     dipole_b : (m, 3) A m2, between edges[j] and edges[j + 1]
-    field_time : (k,) GPS s, k >= 4, covers the integration; about 1 Hz (cubic spline in between)
+    field_time : (k,) GPS s, k >= 4, covers the integration; about 1 Hz (local cubics in between)
     field_i : (k, 3) T, magnetic field along the orbit
     gradient_i : (k, 3, 3) s-2, gravity gradient along the orbit at field_time; None for no gravity-gradient torque
     constant_b : (3,) N m
@@ -149,7 +147,8 @@ def integrate(time, state, torque, max_step=1.0):
     Notes
     -----
     dq/dt = 1/2 q (0, w), J w' + w x J w = m x B + vex(J G - G J) + ...; Remote Sens. 2022, 14, 4030, eqs. 16-18
-    (scalar last in print) with the gravity gradient of equations.md M2. Dormand-Prince 8(5,3), fixed step, dense output.
+    (scalar last in print) with the gravity gradient of equations.md M2. Dormand-Prince 8(5,3) at fixed step,
+    dense output of seventh order.
     """
     motion = _propagate(time, state, torque, max_step, 0)
     return motion[:, :4], motion[:, 4:7], motion[:, 7:10]
@@ -172,8 +171,8 @@ def integrate_with_sensitivity(time, state, torque, max_step=1.0):
     Notes
     -----
     dPhi/dt = A Phi; Remote Sens. 2022, 14, 4030, eq. 25 with the error angle in place of four quaternion elements, and
-    the turning of B and G with the attitude kept in A (printed eq. 26 neglects it). An edge moved by d leaves the torque
-    before it on for d longer: an impulse J^-1 (t_before - t_after) d.
+    the turning of B and G with the attitude kept in A (printed eq. 26 neglects it). An edge moved by d leaves the
+    torque before it on for d longer: an impulse J^-1 (t_before - t_after) d.
     """
     columns = len(SENSITIVITY_PARAMETERS)
     motion = _propagate(time, state, torque, max_step, columns)
@@ -218,7 +217,7 @@ def _problem(torque, origin, duration):
     middle[-1] = duration  # what holds from the last epoch on
     padded = np.concatenate([np.zeros((1, 3)), dipole, np.zeros((1, 3))])
     value, slope = _piecewise_linear(extra_time, extra, breaks[:-1], middle)
-    knots, spline = _splines(torque, origin, duration)
+    knots, spline = _polynomials(torque, origin, duration)
     return attitude_kernel.Problem(
         *(breaks, padded[_after(edges, middle)], value, slope, knots, spline, inertia, np.linalg.inv(inertia)),
         *(
@@ -253,8 +252,8 @@ def _piecewise_linear(time, values, start, middle):
     return np.where(inside[:, None], value, 0.0), np.where(inside[:, None], slope, 0.0)
 
 
-def _splines(torque, origin, duration):
-    """Cubic splines of field and gradient: knots (k,), coefficients (k - 1, 4, 9)."""
+def _polynomials(torque, origin, duration):
+    """Cubics in time of field and gradient: knots (k,), coefficients (k - 1, 4, 9)."""
     knots = check_increasing("torque.field_time", torque.field_time) - origin
     if knots.size < 4 or knots[0] > 1e-6 or knots[-1] < duration - 1e-6:
         found = f"{knots.size} samples from {knots[:1]} to {knots[-1:]} s after the state"
@@ -268,4 +267,15 @@ def _splines(torque, origin, duration):
         values[:, 3:] = gradient[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     if not np.all(np.isfinite(values)):
         refuse("torque.field_i, gradient_i", "values that are not finite", "finite values", "Fill or cut the gap.")
-    return knots, np.ascontiguousarray(np.moveaxis(CubicSpline(knots, values).c, 1, 0))
+    return knots, _cubics(knots, values)
+
+
+def _cubics(t, values):
+    """Cubic (k - 1, 4, columns) through the four samples round each interval, in powers of the time since its start."""
+    first = np.diff(values, axis=0) / np.diff(t)[:, None]
+    second = np.diff(first, axis=0) / (t[2:] - t[:-2])[:, None]
+    third = np.diff(second, axis=0) / (t[3:] - t[:-3])[:, None]
+    a = np.clip(np.arange(t.size - 1) - 1, 0, t.size - 4)
+    d0, d1, d2 = (t[:-1, None] - t[a + lag, None] for lag in range(3))
+    linear = first[a] + second[a] * (d0 + d1) + third[a] * (d0 * d1 + d0 * d2 + d1 * d2)
+    return np.stack([third[a], second[a] + third[a] * (d0 + d1 + d2), linear, values[:-1]], axis=1)

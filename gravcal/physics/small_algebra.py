@@ -18,7 +18,7 @@ def as_tuple(matrix):
 
 @njit(cache=True)
 def cross(a, b):
-    """a x b."""
+    """A x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 

@@ -1,0 +1,148 @@
+"""International Geomagnetic Reference Field along an orbit, one epoch per point.
+
+The coefficient files IGRF13.shc and IGRF14.shc are those of IAGA (https://doi.org/10.5281/zenodo.14012302 and its
+forerunner), as shipped by ppigrf 2.1.0; ``coefficient_digest`` identifies them in a product.
+"""
+
+import hashlib
+from functools import lru_cache
+from math import factorial
+from pathlib import Path
+
+import numpy as np
+
+from gravcal.physics.constants import IGRF_RADIUS
+from gravcal.physics.magnetic_kernel import sum_field
+from gravcal.physics.shapes import check_shape, refuse
+
+GENERATIONS = (13, 14)
+DEGREE = 13
+
+
+def field_e(time_gps, position_e, generation):
+    """Main field of the Earth.
+
+    Parameters
+    ----------
+    time_gps : (n,) GPS s, or one epoch for all points
+    position_e : (n, 3) m, geocentric, Earth-fixed
+    generation : int, 13 or 14
+
+    Returns
+    -------
+    field_e : (n, 3) T, Earth-fixed components
+
+    Raises
+    ------
+    GravcalError : an epoch outside the model, an unknown generation, a point near the Earth's centre
+
+    Notes
+    -----
+    B = -grad a sum (a/r)^(n+1) (g cos m phi + h sin m phi) P_nm(cos theta), Schmidt semi-normalised, coefficients
+    linear between epochs; Alken et al. 2021, eq. 1. Evaluated as solid harmonics in x, y, z: no pole is special.
+    """
+    position = check_shape("position_e", position_e, (None, 3))
+    year = np.broadcast_to(decimal_year(time_gps), position.shape[:1])
+    epochs, cartesian = _cartesian(generation)
+    if year.size == 0:
+        return np.empty((0, 3))
+    if not (year.min() >= epochs[0] and year.max() <= epochs[-1]):
+        found, expected = f"{year.min():.3f} to {year.max():.3f}", f"{epochs[0]:.0f} to {epochs[-1]:.0f}"
+        refuse(f"IGRF-{generation}", found, expected, "Choose another generation.", first=year.min(), last=year.max())
+    if not np.min(np.einsum("ij,ij->i", position, position)) > 1e12:
+        refuse("position_e", "a point near the Earth's centre, or NaN", "an orbit in metres", "Check units and gaps.")
+    return _by_interval(year, position, epochs, cartesian) * 1e-9
+
+
+def decimal_year(time_gps):
+    """Calendar year and the fraction of it that has passed (365 or 366 days), in GPS time.
+
+    Parameters
+    ----------
+    time_gps : (...,) GPS s
+
+    Returns
+    -------
+    year : (...,) the 18 s between GPS and UTC change the field by less than 1e-4 nT
+    """
+    time = np.asarray(time_gps, float)
+    years, starts = _year_starts()
+    at = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, years.size - 2)
+    return years[at] + (time - starts[at]) / (starts[at + 1] - starts[at])
+
+
+def coefficient_file(generation):
+    """Path of the coefficients of a generation."""
+    if generation not in GENERATIONS:
+        refuse("IGRF", f"generation {generation}", "13 or 14", "Set igrf_generation.", generation=generation)
+    return Path(__file__).with_name(f"IGRF{generation}.shc")
+
+
+def coefficient_digest(generation):
+    """SHA-256 of the coefficient file, for the provenance of a product."""
+    return hashlib.sha256(coefficient_file(generation).read_bytes()).hexdigest()
+
+
+@lru_cache
+def gauss_coefficients(generation):
+    """Epochs (k,) in years, g and h (k, 14, 14) in nT by degree and order, Schmidt semi-normalised."""
+    lines = [line.split() for line in coefficient_file(generation).read_text().splitlines() if not line.startswith("#")]
+    epochs = np.array(lines[1], float)
+    g, h = np.zeros((2, epochs.size, DEGREE + 1, DEGREE + 1))
+    for degree, order, *values in lines[2:]:
+        table = h if int(order) < 0 else g
+        table[:, int(degree), abs(int(order))] = np.array(values, float)
+    return epochs, g, h
+
+
+@lru_cache
+def _year_starts():
+    years = np.arange(1890, 2051)
+    starts = (years - 1970).astype("datetime64[Y]").astype("datetime64[s]") - np.datetime64("2000-01-01T12:00:00")
+    return years, starts.astype(float)
+
+
+@lru_cache
+def _cartesian(generation):
+    """Coefficients of the components: B = sum c V_nm + s W_nm, degrees to 14; (k, 15, 15, 6) in nT.
+
+    V + i W = (a/r)^(n+1) P_nm exp(i m phi) with P_nm not normalised. Their gradients are again such functions of degree
+    n + 1 (Montenbruck and Gill 2000, eq. 3.33), so that the derivative is taken once, on the coefficients.
+    """
+    epochs, g, h = gauss_coefficients(generation)
+    out = np.zeros((epochs.size, DEGREE + 2, DEGREE + 2, 6))  # last axis: x, y, z of V, then of W
+    for n in range(1, DEGREE + 1):
+        for m in range(n + 1):
+            schmidt = np.sqrt((2 - (m == 0)) * factorial(n - m) / factorial(n + m))
+            C, S = schmidt * g[:, n, m], schmidt * h[:, n, m]
+            _add_gradient(out[:, n + 1], C, S, n, m)
+    return epochs, np.ascontiguousarray(out)
+
+
+def _add_gradient(out, C, S, n, m):
+    """Add -grad of (C V_nm + S W_nm) to the coefficients of degree n + 1."""
+    x, y, z, xw, yw, zw = range(6)
+    out[:, m, z] += (n - m + 1) * C
+    out[:, m, zw] += (n - m + 1) * S
+    half = 1.0 if m == 0 else 0.5
+    out[:, m + 1, x] += half * C
+    out[:, m + 1, xw] += half * S
+    out[:, m + 1, y] -= half * S
+    out[:, m + 1, yw] += half * C
+    if m > 0:
+        down = 0.5 * (n - m + 1) * (n - m + 2)
+        out[:, m - 1, x] -= down * C
+        out[:, m - 1, xw] -= down * S
+        out[:, m - 1, y] -= down * S
+        out[:, m - 1, yw] += down * C
+
+
+def _by_interval(year, position, epochs, cartesian):
+    """Field in nT: points gathered by the interval between model epochs they fall into."""
+    interval = np.clip(np.searchsorted(epochs, year, side="right") - 1, 0, epochs.size - 2)
+    field = np.empty_like(position)
+    for k in np.unique(interval):
+        here = slice(None) if interval[0] == k == interval[-1] and np.all(interval == k) else interval == k
+        slope = (cartesian[k + 1] - cartesian[k]) / (epochs[k + 1] - epochs[k])
+        field[here] = sum_field(position[here] / IGRF_RADIUS, year[here] - epochs[k], cartesian[k], slope)
+    return field

@@ -1,0 +1,225 @@
+"""Torques and attitude integration."""
+
+from dataclasses import replace
+
+import numpy as np
+import physics_references
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.errors import GravcalError
+from gravcal.physics import dynamics, frames, gravity
+from gravcal.physics.constants import GM
+
+QUIET = {"edges": np.array([0.0, 1.0]), "dipole_b": np.zeros((1, 3)), "field_time": np.arange(0.0, 1001.0, 100.0)}
+
+
+def quiet(inertia, **changes):
+    """No torque at all unless changes bring one."""
+    return dynamics.Torque(**{"inertia": inertia, "field_i": np.zeros((11, 3)), **QUIET, **changes})
+
+
+def test_a_dipole_across_the_field_turns_towards_it():
+    """Analytic: 27.5 A m2 along y in 30 uT along x gives -825 uN m about z."""
+    assert_allclose(dynamics.magnetic_torque([0, 27.5, 0], [30e-6, 0, 0]), [0, 0, -825e-6], atol=1e-18)  # rounding
+
+
+def test_gradient_torque_equals_the_sum_over_mass_points():
+    """Analytic: 200 points of a body 1 m wide in the field of a point mass; remainder (1 m / 6900 km) of the torque."""
+    rng = np.random.default_rng(1)
+    mass, point = rng.uniform(1, 5, 200), rng.normal(size=(200, 3)) * [1.5, 0.5, 0.3]
+    point -= mass @ point / mass.sum()
+    centre = np.array([3.0e6, -4.0e6, 4.7e6])
+    inertia = np.einsum(
+        "k,kij->ij", mass, (point**2).sum(1)[:, None, None] * np.eye(3) - point[:, :, None] * point[:, None]
+    )
+    far = centre + point
+    tidal = -GM * (far / np.linalg.norm(far, axis=1)[:, None] ** 3 - centre / np.linalg.norm(centre) ** 3)
+    brute = (mass[:, None] * np.cross(point, tidal)).sum(axis=0)
+    torque = dynamics.gravity_gradient_torque(inertia, gravity.gradient_i(centre, j2=0.0))
+    assert_allclose(torque, brute, rtol=1e-5, atol=np.abs(brute).max() * 1e-6)  # next order of the expansion
+
+
+def test_gradient_torque_of_a_point_mass_has_the_textbook_form():
+    """Analytic: vex(J G - G J) = 3 mu/r^3 e x J e, and zero for a sphere."""
+    J = np.array([[110.0, 2, 3], [2, 580, 1], [3, 1, 650]])
+    position = np.array([1e6, -6e6, 3e6])
+    r = np.linalg.norm(position)
+    e = position / r
+    G = gravity.gradient_i(position, j2=0.0)
+    assert_allclose(dynamics.gravity_gradient_torque(J, G), 3 * GM / r**3 * np.cross(e, J @ e), atol=1e-16)  # rounding
+    assert_allclose(dynamics.gravity_gradient_torque(np.eye(3) * 7, G), 0, atol=1e-20)  # rounding
+
+
+def test_a_nadir_pointing_stick_is_pulled_back_to_the_vertical():
+    """Analytic: long axis x, the vertical turned from it towards z: the torque is about -y, 3 n^2 (Jz - Jx) sin cos."""
+    J, n2, tilt = np.diag([1.0, 10.0, 10.0]), 1.2e-6, 0.01  # long axis x, rad
+    up = np.array([np.cos(tilt), 0, np.sin(tilt)])  # radial direction in b: x must turn towards +z, that is about -y
+    G = n2 * (3 * np.outer(up, up) - np.eye(3))
+    torque = dynamics.gravity_gradient_torque(J, G)
+    assert_allclose(torque, [0, -3 * n2 * 9.0 * np.sin(tilt) * np.cos(tilt), 0], atol=1e-20)  # rounding
+
+
+def test_eulers_equation_has_the_gyroscopic_term_with_minus():
+    """Analytic: J = diag(1, 2, 4), w = (1, 1, 0): w x J w = (0, 0, 1), so w' = (0, 0, -1/4) without torque."""
+    rate_dot = dynamics.rate_derivative(np.diag([1.0, 2, 4]), [1.0, 1, 0], np.zeros(3))
+    assert_allclose(rate_dot, [0, 0, -0.25], atol=1e-16)  # rounding
+
+
+def test_constant_torque_about_an_axis_gives_a_parabola():
+    """Analytic: w = w0 + (t/J) s, angle = w0 s + (t/2J) s^2 about z, wherever the outputs fall."""
+    start = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.array([0, 0, 2e-3]))
+    torque = quiet(np.diag([100.0, 200, 300]), constant_b=(0, 0, 3e-3))
+    at = np.array([0.0, 0.2, 1.0, 17.77, 900.0])
+    quaternion, rate, rate_dot = dynamics.integrate(at, start, torque)
+    angle = 2e-3 * at + 0.5e-5 * at**2
+    expected = np.stack([np.cos(angle / 2), 0 * at, 0 * at, np.sin(angle / 2)], axis=-1)
+    assert_allclose(quaternion, expected, atol=1e-12)  # rounding of 900 steps
+    assert_allclose(rate, np.stack([0 * at, 0 * at, 2e-3 + 1e-5 * at], axis=-1), atol=1e-15)  # rounding
+    assert_allclose(rate_dot, np.tile([0, 0, 1e-5], (5, 1)), atol=1e-20)  # rounding
+
+
+def test_a_free_symmetric_top_precesses_at_the_known_rate():
+    """Analytic: w_x + i w_y turns at (Jz - Jx)/Jx w_z; angular momentum and energy stay."""
+    J, w0 = np.diag([100.0, 100, 150]), np.array([0.01, 0, 0.05])
+    at = np.linspace(0, 600, 61)
+    quaternion, rate, _ = dynamics.integrate(at, dynamics.State(0.0, np.array([1.0, 0, 0, 0]), w0), quiet(J))
+    phase = 0.5 * 0.05 * at
+    expected = np.stack([0.01 * np.cos(phase), 0.01 * np.sin(phase), 0.05 + 0 * at], axis=-1)
+    assert_allclose(rate, expected, atol=1e-14)  # rounding of 600 steps
+    momentum_i = np.matvec(np.swapaxes(frames.R_bi_from_quaternion(quaternion), -1, -2), rate @ J)
+    assert_allclose(momentum_i, np.tile(J @ w0, (61, 1)), atol=1e-12)  # rounding
+
+
+def test_the_kernel_agrees_with_scipy_stopped_at_the_edges():
+    """Analytic: same torque by numpy, scipy's DOP853 and splines; 1e-12 rad and 1e-14 rad/s are scipy's tolerance."""
+    state, torque, at = physics_references.manoeuvre()
+    quaternion, rate, _, sensitivity = dynamics.integrate_with_sensitivity(at, state, torque)
+    reference, transition = physics_references.attitude_by_scipy(at, state, torque)
+    assert_allclose(frames.attitude_error(quaternion, reference[:, :4]), 0, atol=2e-12)
+    assert_allclose(rate, reference[:, 4:], atol=2e-14)
+    assert_allclose(sensitivity[..., :6], transition, atol=1e-9)  # of 180 s
+
+
+@pytest.mark.parametrize("column", range(13))
+def test_every_sensitivity_equals_a_finite_difference(column):
+    """Analytic: central differences of complete integrations; their own error is 1e-6 of each row's largest value."""
+    state, torque, at = physics_references.manoeuvre()
+    step = [1e-4, 1e-6, 1e-5, 1e-2, 1e-3][column // 3]
+    sensitivity = dynamics.integrate_with_sensitivity(at, state, torque)[3][..., column]
+    ends = []
+    for sign in (1, -1):
+        moved_state, moved_torque = moved(state, torque, column, sign * step)
+        ends.append(dynamics.integrate(at, moved_state, moved_torque))
+    (q_plus, w_plus, _), (q_minus, w_minus, _) = ends
+    angle = frames.attitude_error(q_plus, q_minus)
+    half_turn = frames.from_rotation_vector(-angle / 2)  # the difference is wanted at the middle attitude
+    middle = np.matvec(frames.R_bi_from_quaternion(half_turn), angle)
+    numerical = np.concatenate([middle, w_plus - w_minus], axis=-1) / (2 * step)
+    scale = np.abs(numerical).max(axis=0) + 1e-9
+    assert_allclose(sensitivity / scale, numerical / scale, atol=2e-6)
+
+
+def moved(state, torque, column, step):
+    """State and torque with one parameter of SENSITIVITY_PARAMETERS changed."""
+    change = np.eye(3)[column % 3] * step
+    if column < 3:
+        turned = frames.quaternion_product(state.quaternion, frames.from_rotation_vector(change))
+        return replace(state, quaternion=turned), torque
+    if column < 6:
+        return replace(state, rate_b=state.rate_b + change), torque
+    if column < 9:
+        return state, replace(torque, constant_b=torque.constant_b + change)
+    if column < 12:
+        return state, replace(torque, scale_b=torque.scale_b + change)
+    return state, replace(torque, edges=torque.edges + step)
+
+
+def test_on_an_edge_the_acceleration_is_the_one_after_it():
+    """Analytic: dipole y switched from +10 to -10 A m2 at 5 s in 30 uT along x: z acceleration changes sign there."""
+    torque = quiet(
+        np.eye(3) * 100,
+        edges=np.array([0.0, 5.0, 10.0]),
+        dipole_b=np.array([[0, 10.0, 0], [0, -10.0, 0]]),
+        field_i=np.tile([30e-6, 0, 0], (11, 1)),
+    )
+    state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
+    at = np.array([0.0, 4.999, 5.0, 9.999, 10.0])
+    for end in (3, 5):  # the edge as last epoch and in the middle
+        _, rate, rate_dot = dynamics.integrate(at[:end], state, torque)
+        assert_allclose(
+            rate_dot[:, 2], np.array([-3e-6, -3e-6, 3e-6, 3e-6, 0])[:end], rtol=1e-6, atol=1e-12
+        )  # turned 4e-5
+    assert_allclose(rate[-1, 2], 0, atol=1e-12)  # five seconds each way
+
+
+def test_the_dense_output_does_not_depend_on_the_other_epochs():
+    """Analytic: an epoch asked for alone and among many; 1e-13 rad."""
+    state, torque, _ = physics_references.manoeuvre()
+    many = np.arange(0, 60, 0.1) + 0.0371
+    among, _, _ = dynamics.integrate(many, state, torque)
+    for i in (0, 333, 599):
+        alone, _, _ = dynamics.integrate(many[i : i + 1], state, torque, max_step=0.1)
+        assert_allclose(frames.attitude_error(alone, among[i : i + 1]), 0, atol=1e-13)
+
+
+def test_large_time_tags_cost_no_accuracy():
+    """Analytic: the same manoeuvre at 0 and at 2^29 s, where a double resolves 1e-7 s; no time is added up."""
+    near, far = (physics_references.manoeuvre(start, phase=1.25) for start in (0.0, 2.0**29))
+    results = [dynamics.integrate(at, state, torque) for state, torque, at in (near, far)]
+    assert_allclose(frames.attitude_error(results[0][0], results[1][0]), 0, atol=1e-14)
+
+
+def test_an_extra_torque_may_ramp_and_jump():
+    """Analytic: ramp 0 to 1 N m in 2 s, jump to 3, constant to 4 s, nothing after: J w = 1, 1 + 6 = 7 N m s."""
+    torque = quiet(
+        np.eye(3) * 1e4,
+        extra_time=np.array([0.0, 2.0, 2.0, 4.0]),
+        extra_b=np.outer([0, 1.0, 3, 3], [0, 0, 1]),
+    )
+    state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
+    at = np.array([1.0, 2.0, 3.0, 4.0, 9.0])
+    _, rate, rate_dot = dynamics.integrate(at, state, torque, max_step=10.0)
+    assert_allclose(rate[:, 2] * 1e4, [0.25, 1, 4, 7, 7], rtol=1e-13)  # rounding
+    assert_allclose(rate_dot[:, 2] * 1e4, [0.5, 3, 3, 0, 0], rtol=1e-13, atol=1e-16)  # rounding
+
+
+def test_without_gradient_the_printed_equation_is_left():
+    """Analytic: gradient_i = None gives the motion of a zero gradient, and leaves about 1 mrad over 180 s."""
+    state, torque, at = physics_references.manoeuvre()
+    zero = replace(torque, gradient_i=np.zeros_like(torque.gradient_i))
+    published, without = (dynamics.integrate(at, state, t)[0] for t in (replace(torque, gradient_i=None), zero))
+    assert_allclose(published, without, atol=1e-15)  # rounding
+    complete = dynamics.integrate(at, state, torque)[0]
+    assert 1e-4 < np.linalg.norm(frames.attitude_error(complete[-1], published[-1])) < 1e-1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"edges": np.array([0.0, 0.0])}, "strictly increasing"),
+        ({"dipole_b": np.zeros((3, 3))}, "dipole_b"),
+        ({"field_i": np.full((11, 3), np.nan)}, "not finite"),
+        ({"field_time": np.arange(11.0)}, "cover"),
+        ({"extra_time": np.array([1.0, 0.0]), "extra_b": np.zeros((2, 3))}, "sorted"),
+    ],
+)
+def test_wrong_torques_are_refused(change, message):
+    """Contract: shape, order, coverage and NaN raise an error that names the array."""
+    state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
+    with pytest.raises(GravcalError, match=message):
+        dynamics.integrate(np.array([50.0]), state, replace(quiet(np.eye(3)), **change))
+
+
+@pytest.mark.parametrize(
+    ("state", "at", "message"),
+    [
+        (dynamics.State(0.0, np.array([1.0, 1, 0, 0]), np.zeros(3)), [1.0], "norm"),
+        (dynamics.State(5.0, np.array([1.0, 0, 0, 0]), np.zeros(3)), [1.0], "before the state"),
+        (dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3)), [2.0, 1.0], "sorted"),
+    ],
+)
+def test_wrong_states_and_epochs_are_refused(state, at, message):
+    """Contract: a quaternion that is no attitude and epochs that cannot be reached raise an error."""
+    with pytest.raises(GravcalError, match=message):
+        dynamics.integrate(np.array(at), state, quiet(np.eye(3)))

@@ -1,0 +1,69 @@
+"""Gravity and its gradient."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.errors import GravcalError
+from gravcal.physics import gravity
+from gravcal.physics.constants import EARTH_RADIUS, GM, J2
+
+PLACES = {"pole": (0, 0, 6.87e6), "equator": (6.87e6, 0, 0), "between": (3e6, -4e6, 4.5e6)}
+
+
+def potential(position):
+    """U = mu/r [1 - J2 (R/r)^2 (3 sin^2 - 1)/2]."""
+    r = np.linalg.norm(position)
+    return GM / r * (1 - J2 * (EARTH_RADIUS / r) ** 2 * (3 * (position[2] / r) ** 2 - 1) / 2)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_acceleration_is_the_slope_of_the_potential(place):
+    """Analytic: central differences over 200 m; their error is 1e-9 of g."""
+    position = np.array(PLACES[place], float)
+    slope = [(potential(position + 100 * e) - potential(position - 100 * e)) / 200 for e in np.eye(3)]
+    assert_allclose(gravity.acceleration_i(position), slope, atol=5e-8)  # rounding of U: 6e7 * 2e-16 / 200 m, and h^2
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_gradient_is_the_slope_of_the_acceleration(place):
+    """Analytic: central differences over 200 m; their error is h^2/r^2 of G, 1e-15 s-2."""
+    position = np.array(PLACES[place], float)
+    step = 100 * np.eye(3)
+    slope = (gravity.acceleration_i(position + step) - gravity.acceleration_i(position - step)) / 200
+    assert_allclose(gravity.gradient_i(position), slope.T, atol=1e-14)
+
+
+def test_flattening_pulls_to_the_equator_plane():
+    """Analytic: the J2 term is 3 J2 mu R^2/r^4, outward over the pole, and half of it inward on the equator."""
+    r = 7e6
+    size = 3 * J2 * GM * EARTH_RADIUS**2 / r**4
+    flattening = [gravity.acceleration_i(p) - gravity.acceleration_i(p, j2=0.0) for p in ([0, 0, r], [r, 0, 0])]
+    assert_allclose(flattening, [[0, 0, size], [-size / 2, 0, 0]], atol=1e-15)  # rounding of g
+
+
+def test_gradient_is_symmetric_and_without_trace():
+    """Analytic: Laplace's equation, for elements that are computed independently."""
+    G = gravity.gradient_i(np.random.default_rng(0).normal(size=(50, 3)) * 1e6 + [6e6, 0, 0])
+    assert_allclose(np.trace(G, axis1=-2, axis2=-1), 0, atol=1e-20)  # rounding of 2e-6
+    assert_allclose(G, np.swapaxes(G, -1, -2), atol=1e-21)
+
+
+def test_a_point_mass_stretches_radially():
+    """Analytic: +2 n^2 along the radius, -n^2 across it."""
+    n2 = GM / 7e6**3
+    assert_allclose(gravity.gradient_i([0, 7e6, 0], j2=0.0), n2 * np.diag([-1, 2, -1]), atol=1e-20)
+
+
+def test_the_pole_can_be_tilted():
+    """Analytic: turning position and pole together turns the tensor."""
+    R = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])
+    position = np.array([3e6, -4e6, 4.5e6])
+    turned = gravity.gradient_i(R @ position, pole_i=R @ [0, 0, 1.0])
+    assert_allclose(turned, gravity.rotate_tensor(R, gravity.gradient_i(position)), atol=1e-20)
+
+
+def test_kilometres_are_refused():
+    """Contract: a position within 1000 km of the centre raises an error."""
+    with pytest.raises(GravcalError, match="metres"):
+        gravity.gradient_i([7000.0, 0, 0])

@@ -1,0 +1,152 @@
+"""Geomagnetic field."""
+
+import warnings
+from datetime import datetime
+
+import numpy as np
+import physics_references
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.errors import GravcalError
+from gravcal.physics import earth, frames, magnetic
+
+ORIGIN = datetime(2000, 1, 1, 12)
+
+
+def gps_seconds(*date):
+    """Seconds past 2000-01-01 12:00:00 of a calendar date."""
+    return (datetime(*date) - ORIGIN).total_seconds()
+
+
+def cartesian(theta_deg, phi_deg, radius):
+    """Earth-fixed position of colatitude and longitude."""
+    up = np.stack(np.broadcast_arrays(1.0, 0.0, 0.0), axis=-1)
+    theta, phi = np.broadcast_arrays(np.asarray(theta_deg, float), np.asarray(phi_deg, float))
+    return physics_references.spherical_to_cartesian(np.tile(up, (*theta.shape, 1)), theta, phi) * radius
+
+
+@pytest.mark.parametrize("generation", [13, 14])
+@pytest.mark.parametrize("year", [1903, 1995, 2015, 2020])
+def test_the_field_equals_ppigrf(generation, year):
+    """Analytic: another implementation at 300 points, on 1 January where calendars agree; 1e-9 nT, rounding."""
+    ppigrf = pytest.importorskip("ppigrf")
+    rng = np.random.default_rng(year)
+    theta, phi = np.degrees(np.arccos(rng.uniform(-1, 1, 300))), rng.uniform(-180, 360, 300)
+    date = datetime(year, 1, 1) if year % 5 == 0 else datetime(1905, 1, 1)
+    file = str(magnetic.coefficient_file(generation))
+    reference = np.stack([b.ravel() for b in ppigrf.igrf_gc(6870.0, theta, phi, date, coeff_fn=file)], axis=-1)
+    expected = physics_references.spherical_to_cartesian(reference, theta, phi)
+    time = np.full(300, (date - ORIGIN).total_seconds())
+    assert_allclose(magnetic.field_e(time, cartesian(theta, phi, 6870e3), generation) * 1e9, expected, atol=1e-9)
+
+
+def test_the_field_between_epochs_is_linear_in_the_decimal_year():
+    """Analytic: ChaosMagPy with true calendar years; 0.025 nT, a fifth of a day of 30 nT a year (it counts days)."""
+    pytest.importorskip("chaosmagpy")
+    rng = np.random.default_rng(5)
+    time = gps_seconds(2015, 1, 1) + np.sort(rng.uniform(0, 10 * 365.25 * 86400, 200))
+    position = cartesian(np.degrees(np.arccos(rng.uniform(-1, 1, 200))), rng.uniform(0, 360, 200), 6870e3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        expected = physics_references.field_by_chaosmagpy(time, position)
+    assert_allclose(magnetic.field_e(time, position, 14) * 1e9, expected * 1e9, atol=0.5)
+
+
+def plain_sum(year, position, generation):
+    """The potential by scipy's Legendre functions of each degree, and its slope by central differences over 2 km."""
+    from scipy.special import lpmv
+
+    epochs, g, h = magnetic.gauss_coefficients(generation)
+    k = np.searchsorted(epochs, year, side="right") - 1
+    f = (year - epochs[k]) / (epochs[k + 1] - epochs[k])
+    g, h = g[k] + f * (g[k + 1] - g[k]), h[k] + f * (h[k + 1] - h[k])
+
+    def potential(p):
+        r = np.linalg.norm(p)
+        total = 0.0
+        for n in range(1, 14):
+            for m in range(n + 1):
+                factor = np.sqrt((2 - (m == 0)) * np.prod(1.0 / np.arange(n - m + 1, n + m + 1)))
+                legendre = (-1) ** m * lpmv(m, n, p[2] / r) * factor  # lpmv has the Condon-Shortley phase
+                phi = np.arctan2(p[1], p[0])
+                total += (6371.2e3 / r) ** (n + 1) * (g[n, m] * np.cos(m * phi) + h[n, m] * np.sin(m * phi)) * legendre
+        return 6371.2e3 * total
+
+    step = 1000 * np.eye(3)
+    return -np.array([potential(position + s) - potential(position - s) for s in step]) / 2000
+
+
+@pytest.mark.parametrize("place", [(0, 0, 6.87e6), (0, 0, -6.87e6), (6.87e6, 0, 0), (0, 6.5e6, 0), (-3e6, 2e6, 5e6)])
+def test_the_field_is_the_slope_of_the_potential_even_at_the_poles(place):
+    """Analytic: scipy's Legendre functions in the middle of an interval between epochs; 0.02 nT, differences over 2 km."""
+    position = np.array(place, float)
+    expected = plain_sum(2017.25, position, 13)
+    time = gps_seconds(2017, 1, 1) + 0.25 * 365 * 86400
+    assert_allclose(magnetic.field_e(time, position[None], 13)[0] * 1e9, expected, atol=0.02)
+
+
+def test_the_field_points_north_at_the_equator_and_down_at_the_north_pole():
+    """Analytic: signs of the dipole."""
+    time = np.full(3, gps_seconds(2020, 2, 1))
+    field = magnetic.field_e(time, np.array([[6.87e6, 0, 0], [0, 0, 6.87e6], [0, 0, -6.87e6]]), 13)
+    assert field[0, 2] > 2e-5
+    assert field[1, 2] < -4e-5  # against +z: into the Earth
+    assert field[2, 2] < -3e-5  # along -z: out of the Earth
+
+
+def test_a_known_place_has_the_value_of_the_public_calculator():
+    """Published: IGRF-13 test value of the IAGA Fortran distribution is not at hand; ppigrf's documented example.
+
+    5.32 E, 60.39 N, sea level, 2021-03-28: east 591.0, north 15254.5, up -49105.3 nT to 0.1 nT or better.
+    """
+    time = gps_seconds(2021, 3, 28)
+    position = earth.position_from_geodetic(np.radians(60.39299), np.radians(5.32415), 0.0)
+    field = magnetic.field_e(time, position[None], 13)
+    north, east, down = np.matvec(np.swapaxes(earth.R_en_from_position(position[None]), -1, -2), field)[0] * 1e9
+    ppigrf = pytest.importorskip("ppigrf")
+    file = str(magnetic.coefficient_file(13))
+    reference = ppigrf.igrf(5.32415, 60.39299, 0.0, datetime(2021, 3, 28), coeff_fn=file)
+    assert_allclose([east, north, -down], np.ravel(reference), atol=0.1)  # calendar difference
+
+
+def test_each_point_has_its_own_epoch():
+    """Analytic: epochs on both sides of a model epoch, mixed, equal one call per point."""
+    rng = np.random.default_rng(8)
+    time = gps_seconds(2020, 1, 1) + rng.uniform(-1e8, 1e8, 300)
+    position = rng.normal(size=(300, 3))
+    position *= 6.9e6 / np.linalg.norm(position, axis=1)[:, None]
+    together = magnetic.field_e(time, position, 14)
+    alone = np.concatenate([magnetic.field_e(t, p[None], 14) for t, p in zip(time, position, strict=True)])
+    assert_allclose(together, alone, rtol=0, atol=1e-19)
+
+
+def test_decimal_years_follow_the_calendar():
+    """Analytic: 1 January, and 1 July of a leap year (182 of 366 days) and of a common one (181 of 365)."""
+    dates = [gps_seconds(2020, 1, 1), gps_seconds(2020, 7, 1), gps_seconds(2021, 7, 1)]
+    assert_allclose(magnetic.decimal_year(dates), [2020, 2020 + 182 / 366, 2021 + 181 / 365], atol=1e-12)
+
+
+def test_the_coefficients_are_the_published_ones():
+    """Published: SHA-256 of the files, and g10 of 2020: IGRF-13 -29404.8, IGRF-14 -29403.41 nT."""
+    assert magnetic.coefficient_digest(13) == "357536152bb6f72ced3eb886def84f91a592512465c367ca5ab7bda4c36c3522"
+    assert magnetic.coefficient_digest(14) == "717f6dce821a8f2bfcc6a77f79cc227ba91f61aeb458d5433e8c72450d48f8e0"
+    for generation, value in ((13, -29404.8), (14, -29403.41)):
+        epochs, g, _ = magnetic.gauss_coefficients(generation)
+        assert g[np.flatnonzero(epochs == 2020)[0], 1, 0] == value
+
+
+@pytest.mark.parametrize(
+    ("time", "position", "generation", "message"),
+    [
+        (gps_seconds(2026, 1, 1), [7e6, 0, 0], 13, "1900 to 2025"),
+        (gps_seconds(2031, 1, 1), [7e6, 0, 0], 14, "1900 to 2030"),
+        (gps_seconds(2020, 1, 1), [7e3, 0, 0], 14, "metres"),
+        (gps_seconds(2020, 1, 1), [np.nan, 0, 0], 14, "NaN"),
+        (gps_seconds(2020, 1, 1), [7e6, 0, 0], 12, "13 or 14"),
+    ],
+)
+def test_what_the_model_does_not_cover_is_refused(time, position, generation, message):
+    """Contract: epochs, places and generations outside the model raise an error."""
+    with pytest.raises(GravcalError, match=message):
+        magnetic.field_e(time, np.array([position]), generation)
