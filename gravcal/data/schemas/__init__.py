@@ -1,0 +1,119 @@
+"""Result documents: their JSON Schema files, and the rules a schema cannot say."""
+
+import json
+import math
+from functools import lru_cache
+from importlib import resources
+
+from gravcal.errors import ProductError
+
+VERSION = "1.0"
+DOCUMENTS = ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque", "discovery")
+TRIPLES = (
+    ("offset_um", "sigma_um", "covariance_um2"),
+    ("phase_centre_mm", "sigma_mm", "covariance_mm2"),
+    ("value", "sigma", "covariance"),
+)
+
+
+def schema(name):
+    """JSON Schema (2020-12) of a result document, or of what all share ("common").
+
+    Returns
+    -------
+    schema : dict
+    """
+    text = (resources.files(__name__) / f"{name}.schema.json").read_text(encoding="utf-8")
+    return json.loads(text)
+
+
+def validate(document, name=None):
+    """Check a result document against its schema and the rules of undetermined components.
+
+    Parameters
+    ----------
+    document : dict, as it would be written
+    name : str or None, one of `DOCUMENTS`; None: the document's own calibration, or "discovery" by its keys
+
+    Raises
+    ------
+    ProductError : where in the document, what was found, what was expected
+    """
+    name = name or ("discovery" if "adequate_before" in document else document.get("calibration"))
+    if name not in DOCUMENTS:
+        raise _wrong("calibration", name, f"one of {', '.join(DOCUMENTS[:-1])}")
+    for path, item in _walk(document, ()):
+        if isinstance(item, float) and not math.isfinite(item):
+            raise _wrong(_text(path), item, "a finite number, or null for what is not determined")
+    error = next(iter(sorted(_validator(name).iter_errors(document), key=lambda e: list(map(str, e.path)))), None)
+    if error is not None:
+        raise _wrong(_text(error.absolute_path), error.instance, _expected(error))
+    for path, item in _walk(document, ()):
+        if isinstance(item, dict):
+            _check_triples(item, path)
+
+
+@lru_cache(maxsize=len(DOCUMENTS))
+def _validator(name):
+    """Validator with the shared definitions at hand."""
+    from jsonschema import Draft202012Validator
+    from referencing import Registry, Resource
+
+    common = Resource.from_contents(schema("common"))
+    registry = Registry().with_resource(common.id(), common)
+    return Draft202012Validator(schema(name), registry=registry)
+
+
+def _walk(item, path):
+    """Every part of a document with its path."""
+    yield path, item
+    parts = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, (list, tuple)) else ()
+    for key, part in parts:
+        yield from _walk(part, (*path, key))
+
+
+def _check_triples(block, path):
+    """Value, sigma and covariance of a block leave the same components out and agree."""
+    for value, sigma, covariance in TRIPLES:
+        if isinstance(block.get(value), list) and isinstance(block.get(sigma), list):
+            missing = [item is None for item in block[value]]
+            if missing != [item is None for item in block[sigma]]:
+                raise _wrong(_text((*path, sigma)), block[sigma], f"null exactly where {value} is null")
+            if covariance in block:
+                _check_covariance(block[covariance], block[sigma], missing, (*path, covariance))
+
+
+def _check_covariance(matrix, sigma, missing, path):
+    """Rows and columns of undetermined components are null; the rest is symmetric with sigma^2 on the diagonal."""
+    for i, row in enumerate(matrix):
+        for j, item in enumerate(row):
+            where = _text((*path, i, j))
+            if (item is None) != (missing[i] or missing[j]):
+                raise _wrong(where, item, "null exactly in the rows and columns of undetermined components")
+            if item is not None and not math.isclose(item, matrix[j][i], rel_tol=1e-9, abs_tol=1e-300):
+                raise _wrong(where, item, f"a symmetric matrix, {matrix[j][i]!r}")
+        if not missing[i] and not math.isclose(row[i], sigma[i] ** 2, rel_tol=1e-6):
+            raise _wrong(_text((*path, i, i)), row[i], f"the square of sigma, {sigma[i] ** 2!r}")
+
+
+def _expected(error):
+    """What the schema asked for, in words."""
+    words = {"type": "type", "enum": "one of", "const": "exactly", "pattern": "text like", "minimum": "at least"}
+    if error.validator in words:
+        return f"{words[error.validator]} {error.validator_value!r}"
+    return error.message[:200]
+
+
+def _text(path):
+    """Path in a document as text: variants.mtq.sigma_um[0]."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
+    return "".join(parts).lstrip(".") or "document"
+
+
+def _wrong(where, found, expected):
+    """ProductError for a part of a document."""
+    shown = repr(found) if len(repr(found)) < 80 else f"{repr(found)[:77]}..."
+    return ProductError(
+        f"result document: {where}: found {shown}, expected {expected}. Correct what writes the document.",
+        where=where,
+    )
