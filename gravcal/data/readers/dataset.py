@@ -50,7 +50,7 @@ def read(source, product=None, columns=None, *, expect_satellite=None, expect_da
         arrays = binary.parse(data, header.size, table, file.where)
     else:
         arrays = text.parse(data, header.size, header.lines, table, file.where)
-    seconds, ticks = _tags(arrays, table)
+    seconds, ticks = _tags(arrays, table, file.where)
     named = file if file.date else None
     checks.check_identity(file.where, table, header, named, arrays, seconds, expect_satellite, expect_date)
     flag = checks.flags(arrays, ticks, table, satellite)
@@ -97,12 +97,17 @@ def _plain(name):
     return re.sub(r"[^A-Za-z0-9+-]", "_", str(name).strip())
 
 
-def _tags(arrays, table):
+def _tags(arrays, table, where):
     """Whole seconds, and ns since the epoch."""
-    seconds = arrays[table.time[0]]
-    ticks = seconds * TICKS["s"]
+    ticks = arrays[table.time[0]] * TICKS["s"]
     if len(table.time) > 1:
-        ticks = ticks + arrays[table.time[1]] * TICKS[table.column(table.time[1]).units]
+        column, values = table.column(table.time[1]), arrays[table.time[1]]
+        tick = TICKS[column.units]
+        beyond = np.count_nonzero((values < 0) | (values >= TICKS["s"] // tick))
+        if beyond > len(values) / 2:
+            found = f"{column.name} up to {values.max()} {column.unit}"
+            refuse(where, found, "less than one second", "The unit differs from the table's: correct the table.")
+        ticks = ticks + values * tick
     return ticks // TICKS["s"], ticks
 
 
@@ -116,7 +121,7 @@ def _assembled(arrays, seconds, ticks, flag, table):
         "time_fraction": ("record", fractions, {**common, "long_name": "fractional part of the time tag"}),
         "flag": ("record", flag, {"units": "1", "long_name": "doubts about the record", **_bits(checks.MEANING)}),
     }
-    names = _srf_names(table)
+    names = srf_names(table)
     for column in (*table.columns, *_held(arrays, table), *table.repeated):
         dims = ("record", "slot") if column in table.repeated else "record"
         name = names.get(column.name, column.name)
@@ -135,7 +140,7 @@ def _held(arrays, table):
     return [c for c in table.optional if bits >> c.bit & 1]
 
 
-def _srf_names(table):
+def srf_names(table):
     """Name in SRF of each column of the accelerometer frame: x is column z, y is column x, z is column y."""
     return {af[(i + 2) % 3]: af[i] for af in table.to_srf for i in range(3)}
 

@@ -48,6 +48,7 @@ class Column:
     gap: int = 1
     file: str = ""
     header_unit: str = ""
+    default: float | str | None = None
 
     @property
     def file_name(self) -> str:
