@@ -1,0 +1,96 @@
+"""Vectors as lines of the sequence-of-events file and as VCM1B files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from gravcal.data import vcm
+from gravcal.errors import ProductError
+
+MEASURED = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2018-05-22"
+OFFSET = [107.2e-6, 3.7e-6, -12.4e-6]
+
+
+def test_a_line_has_the_fields_of_the_sequence_of_events_file():
+    """Contract: time, spacecraft, name, 3, x, y, z, comment."""
+    line = vcm.vector_line(633830400.0, "C", OFFSET, comment="grace-c-2020-02-01,\n mtq")
+    assert line.split()[:4] == ["633830400.0", "GRACEC", "VCM", "3"]
+    assert line.endswith("grace-c-2020-02-01, mtq")
+
+
+def test_a_line_written_and_read_is_the_same_to_the_last_digit():
+    """Analytic: round trip of random numbers."""
+    rng = np.random.default_rng(1)
+    for satellite in "ABCD":
+        vector, time = rng.normal(size=3) * 1e-4, rng.uniform(0, 1e9)
+        record = vcm.read_vector_line(vcm.vector_line(time, satellite, vector, comment="a b"))
+        assert (record.time, record.satellite, record.name, record.comment) == (time, satellite, "VCM", "a b")
+        assert_array_equal(record.vector_b, vector)
+
+
+def test_real_lines_are_read():
+    """Published: lines of the GRACE sequence-of-events file, Level 1B handbook v1.3, section 4.8."""
+    record = vcm.read_vector_line("73346640.0  GRACEA VCM  3  -0.2350e-3  0.12561e-3  -0.11442e-3\n")
+    assert_array_equal(record.vector_b, [-0.2350e-3, 0.12561e-3, -0.11442e-3])
+    assert record.comment == ""
+    antenna = vcm.read_vector_line("1.0  GRACEB VKB  3  1.472580  -0.000088  0.003319")
+    assert (antenna.satellite, antenna.name, antenna.vector_b[0]) == ("B", "VKB", 1.47258)
+    assert vcm.read_vector_line("x 1.0 GRACEB VKB 3 1.472580 -0.000088 0.003319") is None
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["", "1.0 GRACEC VCM 3 1 2", "1.0 GRACEE VCM 3 1 2 3", "1.0 GRACEC VCM 3 1 b 3", "1.0 GRACEC AOCS 1 5 SM a b"],
+)
+def test_a_broken_line_is_refused(line):
+    """Contract: found, expected, remedy."""
+    with pytest.raises(ProductError, match=r"found .*; expected .*Correct the line"):
+        vcm.read_vector_line(line)
+
+
+@pytest.mark.parametrize("vector", [[1.0, np.nan, 2.0], [1.0, None, 2.0], [1.0, 2.0]])
+def test_an_undetermined_component_is_not_written(vector, tmp_path):
+    """Contract: never a wrong number in a file."""
+    with pytest.raises(ProductError, match="Write determined vectors only"):
+        vcm.vector_line(0.0, "C", vector)
+    with pytest.raises(ProductError, match="Write determined vectors only"):
+        vcm.write_vector_file(tmp_path / "VCM1B_2020-02-01_C_04.txt", 0, "C", vector)
+
+
+def test_a_file_written_and_read_is_the_same(tmp_path):
+    """Analytic: round trip through length and cosines, rounding 1e-16 relative."""
+    time = np.array([633830400.0, 634435200.0])
+    vector_b = np.array([OFFSET, [0.0, 0.0, 0.0]])
+    path = vcm.write_vector_file(tmp_path / "VCM1B_2020-02-01_C_04.txt", time, "C", vector_b, source="com_offset, mtq")
+    found_time, found = vcm.read_vector_file(path)
+    assert_array_equal(found_time, time)
+    assert_allclose(found, vector_b, rtol=1e-15, atol=0)
+    with pytest.raises(ProductError, match="whole GPS seconds"):
+        vcm.write_vector_file(path, 0.5, "C", OFFSET)
+
+
+def test_the_header_has_80_columns_and_counts_its_lines_and_bytes(tmp_path):
+    """Contract: header form of VKB1B."""
+    path = vcm.write_vector_file(tmp_path / "VCM1B_2020-02-01_C_04.txt", 633830400, "C", OFFSET)
+    lines = path.read_text().splitlines()
+    header = lines[: lines.index("END OF HEADER".ljust(80)) + 1]
+    assert {len(line) for line in header} == {80}
+    assert len(header) == 24
+    size = next(line for line in header if line.startswith("FILESIZE")).partition(":")[2]
+    assert int(size) == path.stat().st_size
+
+
+@pytest.mark.measured
+@pytest.mark.skipif(not MEASURED.is_dir(), reason="no ../shared/data beside the project")
+@pytest.mark.parametrize("letter", ["C", "D"])
+def test_a_measured_antenna_file_is_read_and_written_back(letter, tmp_path):
+    """Published: VKB1B 2018-05-22; labels of the header are the measured file's, numbers agree to 1e-15."""
+    measured = MEASURED / f"VKB1B_2018-05-22_{letter}_04.txt"
+    time, vector_b = vcm.read_vector_file(measured)
+    assert_allclose(vector_b[0, 0], 1.4444, atol=1e-4)
+    again = vcm.write_vector_file(tmp_path / measured.name, time, letter, vector_b)
+    assert_allclose(vcm.read_vector_file(again)[1], vector_b, rtol=1e-15, atol=0)
+    labels = [[line[:30] for line in p.read_text().splitlines()[:24]] for p in (measured, again)]
+    assert labels[0] == labels[1]
