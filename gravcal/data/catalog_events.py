@@ -102,7 +102,7 @@ def event(name):
         designed=tuple(_designed(table, design_path) for table in design["manoeuvre"]),
         printed=tuple(table for table in content.get("printed", [])),
         found=tuple(_found(table, path) for table in content["found"]),
-        raw_files=_raw_files(content, design, members, date, end_date, path),
+        raw_files=_raw_files(content, design, members, _days(date, end_date), path),
     )
 
 
@@ -180,15 +180,17 @@ def _found(table, path):
     return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]))
 
 
-def _raw_files(content, design, members, date, end_date, path):
-    """Every Level-1 file the event needs, day by day; none where the date is unknown."""
+def _days(first, last):
+    """Days of an event; none where the date is unknown."""
+    return [] if first is None else [first + datetime.timedelta(days=n) for n in range((last - first).days + 1)]
+
+
+def _raw_files(content, design, members, days, path):
+    """Every Level-1 file the event needs, day by day."""
     digests = content.get("sha256", {})
     for name, digest in digests.items():
         if not re.fullmatch("[0-9a-f]{64}", str(digest)):
             raise files.wrong(path, f"sha256.{name}", digest, "64 hexadecimal digits", "Run sha256sum on the file.")
-    if date is None:
-        return ()
-    days = [date + datetime.timedelta(days=n) for n in range((end_date - date).days + 1)]
     needed = [item for member in members for item in _products(design, member)]
     mission, release = members[0].mission, content["release"]
     suffix = SUFFIXES.get(mission, "nc")

@@ -5,16 +5,24 @@ from pathlib import Path
 
 from gravcal.data import catalog_files as files
 from gravcal.data.catalog_events import event
+from gravcal.data.catalog_satellites import satellite
 from gravcal.errors import CatalogError
 
+DESIGNS = {
+    "com_offset": "com_offset_session",
+    "kbr_phase_centre": "kbr_wiggle",
+    "inertial_sensor": "inertial_sensor_swing",
+}
+RELEASES = {"GRACE": "02", "GRACE-FO": "04"}
 
-def event_text(calibration, satellites, date, design, release, found, sha256):
+
+def event_text(calibration, satellites, date, found, sha256):
     """TOML text of an event found in data.
 
     Parameters
     ----------
-    calibration, design, release : str
-    satellites : sequence of str, names
+    calibration : str
+    satellites : sequence of str, letters or names
     date : datetime.date
     found : sequence of Manoeuvre, or of mappings with kind, start, stop (GPS seconds)
     sha256 : mapping of Level-1 file name to digest
@@ -23,16 +31,17 @@ def event_text(calibration, satellites, date, design, release, found, sha256):
     -------
     text : str
     """
+    members = [satellite(name) for name in satellites]
     rows = [item if isinstance(item, dict) else vars(item) for item in found]
-    names = ", ".join(f'"{name}"' for name in satellites)
+    names = ", ".join(f'"{name}"' for name in (member.name for member in members))
     heading = [
         f'calibration = "{calibration}"',
         f"satellites = [{names}]",
         f"date = {date.isoformat()}",
         'date_status = "printed"',
         'source = "found in the Level-1 files below"',
-        f'design = "{design}"',
-        f'release = "{release}"',
+        f'design = "{DESIGNS[calibration]}"',
+        f'release = "{RELEASES.get(members[0].mission, "01")}"',
     ]
     empty = [] if rows else ["found = []"]
     tables = [line for row in rows for line in ("", "[[found]]", *_lines(row))]

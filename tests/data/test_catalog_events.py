@@ -111,10 +111,8 @@ def test_found_manoeuvres_and_digests_are_kept_in_the_users_catalogue(own_folder
     """Contract: what was written is what is read, to the last digit of the times."""
     found = [{"kind": "pitch", "start": 700000000.1234567, "stop": 700000180.1}, catalog.Manoeuvre("yaw", 1.0, 2.0)]
     digest = "0" * 64
-    text = catalog.event_text(
-        "com_offset", ["grace-c"], datetime.date(2024, 2, 1), "com_offset_session", "04", found,
-        {"ACC1A_2024-02-01_C_04.txt": digest},
-    )  # fmt: skip
+    digests = {"ACC1A_2024-02-01_C_04.txt": digest}
+    text = catalog.event_text("com_offset", ["C"], datetime.date(2024, 2, 1), found, digests)
     saved = catalog.save_event("grace-c-2024-02-01", text)
     assert saved.found == (catalog.Manoeuvre("pitch", 700000000.1234567, 700000180.1), found[1])
     assert saved.raw_files[0].sha256 == digest
