@@ -1,0 +1,276 @@
+"""Time tags: from the on-board clock to GPS time, their order and their gaps.
+
+A tag is whole seconds and a fraction, since one double holds the sum to 0.1 us only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ENDS = 1  # CLK1B qualflg bit 0: no extrapolation after this record
+STARTS = 2  # CLK1B qualflg bit 1: no extrapolation before this record
+UNMAPPED = 8 + 64  # TIM1B qualflg bits 3, 6: no mapping to receiver time
+
+
+@dataclass(frozen=True)
+class Tags:
+    """Time tags past 2000-01-01 12:00:00: second (n,) int64 s, fraction (n,) s in [0, 1), NaN if undetermined."""
+
+    second: np.ndarray
+    fraction: np.ndarray
+
+    @property
+    def time(self) -> np.ndarray:
+        """Tags as (n,) float64 s, rounded to 0.1 us; NaN where undetermined."""
+        return self.second + self.fraction
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Offsets of a clock at its knots, in order: second (m,) s, offset (m,) s, drift (m,) s s-1, ends, starts (m,)."""
+
+    second: np.ndarray
+    offset: np.ndarray
+    drift: np.ndarray
+    ends: np.ndarray
+    starts: np.ndarray
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What may be bridged: the distance of two knots, the reach beyond the last one, the step that is a jump; in s."""
+
+    max_gap_s: float
+    max_extrapolation_s: float
+    jump_s: float
+
+
+@dataclass(frozen=True)
+class Ordering:
+    """Records in the order of time.
+
+    ``index`` (k,) of the records kept, ``conflicting`` (k,) bool where a dropped one had the same tag and other values,
+    ``dropped`` (d,) the others, ``counts`` of records, out_of_order, repeated and conflicting ones.
+    """
+
+    index: np.ndarray
+    conflicting: np.ndarray
+    dropped: np.ndarray
+    counts: dict
+
+
+def normalised(second, fraction) -> Tags:
+    """Tags with the fraction carried into [0, 1) s."""
+    second, fraction = np.asarray(second, np.int64), np.asarray(fraction, float)
+    carry = np.where(np.isfinite(fraction), np.floor(fraction), 0.0)
+    fraction = fraction - carry
+    whole = fraction >= 1.0  # a tiny negative fraction rounds up to 1
+    return Tags(second + carry.astype(np.int64) + whole, np.where(whole, 0.0, fraction))
+
+
+def later(tags: Tags, by_s) -> Tags:
+    """Tags moved by a number of seconds, such as a quarter of the integration period of a star camera."""
+    return normalised(tags.second, tags.fraction + by_s)
+
+
+def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
+    """Receiver minus on-board time at the records of TIM1B.
+
+    Parameters
+    ----------
+    obc_second, rcv_second : (m,) int s
+    rcv_fraction : (m,) s
+    qualflg : (m,) bits; records without a mapping (bits 3, 6) are left out
+
+    Notes
+    -----
+    offset = (rcvtime_intg + rcvtime_frac) - obctime; formats.md, 2.5 step 1.
+    """
+    obc_second = np.asarray(obc_second, np.int64)
+    offset = (np.asarray(rcv_second, np.int64) - obc_second) + np.asarray(rcv_fraction, float)
+    mapped = (np.asarray(qualflg) & UNMAPPED) == 0
+    return _clock(obc_second[mapped], offset[mapped], np.zeros(mapped.sum()), np.zeros(mapped.sum(), int))
+
+
+def clk1b_clock(rcv_second, eps_time, eps_drift, qualflg) -> Clock:
+    """GPS minus receiver time at the records of CLK1B.
+
+    Parameters
+    ----------
+    rcv_second : (m,) int s
+    eps_time : (m,) s
+    eps_drift : (m,) s s-1
+    qualflg : (m,) bits; bit 0 ends and bit 1 starts a stretch without jumps
+
+    Notes
+    -----
+    t_gps = rcv_time + eps_time; formats.md, 2.5 step 2.
+    """
+    return _clock(np.asarray(rcv_second, np.int64), np.asarray(eps_time, float), np.asarray(eps_drift, float), qualflg)
+
+
+def _clock(second, offset, drift, qualflg):
+    """Knots in order, finite, equal ones merged; of two at one second the one that ends a stretch comes first."""
+    ends, starts = (np.asarray(qualflg) & ENDS) > 0, (np.asarray(qualflg) & STARTS) > 0
+    order = np.lexsort([~ends, second])
+    order = order[np.isfinite(offset[order]) & np.isfinite(drift[order])]
+    second, offset, drift, ends, starts = (x[order] for x in (second, offset, drift, ends, starts))
+    new = np.ones(len(second), bool)
+    new[1:] = (np.diff(second) > 0) | (np.diff(offset) != 0)
+    first = np.flatnonzero(new)
+    if len(first):
+        ends, starts = np.logical_or.reduceat(ends, first), np.logical_or.reduceat(starts, first)
+    return Clock(second[first], offset[first], drift[first], ends, starts)
+
+
+def obc_to_receiver(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarray]:
+    """Receiver time of on-board tags with the clock of TIM1B.
+
+    Returns
+    -------
+    tags : Tags in receiver time
+    undetermined : (n,) bool, beyond the limits, in a gap, or at a jump
+    """
+    return _moved(tags, clock, limits, use_drift=False)
+
+
+def receiver_to_gps(tags: Tags, clock: Clock, limits: Limits, use_drift: bool = False) -> tuple[Tags, np.ndarray]:
+    """GPS time of receiver tags with the clock of CLK1B, never across a jump of the clock.
+
+    Parameters
+    ----------
+    tags : Tags in receiver time
+    clock : of ``clk1b_clock``
+    limits : what may be bridged
+    use_drift : offset and drift of the record before, instead of a line between two records
+
+    Returns
+    -------
+    tags : Tags in GPS time
+    undetermined : (n,) bool, beyond the limits, in a gap, or at a jump
+    """
+    return _moved(tags, clock, limits, use_drift)
+
+
+def _moved(tags, clock, limits, use_drift):
+    if not len(clock.second):
+        undetermined = np.ones(len(tags.second), bool)
+        return Tags(tags.second, np.full(len(tags.second), np.nan)), undetermined
+    knot = np.searchsorted(clock.second, tags.second, side="right") - 1
+    before = knot < 0
+    knot = np.maximum(knot, 0)
+    past = (tags.second - clock.second[knot]) + tags.fraction
+    slope = clock.drift if use_drift else _slopes(clock)
+    offset = clock.offset[knot] + np.where(before, clock.drift[knot], slope[knot]) * past
+    determined = _reachable(clock, limits)[knot] | (past == 0)
+    outside = before | (knot == len(clock.second) - 1)
+    open_end = np.where(before, ~clock.starts[0], ~clock.ends[-1])
+    determined[outside] = (open_end & (np.abs(past) <= limits.max_extrapolation_s))[outside]
+    determined |= (past == 0) & ~before
+    undetermined = ~determined | ~np.isfinite(tags.fraction)
+    return normalised(tags.second, np.where(undetermined, np.nan, tags.fraction + offset)), undetermined
+
+
+def _slopes(clock):
+    """Slope from each knot to the next, its own drift at the last one."""
+    steps = np.diff(clock.second)
+    rises = np.diff(clock.offset)
+    return np.append(np.divide(rises, steps, out=np.zeros(len(steps)), where=steps > 0), clock.drift[-1])
+
+
+def _reachable(clock, limits):
+    """Whether the clock may be followed from each knot to the next."""
+    steps = np.diff(clock.second)
+    foretold = clock.offset[:-1] + clock.drift[:-1] * steps
+    steady = np.abs(clock.offset[1:] - foretold) <= limits.jump_s
+    flagged = clock.ends[:-1] | clock.starts[1:]
+    unexplained = (steps == 0) & ~flagged  # two offsets at one second, and nothing says which holds
+    doubtful = np.append(unexplained, False) | np.insert(unexplained, 0, False)
+    clear = ~(doubtful[:-1] | doubtful[1:])
+    return np.append((steps <= limits.max_gap_s) & steady & ~flagged & clear, False)
+
+
+def ordered(tags: Tags, values=(), keys=()) -> Ordering:
+    """Order of time with repeated records left out and reported.
+
+    Parameters
+    ----------
+    tags : Tags, none undetermined
+    values : arrays (n,) or (n, k) that make two records equal or not
+    keys : arrays (n,) that tell records of the same time apart, such as the head of a star camera
+
+    Returns
+    -------
+    ordering : Ordering; of records with one tag and key the first is kept
+    """
+    n = len(tags.second)
+    places = [np.unique(key, return_inverse=True)[1] for key in keys]
+    order = np.lexsort([np.arange(n), *reversed(places), tags.fraction, tags.second])
+    same = np.ones(max(n - 1, 0), bool)
+    for column in (tags.second, tags.fraction, *places):
+        same &= column[order][1:] == column[order][:-1]
+    repeats = np.insert(same, 0, False) if n else same
+    first = np.maximum.accumulate(np.where(repeats, 0, np.arange(n)))
+    differs = repeats & ~_equal(values, order, order[first])
+    conflicting = np.zeros(n, bool)
+    conflicting[first[differs]] = True
+    time = tags.second[1:] - tags.second[:-1] + (tags.fraction[1:] - tags.fraction[:-1])
+    counts = {
+        "records": n,
+        "out_of_order": int((time < 0).sum()),
+        "repeated": int((repeats & ~differs).sum()),
+        "conflicting": int(differs.sum()),
+    }
+    return Ordering(order[~repeats], conflicting[~repeats], order[repeats], counts)
+
+
+def _equal(values, one, other):
+    equal = np.ones(len(one), bool)
+    for column in values:
+        a, b = np.asarray(column)[one], np.asarray(column)[other]
+        equal &= ((a == b) | ((a != a) & (b != b))).reshape(len(one), -1).all(axis=1)
+    return equal
+
+
+def gaps(time, limit_s: float) -> np.ndarray:
+    """Stretches without samples longer than the limit.
+
+    Parameters
+    ----------
+    time : (n,) s, in order
+    limit_s : longest distance of two samples that is no gap
+
+    Returns
+    -------
+    gaps : (g, 2) s, last sample before and first one after each gap
+    """
+    time = np.asarray(time, float)
+    wide = np.flatnonzero(np.diff(time) > limit_s)
+    return np.stack([time[wide], time[wide + 1]], axis=-1)
+
+
+def segment(time, limit_s: float) -> np.ndarray:
+    """Number of the gapless stretch each of (n,) ordered samples belongs to, from 0."""
+    return np.concatenate([np.zeros(min(len(time), 1), int), np.cumsum(np.diff(time) > limit_s)])
+
+
+def covered(at, time, limit_s: float) -> np.ndarray:
+    """Whether each epoch lies on a sample or between two samples that are no gap apart.
+
+    Parameters
+    ----------
+    at : (m,) s
+    time : (n,) s, in order
+    limit_s : longest distance of two samples that is no gap
+
+    Returns
+    -------
+    covered : (m,) bool
+    """
+    at, time = np.asarray(at, float), np.asarray(time, float)
+    if not len(time):
+        return np.zeros(at.shape, bool)
+    after = np.clip(np.searchsorted(time, at, side="left"), 0, len(time) - 1)
+    before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 1)
+    inside = (time[before] <= at) & (at <= time[after])
+    return inside & (time[after] - time[before] <= limit_s)
