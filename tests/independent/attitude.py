@@ -1,0 +1,214 @@
+"""Rigid body with magnetic, gravity-gradient and given torques: fixed-step RK4 on a grid that holds every break."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+
+@dataclass
+class Body:
+    """What turns the satellite."""
+
+    inertia: np.ndarray
+    dipole: np.ndarray  # (3, 3) A m2 per mA, column = rod
+    slow_dipole: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    residual_dipole: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    lags: np.ndarray = field(default_factory=lambda: np.zeros(2))  # s, of dipole and slow dipole
+    cubic: float = 0.0  # relative loss of dipole at 110 mA
+    eddy: float = 0.0  # N m s T-2
+
+    def parts(self):
+        """The tuple that `propagate` takes."""
+        rods = (self.dipole, self.slow_dipole, self.residual_dipole, self.cubic)
+        return (self.inertia, np.linalg.inv(self.inertia), self.eddy), rods, self.lags
+
+
+@njit(cache=True)
+def cross(a, b):
+    """Cross product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def dot(a, b):
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True)
+def add(a, b, factor):
+    """A + factor b."""
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+@njit(cache=True)
+def times(m, v):
+    """Matrix times vector."""
+    return dot(m[0], v), dot(m[1], v), dot(m[2], v)
+
+
+@njit(cache=True)
+def rotate(q, v, sign):
+    """Body -> inertial (sign 1) or inertial -> body (sign -1) by a scalar-first quaternion."""
+    axis = (q[1], q[2], q[3])
+    t = cross(axis, v)
+    return add(add(v, t, 2.0 * sign * q[0]), cross(axis, t), 2.0)
+
+
+@njit(cache=True)
+def gravity_torque(q, inertia, gradient):
+    """vex(J G - G J) with G turned into the body, column by column."""
+    a = times(inertia, rotate(q, times(gradient, rotate(q, (1.0, 0.0, 0.0), 1.0)), -1.0))
+    b = times(inertia, rotate(q, times(gradient, rotate(q, (0.0, 1.0, 0.0), 1.0)), -1.0))
+    c = times(inertia, rotate(q, times(gradient, rotate(q, (0.0, 0.0, 1.0), 1.0)), -1.0))
+    return b[2] - c[1], c[0] - a[2], a[1] - b[0]
+
+
+@njit(cache=True)
+def rate_dot(q, w, moment, env, extra, inertia, inverse, eddy):
+    """Angular acceleration; env rows: field (inertial), gradient (3 rows, inertial), smooth torque (body)."""
+    field_b = rotate(q, env[0], -1.0)
+    torque = add(cross(moment, field_b), gravity_torque(q, inertia, env[1:4]), 1.0)
+    torque = add(add(torque, env[4], 1.0), extra, 1.0)
+    torque = add(torque, cross(cross(w, field_b), field_b), eddy)
+    return times(inverse, add(torque, cross(w, times(inertia, w)), -1.0))
+
+
+@njit(cache=True)
+def attitude_rate(q, w):
+    """Time derivative of the quaternion, q * (0, w) / 2."""
+    v = (q[1], q[2], q[3])
+    x = add((q[0] * w[0], q[0] * w[1], q[0] * w[2]), cross(v, w), 1.0)
+    return -0.5 * dot(v, w), 0.5 * x[0], 0.5 * x[1], 0.5 * x[2]
+
+
+@njit(cache=True)
+def moved(q, rate, step):
+    """Quaternion plus step times its rate."""
+    return q[0] + step * rate[0], q[1] + step * rate[1], q[2] + step * rate[2], q[3] + step * rate[3]
+
+
+@njit(cache=True)
+def runge_kutta(q, w, h, moments, envs, extra, solid):
+    """One classical step; three moments and three environments (start, middle, end); normalised quaternion."""
+    inertia, inverse, eddy = solid
+    a1, b1 = attitude_rate(q, w), rate_dot(q, w, moments[0], envs[0], extra, inertia, inverse, eddy)
+    q2, w2 = moved(q, a1, h / 2), add(w, b1, h / 2)
+    a2, b2 = attitude_rate(q2, w2), rate_dot(q2, w2, moments[1], envs[1], extra, inertia, inverse, eddy)
+    q3, w3 = moved(q, a2, h / 2), add(w, b2, h / 2)
+    a3, b3 = attitude_rate(q3, w3), rate_dot(q3, w3, moments[1], envs[1], extra, inertia, inverse, eddy)
+    q4, w4 = moved(q, a3, h), add(w, b3, h)
+    a4, b4 = attitude_rate(q4, w4), rate_dot(q4, w4, moments[2], envs[2], extra, inertia, inverse, eddy)
+    q = moved(moved(q, a1, h / 6), a4, h / 6)
+    q = moved(moved(q, a2, h / 3), a3, h / 3)
+    w = add(add(add(add(w, b1, h / 6), b2, h / 3), b3, h / 3), b4, h / 6)
+    size = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    return (q[0] / size, q[1] / size, q[2] / size, q[3] / size), w
+
+
+@njit(cache=True)
+def lagged(before, target, step, lag):
+    """First-order lag after a step with a constant target."""
+    return target if lag <= 0.0 else add(target, add(before, target, -1.0), np.exp(-step / lag))
+
+
+@njit(cache=True)
+def moment_of(fast, slow, rods):
+    """Dipole of the rods in A m2."""
+    dipole, slow_dipole, residual, cubic = rods
+    a, b, c = fast
+    full = (a - cubic * a**3 / 12100.0, b - cubic * b**3 / 12100.0, c - cubic * c**3 / 12100.0)
+    return add(add(times(dipole, full), times(slow_dipole, slow), 1.0), residual, 1.0)
+
+
+@njit(cache=True)
+def wanted_rate_dot(q, w, reference):
+    """Angular acceleration that a slow PD controller asks for."""
+    r, v = (reference[1], reference[2], reference[3]), (q[1], q[2], q[3])
+    scalar = reference[0] * q[0] + dot(r, v)
+    part = add(cross(v, r), (reference[0] * v[0], reference[0] * v[1], reference[0] * v[2]), 1.0)
+    angle = add((0.0, 0.0, 0.0), add(part, r, -q[0]), 2.0 * np.sign(scalar))
+    rate = add(add(w, reference[4:], -1.0), cross(angle, reference[4:]), 1.0)
+    return add((-3.6e-5 * angle[0], -3.6e-5 * angle[1], -3.6e-5 * angle[2]), rate, -1.0e-2)
+
+
+@njit(cache=True)
+def steer(q, w, env, reference, dither, inertia, control):
+    """Control current (mA, whole steps, plus dither) and the torque that ideal actuators would add.
+
+    Of the wanted torque the part along the field cannot be had; it is given up where it costs least in acceleration.
+    """
+    field_b, (per_current, step_ma) = rotate(q, env[0], -1.0), control
+    hold = gravity_torque(q, inertia, env[1:4])
+    wanted = add(times(inertia, wanted_rate_dot(q, w, reference)), hold, -1.0)
+    stiff = times(inertia, times(inertia, field_b))
+    feasible = add(wanted, stiff, -dot(field_b, wanted) / dot(field_b, stiff))
+    ideal = cross(field_b, feasible)
+    scale = 1.0 / (dot(field_b, field_b) * per_current * step_ma)
+    a, b, c = ideal[0] * scale, ideal[1] * scale, ideal[2] * scale
+    top = 20.0 / step_ma
+    a, b, c = min(max(a, -top), top), min(max(b, -top), top), min(max(c, -top), top)
+    steps = (np.rint(a), np.rint(b), np.rint(c))
+    trim = add(dither, steps, step_ma)
+    return trim, add(wanted, cross(trim, field_b), -per_current)
+
+
+@njit(cache=True)
+def propagate(t, envs, modes, drive, reference, dither, start, body, control):
+    """Go through the grid t; rows of state (7), current, dipole, angular acceleration; and the state to go on with.
+
+    envs = at the grid times and at the middles of the steps. modes[k]: 0 control currents unchanged, 1 off,
+    2 renewed, 3 renewed with ideal actuators besides. drive = current (3) and torque (3) held over the step.
+    reference = quaternion and rate (7), valid where renewed. start = quaternion, rate, control current, two lagged
+    currents, ideal torque. body = (inertia, inverse, eddy), rods, lags; values at a grid time are right limits.
+    """
+    (inertia, inverse, eddy), rods, lags = body
+    q, w, trim, fast, slow, ideal = start
+    n, table = len(t), np.empty((len(t), 16))
+    for k in range(n):
+        h, last = (t[k + 1] - t[k], k + 1) if k < n - 1 else (0.0, k)
+        if modes[k] == 1:
+            trim, ideal = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        elif modes[k] > 1:
+            trim, rest = steer(q, w, envs[0][k], reference[k], dither[k], inertia, control)
+            ideal = add((0.0, 0.0, 0.0), rest, modes[k] - 2.0)
+        now, extra = add(drive[k], trim, 1.0), add(drive[k, 3:], ideal, 1.0)
+        f0, s0 = lagged(fast, now, 0.0, lags[0]), lagged(slow, now, 0.0, lags[1])
+        f1, s1 = lagged(fast, now, h / 2, lags[0]), lagged(slow, now, h / 2, lags[1])
+        fast, slow = lagged(fast, now, h, lags[0]), lagged(slow, now, h, lags[1])
+        m = moment_of(f0, s0, rods), moment_of(f1, s1, rods), moment_of(fast, slow, rods)
+        wd = rate_dot(q, w, m[0], envs[0][k], extra, inertia, inverse, eddy)
+        table[k] = np.array(q + w + now + m[0] + wd)
+        if k < n - 1:
+            here = envs[0][k], envs[1][k], envs[0][last]
+            q, w = runge_kutta(q, w, h, m, here, extra, (inertia, inverse, eddy))
+    return table, (q, w, trim, fast, slow, ideal)
+
+
+@njit(cache=True)
+def first_order(t, values, lag, start):
+    """First-order lag of (n, 3) values held from one grid time to the next."""
+    out = np.empty_like(values)
+    out[0] = start
+    for k in range(len(t) - 1):
+        out[k + 1] = values[k] + (out[k] - values[k]) * np.exp(-(t[k + 1] - t[k]) / lag)
+    return out
+
+
+@njit(cache=True)
+def oscillator(t, drive, frequency, damping):
+    """Displacement of x'' + 2 z w x' + w^2 x = w^2 u, u (n,) held from one grid time to the next, at rest at first."""
+    out = np.empty_like(drive)
+    w0 = 2 * np.pi * frequency
+    wd, decay = w0 * np.sqrt(1 - damping**2), w0 * damping
+    x, v = drive[0], 0.0
+    for k in range(len(t)):
+        out[k] = x
+        if k < len(t) - 1:
+            h, y = t[k + 1] - t[k], x - drive[k]
+            c, s, e = np.cos(wd * h), np.sin(wd * h), np.exp(-decay * h)
+            b = (v + decay * y) / wd
+            x = drive[k] + e * (y * c + b * s)
+            v = e * (-decay * (y * c + b * s) + wd * (b * c - y * s))
+    return out

@@ -1,0 +1,135 @@
+"""Faults for written files: each function takes a path (and where), and changes the file in place."""
+
+from pathlib import Path
+
+import numpy as np
+
+MARK = b"# End of YAML header\n"
+
+
+def _read(path):
+    head, body = Path(path).read_bytes().split(MARK)
+    return head + MARK, body.splitlines(keepends=True)
+
+
+def _write(path, head, rows):
+    Path(path).write_bytes(head + b"".join(rows))
+
+
+def _field(path, row, column, change):
+    """Replace one field (zero-based) of one row by change(text)."""
+    head, rows = _read(path)
+    fields = rows[row].split()
+    fields[column] = change(fields[column])
+    rows[row] = b" ".join(fields) + b"\n"
+    _write(path, head, rows)
+
+
+def truncate_mid_line(path, fraction=0.5):
+    """Cut the file within a record."""
+    head, rows = _read(path)
+    row = max(1, int(len(rows) * fraction))
+    _write(path, head, [*rows[:row], rows[row][: len(rows[row]) * 2 // 3]])
+
+
+def drop_seconds(path, start, stop):
+    """Remove the records whose first column lies in [start, stop): a gap."""
+    head, rows = _read(path)
+    _write(path, head, [r for r in rows if not start <= int(r.split(maxsplit=1)[0]) < stop])
+
+
+def duplicate_rows(path, first=100, count=20):
+    """Write some records twice."""
+    head, rows = _read(path)
+    _write(path, head, rows[: first + count] + rows[first:])
+
+
+def conflicting_rows(path, row=100, column=-2):
+    """Write one record twice, the second time with another number in a column."""
+    head, rows = _read(path)
+    fields = rows[row].split()
+    fields[column] = repr(float(fields[column]) * 1.5 + 1.0).encode()
+    _write(path, head, rows[: row + 1] + [b" ".join(fields) + b"\n"] + rows[row + 1 :])
+
+
+def shuffle_rows(path, seed=0):
+    """Write the records in random order."""
+    head, rows = _read(path)
+    _write(path, head, [rows[k] for k in np.random.default_rng(seed).permutation(len(rows))])
+
+
+def put_nan(path, row=100, column=7):
+    """Write NaN in one field."""
+    _field(path, row, column, lambda _: b"NaN")
+
+
+def put_text(path, row=100, column=7):
+    """Write a word where a number belongs."""
+    _field(path, row, column, lambda _: b"none")
+
+
+def stretch_quaternion(path, row=100, factor=1.01):
+    """Make one SCA1B quaternion longer than one."""
+    for column in (3, 4, 5, 6):
+        _field(path, row, column, lambda text: repr(float(text) * factor).encode())
+
+
+def flip_quaternions(path, seed=0):
+    """Change the sign of about half of the SCA1B quaternions, at random: the attitude stays the same."""
+    head, rows = _read(path)
+    rng = np.random.default_rng(seed)
+    for k in np.flatnonzero(rng.random(len(rows)) < 0.5):
+        fields = rows[k].split()
+        fields[3:7] = [repr(-float(text)).encode() for text in fields[3:7]]
+        rows[k] = b" ".join(fields) + b"\n"
+    _write(path, head, rows)
+
+
+def wrong_satellite(path, letter="D", rows=None):
+    """Change the satellite letter of records (all by default)."""
+    head, lines = _read(path)
+    for k in range(len(lines)) if rows is None else rows:
+        fields = lines[k].split()
+        old = b"C" if letter == "D" else b"D"
+        lines[k] = b" ".join(letter.encode() if f == old else f for f in fields) + b"\n"
+    _write(path, head, lines)
+
+
+def non_utf8(path, row=100):
+    """Put bytes that are not UTF-8 into one record."""
+    head, rows = _read(path)
+    rows[row] = rows[row][:20] + b"\xff\xfe\x80" + rows[row][23:]
+    _write(path, head, rows)
+
+
+def unknown_flag(path, row=100, flag=b"01110010"):
+    """Set undefined bits of the quality flag in one record."""
+    column = 4 if Path(path).name.startswith("ACC1A") else -1
+    _field(path, row, column, lambda _: flag)
+
+
+def unknown_content(path, row=100, flag=b"11100100000000000000000000111111"):
+    """Set undefined bits of prod_flag in one ACC1A record (no such fields follow)."""
+    _field(path, row, 5, lambda _: flag)
+
+
+def no_records(path):
+    """Leave the header only."""
+    _write(path, _read(path)[0], [])
+
+
+def empty(path):
+    """Leave a file of no bytes."""
+    Path(path).write_bytes(b"")
+
+
+def missing(path):
+    """Remove the file."""
+    Path(path).unlink()
+
+
+def shift_day(path, days=1):
+    """Move the first column of every record by whole days: the wrong day under the right name."""
+    head, rows = _read(path)
+    moved = [r.split(maxsplit=1) for r in rows]
+    _write(path, head, [str(int(a) + 86400 * days).encode() + b" " + b for a, b in moved])

@@ -1,0 +1,104 @@
+"""What the instruments report of a scene; SRF until the writer turns axes."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from . import added, noise
+from .attitude import first_order
+from .scene import stream
+
+BIAS = {  # SRF; the files of 2023
+    "C": ([-2.8e-7, -1.06e-5, -1.8e-7], [-7.8e-4, 1.3e-5, 1.19e-4]),
+    "D": ([-3.2e-6, -1.46e-5, 2.4e-6], [-6.98e-4, 1.86e-4, -1.50e-3]),
+}
+LINEAR_STEP = np.array([7.85255281e-12, 7.15051994e-11, 7.92321655e-12])  # SRF x, y, z
+ANGULAR_STEP = np.array([1.01327896e-8, 6.10947609e-10, 1.01327896e-8])
+FIELD_STEP_UT = 65.0 / 32768
+
+
+def offset(scene):
+    """Proof mass -> centre of mass (n, 3) in m, and its rate."""
+    s, motion = scene.world.settings, scene.world.effects["com_motion_um"]
+    place = np.tile(np.asarray(s.offset_um, float) * 1e-6, (len(scene.t), 1))
+    speed = np.zeros_like(place)
+    for index, m in enumerate(scene.manoeuvres):
+        if motion["manoeuvre"] in (None, index):
+            x = (scene.t - m.start) / m.duration_s
+            inside = ((x >= 0) & (x < 1))[:, None]
+            place += inside * np.outer(x - 0.5, motion["value"] * 1e-6)
+            speed += inside * motion["value"] * 1e-6 / m.duration_s
+    return place, speed
+
+
+def truth_at_proof_mass(scene):
+    """Suspension acceleration f = a_ng + (M - G) p + 2 w x dp/dt with p = -offset."""
+    d, d_dot = offset(scene)
+    p, p_dot, w = -d, -d_dot, scene.rate
+    spin = np.cross(w, np.cross(w, p)) + np.cross(scene.rate_dot, p) + 2 * np.cross(w, p_dot)
+    turn = scene.rotation
+    gradient = scene.world.orbit.gradient(scene.t)
+    tidal = turn.inv().apply(np.einsum("nij,nj->ni", gradient, turn.apply(p)))
+    return scene.world.force(scene.t) + spin - tidal
+
+
+def _turned(values, angle):
+    """Components on axes turned by a small rotation vector."""
+    return Rotation.from_rotvec(angle).inv().apply(values)
+
+
+def accelerometer(scene, keep):
+    """Linear and angular readings (m, 3) at grid indices, without noise, bias or quantisation."""
+    e = scene.world.effects
+    scene.linear = truth_at_proof_mass(scene)
+    linear = scene.linear + added.total(added.LINEAR, scene, e)
+    linear = linear + e["acc_quadratic"]["value"] * linear**2
+    linear = _turned(linear, e["acc_misalignment"]["value"]) @ (np.eye(3) + e["acc_crosstalk"]["value"]).T
+    linear = linear * (1 + e["acc_scale"]["value"])
+    angular = _turned(scene.rate_dot, e["ang_misalignment"]["value"]) * (1 + e["ang_scale"]["value"])
+    angular = angular + added.total(added.ANGULAR, scene, e)
+    lag = e["acc_lag_s"]["value"]
+    if lag > 0:
+        linear, angular = (first_order(scene.t, v, lag, v[0]) for v in (linear, angular))
+    return linear[keep], angular[keep]
+
+
+def spoil(scene, linear, angular):
+    """Add noise and bias, and quantise."""
+    world = scene.world
+    s, e, start = world.settings, world.effects, round(scene.t[0])
+    for kind, values, tables in (("lin", linear, noise.LINEAR), ("ang", angular, noise.ANGULAR)):
+        series = noise.coloured(stream(world.seed, kind, start), len(values), tables)
+        gain = 1 + e["acc_noise" if kind == "lin" else "ang_noise"]["value"]
+        values += s.noise_scale * gain * series
+    linear, angular = linear + BIAS[s.satellite][0], angular + BIAS[s.satellite][1]
+    if s.quantise:
+        linear = np.rint(linear / LINEAR_STEP) * LINEAR_STEP
+        angular = np.rint(angular / ANGULAR_STEP) * ANGULAR_STEP
+    return linear, angular
+
+
+def star_camera(scene, keep):
+    """Quaternions (m, 4), scalar first, of the attitude at grid indices."""
+    world = scene.world
+    s, start = world.settings, round(scene.t[0])
+    rng = stream(world.seed, "sca", start)
+    error = rng.normal(0, 1, (len(keep), 3)) * np.asarray(s.sca_noise_rad) * s.noise_scale
+    small = Rotation.from_rotvec(error + world.effects["sca_misalignment"]["value"])
+    return (scene.rotation[keep] * small).as_quat(canonical=False, scalar_first=True)
+
+
+def magnetometer(scene, keep, half):
+    """Field in uT, renewed once a second (rows with half = 1, repeated by the next row), and currents in mA."""
+    world = scene.world
+    s, e = world.settings, world.effects
+    current = scene.current[keep]
+    field = _turned(scene.field[keep], e["mag_misalignment"]["value"]) * 1e6 * (1 + e["mag_scale"]["value"])
+    field = field + 1e-3 * (world.mag_bias_nt + current @ e["mag_current_leak"]["value"].T)
+    rng = stream(world.seed, "mag", round(scene.t[0]))
+    field = field + rng.normal(0, s.mag_noise_nt * 1e-3 * s.noise_scale, field.shape)
+    repeat = np.flatnonzero(half == 0)
+    field[repeat[repeat > 0]] = field[repeat[repeat > 0] - 1]
+    if s.quantise:
+        field = np.rint(field / FIELD_STEP_UT) * FIELD_STEP_UT
+        current = np.rint(current / world.step_ma) * world.step_ma
+    return field.astype(np.float32), current.astype(np.float32)
