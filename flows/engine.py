@@ -1,0 +1,137 @@
+"""How a flow runs: here (inline), only in thought (plan), or through Prefect. The flow's text is the same for all.
+
+@flow(name="com_offset")
+def calibrate(source, chosen): ...
+
+ref = calibrate(source, chosen)                          # inline
+steps, ref = plan(calibrate, source, chosen)             # what would be reused or made, and why; computes nothing
+ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts Prefect only if there is work
+"""
+
+import os
+import sys
+from dataclasses import dataclass
+
+from gravcal.data import explain, keys, store
+from gravcal.data.references import ProductRef
+from gravcal.errors import GravcalError
+from tasks import stage
+
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+ENGINES = ("prefect", "inline")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One stage in a plan: reuse, run or may run, and why."""
+
+    event: str
+    stage: str
+    action: str
+    reasons: tuple[str, ...]
+    ref: ProductRef
+
+
+class Unknown(GravcalError):
+    """A flow asked for the content of a product that a plan does not make."""
+
+
+def flow(*, name):
+    """Decorator that gives a function of stages the name under which it runs; called, it runs inline."""
+
+    def decorate(body):
+        body.flow_name = name
+        return body
+
+    return decorate
+
+
+def single_threaded():
+    """Let libraries loaded from now on use one thread: results do not depend on cores, workers do not multiply."""
+    for name in ONE_THREAD:
+        os.environ.setdefault(name, "1")
+
+
+def plan(body, *arguments):
+    """What a flow would do.
+
+    Parameters
+    ----------
+    body : flow
+    *arguments : those of the flow
+
+    Returns
+    -------
+    steps : list of Step, in the order of the flow
+    ref : ProductRef of the result, None where the flow needs a content that is not there yet
+    """
+    planner = Planner()
+    with stage.using(planner):
+        try:
+            ref = body(*arguments)
+        except Unknown as stop:
+            return [*planner.steps, Step(stop.facts["event"], "(the rest)", "may run", (str(stop),), None)], None
+    return planner.steps, ref
+
+
+def run(body, *arguments, engine="prefect", listener=None):
+    """Result of a flow; Prefect is started only when something has to be made.
+
+    Parameters
+    ----------
+    body : flow
+    *arguments : those of the flow
+    engine : "prefect" or "inline"
+    listener : function of (call, state, ref), hears of each stage done; state is "cached" or "made"
+
+    Returns
+    -------
+    ref : ProductRef of the result
+    """
+    single_threaded()
+    steps, ref = plan(body, *arguments)
+    if ref is not None and all(step.action == "reuse" for step in steps):
+        engine = "inline"
+    if engine == "prefect":
+        from flows import prefect_engine
+
+        return prefect_engine.run(body, arguments, listener)
+    with stage.using(stage.inline, listener):
+        return body(*arguments)
+
+
+class Planner:
+    """Engine that makes nothing and notes what would be made."""
+
+    def __init__(self):
+        self.steps = []
+
+    def __call__(self, call):
+        """Reference of the product: complete if it is there, without key and digest if it would be made."""
+        recipe, modules = stage.recipe(call)
+        unknown = [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
+        found = None if unknown else store.find(keys.key(recipe))
+        if found:
+            self._note(call, "reuse", (), found)
+            return found
+        reasons = explain.why(recipe, modules)
+        if unknown and not reasons:
+            self._note(call, "may run", (f"after {', '.join(dict.fromkeys(unknown))}",), call.unmade)
+        else:
+            self._note(call, "run", tuple(reasons) or ("made before with another result",), call.unmade)
+        return call.unmade
+
+    def resolve(self, ref):
+        """The reference itself if its product is there; otherwise the plan ends here."""
+        if ref.digest is None:
+            raise Unknown(f"after {ref.stage}", event=ref.event)
+        return ref
+
+    def _note(self, call, action, reasons, ref):
+        """Add a step."""
+        self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref))
+
+
+def warn(message):
+    """One line on standard error."""
+    sys.stderr.write(f"gravcal: {message}\n")

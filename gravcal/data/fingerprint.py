@@ -1,0 +1,196 @@
+"""Fingerprint of the code a stage runs: the syntax trees reached by import, without comments, docstrings, layout.
+
+The stage's body is taken with what it names in its own module; of the packages it imports, the modules that define
+what it uses; from there on every import, module by module, wherever it stands. Only the project's own code counts
+(``SCOPE``). ``lazy("gravcal.x")`` and ``import_module("gravcal.x")`` with a literal name count as imports.
+"""
+
+import ast
+import hashlib
+import importlib.util
+import inspect
+import sys
+from pathlib import Path
+
+from gravcal.data import memo, syntax
+from gravcal.errors import ProductError
+
+SCOPE = ("gravcal", "tasks")
+_files = {}  # source file -> its status when it was first looked at
+_modules = {}  # name of a module -> (digest, names it imports), for the life of the process
+_bodies = {}  # "module:function" -> its parts, for the life of the process
+_remembered = {}
+
+
+def of(body, also=()):
+    """Digests of the code that a stage runs.
+
+    Parameters
+    ----------
+    body : function, the stage's own
+    also : sequence of str, modules that the body reaches in a way no import statement shows
+
+    Returns
+    -------
+    parts : dict, name of module or "module:function" -> digest of its syntax tree
+    """
+    name = f"{body.__module__}:{body.__name__}"
+    if name not in _bodies:
+        _bodies[name] = _parts(body, also)
+        _keep_remembered()
+    for path, status in _files.items():
+        _check_unchanged(path, status)
+    return _bodies[name]
+
+
+def _parts(body, also):
+    """Digests of a body and of every module it reaches, by name."""
+    scope = (*SCOPE, body.__module__.partition(".")[0])
+    part, wanted = _body_part(body, scope)
+    parts = {f"{body.__module__}:{body.__name__}": part}
+    waiting = [*wanted, *also]
+    while waiting:
+        name = _module_of(waiting.pop())
+        if name is None or name in parts or name.partition(".")[0] not in scope:
+            continue
+        parts[name], imported = _module(name)
+        waiting += imported
+    return dict(sorted(parts.items()))
+
+
+def total(parts):
+    """One digest for all parts."""
+    return hashlib.sha256("".join(f"{name}={value};" for name, value in sorted(parts.items())).encode()).hexdigest()
+
+
+def forget():
+    """Look at the files again, as a new process would."""
+    for known in (_files, _modules, _bodies):
+        known.clear()
+
+
+def _module(name):
+    """Digest and imports of one module."""
+    if name not in _modules:
+        _modules[name] = _analysed(_path(name), name)
+    return _modules[name]
+
+
+def _source(path):
+    """Bytes of a source file, whose status is noted."""
+    _files.setdefault(path, _status(path))
+    return path.read_bytes()
+
+
+def _status(path):
+    """Size and time of change of a file."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_size, found.st_mtime_ns
+
+
+def _check_unchanged(path, status):
+    """Refuse to go on when a source file changed under the running process."""
+    if _status(path) != status:
+        raise ProductError(
+            f"{path}: the code changed while this process was running, so a product could bear the label of code "
+            f"that did "
+            f"not make it. Start gravcal again.",
+            path=str(path),
+        )
+
+
+def _analysed(path, name):
+    """Digest of the tree and imports of a file, remembered by its content."""
+    source = _source(path)
+    known = _known_trees()
+    label = f"{name}-{sys.version_info[1]}-{hashlib.sha256(source).hexdigest()[:40]}"
+    if label not in known:
+        tree = ast.parse(source)
+        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+        known[label] = [syntax.tree_digest(tree), sorted(set(syntax.imports(tree, package)))]
+        _remembered["new"] = True
+    return known[label]
+
+
+def _known_trees():
+    """Trees seen by earlier processes."""
+    if "trees" not in _remembered:
+        _remembered["trees"] = memo.recall("trees") or {}
+    return _remembered["trees"]
+
+
+def _keep_remembered():
+    """Write newly seen trees for later processes."""
+    if _remembered.pop("new", False):
+        memo.remember("trees", _remembered["trees"])
+
+
+def _module_of(target):
+    """Module that holds a target: for "a.b:c" a.b.c if that is one, otherwise a.b; None if there is no such file."""
+    module, _, name = target.partition(":")
+    if name and _path(f"{module}.{name}"):
+        return f"{module}.{name}"
+    return module if _path(module) else None
+
+
+def _path(name):
+    """Source file of a module, found without importing anything; None if there is none."""
+    top, _, rest = name.partition(".")
+    folder = _top_folder(top)
+    if folder is None:
+        return None
+    stem = folder.joinpath(*rest.split(".")) if rest else folder
+    candidates = (stem / "__init__.py", stem.with_name(f"{stem.name}.py"))
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _top_folder(top):
+    """Folder of a top-level package (for a single module: its file without the ending), or None."""
+    loaded = sys.modules.get(top)
+    origin = getattr(loaded, "__file__", None)
+    if origin is None:
+        try:
+            found = importlib.util.find_spec(top)
+        except (ImportError, ValueError):
+            return None
+        origin = found.origin if found and found.has_location else None
+    if origin is None:
+        return None
+    path = Path(origin)
+    return path.parent if path.name == "__init__.py" else path.with_suffix("")
+
+
+def _body_part(body, scope):
+    """Digest of a body with the definitions of its module that it names, and the targets they use."""
+    path = Path(inspect.getsourcefile(body))
+    tree = ast.parse(_source(path))
+    package = body.__module__ if path.name == "__init__.py" else body.__module__.rpartition(".")[0]
+    local, imported = syntax.definitions(tree, package)
+    local[body.__name__] = syntax.definition_of(body, tree)
+    texts, targets, waiting, seen = [], set(), [body.__name__], set()
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        node = local[name]
+        texts.append(f"{name}={syntax.text(syntax.undecorated(node))}")
+        uses = list(syntax.uses(node))
+        targets |= {_narrowed(imported[first], rest, scope) for first, rest in uses if first in imported}
+        targets |= set(syntax.imports(node, package))
+        waiting += [first for first, _ in uses if first in local]
+    return hashlib.sha256("\n".join(sorted(texts)).encode()).hexdigest()[:32], sorted(targets)
+
+
+def _narrowed(target, attribute, scope):
+    """Target of "x.attribute", x an imported package: the module its __init__ takes the attribute from, if any."""
+    name = _module_of(target)
+    if not attribute or name is None or name.partition(".")[0] not in scope or _path(name).name != "__init__.py":
+        return target
+    _, imported = syntax.definitions(ast.parse(_source(_path(name))), name)
+    if attribute in imported:
+        return imported[attribute]
+    return f"{name}:{attribute}"

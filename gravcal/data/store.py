@@ -1,0 +1,297 @@
+"""The store of products: found by key, made at most once, never half.
+
+    objects/ab/<key>/product.nc, meta.json     one product with its record and the files that belong to it
+    latest/<event>/<stage>                     readable link to the newest product of that name
+    tmp/  locks/  quarantine/  memo/           being written; who computes; set aside; what is cheap to remember
+
+A product is written aside, flushed and published by one rename of its folder, so it is there in full or not at all. A
+folder counts when its record names its key and the file has the recorded size and time of change; otherwise, and at
+every first read, the digest of the bytes decides. What fails is moved to ``quarantine`` and made again.
+"""
+
+import contextlib
+import datetime
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import platform
+import shutil
+import uuid
+from pathlib import Path
+
+from gravcal.data import location, memory
+from gravcal.data.references import ProductRef
+from gravcal.errors import ProductError
+
+NAMES = ("objects", "latest", "tmp", "locks", "quarantine")
+_swept = set()
+
+
+def folder_of(key):
+    """Folder of the product with this key, whether it exists or not."""
+    return location.folder() / "objects" / key[:2] / key
+
+
+def find(key):
+    """Product with this key, or None; one that is not what its record says is set aside.
+
+    Parameters
+    ----------
+    key : str
+
+    Returns
+    -------
+    ref : ProductRef or None
+    """
+    folder = folder_of(key)
+    record = read_record(folder)
+    if record is None:
+        if folder.exists():
+            set_aside(folder, "no readable record")
+        return None
+    reason = _doubt(folder, record, key)
+    if reason:
+        set_aside(folder, reason)
+        return None
+    return reference(record, folder)
+
+
+def load(ref):
+    """Content of a product, verified; None if it is damaged, and then it has been set aside.
+
+    Parameters
+    ----------
+    ref : ProductRef
+
+    Returns
+    -------
+    dataset : Dataset, a copy of the caller's own, without provenance attributes; or None
+    """
+    held = memory.recall(ref.path)
+    if held is not None:
+        return held
+    record = read_record(ref.folder)
+    image = _verified_bytes(ref.folder, record) if record else None
+    if image is None:
+        set_aside(ref.folder, "bytes differ from the record")
+        return None
+    from gravcal.data import netcdf, product
+
+    dataset = product.without_provenance(netcdf.from_bytes(image))
+    memory.keep(ref.path, dataset)
+    return dataset.copy(deep=True)
+
+
+def put(key, recipe, made, facts):
+    """Publish a product; if another process was first, its product is returned.
+
+    Parameters
+    ----------
+    key : str
+    recipe : dict, what the key was made of
+    made : tuple of dataset (checked) and mapping of file name to str or bytes
+    facts : dict, joins the record: modules, inputs, stage, seconds
+
+    Returns
+    -------
+    ref : ProductRef
+
+    Raises
+    ------
+    ProductError : disk full or store not writable; the store is as before
+    """
+    dataset, files = made
+    aside = location.folder() / "tmp" / f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
+    try:
+        _prepare()
+        aside.mkdir()
+        record = _write_folder(aside, key, recipe, dataset, files) | facts
+        _write_flushed(aside / "meta.json", json.dumps(record, indent=1).encode())
+        _flush_folder(aside)
+        ref = _publish(aside, key)
+    except OSError as error:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
+    if ref.digest == record["digest"]:
+        memory.keep(ref.path, dataset)
+    return ref
+
+
+def point(ref):
+    """Let the readable link of a product's name lead to it; a store that can only be read keeps the old one."""
+    link = location.folder() / "latest" / ref.event / ref.stage
+    target = os.path.relpath(ref.folder, link.parent)
+    with contextlib.suppress(OSError):
+        if link.is_symlink() and str(link.readlink()) == target:
+            return
+        link.parent.mkdir(parents=True, exist_ok=True)
+        aside = link.with_name(f".{link.name}.{uuid.uuid4().hex[:8]}")
+        aside.symlink_to(target)
+        aside.replace(link)
+
+
+@contextlib.contextmanager
+def lock(key):
+    """Hold the key: others who want to make the same product wait. The kernel releases it when a process dies."""
+    try:
+        _prepare()
+        path = location.folder() / "locks" / key
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise unwritable(error, key[:12]) from error
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks: the rename still protects
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+        path.unlink(missing_ok=True)
+    finally:
+        os.close(descriptor)
+
+
+def read_record(folder):
+    """Record of a product folder, or None if there is none that can be read."""
+    try:
+        record = json.loads((folder / "meta.json").read_bytes())
+    except (OSError, ValueError):
+        return None
+    return (
+        record if isinstance(record, dict) and {"key", "recipe", "digest", "sha256", "bytes"} <= set(record) else None
+    )
+
+
+def reference(record, folder):
+    """ProductRef of a record."""
+    recipe = record["recipe"]
+    return ProductRef(
+        recipe["event"], recipe["kind"], recipe["variant"], record["key"], record["digest"], folder / "product.nc"
+    )
+
+
+def set_aside(folder, reason):
+    """Move a product folder to quarantine with a note why; one that vanished meanwhile is no error."""
+    memory.drop(folder / "product.nc")
+    target = location.folder() / "quarantine" / f"{folder.name}-{uuid.uuid4().hex[:8]}"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        folder.rename(target)
+        (target / "why.txt").write_text(reason + "\n")
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise unwritable(error, f"{folder.name[:12]} ({reason})") from error
+
+
+def unwritable(error, what):
+    """ProductError for a store that cannot take a product."""
+    root = location.folder()
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    remedy = "Free space there (gravcal products prune)" if full else "Give yourself the right to write there"
+    return ProductError(
+        f"product store {root}: {what} cannot be written ({error.strerror or error}). What was there before is "
+        f"unharmed. "
+        f"{remedy}, or name another folder in GRAVCAL_PRODUCTS.",
+        root=str(root),
+        errno=error.errno,
+    )
+
+
+def _doubt(folder, record, key):
+    """Why a folder cannot be taken as it stands, or None; a changed time of change makes the bytes decide."""
+    if record["key"] != key:
+        return f"the record names another key, {record['key']}"
+    try:
+        status = (folder / "product.nc").stat()
+    except OSError:
+        return "product.nc is missing"
+    if status.st_size != record["bytes"]:
+        return f"product.nc has {status.st_size} bytes, the record says {record['bytes']}"
+    if status.st_mtime_ns == record.get("mtime_ns") or memory.is_trusted(folder, status):
+        return None
+    return None if _verified_bytes(folder, record) is not None else "bytes differ from the record"
+
+
+def _verified_bytes(folder, record):
+    """Bytes of the product file if their SHA-256 is the recorded one, otherwise None."""
+    try:
+        image = (folder / "product.nc").read_bytes()
+    except OSError:
+        return None
+    if hashlib.sha256(image).hexdigest() != record["sha256"]:
+        return None
+    memory.trust(folder, (folder / "product.nc").stat())
+    return image
+
+
+def _write_folder(aside, key, recipe, dataset, files):
+    """Write product and files; their record without the facts of the run."""
+    from gravcal import __version__
+    from gravcal.data import netcdf, product
+
+    content = product.digest(dataset)
+    labels = product.provenance(recipe, key, content, __version__)
+    image = netcdf.to_bytes(dataset.assign_attrs(labels))
+    _write_flushed(aside / "product.nc", image)
+    extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+    for name, text in extra.items():
+        _write_flushed(aside / Path(name).name, text)
+    return {
+        "key": key,
+        "digest": content,
+        "sha256": hashlib.sha256(image).hexdigest(),
+        "bytes": len(image),
+        "mtime_ns": (aside / "product.nc").stat().st_mtime_ns,
+        "files": {name: hashlib.sha256(text).hexdigest() for name, text in extra.items()},
+        "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "machine": platform.node(),
+        "recipe": recipe,
+    }
+
+
+def _write_flushed(path, image):
+    """Write a file down to the disk."""
+    with path.open("wb") as stream:
+        stream.write(image)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _flush_folder(folder):
+    """Bring the entries of a folder down to the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _publish(aside, key):
+    """Rename the finished folder to its place; a product that is there already and whole stays, and is returned."""
+    folder = folder_of(key)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        aside.rename(folder)
+        _flush_folder(folder.parent)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+    ref = find(key)
+    if aside.exists() and ref is None:
+        return _publish(aside, key)
+    shutil.rmtree(aside, ignore_errors=True)
+    return ref
+
+
+def _prepare():
+    """Create the folders of the store and, once per process, remove what dead processes left half-written."""
+    root = location.folder()
+    if root in _swept:
+        return
+    for name in NAMES:
+        (root / name).mkdir(parents=True, exist_ok=True)
+    for path in (root / "tmp").iterdir():
+        host, pid, _ = path.name.rsplit("-", 2)
+        if host == platform.node() and not Path(f"/proc/{pid}").exists():
+            shutil.rmtree(path, ignore_errors=True)
+    _swept.add(root)

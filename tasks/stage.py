@@ -1,0 +1,265 @@
+"""The @stage decorator: a function of datasets becomes a cached, checked, written product.
+
+    @stage(reads=["com_offset.align"], writes="com_offset.field", version=1)
+    def field(aligned, *, igrf_generation: int):
+        return com_offset.field(aligned, igrf_generation)
+
+    ref = field(aligned_ref, igrf_generation=13)                 # ProductRef in, ProductRef out: made only if not there
+    ref = solve(field_ref, variant="mtq", lowpass_hz=0.5)        # variant: also part of the name, com_offset.solve.mtq
+    dataset = field(aligned_dataset, igrf_generation=13)         # datasets in, dataset out: the bare body, for tests
+    dataset = read(ref)                                          # what a product holds
+
+- Positional arguments are products or Level-1 files, keyword arguments settings; neither has default values.
+- ``reads`` names the kind of each positional argument; the last one repeats for ``*refs``; "a|b" allows both,
+  "*.solve" any calibration's, "file" a LevelOneFile, which the body is given as it is.
+- ``event=`` and ``variant=`` may be given to any stage. The event is otherwise that of the inputs, or mission,
+  satellite and date of the file; the variant of a stage that reads a file is otherwise product and satellite. The
+  body receives them only if it names them as keyword arguments.
+- A body may return (dataset, {"report.html": text or bytes}): these files are kept beside the product, in
+  ``ref.folder``.
+- ``also=["gravcal.effects.torque"]`` names modules that the body reaches without an import statement.
+- ``lazy("gravcal.calibrations.com_offset")`` stands for a module that is imported at its first use.
+
+What a call does is up to the engine (``using``): compute here, say what would be computed, or submit it to Prefect.
+"""
+
+import contextlib
+import contextvars
+import copy
+import functools
+import importlib
+import importlib.metadata
+import inspect
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from gravcal.data import fingerprint, inputs, keys, store
+from gravcal.data.references import ProductRef
+from gravcal.errors import GravcalError, ProductError
+
+_engine = contextvars.ContextVar("gravcal_engine", default=None)
+_listeners = contextvars.ContextVar("gravcal_listeners", default=())
+_calls = {}  # key -> Call of this process, to make a damaged input again
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A function of datasets with its label; call it with products to get a product."""
+
+    body: Callable
+    reads: tuple[str, ...]
+    writes: str
+    version: int
+    also: tuple[str, ...] = ()
+
+    def __call__(self, *items, **settings):
+        """Product of these inputs and settings; with datasets, what the body returns."""
+        if items and all(is_dataset(item) for item in items):
+            return self.body(*items, **settings)
+        engine = _engine.get() or inline
+        return engine(call_of(self, items, settings))
+
+    @property
+    def name(self):
+        """Where the stage is found: "tasks.com_offset:solve"."""
+        return f"{self.body.__module__}:{self.body.__name__}"
+
+
+@dataclass(frozen=True)
+class Call:
+    """One stage with its inputs and settings, ready to be looked up or made."""
+
+    stage: Stage
+    inputs: tuple
+    settings: Mapping = field(hash=False)
+    event: str
+    variant: str
+
+    @property
+    def unmade(self):
+        """Reference without key: the product this call would give."""
+        return ProductRef(self.event, self.stage.writes, self.variant)
+
+
+def stage(*, reads, writes, version, also=()):
+    """Decorator that makes a stage of a function; see the top of this module."""
+
+    def decorate(body):
+        found = Stage(body, tuple(reads), writes, version, tuple(also))
+        defaults = [
+            name
+            for name, one in inspect.signature(body).parameters.items()
+            if one.default is not inspect.Parameter.empty
+        ]
+        if defaults:
+            raise TypeError(
+                f"{found.name}: {', '.join(defaults)} must not have a default; settings come from the catalogue"
+            )
+        for name in functools.WRAPPER_ASSIGNMENTS:
+            object.__setattr__(found, name, getattr(body, name, None))
+        return found
+
+    return decorate
+
+
+class _Lazy:
+    """A module that is imported when something of it is asked for."""
+
+    def __init__(self, name):
+        self._name = name
+
+    def __getattr__(self, attribute):
+        """Attribute of the module."""
+        return getattr(importlib.import_module(self._name), attribute)
+
+
+def lazy(name):
+    """Stand-in for a module, imported at its first use, so that plans and cached runs stay quick."""
+    return _Lazy(name)
+
+
+@contextlib.contextmanager
+def using(engine, listener=None):
+    """Let stages called inside run by this engine; the listener hears (call, state, ref) of each that is done."""
+    before, heard = _engine.set(engine), _listeners.set((*_listeners.get(), *([listener] if listener else [])))
+    try:
+        yield
+    finally:
+        _engine.reset(before)
+        _listeners.reset(heard)
+
+
+def read(ref):
+    """Content of a product, verified; made again if it is damaged. What the present engine cannot know stops a plan."""
+    engine = _engine.get()
+    if getattr(engine, "resolve", None):
+        ref = engine.resolve(ref)
+    dataset = store.load(ref)
+    if dataset is None and ref.key in _calls:
+        remade, _ = perform(_calls[ref.key])
+        if remade.digest != ref.digest:
+            raise ProductError(f"{ref.name}: made again, its content differs from before. Run again.", key=ref.key)
+        dataset = store.load(remade)
+    if dataset is None:
+        raise ProductError(
+            f"{ref.name} ({ref.path}): the file was damaged and is set aside. Run its event again.", key=ref.key
+        )
+    return dataset
+
+
+def inline(call):
+    """Engine that looks up or computes at once, in this process."""
+    ref, state = perform(call)
+    announce(call, state, ref)
+    return ref
+
+
+def announce(call, state, ref):
+    """Tell the listeners that a stage is done; state is "cached" or "made"."""
+    for listener in _listeners.get():
+        listener(call, state, ref)
+
+
+def perform(call):
+    """Look up the product of a call, or make it.
+
+    Returns
+    -------
+    ref : ProductRef
+    state : "cached" or "made"
+    """
+    wanted, modules = recipe(call)
+    key = keys.key(wanted)
+    _calls[key] = call
+    ref, state = store.find(key), "cached"
+    if ref is None:
+        with store.lock(key):
+            ref = store.find(key)
+            if ref is None:
+                ref, state = _make(call, key, wanted, modules), "made"
+    store.point(ref)
+    return ref, state
+
+
+def recipe(call):
+    """What the product of a call depends on, and the digests of the code.
+
+    Returns
+    -------
+    recipe : dict of plain values; the digest of an input that is not known yet is None
+    modules : dict, part of the code -> digest
+    """
+    modules = fingerprint.of(call.stage.body, call.stage.also)
+    wanted = {
+        "event": call.event,
+        "kind": call.stage.writes,
+        "variant": call.variant,
+        "version": call.stage.version,
+        "settings": dict(call.settings),
+        "inputs": [inputs.labelled(item) for item in call.inputs],
+        "code": fingerprint.total(modules),
+    }
+    return wanted, modules
+
+
+def call_of(called, items, settings):
+    """Call with checked inputs and settings in canonical form."""
+    inputs.check(called.name, items, called.reads)
+    known = inspect.signature(called.body).parameters
+    given = dict(settings)
+    event = given["event"] if "event" in given else inputs.event(called.name, items)
+    variant = given["variant"] if "variant" in given else inputs.variant(items)
+    for name in ("event", "variant"):
+        if name in given and name not in known:
+            del given[name]
+    wanted = {name for name, one in known.items() if one.kind is inspect.Parameter.KEYWORD_ONLY}
+    if set(given) != wanted:
+        raise TypeError(
+            f"{called.name}: settings missing {sorted(wanted - set(given))}, unknown {sorted(set(given) - wanted)}"
+        )
+    where = f"{called.writes}, setting"
+    plain = {name: keys.canonical(value, f"{where} {name}") for name, value in given.items()}
+    plain = {
+        name: keys.typed(value, known[name].annotation, f"{where} {name}") for name, value in sorted(plain.items())
+    }
+    return Call(called, tuple(items), plain, event, variant or "")
+
+
+def is_dataset(value):
+    """Whether a value is an xarray dataset, asked without importing xarray."""
+    xarray = sys.modules.get("xarray")
+    return xarray is not None and isinstance(value, xarray.Dataset)
+
+
+def _make(call, key, wanted, modules):
+    """Run the body, check what it returns, publish it."""
+    from gravcal.data import product
+
+    contents = [item if inputs.is_file(item) else read(item) for item in call.inputs]
+    settings = copy.deepcopy(dict(call.settings))
+    started = time.perf_counter()
+    try:
+        returned = call.stage.body(*contents, **settings)
+    except GravcalError as error:
+        error.facts.setdefault("event", call.event)
+        error.facts.setdefault("stage", call.unmade.stage)
+        raise
+    dataset, files = returned if isinstance(returned, tuple) else (returned, {})
+    facts = {
+        "stage": call.stage.name,
+        "seconds": round(time.perf_counter() - started, 3),
+        "modules": modules,
+        "from": [inputs.traced(item) for item in call.inputs],
+        "versions": _versions(),
+    }
+    return store.put(key, wanted, (product.check(dataset, call.stage.writes), files), facts)
+
+
+@functools.cache
+def _versions():
+    """Versions of what computes; recorded, not part of the key."""
+    names = ("gravcal", "numpy", "scipy", "numba", "xarray", "h5py")
+    found = {name: importlib.metadata.version(name) for name in names}
+    return found | {"python": sys.version.partition(" ")[0]}

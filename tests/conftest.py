@@ -1,0 +1,149 @@
+"""What every test has: a store of its own, and a small invented pipeline for tests of the machinery."""
+
+import importlib
+import sys
+import textwrap
+
+import pytest
+
+from gravcal.data import fingerprint, memory
+
+PIPELINE = {
+    "__init__.py": "",
+    "helper.py": '''
+        """Shared helper."""
+        FACTOR = 2.0
+
+        def doubled(values):
+            """Twice."""
+            return FACTOR * values  # a comment
+        ''',
+    "first.py": '''
+        """First step."""
+        import numpy as np
+        import xarray as xr
+        from {name} import helper
+
+        def numbers(count, offset):
+            """Numbers on a grid."""
+            values = np.round(helper.doubled(np.arange(count, dtype=float)), 6) + round(offset)
+            return xr.Dataset({"value": ("time", values)}, {"time": np.arange(count, dtype=float)})
+        ''',
+    "second.py": '''
+        """Second step."""
+        def scaled(dataset, gain):
+            """Scaled numbers."""
+            return dataset.assign(value=dataset["value"] * gain)
+
+        def mean(first, second):
+            """Mean of two."""
+            return first.assign(value=(first["value"] + second["value"]) / 2)
+        ''',
+    "stages.py": '''
+        """Stages."""
+        from gravcal.data import product
+        from tasks.stage import lazy, stage
+
+        first = lazy("{name}.first")
+        second = lazy("{name}.second")
+        SCHEMA = {"time": {"dims": "time"}, "value": {"dims": "time", "units": "m", "long_name": "a value"}}
+        for kind in ("start", "scale", "join"):
+            product.register("{name}." + kind, SCHEMA)
+
+        @stage(reads=["file"], writes="{name}.start", version=1)
+        def start(file, *, count: int, offset: float):
+            """Numbers, as many as wanted and the file says."""
+            return first.numbers(count + len(file.path.read_text()), offset)
+
+        @stage(reads=["{name}.start"], writes="{name}.scale", version=1)
+        def scale(started, *, gain: float):
+            """Scaled numbers."""
+            return second.scaled(started, gain)
+
+        @stage(reads=["{name}.scale"], writes="{name}.join", version=1)
+        def join(one, other):
+            """Both."""
+            return second.mean(one, other)
+        ''',
+    "flow.py": '''
+        """Flow of start, two scales and a join."""
+        from flows.engine import flow
+        from {name} import stages
+
+        @flow(name="{name}")
+        def calibrate(file, chosen):
+            """Ten lines."""
+            numbers = {"count": chosen["count"], "offset": chosen["offset"]}
+            started = stages.start(file, event=chosen["event"], variant="", **numbers)
+            one = stages.scale(started, variant="one", gain=chosen["gain_one"])
+            other = stages.scale(started, variant="other", gain=chosen["gain_other"])
+            return stages.join(one, other)
+        ''',
+}
+
+
+@pytest.fixture(autouse=True)
+def store_folder(tmp_path, monkeypatch):
+    """Let every test have its own empty store."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+    memory.clear()
+    return tmp_path / "products"
+
+
+@pytest.fixture
+def pipeline(tmp_path, monkeypatch):
+    """Return a package of helper, first, second, stages and flow below tmp_path, and ways to change it."""
+    name = f"fake_{tmp_path.name.replace('-', '_').lower()}"
+    folder = tmp_path / "code" / name
+    folder.mkdir(parents=True)
+    for file, text in PIPELINE.items():
+        (folder / file).write_text(textwrap.dedent(text).replace("{name}", name))
+    raw = tmp_path / "MAG1B_2020-02-01_C_04.txt"
+    raw.write_text("abc")
+    monkeypatch.syspath_prepend(str(folder.parent))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    yield Pipeline(name, folder, raw)
+    for module in [module for module in sys.modules if module.partition(".")[0] == name]:
+        del sys.modules[module]
+
+
+class Pipeline:
+    """The invented pipeline of one test."""
+
+    def __init__(self, name, folder, raw):
+        self.name, self.folder, self.raw = name, folder, raw
+        self.chosen = {"event": "fake-1", "count": 4, "offset": 0.0, "gain_one": 1.0, "gain_other": 3.0}
+
+    def replace(self, file, old, new):
+        """Change the code, then forget what this process knew, as a new process would."""
+        path = self.folder / file
+        assert old in path.read_text()
+        path.write_text(path.read_text().replace(old, new))
+        for module in [module for module in sys.modules if module.partition(".")[0] == self.name]:
+            del sys.modules[module]
+        importlib.invalidate_caches()
+        fingerprint.forget()
+
+    def module(self, part):
+        """One module of the package."""
+        return importlib.import_module(f"{self.name}.{part}")
+
+    def file(self):
+        """The Level-1 file the flow starts from."""
+        from gravcal.data.readers import LevelOneFile
+
+        return LevelOneFile(self.raw, None, "MAG1B", "C", "2020-02-01", "04")
+
+    def run(self, **changes):
+        """Run the flow here; names of the stages that were made, and the result."""
+        from tasks.stage import inline, using
+
+        made = []
+
+        def note(call, state, _):
+            if state == "made":
+                made.append(call.unmade.stage.removeprefix(f"{self.name}."))
+
+        with using(inline, note):
+            ref = self.module("flow").calibrate(self.file(), self.chosen | changes)
+        return made, ref
