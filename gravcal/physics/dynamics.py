@@ -124,7 +124,7 @@ def rate_derivative(inertia, rate_b, torque_b):
     return np.linalg.solve(J, (torque_b - gyroscopic)[..., None])[..., 0]
 
 
-def integrate(time, state, torque, max_step=1.0):
+def integrate(time, state, torque, max_step=2.0):
     """Attitude motion from a state under given torques.
 
     Parameters
@@ -132,7 +132,8 @@ def integrate(time, state, torque, max_step=1.0):
     time : (n,) GPS s, non-decreasing, none before state.time
     state : State
     torque : Torque
-    max_step : float s, longest step; steps also end at every edge and every epoch of extra_time
+    max_step : float s, longest step; steps also end at every edge and every epoch of extra_time. At 1e-3 rad/s the
+        error is below rounding (6e-14 rad in 180 s) up to 6 s
 
     Returns
     -------
@@ -154,7 +155,7 @@ def integrate(time, state, torque, max_step=1.0):
     return motion[:, :4], motion[:, 4:7], motion[:, 7:10]
 
 
-def integrate_with_sensitivity(time, state, torque, max_step=1.0):
+def integrate_with_sensitivity(time, state, torque, max_step=2.0):
     """Attitude motion and its derivatives with respect to state and torque.
 
     Parameters
@@ -188,7 +189,7 @@ def _propagate(time, state, torque, max_step, columns):
     if time[0] < 0:
         refuse("integrate", f"an epoch {-time[0]:.6f} s before the state", "none before it", "Start earlier.")
     if not max_step > 0:
-        refuse("integrate", f"max_step {max_step} s", "a positive step", "Use about 1 s.")
+        refuse("integrate", f"max_step {max_step} s", "a positive step", "Use about 2 s.")
     attitude_kernel.propagate(
         _problem(torque, state.time, time[-1]), time, _start(state, columns), float(max_step), out
     )

@@ -5,10 +5,20 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from gravcal.physics import dynamics, frames, gravity, magnetic
+from gravcal.physics import dynamics, gravity, magnetic
 from gravcal.physics.constants import GM
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data"
+
+
+def level1(name, columns, folder="gracefo-2023-06-01"):
+    """Columns of a GRACE-FO RL04 ASCII file, or skip the test where the measured data are absent."""
+    import pytest
+
+    if not (MEASURED / folder).is_dir():
+        pytest.skip(f"measured data not found at {MEASURED / folder}")
+    text = (MEASURED / folder / name).read_text().split("# End of YAML header\n")[1]
+    return np.array([[float(row.split()[c]) for c in columns] for row in text.splitlines()])
 
 
 def manoeuvre(start=0.0, phase=1.3, duration=180.0, height=6.87e6, half_period=6.0):
@@ -46,43 +56,57 @@ def attitude_by_scipy(time, state, torque, rtol=1e-12, atol=1e-14):
 
         here = (time >= begin) & (time <= end)
         at = np.append(time[here], end)
-        solution = solve_ivp(slope, (begin, end), y, "DOP853", t_eval=np.unique(at), rtol=rtol, atol=atol, max_step=2.0)
+        solution = solve_ivp(slope, (begin, end), y, "DOP853", t_eval=np.unique(at), rtol=rtol, atol=atol)
         rows[here] = solution.y.T[np.searchsorted(solution.t, time[here])]
         y = solution.y[:, -1]
     return rows[:, :7], rows[:, 7:].reshape(-1, 6, 6)
 
 
+def _cross(v):
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _gravity(J, G):
+    S = J @ G - G @ J
+    return np.array([S[2, 1], S[0, 2], S[1, 0]])
+
+
+UNIT = [_cross(e) for e in np.eye(3)]
+
+
 def _slope(y, m, field_i, gradient_i, J, inverse, torque):
-    q, w, Phi = y[:4], y[4:7], y[7:].reshape(6, 6)
-    s, v = q[0], q[1:]
-    wx = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-    vx = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    R = (s * s - v @ v) * np.eye(3) + 2 * np.outer(v, v) - 2 * s * vx
-    B, H = R @ field_i, J @ w
-    G = np.zeros((3, 3)) if gradient_i is None else R @ gradient_i @ R.T
-    t = np.cross(m, B) * torque.scale_b + torque.constant_b + frames.vex(J @ G - G @ J)
+    """Kinematics, Euler's equation and the 6 x 6 transition, in plain numpy."""
+    s, v, w, Phi = y[0], y[1:4], y[4:7], y[7:].reshape(6, 6)
+    wx, mx = _cross(w), _cross(m)
+    R = (s * s - v @ v) * np.eye(3) + 2 * np.outer(v, v) - 2 * s * _cross(v)
+    Bx, H = _cross(R @ field_i), J @ w
+    t = torque.scale_b * (mx @ R @ field_i) + torque.constant_b - wx @ H
     A = np.zeros((6, 6))
     A[:3, :3], A[:3, 3:] = -wx, np.eye(3)
-    A[3:, 3:] = inverse @ (frames.cross_matrix(H) - wx @ J)
-    by_angle = np.diag(torque.scale_b) @ frames.cross_matrix(m) @ frames.cross_matrix(B)
-    for axis in range(3):
-        e = frames.cross_matrix(np.eye(3)[axis])
-        change = G @ e - e @ G
-        by_angle[:, axis] += frames.vex(J @ change - change @ J)
-    A[3:, :3] = inverse @ by_angle
-    qd = 0.5 * np.concatenate([[-v @ w], s * w + np.cross(v, w)])
-    return np.concatenate([qd, inverse @ (t - np.cross(w, H)), (A @ Phi).ravel()])
+    by_angle = np.asarray(torque.scale_b)[:, None] * (mx @ Bx)
+    if gradient_i is not None:
+        G = R @ gradient_i @ R.T
+        t = t + _gravity(J, G)
+        by_angle += np.stack([_gravity(J, G @ e - e @ G) for e in UNIT], axis=1)
+    A[3:, :3], A[3:, 3:] = inverse @ by_angle, inverse @ (_cross(H) - wx @ J)
+    qd = 0.5 * np.concatenate([[-v @ w], s * w + _cross(v) @ w])
+    return np.concatenate([qd, inverse @ t, (A @ Phi).ravel()])
 
 
 def field_by_chaosmagpy(time_gps, position_e, generation=14):
-    """IGRF by ChaosMagPy with one epoch per point: (n, 3) T, Earth-fixed."""
-    from chaosmagpy import BaseModel
+    """IGRF by ChaosMagPy with one epoch per point: (n, 3) T, Earth-fixed.
+
+    It interpolates in days, the model in years: the epochs handed over are at the same fraction of the interval.
+    """
+    from chaosmagpy.chaos import BaseModel
 
     radius = np.linalg.norm(position_e, axis=-1)
     theta = np.degrees(np.arccos(position_e[:, 2] / radius))
     phi = np.degrees(np.arctan2(position_e[:, 1], position_e[:, 0]))
     model = BaseModel.from_shc(str(magnetic.coefficient_file(generation)), leap_year=True)
-    mjd2000 = (np.asarray(time_gps) + 43200.0) / 86400.0
+    epochs = magnetic.gauss_coefficients(generation)[0]
+    starts = np.array([np.datetime64(f"{year:.0f}", "D") for year in epochs]) - np.datetime64("2000-01-01")
+    mjd2000 = np.interp(magnetic.decimal_year(time_gps), epochs, starts.astype(float))
     components = model.synth_values(mjd2000, radius / 1e3, theta, phi)
     return spherical_to_cartesian(np.stack(components, axis=-1), theta, phi) * 1e-9
 

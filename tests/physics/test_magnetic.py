@@ -27,13 +27,13 @@ def cartesian(theta_deg, phi_deg, radius):
 
 
 @pytest.mark.parametrize("generation", [13, 14])
-@pytest.mark.parametrize("year", [1903, 1995, 2015, 2020])
+@pytest.mark.parametrize("year", [1905, 1995, 2015, 2020])
 def test_the_field_equals_ppigrf(generation, year):
     """Analytic: another implementation at 300 points, on 1 January where calendars agree; 1e-9 nT, rounding."""
     ppigrf = pytest.importorskip("ppigrf")
     rng = np.random.default_rng(year)
     theta, phi = np.degrees(np.arccos(rng.uniform(-1, 1, 300))), rng.uniform(-180, 360, 300)
-    date = datetime(year, 1, 1) if year % 5 == 0 else datetime(1905, 1, 1)
+    date = datetime(year, 1, 1)
     file = str(magnetic.coefficient_file(generation))
     reference = np.stack([b.ravel() for b in ppigrf.igrf_gc(6870.0, theta, phi, date, coeff_fn=file)], axis=-1)
     expected = physics_references.spherical_to_cartesian(reference, theta, phi)
@@ -42,7 +42,7 @@ def test_the_field_equals_ppigrf(generation, year):
 
 
 def test_the_field_between_epochs_is_linear_in_the_decimal_year():
-    """Analytic: ChaosMagPy with true calendar years; 0.025 nT, a fifth of a day of 30 nT a year (it counts days)."""
+    """Analytic: ChaosMagPy over ten years, handed the same fraction of each interval; 1e-7 nT, rounding of epochs."""
     pytest.importorskip("chaosmagpy")
     rng = np.random.default_rng(5)
     time = gps_seconds(2015, 1, 1) + np.sort(rng.uniform(0, 10 * 365.25 * 86400, 200))
@@ -50,7 +50,7 @@ def test_the_field_between_epochs_is_linear_in_the_decimal_year():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         expected = physics_references.field_by_chaosmagpy(time, position)
-    assert_allclose(magnetic.field_e(time, position, 14) * 1e9, expected * 1e9, atol=0.5)
+    assert_allclose(magnetic.field_e(time, position, 14) * 1e9, expected * 1e9, atol=1e-7)
 
 
 def plain_sum(year, position, generation):
@@ -79,7 +79,7 @@ def plain_sum(year, position, generation):
 
 @pytest.mark.parametrize("place", [(0, 0, 6.87e6), (0, 0, -6.87e6), (6.87e6, 0, 0), (0, 6.5e6, 0), (-3e6, 2e6, 5e6)])
 def test_the_field_is_the_slope_of_the_potential_even_at_the_poles(place):
-    """Analytic: scipy's Legendre functions in the middle of an interval between epochs; 0.02 nT, differences over 2 km."""
+    """Analytic: scipy's Legendre functions in the middle of an interval; 0.02 nT, differences over 2 km."""
     position = np.array(place, float)
     expected = plain_sum(2017.25, position, 13)
     time = gps_seconds(2017, 1, 1) + 0.25 * 365 * 86400
@@ -95,19 +95,16 @@ def test_the_field_points_north_at_the_equator_and_down_at_the_north_pole():
     assert field[2, 2] < -3e-5  # along -z: out of the Earth
 
 
-def test_a_known_place_has_the_value_of_the_public_calculator():
-    """Published: IGRF-13 test value of the IAGA Fortran distribution is not at hand; ppigrf's documented example.
-
-    5.32 E, 60.39 N, sea level, 2021-03-28: east 591.0, north 15254.5, up -49105.3 nT to 0.1 nT or better.
-    """
-    time = gps_seconds(2021, 3, 28)
-    position = earth.position_from_geodetic(np.radians(60.39299), np.radians(5.32415), 0.0)
-    field = magnetic.field_e(time, position[None], 13)
-    north, east, down = np.matvec(np.swapaxes(earth.R_en_from_position(position[None]), -1, -2), field)[0] * 1e9
+def test_a_known_place_has_the_field_of_another_program():
+    """Analytic: ppigrf in geodetic coordinates, Bergen, sea level, 2021-03-28; 0.15 nT as it counts days, not years."""
     ppigrf = pytest.importorskip("ppigrf")
+    position = earth.position_from_geodetic(np.radians(60.39299), np.radians(5.32415), 0.0)
+    field = magnetic.field_e(gps_seconds(2021, 3, 28), position[None], 13)
+    local = np.matvec(np.swapaxes(earth.R_en_from_position(position[None]), -1, -2), field)[0] * 1e9
     file = str(magnetic.coefficient_file(13))
-    reference = ppigrf.igrf(5.32415, 60.39299, 0.0, datetime(2021, 3, 28), coeff_fn=file)
-    assert_allclose([east, north, -down], np.ravel(reference), atol=0.1)  # calendar difference
+    east, north, up = np.ravel(ppigrf.igrf(5.32415, 60.39299, 0.0, datetime(2021, 3, 28), coeff_fn=file))
+    assert_allclose(local, [north, east, -up], atol=0.15)
+    assert 0 < local[1] < local[0] < local[2]  # a compass in Bergen: north, a little east, and steeply down
 
 
 def test_each_point_has_its_own_epoch():
@@ -150,3 +147,42 @@ def test_what_the_model_does_not_cover_is_refused(time, position, generation, me
     """Contract: epochs, places and generations outside the model raise an error."""
     with pytest.raises(GravcalError, match=message):
         magnetic.field_e(time, np.array([position]), generation)
+
+
+@pytest.mark.measured
+def test_swarm_sees_the_model_and_the_ring_current_of_a_storm():
+    """Published: Swarm A on 2016-01-01, 00:28 to 01:00 UTC, in a magnetic storm, within 40 degrees of the equator.
+
+    The residual is the storm's, -150 nT north with 13 nT scatter; the east component agrees to 2 nT.
+    """
+    file = physics_references.MEASURED / "swarm-2016-01-01" / "test_data_01.csv"
+    if not file.exists():
+        pytest.skip(f"measured data not found at {file}")
+    rows = [line.split(",") for line in file.read_text().splitlines()[1:]]
+    time = earth.utc_to_gps([row[1].rstrip("Z") for row in rows])
+    latitude, longitude, radius, total = np.array([[float(v) for v in row[2:6]] for row in rows]).T
+    measured = np.array([[float(v) for v in row[6].strip("{}").split(";")] for row in rows])
+    position = cartesian(90 - latitude, longitude, 1.0) * radius[:, None]
+    field = magnetic.field_e(time, position, 14)
+    local = np.matvec(np.swapaxes(earth.R_en_from_position(position, geocentric_down=True), -1, -2), field) * 1e9
+    residual = (measured - local)[np.abs(latitude) < 40]
+    assert_allclose(residual.mean(axis=0), [-150.1, 0.6, 32.1], atol=0.3)  # nT
+    assert np.all(residual.std(axis=0) < [13, 2.1, 18])
+    assert abs(np.mean(total - np.linalg.norm(local, axis=1))) < 17
+
+
+@pytest.mark.measured
+@pytest.mark.parametrize(
+    ("satellite", "expected", "magnetometer"),
+    [("C", (12849, 7110, -32103), (12328, 7118, -31842)), ("D", (-13913, -6919, -30971), (-12779, -6760, -31384))],
+)
+def test_gracefo_field_in_the_satellite_frame(satellite, expected, magnetometer):
+    """Published: data/README.md, 2023-06-01 00:00:00 GPS, IGRF and MAG1B in SRF, nT."""
+    name = f"_2023-06-01_{satellite}_04.txt"
+    orbit = physics_references.level1("GNV1B" + name, [0, 3, 4, 5])[:1]
+    attitude = physics_references.level1("SCA1B" + name, [0, 3, 4, 5, 6])[:1]
+    reading = physics_references.level1("MAG1B" + name, [4, 5, 6])[0] * 1e3
+    field_i = np.matvec(np.swapaxes(earth.R_ei(orbit[:, 0]), -1, -2), magnetic.field_e(orbit[:, 0], orbit[:, 1:], 13))
+    field_b = np.matvec(frames.R_bi_from_quaternion(attitude[:, 1:]), field_i)[0] * 1e9
+    assert_allclose(field_b, expected, atol=10)  # nT, generation and attitude interpolation of the printed values
+    assert_allclose(reading, magnetometer, atol=1)

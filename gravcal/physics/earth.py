@@ -1,0 +1,205 @@
+"""Earth orientation and shape: inertial (GCRS) to Earth-fixed (ITRS) frame, time scales, local frames. Works offline.
+
+Precession-nutation is IAU 2006/2000A by pyerfa with the measured corrections; polar motion and UT1 come from the IERS
+table finals2000A of the package astropy-iers-data (no astropy). Daily and half-daily tides in them (up to 0.5 mas and
+0.05 ms, 2 cm on the orbit) are not in that table and are left out.
+"""
+
+import erfa
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from gravcal.physics.constants import (
+    DAY,
+    EARTH_ROTATION_RATE,
+    GPS_EPOCH_JD,
+    TAI_MINUS_GPS,
+    TT_MINUS_GPS,
+)
+from gravcal.physics.earth_tables import orientation_parameters, tai_minus_utc
+from gravcal.physics.shapes import check_shape
+
+PRECESSION_STEP = 3 * 3600.0  # s; the fastest nutation takes days, a cubic over 3 h is good to 1e-13 rad
+
+
+def R_ei(time_gps, outside="raise"):
+    """Rotation from inertial (GCRS) to Earth-fixed (ITRS) components.
+
+    Parameters
+    ----------
+    time_gps : (n,) GPS s
+    outside : "raise" or "nearest", what to do with epochs that the IERS table does not reach; see orientation_note
+
+    Returns
+    -------
+    R_ei : (n, 3, 3)
+
+    Raises
+    ------
+    GravcalError : an epoch outside the IERS table, unless outside is "nearest"
+
+    Notes
+    -----
+    R_ei = W(xp, yp, s') R3(ERA) Q(X, Y, s); IERS Conventions 2010, eq. 5.1.
+    """
+    return _orientation(time_gps, outside)[0]
+
+
+def state_to_inertial(time_gps, position_e, velocity_e, outside="raise"):
+    """Orbit from Earth-fixed to inertial.
+
+    Parameters
+    ----------
+    time_gps : (n,) GPS s
+    position_e : (n, 3) m
+    velocity_e : (n, 3) m s-1, with respect to the rotating Earth
+    outside : as for R_ei
+
+    Returns
+    -------
+    position_i : (n, 3) m
+    velocity_i : (n, 3) m s-1
+
+    Notes
+    -----
+    v_i = R_ie (v_e + w x r_e), w the Earth's rotation in e; IERS Conventions 2010, chapter 5.
+    """
+    position, velocity = (
+        check_shape("position_e", position_e, (None, 3)),
+        check_shape("velocity_e", velocity_e, (None, 3)),
+    )
+    R, rate_e = _orientation(time_gps, outside)
+    carried = velocity + np.cross(rate_e, position)
+    R_ie = np.swapaxes(R, -1, -2)
+    return np.matvec(R_ie, position), np.matvec(R_ie, carried)
+
+
+def state_to_fixed(time_gps, position_i, velocity_i, outside="raise"):
+    """Orbit from inertial to Earth-fixed, the inverse of state_to_inertial.
+
+    Parameters
+    ----------
+    time_gps : (n,) GPS s
+    position_i : (n, 3) m
+    velocity_i : (n, 3) m s-1
+    outside : as for R_ei
+
+    Returns
+    -------
+    position_e : (n, 3) m
+    velocity_e : (n, 3) m s-1, with respect to the rotating Earth
+    """
+    R, rate_e = _orientation(time_gps, outside)
+    position = np.matvec(R, check_shape("position_i", position_i, (None, 3)))
+    velocity = np.matvec(R, check_shape("velocity_i", velocity_i, (None, 3)))
+    return position, velocity - np.cross(rate_e, position)
+
+
+def gps_to_tt(time_gps):
+    """Terrestrial Time as a two-part Julian date (n,), (n,)."""
+    return _julian(np.asarray(time_gps, float), TT_MINUS_GPS)
+
+
+def gps_to_utc(time_gps):
+    """UTC as numpy datetime64[ns]; a leap second bears the labels of the second after it.
+
+    Parameters
+    ----------
+    time_gps : (...,) GPS s
+
+    Returns
+    -------
+    utc : (...,) datetime64[ns]
+    """
+    time = np.asarray(time_gps, float)
+    whole = np.floor(time)
+    utc = whole - (tai_minus_utc(time) - TAI_MINUS_GPS)
+    fraction = np.round((time - whole) * 1e9).astype("timedelta64[ns]")
+    return np.datetime64("2000-01-01T12:00:00", "ns") + utc.astype("timedelta64[s]") + fraction
+
+
+def utc_to_gps(utc):
+    """GPS seconds of UTC epochs, the inverse of gps_to_utc.
+
+    Parameters
+    ----------
+    utc : (...,) datetime64 or ISO text
+
+    Returns
+    -------
+    time_gps : (...,) GPS s
+    """
+    elapsed = (np.asarray(utc, "datetime64[ns]") - np.datetime64("2000-01-01T12:00:00", "ns")) / np.timedelta64(1, "s")
+    return elapsed + tai_minus_utc(elapsed, scale="utc") - TAI_MINUS_GPS
+
+
+def geodetic(position_e):
+    """Geodetic latitude [rad], longitude [rad] and height [m] on WGS 84 of (..., 3) m, each (...,)."""
+    longitude, latitude, height = erfa.gc2gd(1, check_shape("position_e", position_e, (..., 3)))
+    return latitude, longitude, height
+
+
+def position_from_geodetic(latitude, longitude, height):
+    """Earth-fixed position (..., 3) m of geodetic latitude, longitude [rad] and height [m] on WGS 84."""
+    return erfa.gd2gc(1, longitude, latitude, height)
+
+
+def geocentric(position_e):
+    """Geocentric latitude [rad], longitude [rad] and radius [m] of (..., 3) m, each (...,)."""
+    x, y, z = np.moveaxis(check_shape("position_e", position_e, (..., 3)), -1, 0)
+    return np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x), np.sqrt(x**2 + y**2 + z**2)
+
+
+def R_en_from_position(position_e, geocentric_down=False):
+    """Rotation from the local north-east-down frame n to Earth-fixed components.
+
+    Parameters
+    ----------
+    position_e : (..., 3) m
+    geocentric_down : bool, down towards the Earth's centre instead of along the normal of the ellipsoid
+
+    Returns
+    -------
+    R_en : (..., 3, 3) columns north, east, down; at a pole of longitude atan2(y, x) = 0
+    """
+    latitude, longitude, _ = (geocentric if geocentric_down else geodetic)(position_e)
+    sin, cos, sin_l, cos_l = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    north = np.stack([-sin * cos_l, -sin * sin_l, cos], axis=-1)
+    east = np.stack([-sin_l, cos_l, np.zeros_like(sin)], axis=-1)
+    down = np.stack([-cos * cos_l, -cos * sin_l, -sin], axis=-1)
+    return np.stack([north, east, down], axis=-1)
+
+
+def _julian(time, offset):
+    """Two-part Julian date of seconds past the GPS epoch plus an offset, the second part a fraction of a day."""
+    day = np.floor(time / DAY)
+    return GPS_EPOCH_JD + day, ((time - day * DAY) + offset) / DAY
+
+
+def _orientation(time_gps, outside):
+    """R_ei (n, 3, 3) and the rotation of the Earth-fixed frame in e (n, 3) rad s-1."""
+    time = check_shape("time_gps", time_gps, (None,))
+    if time.size == 0:
+        return np.empty((0, 3, 3)), np.empty((0, 3))
+    xp, yp, ut1_minus_tai, dx, dy = orientation_parameters(time, outside)
+    (x, y, s), (x_dot, y_dot) = _pole(time)
+    celestial = erfa.c2ixys(x + dx, y + dy, s)
+    era = erfa.era00(*_julian(time + TAI_MINUS_GPS, ut1_minus_tai))
+    wobble = erfa.pom00(xp, yp, erfa.sp00(*gps_to_tt(time)))
+    R = erfa.c2tcio(celestial, era, wobble)
+    precession = np.stack([-y_dot, x_dot, np.zeros_like(x)], axis=-1)  # pole x its rate, the pole being near z
+    return R, EARTH_ROTATION_RATE * wobble[..., 2] + np.matvec(R, precession)
+
+
+def _pole(time):
+    """Celestial intermediate pole: (X, Y, s) and rates of X, Y; by spline, or at each epoch if there are few."""
+    grid = np.arange(time.min() - 3 * PRECESSION_STEP, time.max() + 4 * PRECESSION_STEP, PRECESSION_STEP)
+    if 3 * time.size < grid.size:
+        before, here, after = (_pole_at(time + lag) for lag in (-PRECESSION_STEP, 0.0, PRECESSION_STEP))
+        return here, (after - before)[:2] / (2 * PRECESSION_STEP)
+    spline = CubicSpline(grid, _pole_at(grid), axis=1)
+    return spline(time), spline(time, 1)[:2]
+
+
+def _pole_at(time):
+    return np.stack(erfa.xys06a(*gps_to_tt(time)))

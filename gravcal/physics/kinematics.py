@@ -1,0 +1,182 @@
+"""Rates from attitude; range, range rate and range acceleration from two orbits."""
+
+import numpy as np
+
+from gravcal.physics.frames import R_bi_from_quaternion, conjugate, quaternion_product, rotation_vector
+from gravcal.physics.shapes import check_increasing, check_shape, refuse
+
+
+def rates_from_attitude(time, quaternion, half_width=2, degree=4):
+    """Rate and angular acceleration from a local polynomial through the attitude.
+
+    Parameters
+    ----------
+    time : (n,) s, strictly increasing, any steps
+    quaternion : (n, 4) scalar first, any signs
+    half_width : int, epochs on either side of each; windows at the ends are shifted inwards
+    degree : int, of the polynomial, 2 to 2 half_width; 2 half_width passes through every attitude
+
+    Returns
+    -------
+    rate_b : (n, 3) rad s-1, body with respect to inertial
+    rate_dot_b : (n, 3) rad s-2
+
+    Raises
+    ------
+    GravcalError : fewer epochs than a window, impossible degree
+
+    Notes
+    -----
+    R_ib^T dR_ib/dt = [w x] (Remote Sens. 2022, 14, 4030, eq. 14 corrected, erratum C-4). With phi the rotation vector
+    from the attitude of an epoch to its neighbours, in b, w = phi' and w' = phi'' at that epoch, without approximation.
+    """
+    time, q = check_increasing("rates_from_attitude: time", time), check_shape("quaternion", quaternion, (None, 4))
+    width = 2 * half_width + 1
+    if not (2 <= degree < width <= time.size == len(q)):
+        found = f"{time.size} epochs, {len(q)} attitudes, half_width {half_width}, degree {degree}"
+        refuse("rates_from_attitude", found, "2 <= degree < 2 half_width + 1 <= epochs", "Widen the arc.")
+    first = np.clip(np.arange(time.size) - half_width, 0, time.size - width)
+    window = first[:, None] + np.arange(width)
+    angle = rotation_vector(quaternion_product(conjugate(q)[:, None], q[window]))
+    lag = time[window] - time[:, None]
+    scale = np.abs(lag).max(axis=1)[:, None]
+    powers = (lag / scale)[..., None] ** np.arange(degree + 1)
+    normal = np.swapaxes(powers, -1, -2)
+    coefficients = np.linalg.solve(normal @ powers, normal @ angle)
+    return coefficients[:, 1] / scale, 2 * coefficients[:, 2] / scale**2
+
+
+def published_rates_from_attitude(time, quaternion):
+    """Rate and angular acceleration by the central differences of the CoM paper.
+
+    Parameters
+    ----------
+    time : (n,) s, strictly increasing
+    quaternion : (n, 4) scalar first, any signs
+
+    Returns
+    -------
+    rate_b : (n, 3) rad s-1, NaN at the first and last epoch
+    rate_dot_b : (n, 3) rad s-2, NaN at the first and last two epochs
+
+    Notes
+    -----
+    R = (R+ + R-)/2, R' = (R+ - R-)/(t+ - t-), w_x = sum_k R'_k2 R_k3 and cyclic; Remote Sens. 2022, 14, 4030, eq. 15
+    with R_jk the elements of R_ib (erratum C-4: as labelled in print it is -(R_ib w)). The gain on a wave of angular
+    frequency W sampled at h is sin(W h)/(W h), and its square for w'.
+    """
+    time = check_increasing("published_rates_from_attitude: time", time)
+    R_ib = np.swapaxes(R_bi_from_quaternion(check_shape("quaternion", quaternion, (time.size, 4))), -1, -2)
+    R, R_dot = (R_ib[2:] + R_ib[:-2]) / 2, _central(time, R_ib)
+    rate, rate_dot = np.full((2, time.size, 3), np.nan)
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        rate[1:-1, axis] = np.einsum("nk,nk->n", R_dot[:, :, j], R[:, :, k])
+    rate_dot[1:-1] = _central(time, rate)
+    return rate, rate_dot
+
+
+def rate_from_quaternion_derivative(quaternion, quaternion_dot):
+    """Rate of a body whose quaternion and its derivative are known.
+
+    Parameters
+    ----------
+    quaternion : (..., 4) scalar first
+    quaternion_dot : (..., 4) s-1
+
+    Returns
+    -------
+    rate_b : (..., 3) rad s-1
+
+    Notes
+    -----
+    w = 2 (s v' - s' v - v x v'); equations.md section 1.
+    """
+    return 2 * quaternion_product(conjugate(quaternion), quaternion_dot)[..., 1:]
+
+
+def quaternion_derivative(quaternion, rate_b):
+    """Derivative of the quaternion of a turning body.
+
+    Parameters
+    ----------
+    quaternion : (..., 4) scalar first
+    rate_b : (..., 3) rad s-1
+
+    Returns
+    -------
+    quaternion_dot : (..., 4) s-1
+
+    Notes
+    -----
+    dq/dt = 1/2 q (0, w); Remote Sens. 2022, 14, 4030, eqs. 16-17 (scalar last in print).
+    """
+    rate = check_shape("rate_b", rate_b, (..., 3))
+    return 0.5 * quaternion_product(quaternion, np.concatenate([np.zeros((*rate.shape[:-1], 1)), rate], axis=-1))
+
+
+def range_between(separation):
+    """Range between two satellites.
+
+    Parameters
+    ----------
+    separation : (..., 3) m, position of B minus position of A
+
+    Returns
+    -------
+    range : (...,) m
+
+    Notes
+    -----
+    rho = |u|; Remote Sens. 2022, 14, 3395, eqs. 5-6.
+    """
+    return np.linalg.norm(check_shape("separation", separation, (..., 3)), axis=-1)
+
+
+def range_rate_between(separation, velocity):
+    """Range rate between two satellites.
+
+    Parameters
+    ----------
+    separation : (..., 3) m, B minus A
+    velocity : (..., 3) m s-1, its derivative in the inertial frame
+
+    Returns
+    -------
+    range_rate : (...,) m s-1
+
+    Notes
+    -----
+    rho' = e . u'; Remote Sens. 2022, 14, 3395, eq. 14.
+    """
+    u, v = check_shape("separation", separation, (..., 3)), check_shape("velocity", velocity, (..., 3))
+    return np.einsum("...i,...i->...", u, v) / range_between(u)
+
+
+def range_acceleration_between(separation, velocity, acceleration):
+    """Range acceleration between two satellites.
+
+    Parameters
+    ----------
+    separation : (..., 3) m, B minus A
+    velocity : (..., 3) m s-1
+    acceleration : (..., 3) m s-2
+
+    Returns
+    -------
+    range_acceleration : (...,) m s-2
+
+    Notes
+    -----
+    rho'' = e . u'' + e' . u', e' = (u' - e rho')/rho; Remote Sens. 2022, 14, 3395, eq. 15.
+    """
+    u, v = check_shape("separation", separation, (..., 3)), check_shape("velocity", velocity, (..., 3))
+    rho, rate = range_between(u), range_rate_between(u, v)
+    along = np.einsum("...i,...i->...", u, check_shape("acceleration", acceleration, (..., 3))) / rho
+    return along + (np.einsum("...i,...i->...", v, v) - rate**2) / rho
+
+
+def _central(time, values):
+    """(values after - values before) / (time after - time before) at the inner epochs."""
+    span = (time[2:] - time[:-2]).reshape(-1, *[1] * (values.ndim - 1))
+    return (values[2:] - values[:-2]) / span

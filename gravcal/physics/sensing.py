@@ -1,0 +1,130 @@
+"""What the sensors feel: the proof mass beside the centre of mass, the antenna in front of it.
+
+Every offset p points from the satellite's centre of mass (CoM) to the sensor. The CoM paper's d is -p.
+"""
+
+import numpy as np
+
+from gravcal.physics.frames import cross_matrix
+from gravcal.physics.shapes import check_shape
+
+
+def offset_tensor(rate_b, rate_dot_b, gradient_b):
+    """Tensor T of the extra acceleration T p felt at an offset p from the CoM.
+
+    Parameters
+    ----------
+    rate_b : (..., 3) rad s-1, body with respect to inertial
+    rate_dot_b : (..., 3) rad s-2, its time derivative
+    gradient_b : (..., 3, 3) s-2, dg/dr, symmetric
+
+    Returns
+    -------
+    tensor_b : (..., 3, 3) s-2
+
+    Notes
+    -----
+    T = [w' x] + [w x][w x] - G; Remote Sens. 2022, 14, 4030, eq. 1 with d = -p (equations.md, M1).
+    """
+    return rotation_tensor(rate_b, rate_dot_b) - check_shape("gradient_b", gradient_b, (..., 3, 3))
+
+
+def rotation_tensor(rate_b, rate_dot_b):
+    """The part of the offset tensor that comes from the satellite's rotation.
+
+    Parameters
+    ----------
+    rate_b : (..., 3) rad s-1
+    rate_dot_b : (..., 3) rad s-2
+
+    Returns
+    -------
+    tensor_b : (..., 3, 3) s-2
+
+    Notes
+    -----
+    M = [w x]^2 + [w' x]; equations.md M1, Remote Sens. 2023, 15, 3817, eq. 13 (element 31 corrected, erratum T-1).
+    """
+    euler = cross_matrix(rate_dot_b)
+    centrifugal = cross_matrix(rate_b) @ cross_matrix(rate_b)
+    return euler + centrifugal
+
+
+def published_offset_matrix(rate_b, rate_dot_b):
+    """Matrix A of the CoM paper: reading = A d with d from the proof mass to the CoM.
+
+    Parameters
+    ----------
+    rate_b : (..., 3) rad s-1
+    rate_dot_b : (..., 3) rad s-2
+
+    Returns
+    -------
+    matrix_b : (..., 3, 3) s-2
+
+    Notes
+    -----
+    A = -M(w, w'); Remote Sens. 2022, 14, 4030, eq. 5, the gravity gradient left to the trend (eq. 3).
+    """
+    return -rotation_tensor(rate_b, rate_dot_b)
+
+
+def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b, parasitic_b=0.0):
+    """Acceleration that holds the proof mass in its cage.
+
+    Parameters
+    ----------
+    nongravitational_b : (..., 3) m s-2, of the satellite's CoM
+    tensor_b : (..., 3, 3) s-2, from offset_tensor
+    com_to_proof_mass_b : (..., 3) m, constant
+    parasitic_b : (..., 3) m s-2, acting on the proof mass
+
+    Returns
+    -------
+    reading_b : (..., 3) m s-2
+
+    Notes
+    -----
+    f = a_ng - a_par + (M - G) p; equations.md M1. Over a moving CoM add offset_drift_reading.
+    """
+    return nongravitational_b - parasitic_b + np.matvec(tensor_b, com_to_proof_mass_b)
+
+
+def offset_drift_reading(rate_b, offset_rate_b, offset_acceleration_b=0.0):
+    """Extra acceleration felt while the offset from CoM to proof mass changes.
+
+    Parameters
+    ----------
+    rate_b : (..., 3) rad s-1
+    offset_rate_b : (..., 3) m s-1, derivative of the offset in the body frame
+    offset_acceleration_b : (..., 3) m s-2
+
+    Returns
+    -------
+    reading_b : (..., 3) m s-2
+
+    Notes
+    -----
+    2 w x p' + p''; equations.md M1.
+    """
+    return 2 * np.cross(rate_b, offset_rate_b) + offset_acceleration_b
+
+
+def antenna_range(separation_i, com_to_antenna_a_i, com_to_antenna_b_i):
+    """Distance between the antennas of two satellites.
+
+    Parameters
+    ----------
+    separation_i : (..., 3) m, CoM of B minus CoM of A
+    com_to_antenna_a_i, com_to_antenna_b_i : (..., 3) m, R_ib @ c of each satellite
+
+    Returns
+    -------
+    range : (...,) m
+
+    Notes
+    -----
+    rho = |u + R_ib,B c_B - R_ib,A c_A|; Remote Sens. 2022, 14, 3395, eq. 7 (equations.md, M3).
+    """
+    u = check_shape("separation_i", separation_i, (..., 3))
+    return np.linalg.norm(u + com_to_antenna_b_i - com_to_antenna_a_i, axis=-1)

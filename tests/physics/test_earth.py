@@ -1,0 +1,127 @@
+"""Earth orientation, time scales, local frames."""
+
+import erfa
+import numpy as np
+import physics_references
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.errors import GravcalError
+from gravcal.physics import earth, earth_tables
+from gravcal.physics.constants import ARCSECOND
+
+DAY_2023 = 738849600.0  # 2023-06-01 00:00:00 GPS
+
+
+def test_the_rotation_equals_the_complete_series_at_each_epoch():
+    """Analytic: erfa.c2t06a without grid, with the same UT1 and pole; its pole lacks dX, dY of 0.3 mas."""
+    time = DAY_2023 + np.linspace(0, 86400, 7)
+    xp, yp, ut1_minus_tai, dx, dy = earth_tables.orientation_parameters(time, "raise")
+    tt = 2451545.0, (time + 51.184) / 86400
+    ut1 = 2451545.0, (time + 19 + ut1_minus_tai) / 86400
+    rotation = earth.R_ei(np.sort(np.concatenate([time, DAY_2023 + np.arange(100.0) * 860 + 1])))
+    ours = earth.R_ei(time)
+    assert_allclose(ours, erfa.c2t06a(*tt, *ut1, xp, yp), atol=3e-9)
+    assert np.abs([dx, dy]).max() < 1e-3 * ARCSECOND
+    assert_allclose(rotation @ np.swapaxes(rotation, -1, -2), np.tile(np.eye(3), (107, 1, 1)), atol=1e-14)
+
+
+def test_the_grid_of_the_pole_loses_nothing():
+    """Analytic: the same epochs through the spline and one by one; 1e-12 rad is 7 um on the orbit."""
+    time = DAY_2023 + np.linspace(0, 86400, 200)
+    alone = np.concatenate([earth.R_ei(time[k : k + 1]) for k in (0, 57, 199)])
+    assert_allclose(earth.R_ei(time)[[0, 57, 199]], alone, atol=1e-12)
+
+
+def test_the_earth_turns_eastward():
+    """Analytic: a star over Greenwich now is over the west an hour later, by 15.041 degrees."""
+    R = earth.R_ei(DAY_2023 + np.array([0.0, 3600.0]))
+    star = R[1] @ R[0].T @ [1, 0, 0]
+    assert_allclose(np.degrees(np.arctan2(star[1], star[0])), -15.0411, atol=1e-3)
+
+
+def test_the_pole_stays_the_pole():
+    """Analytic: the Earth's axis is within precession since 2000 (20.04 arcseconds a year towards x) of inertial z."""
+    axis = earth.R_ei(np.array([DAY_2023]))[0].T @ [0, 0, 1]
+    assert_allclose(axis[0] / ARCSECOND, 20.04 * 23.41, atol=15)  # nutation 7 arcseconds, polar motion
+    assert abs(axis[1] / ARCSECOND) < 15
+
+
+def test_velocity_is_the_slope_of_position():
+    """Analytic: a point fixed on the Earth, differences over 2 s; 1e-7 m/s."""
+    place = np.array([4.0e6, 3.0e6, 4.2e6])
+    time = DAY_2023 + 43200 + np.array([-1.0, 0.0, 1.0])
+    position, velocity = earth.state_to_inertial(time, np.tile(place, (3, 1)), np.zeros((3, 3)))
+    assert_allclose(velocity[1], (position[2] - position[0]) / 2, atol=1e-6)  # h^2 w^3 r / 6 = 3e-7 m/s
+
+
+def test_states_return():
+    """Analytic: round trip; 1e-8 m and 1e-11 m/s are rounding."""
+    rng = np.random.default_rng(2)
+    time, position, velocity = (
+        DAY_2023 + np.arange(5) * 1e3,
+        rng.normal(size=(5, 3)) * 7e6,
+        rng.normal(size=(5, 3)) * 7e3,
+    )
+    back = earth.state_to_fixed(time, *earth.state_to_inertial(time, position, velocity))
+    assert_allclose(back[0], position, atol=1e-7)
+    assert_allclose(back[1], velocity, atol=1e-10)
+
+
+def test_leap_seconds_are_counted():
+    """Published: formats.md section 1: epoch 2000-01-01 11:59:47 UTC; 18 s since 2017; 2023-06-01 00:00 GPS."""
+    assert earth.gps_to_utc(0.0) == np.datetime64("2000-01-01T11:59:47")
+    assert earth.gps_to_utc(DAY_2023) == np.datetime64("2023-05-31T23:59:42")
+    utc = np.array(["2016-12-31T23:59:59", "2017-01-01T00:00:00", "2014-01-15T00:00:00.25"], "datetime64[ns]")
+    gps = earth.utc_to_gps(utc)
+    assert gps[1] - gps[0] == 2.0
+    assert np.all(earth.gps_to_utc(gps) == utc)
+
+
+def test_epochs_outside_the_table_are_refused_or_noted():
+    """Contract: an error that names the table, or the nearest value and a text for the attributes."""
+    with pytest.raises(GravcalError, match="astropy-iers-data"):
+        earth.R_ei(np.array([3e9]))
+    first, measured, last = earth_tables.coverage()
+    assert first < measured < last
+    nearest = earth.R_ei(np.array([last + 86400.0]), outside="nearest")
+    assert_allclose(np.linalg.det(nearest), 1, atol=1e-14)
+    assert earth_tables.orientation_note(np.array([DAY_2023])) == ""
+    assert "predictions" in earth_tables.orientation_note(np.array([measured + 86400]))
+    assert "nearest" in earth_tables.orientation_note(np.array([last + 1]))
+
+
+@pytest.mark.parametrize(
+    ("place", "north", "east", "down"),
+    [
+        ([0, 0, 6.87e6], [-1, 0, 0], [0, 1, 0], [0, 0, -1]),
+        ([6.87e6, 0, 0], [0, 0, 1], [0, 1, 0], [-1, 0, 0]),
+        ([0, -6.87e6, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0]),
+    ],
+)
+@pytest.mark.parametrize("geocentric_down", [True, False])
+def test_north_east_down_is_right_at_pole_and_equator(place, north, east, down, geocentric_down):
+    """Analytic: columns of R_en."""
+    R = earth.R_en_from_position(np.array([place], float), geocentric_down)[0]
+    assert_allclose(R, np.stack([north, east, down], axis=-1), atol=1e-15)
+
+
+def test_latitudes_differ_by_the_flattening():
+    """Analytic: at 45 degrees geodetic latitude is 0.19 degrees more than geocentric; round trip."""
+    position = earth.position_from_geodetic(np.pi / 4, 0.3, 5e5)
+    latitude, longitude, height = earth.geodetic(position)
+    assert_allclose([latitude, longitude, height], [np.pi / 4, 0.3, 5e5], atol=1e-8)
+    assert 0.17 < 45 - np.degrees(earth.geocentric(position)[0]) < 0.195
+
+
+@pytest.mark.measured
+@pytest.mark.parametrize("satellite", ["C", "D"])
+def test_the_two_orbit_products_of_gracefo_are_one_orbit(satellite):
+    """Published: GNV1B turned to GCRS against GNI1B, 2023-06-01: 2 cm (daily tides of UT1), 0.06 mm/s."""
+    fixed, inertial = (
+        physics_references.level1(f"{product}_2023-06-01_{satellite}_04.txt", [0, 3, 4, 5, 9, 10, 11])
+        for product in ("GNV1B", "GNI1B")
+    )
+    position, velocity = earth.state_to_inertial(fixed[:, 0], fixed[:, 1:4], fixed[:, 4:])
+    assert_allclose(position, inertial[:, 1:4], atol=0.025, rtol=0)
+    assert_allclose(velocity, inertial[:, 4:], atol=7e-5, rtol=0)

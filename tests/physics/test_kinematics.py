@@ -1,0 +1,104 @@
+"""Rates from attitude, ranges from orbits."""
+
+import numpy as np
+import physics_references
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.errors import GravcalError
+from gravcal.physics import dynamics, frames, kinematics
+
+
+def spinning(rate, time):
+    """Attitude of a body that turns at a constant body rate, with sign flips."""
+    start = frames.from_rotation_vector([0.3, -0.2, 0.9])
+    turn = frames.from_rotation_vector(np.asarray(rate) * time[:, None])
+    return frames.quaternion_product(np.tile(start, (time.size, 1)), turn) * (-1.0) ** np.arange(time.size)[:, None]
+
+
+def test_a_constant_rate_comes_back_in_the_body_frame():
+    """Analytic: erratum C-4's numbers (0.02, -0.05, 0.03) rad/s, uneven epochs; the inertial rate would be -R_ib w."""
+    time = np.array([0.0, 0.9, 2.1, 3.0, 4.2, 5.0, 6.1])
+    rate, rate_dot = kinematics.rates_from_attitude(time, spinning([0.02, -0.05, 0.03], time))
+    assert_allclose(rate, np.tile([0.02, -0.05, 0.03], (7, 1)), atol=1e-14)  # rounding
+    assert_allclose(rate_dot, 0, atol=2e-12)  # rounding, enlarged by one-sided windows
+
+
+def test_the_published_rate_is_the_body_rate_too():
+    """Analytic: eq. 15 read with R_ib returns w sin(2 a)/(2 a) for a constant rate, a = |w| h; the ends are NaN."""
+    time = np.arange(6.0)
+    w = np.array([0.02, -0.05, 0.03])
+    a = np.linalg.norm(w)
+    rate, rate_dot = kinematics.published_rates_from_attitude(time, spinning(w, time))
+    assert_allclose(rate[1:-1], np.tile(w * np.sin(2 * a) / (2 * a), (4, 1)), atol=1e-15)  # rounding
+    assert_allclose(rate_dot[2:-2], 0, atol=1e-15)
+    assert np.all(np.isnan(rate[[0, -1]]))
+    assert np.all(np.isnan(rate_dot[[0, 1, -2, -1]]))
+
+
+def test_the_published_difference_has_the_gain_of_erratum_c10():
+    """Published: erratum C-10, a 12 s wave at 1 Hz: 0.955 for w, 0.912 for w' (in the small-angle limit)."""
+    time = np.arange(240.0)
+    wave = 2 * np.pi / 12
+    angle = 1e-6 * np.sin(wave * time)
+    q = frames.from_rotation_vector(angle[:, None] * [0, 1.0, 0])
+    rate, rate_dot = kinematics.published_rates_from_attitude(time, q)
+    gain = rate[2:-2, 1] @ np.cos(wave * time[2:-2]) / (1e-6 * wave) / np.sum(np.cos(wave * time[2:-2]) ** 2)
+    gain_dot = (
+        -rate_dot[2:-2, 1] @ np.sin(wave * time[2:-2]) / (1e-6 * wave**2) / np.sum(np.sin(wave * time[2:-2]) ** 2)
+    )
+    assert_allclose([gain, gain_dot], [0.955, 0.912], atol=5e-4)  # printed digits
+
+
+def test_rates_follow_an_integrated_motion():
+    """Analytic: smooth torque-free tumbling at 10 Hz; order h^4 of the window."""
+    torque = dynamics.Torque(
+        np.diag([110.0, 580, 650]), np.array([0.0, 1]), np.zeros((1, 3)), np.arange(0, 101, 10.0), np.zeros((11, 3))
+    )
+    time = np.arange(0, 60, 0.1)
+    state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.array([0.02, 0.01, -0.03]))
+    q, w, wd = dynamics.integrate(time, state, torque)
+    rate, rate_dot = kinematics.rates_from_attitude(time, q)
+    assert_allclose(rate[2:-2], w[2:-2], atol=1e-12)
+    assert_allclose(rate_dot[2:-2], wd[2:-2], atol=1e-11)
+
+
+def test_quaternion_rate_equations_are_inverse():
+    """Analytic: w -> dq/dt -> w, and dR_ib/dt = R_ib [w x] by a finite difference."""
+    q, w = spinning([0.1, 0.2, 0.3], np.array([2.0])), np.array([[0.02, -0.05, 0.03]])
+    assert_allclose(
+        kinematics.rate_from_quaternion_derivative(q, kinematics.quaternion_derivative(q, w)), w, atol=1e-16
+    )
+    h = 1e-6
+    ends = [q + s * h * kinematics.quaternion_derivative(q, w) for s in (1, -1)]
+    R_plus, R_minus = (np.swapaxes(frames.R_bi_from_quaternion(p / np.linalg.norm(p)), -1, -2) for p in ends)
+    R_ib = np.swapaxes(frames.R_bi_from_quaternion(q), -1, -2)
+    assert_allclose((R_plus - R_minus) / (2 * h), R_ib @ frames.cross_matrix(w), atol=1e-9)
+
+
+def test_range_and_its_derivatives_match_finite_differences():
+    """Analytic: a curved relative motion, central differences over 2 ms and 0.2 s."""
+
+    def motion(t):
+        return np.array([2.2e5 + 30 * t, 400 * np.sin(0.01 * t + 1), 900 * np.cos(0.02 * t)])
+
+    def velocity(t):
+        return np.array([30, 4 * np.cos(0.01 * t + 1), -18 * np.sin(0.02 * t)])
+
+    acceleration = np.array([0, -0.04 * np.sin(0.07 + 1), -0.36 * np.cos(0.14)])
+    u, v = motion(7.0), velocity(7.0)
+    rho = kinematics.range_between(np.stack([motion(7 - 1e-3), motion(7 + 1e-3)]))
+    assert_allclose(kinematics.range_rate_between(u, v), np.diff(rho)[0] / 2e-3, atol=1e-7)  # rounding 3e-11 m / 1 ms
+    rates = [kinematics.range_rate_between(motion(t), velocity(t)) for t in (6.9, 7.1)]
+    numerical = (rates[1] - rates[0]) / 0.2
+    assert_allclose(kinematics.range_acceleration_between(u, v, acceleration), numerical, atol=1e-6)
+
+
+def test_the_window_of_the_rates_has_to_fit():
+    """Contract: too few epochs and impossible degrees raise an error."""
+    q = np.tile([1.0, 0, 0, 0], (4, 1))
+    with pytest.raises(GravcalError, match="4 epochs"):
+        kinematics.rates_from_attitude(np.arange(4.0), q)
+    state, _, at = physics_references.manoeuvre()
+    with pytest.raises(GravcalError, match="degree 1"):
+        kinematics.rates_from_attitude(at, np.tile(state.quaternion, (at.size, 1)), half_width=1, degree=1)
