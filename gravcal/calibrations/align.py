@@ -1,0 +1,213 @@
+"""Grid, frame and gaps: Level-1 records of a satellite on GPS time round each manoeuvre. Shared by the calibrations."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.errors import EstimationError
+from gravcal.methods import timing
+from gravcal.physics import earth, frames
+
+#: Bits of a reader's flag that make a sample unusable; order and repetition are settled here.
+UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
+#: Quality bits of the products that make a sample unusable.
+QUALITY = {"ACC1A": 0b1101010, "ACT1A": 0b1101010, "SCA1B": 0b1, "MAG1B": 0b11000010, "GNV1B": 0, "GNI1B": 0}
+QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
+
+
+def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ...], bad=None):
+    """Samples in order of time, repeated ones dropped, doubtful ones marked.
+
+    Parameters
+    ----------
+    observed : Dataset, "ingest"
+    tags : its GPS time
+    names : variables wanted
+    bad : (n,) bool, further samples to mark
+
+    Returns
+    -------
+    time : (m,) s
+    values : (m, k)
+    flag : (m,) uint8, 0 usable
+    counts : of out_of_order, repeated, conflicting, marked and undated records
+    """
+    columns = [np.asarray(observed[n].values, dtype=float) for n in names]
+    flagged = (observed["flag"].values & UNUSABLE) != 0
+    if "qualflg" in observed:
+        mask = QUALITY.get(observed.attrs.get("product", ""), 0)
+        flagged = flagged | ((observed["qualflg"].values & mask) != 0)
+    if bad is not None:
+        flagged = flagged | bad
+    dated = np.isfinite(tags.fraction)
+    kept = np.flatnonzero(dated)
+    usable = timing.Tags(tags.second[kept], tags.fraction[kept])
+    order = timing.ordered(usable, [c[kept] for c in columns])
+    index = kept[order.index]
+    flag = (flagged[index] | order.conflicting).astype(np.uint8)
+    counts = order.counts | {"undated": int((~dated).sum()), "marked": int(flag.sum())}
+    values = np.stack([c[index] for c in columns], axis=1) if columns else np.zeros((index.size, 0))
+    return usable.time[order.index], values, flag, counts
+
+
+def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_gap_limit_s: float):
+    """GPS time of on-board tags: TIM1B to receiver time, CLK1B to GPS time.
+
+    Parameters
+    ----------
+    observed : Dataset, "ingest" of a Level-1A product
+    tim1b, clk1b : Dataset, "ingest"
+    clock_gap_limit_s : s, distance of clock records that may be bridged
+
+    Returns
+    -------
+    tags : timing.Tags in GPS time, NaN where a clock does not say
+    """
+    limits = timing.Limits(clock_gap_limit_s, clock_gap_limit_s, 1e-6)
+    onboard = timing.tim1b_clock(
+        tim1b["obctime"].values,
+        tim1b["rcvtime_intg"].values,
+        1e-9 * tim1b["rcvtime_frac"].values,
+        tim1b["qualflg"].values,
+    )
+    receiver = timing.clk1b_clock(
+        clk1b["rcv_time"].values, clk1b["eps_time"].values, clk1b["eps_drift"].values, clk1b["qualflg"].values
+    )
+    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+    received, _ = timing.obc_to_receiver(tags, onboard, limits)
+    gps, _ = timing.receiver_to_gps(received, receiver, limits)
+    return gps
+
+
+def align(*observed: xr.Dataset, margin_s: float, clock_gap_limit_s: float, survey_s: float) -> xr.Dataset:
+    """Everything that the solution needs, on GPS time, round each manoeuvre.
+
+    Without a manoeuvre the first `survey_s` of the record are taken as one window, so that field and attitude can be
+    looked at all the same.
+
+    Parameters
+    ----------
+    observed : Dataset, "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and CLK1B
+    margin_s : s, kept on either side of a manoeuvre
+    clock_gap_limit_s : s
+    survey_s : s
+
+    Returns
+    -------
+    aligned : Dataset, "align"
+    """
+    detected, acc, sca, mag, orbit, tim1b, clk1b = observed
+    spans = _spans(detected, acc, sca, mag, orbit, margin_s, survey_s)
+    parts, counts = {}, {}
+    linear = tuple(f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz")
+    acc = acc.assign({n: ("record", np.full(acc.sizes["record"], np.nan)) for n in linear if n not in acc})
+    mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
+    field = tuple(f"Mfv{a}{suffix}" for a in "XYZ" for suffix in ("_RAW", "") if f"Mfv{a}{suffix}" in mag)
+    sources = {
+        "acc": (acc, gps_tags(acc, tim1b, clk1b, clock_gap_limit_s), linear),
+        "sca": (sca, _own_tags(sca), QUATERNION),
+        "mag": (mag, _own_tags(mag), (*field, *(f"current_{a}" for a in "xyz"))),
+        "orbit": (orbit, _own_tags(orbit), ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")),
+    }
+    for name, (source, tags, columns) in sources.items():
+        time, values, flag, counts[name] = sorted_samples(source, tags, columns)
+        margin = 8.0 if name == "orbit" else 0.0
+        inside = _inside(time, spans, margin)
+        parts[name] = (time[inside], values[inside], flag[inside])
+        if not inside.any():
+            _refuse(name, source, spans, time)
+    return _as_dataset(parts, counts, detected, spans, orbit.attrs.get("product", ""))
+
+
+def _own_tags(observed):
+    return timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+
+
+def _spans(detected, acc, sca, mag, orbit, margin, survey):
+    """Windows round the manoeuvres; the common beginning of all records where there is none."""
+    if detected.sizes["manoeuvre"]:
+        return np.stack([detected["start"].values - margin, detected["stop"].values + margin], axis=1)
+    first = max(float(np.nanmin(d["time_tag"].values)) for d in (acc, sca, mag, orbit))
+    last = min(float(np.nanmax(d["time_tag"].values)) for d in (acc, sca, mag, orbit))
+    return np.array([[first, min(last + 1e-3, first + survey)]])
+
+
+def _inside(time, spans, margin):
+    inside = np.zeros(time.size, dtype=bool)
+    for start, stop in spans:
+        inside |= (time >= start - margin) & (time <= stop + margin)
+    return inside
+
+
+def _refuse(name, source, spans, time):
+    product, file = source.attrs.get("product", name), source.attrs.get("file", "")
+    have = f"{time[0]:.0f} to {time[-1]:.0f} s" if time.size else "no usable record"
+    raise EstimationError(
+        f"{file or product}: found {have}, expected records between {spans[0, 0]:.0f} and {spans[-1, 1]:.0f} s GPS. "
+        f"Give files of the same satellite and day, and check that TIM1B and CLK1B cover it.",
+        product=product,
+        file=file,
+    )
+
+
+def _as_dataset(parts, counts, detected, spans, orbit_product):
+    seconds = {"units": "s", "time_scale": "GPS"}
+    acc_time, acc, acc_flag = parts["acc"]
+    sca_time, sca, sca_flag = parts["sca"]
+    mag_time, mag, mag_flag = parts["mag"]
+    flags = {
+        "long_name": "0 usable, 1 not",
+        "flag_values": np.array([0, 1], np.uint8),
+        "flag_meanings": "usable marked",
+    }
+    data = {
+        "linear_b": (("acc_time", "axis"), acc[:, :3], {"units": "m s-2", "frame": "b"}),
+        "angular_b": (("acc_time", "axis"), acc[:, 3:], {"units": "rad s-2", "frame": "b"}),
+        "acc_flag": ("acc_time", acc_flag, flags),
+        "quaternion": (
+            ("sca_time", "q"),
+            _usable_quaternion(sca, sca_flag),
+            {"units": "1", "long_name": "scalar first"},
+        ),
+        "sca_flag": ("sca_time", sca_flag, flags),
+        "field_measured_b": (("mag_time", "axis"), 1e-6 * mag[:, :3], {"units": "T", "frame": "b"}),
+        "current_b": (("mag_time", "axis"), mag[:, 3:], {"units": "mA", "frame": "b"}),
+        "mag_flag": ("mag_time", mag_flag, flags),
+        "window_start": ("window", spans[:, 0], seconds),
+        "window_stop": ("window", spans[:, 1], seconds),
+    }
+    data |= _orbit(parts["orbit"], orbit_product)
+    for name in ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular"):
+        data[name] = detected[name]
+    coords = {
+        f"{n}_time": (f"{n}_time", t, seconds)
+        for n, t in (("acc", acc_time), ("sca", sca_time), ("mag", mag_time), ("orbit", parts["orbit"][0]))
+    }
+    attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
+    return xr.Dataset(data, coords=coords, attrs={"time_scale": "GPS", "title": "Level-1 records on GPS time"} | attrs)
+
+
+def _usable_quaternion(values, flag):
+    """Unit quaternions continuous in sign, NaN where marked."""
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    result = np.full_like(values, np.nan)
+    if good.any():
+        unit = values[good] / np.linalg.norm(values[good], axis=1, keepdims=True)
+        result[good] = frames.continuous(unit)
+    return result
+
+
+def _orbit(part, product):
+    """Inertial and Earth-fixed states from GNI1B or GNV1B."""
+    time, values, flag = part
+    if product == "GNI1B":
+        fixed, inertial = earth.state_to_fixed(time, values[:, :3], values[:, 3:]), (values[:, :3], values[:, 3:])
+    else:
+        inertial, fixed = earth.state_to_inertial(time, values[:, :3], values[:, 3:]), (values[:, :3], values[:, 3:])
+    return {
+        "position_i": (("orbit_time", "axis"), inertial[0], {"units": "m", "frame": "i"}),
+        "velocity_i": (("orbit_time", "axis"), inertial[1], {"units": "m s-1", "frame": "i"}),
+        "position_e": (("orbit_time", "axis"), fixed[0], {"units": "m", "frame": "e"}),
+        "orbit_flag": ("orbit_time", flag, {"long_name": "0 usable, 1 not"}),
+    }

@@ -1,0 +1,1 @@
+"""Centre of mass against the proof mass, from magnetic-torquer manoeuvres (Remote Sens. 2022, 14, 4030)."""

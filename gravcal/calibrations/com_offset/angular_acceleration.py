@@ -1,0 +1,105 @@
+"""The four angular accelerations and what is uncertain in each."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
+
+
+def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) -> xr.Dataset:
+    """One of the four angular accelerations on the accelerometer epochs of the manoeuvres.
+
+    An uncertainty that has a shape is kept as a mode: the change of the angular acceleration for one standard
+    deviation. Shared modes act in all manoeuvres together; catalogue modes come from inertia and dipole per current.
+
+    Parameters
+    ----------
+    smoothed : Dataset, "com_offset.attitude"
+    aligned : Dataset, "align"
+    settings : variant, inertia, inertia_sigma, dipole_per_current, dipole_per_current_sigma
+
+    Returns
+    -------
+    angular : Dataset, "com_offset.angular_acceleration"
+    """
+    variant = settings["variant"]
+    measured = _measured(smoothed, aligned)
+    magnetic = smoothed["magnetic_b"].values
+    catalogue = _axis_modes(magnetic, _relative_sigma(settings))
+    scale, sigma = _angular_scale(smoothed)
+    empty = np.zeros((0, *magnetic.shape))
+    value, modes, shared, given = {
+        "mtq": lambda: (smoothed["rate_dot_mtq_b"].values, catalogue, 3, 3),
+        "acc": lambda: (measured, empty, 0, 0),
+        "acc_calibrated": lambda: (
+            measured * scale,
+            np.concatenate([_axis_modes(measured * scale, sigma / scale), catalogue]),
+            6,
+            3,
+        ),
+        "sca": lambda: (smoothed["rate_dot_sca_b"].values, smoothed["sca_modes"].values, 0, 0),
+    }[variant]()
+    count = len(modes)
+    dims = ("acc_time", "axis")
+    unit = {"units": "rad s-2", "frame": "b"}
+    return xr.Dataset(
+        {
+            "rate_dot_b": (dims, value, unit | {"long_name": f"angular acceleration, {variant}"}),
+            "mode": (("mode_index", *dims), modes, unit | {"long_name": "change for one standard deviation"}),
+            "mode_shared": (
+                "mode_index",
+                (np.arange(count) < shared).astype(np.int8),
+                {"long_name": "in all manoeuvres"},
+            ),
+            "mode_catalogue": (
+                "mode_index",
+                ((np.arange(count) >= shared - given) & (np.arange(count) < shared)).astype(np.int8),
+                {"long_name": "from the catalogue's inertia and dipole"},
+            ),
+            "scale": ("axis", scale, {"units": "1", "long_name": "torquer over angular accelerometer"}),
+            "scale_sigma": ("axis", sigma, {"units": "1"}),
+            "acc_manoeuvre": smoothed["acc_manoeuvre"],
+        },
+        coords={"acc_time": smoothed["acc_time"]},
+        attrs={"variant": variant, "noisy": int(variant in ("acc", "acc_calibrated"))},
+    )
+
+
+def _measured(smoothed, aligned):
+    """Angular accelerometer on the epochs of the manoeuvres, mean of each removed (a bias only adds a constant)."""
+    index = np.searchsorted(aligned["acc_time"].values, smoothed["acc_time"].values)
+    measured = aligned["angular_b"].values[index].copy()
+    manoeuvre = smoothed["acc_manoeuvre"].values
+    for one in np.unique(manoeuvre):
+        inside = manoeuvre == one
+        measured[inside] -= np.nanmean(measured[inside], axis=0)
+    return measured
+
+
+def _relative_sigma(settings):
+    """Relative uncertainty (3,) of dipole over inertia about each axis."""
+    inertia = np.diag(np.asarray(settings["inertia"]))
+    inertia_sigma = np.diag(np.asarray(settings["inertia_sigma"]))
+    dipole = np.asarray(settings["dipole_per_current_sigma"]) / np.asarray(settings["dipole_per_current"])
+    return np.hypot(inertia_sigma / inertia, np.max(dipole))
+
+
+def _axis_modes(series, sigma):
+    """Scale error of each axis as a mode (3, n, 3)."""
+    return np.einsum("a,na,ab->anb", np.where(np.isfinite(sigma), sigma, 0.0), np.nan_to_num(series), np.eye(3))
+
+
+def _angular_scale(smoothed):
+    """Torquer over angular accelerometer per axis (CoM paper eq. 31), from all manoeuvres; one where none turns it.
+
+    The noise-free torquer stands on the right-hand side, so the slope carries no attenuation (erratum C-7).
+    """
+    ratio, sigma = smoothed["angular_scale"].values, smoothed["angular_scale_sigma"].values
+    weight = np.where(np.isfinite(sigma) & (sigma > 0) & np.isfinite(ratio), 1 / np.maximum(sigma, 1e-12) ** 2, 0.0)
+    total = weight.sum(axis=0)
+    mean = np.sum(weight * np.nan_to_num(ratio), axis=0) / np.where(total > 0, total, 1)
+    seen = (total > 0.2**-2) & (np.abs(mean) > 0.2)
+    scale = np.where(seen, 1 / np.where(seen, mean, 1), 1.0)
+    return scale, np.where(seen, scale**2 / np.sqrt(np.where(total > 0, total, 1)), np.inf)

@@ -1,0 +1,169 @@
+"""Manoeuvres joined by their full normal equations; do they agree, and do the four angular accelerations?"""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS
+from gravcal.methods import estimation
+
+
+def combine(*solved: xr.Dataset, determined_sigma_um: float) -> xr.Dataset:
+    """One offset for each angular acceleration, with its covariance and two consistency tests.
+
+    Parameters
+    ----------
+    solved : Dataset, "com_offset.solve", one for each angular acceleration, with its two mode labels
+    determined_sigma_um : um, a component with a larger error is not determined
+
+    Returns
+    -------
+    combined : Dataset, "com_offset.combine"
+    """
+    limit = determined_sigma_um * 1e-6
+    joint = {s.attrs["variant"]: _joint(s) for s in solved}
+    names = [v for v in VARIANTS if v in joint]
+    single = {s.attrs["variant"]: _per_manoeuvre(s) for s in solved}
+    first = solved[0]
+    metre = {"units": "m", "frame": "b"}
+    square = {"units": "m2", "frame": "b"}
+    wide = ("variant", "axis")
+    data = {
+        "offset": (wide, _masked(names, joint, "offset", limit), metre | {"long_name": "proof mass to centre of mass"}),
+        "covariance": ((*wide, "axis_2"), np.array([joint[v]["covariance"] for v in names]), square),
+        "covariance_total": (
+            (*wide, "axis_2"),
+            np.array([joint[v]["covariance_total"] for v in names]),
+            square | {"long_name": "with the error of inertia and dipole per current"},
+        ),
+        "determined": (wide, np.array([_determined(joint[v]["covariance"], limit) for v in names]).astype(np.uint8)),
+        "chi2": ("variant", np.array([joint[v]["chi2"] for v in names]), {"units": "1"}),
+        "dof": ("variant", np.array([joint[v]["dof"] for v in names]), {"long_name": "degrees of freedom"}),
+    }
+    narrow = ("variant", "manoeuvre", "axis")
+    data["manoeuvre_offset"] = (narrow, np.array([single[v][0] for v in names]), metre)
+    data["manoeuvre_covariance"] = ((*narrow, "axis_2"), np.array([single[v][1] for v in names]), square)
+    ok = [[_determined(c, limit) for c in single[v][1]] for v in names]
+    shape = (len(names), first.sizes["manoeuvre"], 3)
+    data["manoeuvre_determined"] = (narrow, np.array(ok).reshape(shape).astype(np.uint8), {"long_name": "1 determined"})
+    data["manoeuvre_chi2"] = (narrow[:2], np.array([s["chi2"].values for s in solved]), {"units": "1"})
+    data["manoeuvre_dof"] = (
+        narrow[:2],
+        np.array([s["dof"].values for s in solved]),
+        {"long_name": "degrees of freedom"},
+    )
+    chi2, dof = _between_variants(joint, limit)
+    data["variants_chi2"], data["variants_dof"] = ((), chi2, {"units": "1"}), ((), dof)
+    data |= {n: first[n] for n in ("kind", "start", "stop")}
+    return xr.Dataset(data, attrs={"variants": " ".join(names), "direction": "proof_mass_to_com"})
+
+
+def _joint(solved):
+    """Combination of the manoeuvres of one angular acceleration with its mode errors."""
+    shared = solved["mode_shared"].values.astype(bool)
+    catalogue = solved["mode_catalogue"].values.astype(bool)
+    seen = np.isfinite(solved["offset"].values).all(axis=1)
+    values = solved["offset"].values[seen]
+    shift = solved["mode_shift"].values[seen]
+    informations = np.array(
+        [_weakened(i, s[~shared]) for i, s in zip(solved["information"].values[seen], shift, strict=True)]
+    ).reshape(-1, 3, 3)
+    if not len(values):
+        none = np.full((3, 3), np.inf)
+        return {"offset": np.full(3, np.nan), "covariance": none, "covariance_total": none, "chi2": 0.0, "dof": 0}
+    joined = estimation.combine(values, informations)
+    move = np.einsum("bij,bmj->mi", joined.share, shift)
+    measured = move[shared & ~catalogue]
+    noise = estimation.covariance(joined.information)
+    covariance = noise + measured.T @ measured
+    chi2 = _disagreement(values, informations, shift[:, shared])
+    return {
+        "offset": joined.value,
+        "covariance": covariance,
+        "covariance_total": covariance + move[catalogue].T @ move[catalogue],
+        "catalogue": move[catalogue],
+        "noise": noise,
+        "chi2": chi2,
+        "dof": joined.dof,
+    }
+
+
+def _weakened(information, modes):
+    """Information after adding errors of the given shapes: (I^-1 + M M^T)^-1 without inverting I."""
+    if not len(modes):
+        return information
+    M = modes.T
+    return information - information @ M @ np.linalg.inv(np.eye(M.shape[1]) + M.T @ information @ M) @ M.T @ information
+
+
+def _disagreement(values, informations, shared):
+    """Least chi-square of the manoeuvres about one offset, shared errors free within their prior."""
+    modes = shared.shape[1]
+    normal, right, total = np.zeros((3 + modes, 3 + modes)), np.zeros(3 + modes), 0.0
+    normal[3:, 3:] = np.eye(modes)
+    for value, information, shift in zip(values, informations, shared, strict=True):
+        A = np.concatenate([np.eye(3), shift.T], axis=1)
+        normal += A.T @ information @ A
+        right += A.T @ information @ value
+        total += value @ information @ value
+    return float(max(total - right @ estimation.stable_inverse(normal) @ right, 0.0))
+
+
+def _per_manoeuvre(solved):
+    """Offset and covariance of each manoeuvre, noise and its own modes; the shared measured ones too."""
+    catalogue = solved["mode_catalogue"].values.astype(bool)
+    covariances = []
+    for information, shift in zip(solved["information"].values, solved["mode_shift"].values, strict=True):
+        own = shift[~catalogue]
+        covariances.append(estimation.covariance(information) + own.T @ own)
+    return solved["offset"].values, np.array(covariances).reshape(-1, 3, 3)
+
+
+def _determined(covariance, limit):
+    """Which components are known better than the limit."""
+    sigma = np.sqrt(np.clip(np.diag(covariance), 0, None))
+    return np.isfinite(sigma) & (sigma < limit)
+
+
+def _masked(names, joint, key, limit):
+    return np.array([np.where(_determined(joint[v]["covariance"], limit), joint[v][key], np.nan) for v in names])
+
+
+def _between_variants(joint, limit):
+    """Chi-square of the differences to the torquer's solution.
+
+    All variants share the noise of the linear channels; what differs is the regressor, so the covariance of a
+    difference is that of the variant less that of the shared noise, plus the torquer's catalogue errors where the
+    variant does not share them.
+    """
+    others = [v for v in joint if v != "mtq"]
+    if "mtq" not in joint or not others:
+        return 0.0, 0
+    base = joint["mtq"]
+    used = _determined(base["covariance"], limit)
+    differences, own = [], []
+    for name in others:
+        used = used & _determined(joint[name]["covariance"], limit)
+        differences.append(joint[name]["offset"] - base["offset"])
+        excess = joint[name]["covariance"] - base["noise"]
+        size, vectors = (
+            np.linalg.eigh((excess + excess.T) / 2) if np.isfinite(excess).all() else (np.zeros(3), np.eye(3))
+        )
+        own.append(
+            (vectors * np.clip(size, 0, None)) @ vectors.T
+            + 0.01 * np.where(np.isfinite(base["noise"]), base["noise"], 0)
+        )
+    if not used.any():
+        return 0.0, 0
+    count = len(others)
+    covariance = np.zeros((3 * count, 3 * count))
+    for i in range(count):
+        covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = own[i]
+    moves = [np.zeros_like(base["catalogue"]) if v == "acc_calibrated" else base["catalogue"] for v in others]
+    stacked = np.concatenate(moves, axis=1)
+    covariance += stacked.T @ stacked
+    keep = np.tile(used, count)
+    difference = np.concatenate(differences)[keep]
+    chi2 = difference @ np.linalg.pinv(covariance[np.ix_(keep, keep)], rcond=1e-10) @ difference
+    return float(chi2), int(keep.sum())

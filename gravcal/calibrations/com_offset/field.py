@@ -1,0 +1,89 @@
+"""IGRF along the orbit, and how far the magnetometer is from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.physics import earth, frames, magnetic
+
+
+def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
+    """Geomagnetic field along the orbit and the magnetometer's difference to it in the body.
+
+    Parameters
+    ----------
+    aligned : Dataset, "align"
+    igrf_generation : 13 or 14
+
+    Returns
+    -------
+    checked : Dataset, "com_offset.field"
+    """
+    good = aligned["orbit_flag"].values == 0
+    time = aligned["orbit_time"].values[good]
+    position_e = aligned["position_e"].values[good]
+    field_e = magnetic.field_e(time, position_e, igrf_generation)
+    field_i = np.matvec(np.swapaxes(earth.R_ei(time), 1, 2), field_e)
+    usable, model_b = _at_magnetometer(aligned, time, field_i)
+    difference = aligned["field_measured_b"].values - model_b
+    statistics = _statistics(difference[usable])
+    latitude, longitude, _ = earth.geocentric(position_e)
+    seconds = {"units": "s", "time_scale": "GPS"}
+    tesla = {"units": "T", "frame": "b"}
+    vector = ("mag_time", "axis")
+    data = {
+        "field_i": (("orbit_time", "axis"), field_i, {"units": "T", "frame": "i", "long_name": "IGRF"}),
+        "position_i": (("orbit_time", "axis"), aligned["position_i"].values[good], {"units": "m", "frame": "i"}),
+        "latitude": ("orbit_time", latitude, {"units": "rad", "long_name": "geocentric latitude"}),
+        "longitude": ("orbit_time", longitude, {"units": "rad", "long_name": "longitude"}),
+        "model_b": (vector, model_b, tesla | {"long_name": "IGRF in the SRF"}),
+        "measured_b": (vector, aligned["field_measured_b"].values, tesla | {"long_name": "magnetometer"}),
+        "difference_b": (vector, difference, tesla | {"long_name": "magnetometer minus IGRF"}),
+        "used": ("mag_time", usable.astype(np.uint8), {"long_name": "in the statistics"}),
+    }
+    data |= {name: ("axis", value, tesla | {"long_name": f"difference, {name}"}) for name, value in statistics.items()}
+    coords = {
+        "orbit_time": ("orbit_time", time, seconds),
+        "mag_time": ("mag_time", aligned["mag_time"].values, seconds),
+    }
+    attrs = {
+        "igrf_generation": igrf_generation,
+        "igrf_sha256": magnetic.coefficient_digest(igrf_generation),
+        "time_scale": "GPS",
+    }
+    return xr.Dataset(data, coords=coords, attrs=attrs)
+
+
+def _at_magnetometer(aligned, time, field_i):
+    """Model in the body at the magnetometer epochs, NaN where attitude or orbit is missing."""
+    mag_time = aligned["mag_time"].values
+    sca_time, quaternion = aligned["sca_time"].values, aligned["quaternion"].values
+    known = np.isfinite(quaternion).all(axis=1)
+    model_b = np.full((mag_time.size, 3), np.nan)
+    if known.sum() < 2 or time.size < 2:
+        return np.zeros(mag_time.size, dtype=bool), model_b
+    covered = _near(mag_time, sca_time[known], 2.0) & _near(mag_time, time, 2.0)
+    at = mag_time[covered]
+    body = frames.interpolate(sca_time[known], quaternion[known], at)
+    inertial = np.stack([np.interp(at, time, field_i[:, c]) for c in range(3)], axis=1)
+    model_b[covered] = np.matvec(frames.R_bi_from_quaternion(body), inertial)
+    measured = aligned["field_measured_b"].values
+    return covered & (aligned["mag_flag"].values == 0) & np.isfinite(measured).all(axis=1), model_b
+
+
+def _near(at, time, limit):
+    """Whether each epoch lies between two samples at most `limit` apart (s), or on one."""
+    index = np.clip(np.searchsorted(time, at), 1, time.size - 1)
+    inside = (at >= time[0]) & (at <= time[-1])
+    return inside & (time[index] - time[index - 1] <= limit)
+
+
+def _statistics(difference):
+    if difference.shape[0] == 0:
+        return dict.fromkeys(("bias", "rms", "maximum"), np.full(3, np.nan))
+    return {
+        "bias": difference.mean(axis=0),
+        "rms": np.sqrt(np.mean(difference**2, axis=0)),
+        "maximum": np.abs(difference).max(axis=0),
+    }

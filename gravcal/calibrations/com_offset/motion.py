@@ -1,0 +1,208 @@
+"""Rotation of the satellite during one manoeuvre: known torques, and the response to small extra torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gravcal.physics import dynamics, frames
+
+
+@dataclass(frozen=True)
+class Arc:
+    """What turns the satellite during one manoeuvre.
+
+    Attributes
+    ----------
+    origin, stop : s, epoch of the state and end of the arc
+    edges : (m + 1,) s; dipole_b : (m, 3) A m2, constant between them
+    field_time : (k,) s; field_i : (k, 3) T; gradient_i : (k, 3, 3) s-2 or None
+    inertia : (3, 3) kg m2
+    """
+
+    origin: float
+    stop: float
+    edges: np.ndarray
+    dipole_b: np.ndarray
+    field_time: np.ndarray
+    field_i: np.ndarray
+    gradient_i: np.ndarray | None
+    inertia: np.ndarray
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Motion of an arc.
+
+    Attributes
+    ----------
+    state : dynamics.State at the origin
+    torque_coefficients : (d + 1, 3) N m, Legendre polynomials over the arc
+    scale_b : (3,) factor of the magnetic torque
+    shift : s, all edges later by
+    """
+
+    state: dynamics.State
+    torque_coefficients: np.ndarray
+    scale_b: np.ndarray
+    shift: float
+
+
+def dipole_history(edges, level, rod, time, current, per_current):
+    """Piecewise-constant dipole: the excited rod between its edges, the others held round each sample.
+
+    Parameters
+    ----------
+    edges : (m + 1,) s, of the square wave; None without one
+    level : (m,) mA
+    rod : 0, 1, 2, or -1 without a wave
+    time : (n,) s; current : (n, 3) mA, samples that cover the arc
+    per_current : (3,) A m2 mA-1
+
+    Returns
+    -------
+    breaks : (s + 1,) s
+    dipole_b : (s, 3) A m2
+    """
+    others = [axis for axis in range(3) if axis != rod]
+    middle = (time[1:] + time[:-1]) / 2
+    changes = middle[np.any(np.diff(current[:, others], axis=0) != 0, axis=1)]
+    low, high = (edges[0], edges[-1]) if edges is not None else (time[0], time[-1])
+    inner = changes[(changes > low) & (changes < high)]
+    breaks = np.unique(np.concatenate([[low, high], inner, edges if edges is not None else []]))
+    centre = (breaks[1:] + breaks[:-1]) / 2
+    held = current[np.searchsorted(middle, centre)].copy()
+    if rod >= 0:
+        held[:, rod] = level[np.clip(np.searchsorted(edges, centre) - 1, 0, level.size - 1)]
+    return breaks, held * per_current
+
+
+def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
+    """Torque record of the integrator for an arc and a solution."""
+    nodes = np.linspace(arc.origin, arc.stop + 1.0, 60)
+    degree = solution.torque_coefficients.shape[0] - 1
+    extra = _legendre(arc, nodes, degree) @ solution.torque_coefficients
+    return dynamics.Torque(
+        inertia=arc.inertia,
+        edges=arc.edges + solution.shift,
+        dipole_b=arc.dipole_b,
+        field_time=arc.field_time,
+        field_i=arc.field_i,
+        gradient_i=arc.gradient_i,
+        scale_b=solution.scale_b,
+        extra_time=nodes if degree >= 0 else None,
+        extra_b=extra if degree >= 0 else None,
+    )
+
+
+def _legendre(arc, time, degree):
+    u = (2 * time - arc.origin - arc.stop) / (arc.stop - arc.origin)
+    return np.polynomial.legendre.legvander(u, degree) if degree >= 0 else np.zeros((time.size, 0))
+
+
+def mean_dipole(arc: Arc, time: np.ndarray, shift: float, width: float) -> np.ndarray:
+    """Dipole averaged over a sampling interval centred on each epoch, (n, 3) A m2.
+
+    Parameters
+    ----------
+    arc : Arc
+    time : (n,) s
+    shift : s, all edges later by
+    width : s, sampling interval; an edge between two samples is spread over it, so the mean moves smoothly with it
+    """
+    steps = np.diff(arc.edges)[:, None] * arc.dipole_b
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    edges = arc.edges + shift
+    ends = [np.stack([np.interp(time + d, edges, c) for c in total.T], axis=1) for d in (-width / 2, width / 2)]
+    return (ends[1] - ends[0]) / width
+
+
+def dipole_at(arc: Arc, time: np.ndarray, shift: float) -> np.ndarray:
+    """Dipole at epochs, (n, 3) A m2; on an edge the value after it, zero outside the edges."""
+    index = np.searchsorted(arc.edges + shift, time, side="right") - 1
+    inside = (index >= 0) & (index < len(arc.dipole_b))
+    return np.where(inside[:, None], arc.dipole_b[np.clip(index, 0, len(arc.dipole_b) - 1)], 0.0)
+
+
+def response(time: np.ndarray, transition: np.ndarray, basis, breaks: np.ndarray) -> np.ndarray:
+    """Attitude response to small angular accelerations, by variation of constants.
+
+    x(t) = Phi(t) int Phi(s)^-1 (0; b(s)) ds; CoM paper eqs. 21-25 with a source.
+
+    Parameters
+    ----------
+    time : (n,) s, epochs of `transition`, from the origin on
+    transition : (n, 6, 6) of angle and rate from the origin
+    basis : callable, (m,) s -> (m, p, 3) rad s-2, smooth between breaks
+    breaks : (b,) s, where the basis jumps
+
+    Returns
+    -------
+    angle_b : (n, 3, p) rad
+    """
+    from scipy.interpolate import CubicSpline
+
+    inverse = np.linalg.inv(transition)[:, :, 3:]
+    weights = CubicSpline(time, inverse)
+    ends = np.unique(np.concatenate([[time[0]], breaks[(breaks > time[0]) & (breaks < time[-1])], time]))
+    node, weight = np.polynomial.legendre.leggauss(4)
+    span = np.diff(ends)
+    at = (ends[:-1, None] + ends[1:, None]) / 2 + span[:, None] / 2 * node
+    source = basis(at.ravel())
+    integrand = np.einsum("mac,mpc->map", weights(at.ravel()), source).reshape(*at.shape, 6, -1)
+    pieces = np.einsum("sg,sgap,s->sap", np.broadcast_to(weight, at.shape), integrand, span / 2)
+    total = np.concatenate([np.zeros((1, *pieces.shape[1:])), np.cumsum(pieces, axis=0)])
+    at_time = total[np.searchsorted(ends, time)]
+    return (transition @ at_time)[:, :3]
+
+
+def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.ndarray, width: float) -> np.ndarray:
+    """Angular acceleration by the torquers alone, catalogue scale: J^-1 (m x B), CoM paper eq. 18.
+
+    Parameters
+    ----------
+    arc : Arc
+    shift : s, all edges later by
+    time : (n,) s
+    field_b : (n, 3) T
+    width : s, sampling interval
+
+    Returns
+    -------
+    rate_dot_b : (n, 3) rad s-2
+    """
+    torque = np.cross(mean_dipole(arc, time, shift, width), field_b)
+    return np.linalg.solve(arc.inertia, torque.T).T
+
+
+def evaluate(arc: Arc, solution: Solution, time: np.ndarray, step: float):
+    """Attitude, rate and its derivative at epochs after the origin.
+
+    Parameters
+    ----------
+    arc, solution : Arc and Solution
+    time : (n,) s
+    step : s, longest integration step
+
+    Returns
+    -------
+    quaternion : (n, 4)
+    rate_b : (n, 3) rad s-1
+    rate_dot_b : (n, 3) rad s-2, with the fitted scale of the magnetic torque
+    """
+    return dynamics.integrate(time, solution.state, torque_of(arc, solution), max_step=step)
+
+
+def updated(solution: Solution, step: dict) -> Solution:
+    """Solution with a Gauss-Newton step added: angle, rate, torque, scale, shift."""
+    turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
+    state = replace(
+        solution.state, quaternion=turned / np.linalg.norm(turned), rate_b=solution.state.rate_b + step["rate"]
+    )
+    return Solution(
+        state,
+        solution.torque_coefficients + step["torque"],
+        solution.scale_b + step["scale"],
+        solution.shift + step["shift"],
+    )

@@ -1,0 +1,126 @@
+"""Observations of each manoeuvre: star camera, accelerometer samples, and the torques that act."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.com_offset import motion
+from gravcal.calibrations.com_offset.motion import Arc
+from gravcal.methods.resampling import lowpass_resampler
+from gravcal.physics import frames, gravity
+
+
+@dataclass(frozen=True)
+class Window:
+    """Observations of one manoeuvre.
+
+    Attributes
+    ----------
+    arc : Arc
+    time : (n,) s, star-camera grid with the origin in front; quaternion : (n, 4); good : (n,) bool
+    acc : slice of the accelerometer samples inside the arc
+    lower, upper : s, interval of the first edge
+    """
+
+    arc: Arc
+    time: np.ndarray
+    quaternion: np.ndarray
+    good: np.ndarray
+    acc: slice
+    lower: float
+    upper: float
+
+
+def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: bool) -> list[Window]:
+    """Observations and torques of every manoeuvre.
+
+    Parameters
+    ----------
+    aligned : Dataset, "align"
+    field : Dataset, "com_offset.field"
+    inertia : (3, 3) kg m2
+    per_current : (3,) A m2 mA-1
+    full : bool, with gravity-gradient torque
+    """
+    return [
+        _window(aligned, field, i, np.asarray(inertia), per_current, full) for i in range(aligned.sizes["manoeuvre"])
+    ]
+
+
+def _window(aligned, field, index, inertia, per_current, full):
+    rod = int(aligned["rod"][index])
+    count = int(np.isfinite(aligned["edge_lower"].values[index]).sum())
+    lower, upper = aligned["edge_lower"].values[index, :count], aligned["edge_upper"].values[index, :count]
+    edges = _edges(lower, upper, bool(aligned["regular"][index]))
+    origin, stop = float(lower[0]), float(upper[-1])
+    mag_time = aligned["mag_time"].values
+    near = (mag_time > origin - 2) & (mag_time < stop + 2)
+    current = np.nan_to_num(aligned["current_b"].values[near])
+    level = aligned["level"].values[index, : count - 1]
+    breaks, dipole = motion.dipole_history(edges, level, rod, mag_time[near], current, per_current)
+    orbit_time = field["orbit_time"].values
+    nodes = (orbit_time > origin - 6) & (orbit_time < stop + 6)
+    gradient = gravity.gradient_i(field["position_i"].values[nodes]) if full else None
+    arc = Arc(origin, stop, breaks, dipole, orbit_time[nodes], field["field_i"].values[nodes], gradient, inertia)
+    first = float(upper[0] - edges[0]) if rod >= 0 else 0.0
+    acc_time = aligned["acc_time"].values
+    acc = slice(*np.searchsorted(acc_time, [origin + 0.1, stop - 0.1]))
+    return Window(arc, *_star_camera(aligned, origin, stop), acc, float(lower[0] - edges[0]), first)
+
+
+def _edges(lower, upper, regular):
+    """Edges in the middle of their common interval, whole half periods apart; each in its own if not regular."""
+    if not regular:
+        return (lower + upper) / 2
+    half = np.round(np.median(np.diff(lower)) * 2) / 2
+    shift = half * np.arange(lower.size)
+    return (np.max(lower - shift) + np.min(upper - shift)) / 2 + shift
+
+
+def _star_camera(aligned, origin, stop):
+    """Star-camera samples on their 1 Hz grid, the origin in front, gaps marked."""
+    time, quaternion = aligned["sca_time"].values, aligned["quaternion"].values
+    good = (aligned["sca_flag"].values == 0) & np.isfinite(quaternion).all(axis=1)
+    inside = good & (time > origin) & (time < stop)
+    if inside.sum() < 8:
+        return np.array([origin]), np.zeros((1, 4)), np.zeros(1, dtype=bool)
+    grid = np.arange(np.ceil(origin + 1e-6), stop, 1.0)
+    index = np.clip(np.searchsorted(time, grid - 1e-6), 0, time.size - 1)
+    present = inside[index] & (np.abs(time[index] - grid) < 1e-3)
+    values = frames.continuous(np.where(present[:, None], quaternion[index], _first(quaternion[inside])))
+    return (
+        np.concatenate([[origin], grid]),
+        np.concatenate([values[:1], values]),
+        np.concatenate([[False], present]),
+    )
+
+
+def _first(quaternion):
+    return quaternion[0]
+
+
+def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
+    """Low-pass and resampling inside an arc, its support never beyond the ends.
+
+    Parameters
+    ----------
+    time : (n,) s; good : (n,) bool, accelerometer samples of the arc
+    start, stop : s
+    lowpass_hz, half_width_s, step_s : Hz, s, s
+    """
+    begin = np.ceil((start + half_width_s) / step_s) * step_s
+    grid = np.arange(begin, stop - half_width_s, step_s)
+    return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
+
+
+def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
+    """Field in the body (n, 3) T along the fitted attitude."""
+    from scipy.interpolate import CubicSpline
+
+    at = np.clip(time, window.arc.origin, None)
+    quaternion, _, _ = motion.evaluate(window.arc, fit.solution, at, 1.0)
+    field_i = CubicSpline(window.arc.field_time, window.arc.field_i)(at)
+    return np.matvec(frames.R_bi_from_quaternion(quaternion), field_i)

@@ -1,0 +1,137 @@
+"""What an accelerometer reads: offset from the centre of mass, scale, leaks, steps, tones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gravcal.effects.base import Context, Effect, Parameter, axes
+from gravcal.physics.sensing import offset_tensor
+
+
+def _offset(context: Context, values):
+    """CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass)."""
+    tensor = offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
+    return -(tensor @ np.asarray(values))
+
+
+def _moving(context: Context, values):
+    """Offset drifting at a constant speed, zero at mid manoeuvre; the speed terms 2 w x dp/dt are kept."""
+    middle = (context.start + context.stop) / 2
+    nearest = middle[np.argmin(np.abs(context.time[:, None] - middle), axis=1)] if middle.size else context.time[0]
+    elapsed = (context.time - nearest)[:, None]
+    tensor = offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
+    return -(elapsed * (tensor @ np.asarray(values)) + 2 * np.cross(context.rate_b, values))
+
+
+def _scale(context: Context, values):
+    return context.linear_b * values
+
+
+def _misalignment(context: Context, values):
+    """Sensor frame turned by the small rotation v: da = a x v."""
+    return np.cross(context.linear_b, values)
+
+
+def _quadratic(context: Context, values):
+    return context.linear_b**2 * values
+
+
+def _current_leak(context: Context, values):
+    """The current of the excited rods couples into the three linear channels: da_i = sum_j c_ij m_j."""
+    return context.dipole_b @ np.asarray(values).reshape(3, 3).T
+
+
+def _angular_leak(context: Context, values):
+    return context.angular_b @ np.asarray(values).reshape(3, 3).T
+
+
+def _bias_step(context: Context, values):
+    return np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
+
+
+def _bias_drift(context: Context, values):
+    return (context.time - context.time[0])[:, None] * np.asarray(values)
+
+
+def _tone(context: Context, values):
+    frequency, x, y, z, phase = values
+    return np.sin(2 * np.pi * frequency * (context.time - context.time[0]) + phase)[:, None] * np.array([x, y, z])
+
+
+def _angular_scale(context: Context, values):
+    return context.angular_b * values
+
+
+_PAIRS = tuple(f"{a}_from_{b}" for a in "xyz" for b in "xyz")
+
+EFFECTS = (
+    Effect(
+        "accelerometer.offset",
+        "linear_b",
+        axes("", "m", "proof mass to centre of mass along", 2e-4),
+        _offset,
+        "CoM paper eqs. 2, 5; equations.md (M1)",
+    ),
+    Effect(
+        "accelerometer.moving_offset",
+        "linear_b",
+        axes("speed", "m s-1", "drift of proof mass to centre of mass along", 1e-7),
+        _moving,
+        "equations.md (M1), terms in dp/dt",
+    ),
+    Effect(
+        "accelerometer.scale", "linear_b", axes("", "1", "relative excess of the scale of", 0.02), _scale, "reading"
+    ),
+    Effect(
+        "accelerometer.misalignment",
+        "linear_b",
+        axes("angle", "rad", "sensor frame turned about", 1e-3),
+        _misalignment,
+        "reading",
+    ),
+    Effect(
+        "accelerometer.quadratic", "linear_b", axes("", "s2 m-1", "quadratic response of", 10.0), _quadratic, "reading"
+    ),
+    Effect(
+        "accelerometer.current_leak",
+        "linear_b",
+        tuple(Parameter(n, "m s-2 A-1 m-2", f"reading of {n[0]} per dipole along {n[-1]}", 3e-11) for n in _PAIRS),
+        _current_leak,
+        "coupling of the torquer currents into the electronics",
+    ),
+    Effect(
+        "accelerometer.angular_leak",
+        "linear_b",
+        tuple(Parameter(n, "m", f"reading of {n[0]} per angular acceleration about {n[-1]}", 1e-4) for n in _PAIRS),
+        _angular_leak,
+        "electrode cross-talk",
+    ),
+    Effect(
+        "accelerometer.bias_step",
+        "linear_b",
+        (*axes("", "m s-2", "step of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0)),
+        _bias_step,
+        "reading",
+        linear=False,
+    ),
+    Effect("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of", 1e-12), _bias_drift, "reading"),
+    Effect(
+        "accelerometer.stray_tone",
+        "linear_b",
+        (
+            Parameter("frequency", "Hz", "frequency", 0.1),
+            *axes("", "m s-2", "amplitude along", 1e-10),
+            Parameter("phase", "rad", "phase at the first epoch", 1.0),
+        ),
+        _tone,
+        "disturbance of the platform",
+        linear=False,
+    ),
+    Effect(
+        "accelerometer.angular_scale",
+        "angular_b",
+        axes("", "1", "relative excess of the angular scale about", 0.05),
+        _angular_scale,
+        "CoM paper eq. 31",
+    ),
+)

@@ -1,0 +1,131 @@
+"""What an effect is: parameters with units and one additive contribution to one channel of the forward model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+#: Channels that a contribution can be added to, with its unit. `*_b` are resolved in the body frame (SRF).
+CHANNELS = {
+    "dipole_b": "A m2",  # magnetic dipole of the torquers and the satellite
+    "torque_b": "N m",  # torque on the satellite about its centre of mass
+    "linear_b": "m s-2",  # reading of the accelerometer, linear
+    "angular_b": "rad s-2",  # reading of the accelerometer, angular
+    "pointing_b": "rad",  # small rotation from true to measured attitude
+    "field_b": "T",  # reading of the magnetometer
+    "current_b": "A",  # telemetered torquer current
+    "acc_delay": "s",  # tag minus true time of the accelerometer
+    "sca_delay": "s",  # tag minus true time of the star camera
+    "mag_delay": "s",  # tag minus true time of the magnetometer and torquer telemetry
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes
+    ----------
+    name : word used in settings, results and model files
+    unit : SI
+    meaning : what a positive value does
+    prior_sigma : plausible one-sigma size, for injection and for regularised fits
+    neutral : value at which the effect vanishes
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    prior_sigma: float
+    neutral: float = 0.0
+
+
+@dataclass(frozen=True)
+class Context:
+    """What an effect may look at, on the epochs of its channel; fields that a channel has not are None.
+
+    Attributes
+    ----------
+    time : (n,) s, GPS
+    rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2, body with respect to inertial
+    gradient_b : (n, 3, 3) s-2, gravity gradient
+    dipole_b : (n, 3) A m2, commanded dipole
+    field_b : (n, 3) T, geomagnetic field
+    linear_b, angular_b : (n, 3), reading so far
+    inertia_b : (3, 3) kg m2
+    start, stop : (k,) s, manoeuvres
+    extra : anything else, by name
+    """
+
+    time: np.ndarray
+    rate_b: np.ndarray | None = None
+    rate_dot_b: np.ndarray | None = None
+    gradient_b: np.ndarray | None = None
+    dipole_b: np.ndarray | None = None
+    field_b: np.ndarray | None = None
+    linear_b: np.ndarray | None = None
+    angular_b: np.ndarray | None = None
+    inertia_b: np.ndarray | None = None
+    start: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    stop: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    extra: Mapping = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical or instrumental effect, shared by the simulator, the estimator and discovery.
+
+    Attributes
+    ----------
+    slug : "family.name"
+    channel : key of CHANNELS
+    parameters : its numbers
+    contribution : (context, values) -> array added to the channel
+    reference : where the law stands
+    linear : the contribution is proportional to the parameters
+    """
+
+    slug: str
+    channel: str
+    parameters: tuple[Parameter, ...]
+    contribution: Callable[[Context, np.ndarray], np.ndarray]
+    reference: str
+    linear: bool = True
+
+    def values(self, given: Mapping[str, float]) -> np.ndarray:
+        """Parameter values in order, neutral where not given.
+
+        Parameters
+        ----------
+        given : by parameter name, SI
+        """
+        return np.array([given.get(p.name, p.neutral) for p in self.parameters], dtype=float)
+
+    def columns(self, context: Context, at: np.ndarray | None = None) -> np.ndarray:
+        """Derivative of the contribution by each parameter, last axis; central differences where not linear.
+
+        Parameters
+        ----------
+        context : Context
+        at : (p,) values about which to differentiate, neutral by default
+        """
+        at = self.values({}) if at is None else np.asarray(at, dtype=float)
+        parts = []
+        for index, parameter in enumerate(self.parameters):
+            unit = np.zeros(at.size)
+            unit[index] = 1.0
+            if self.linear:
+                parts.append(self.contribution(context, unit) - self.contribution(context, 0 * unit))
+            else:
+                step = 1e-3 * parameter.prior_sigma * unit
+                difference = self.contribution(context, at + step) - self.contribution(context, at - step)
+                parts.append(difference / (2e-3 * parameter.prior_sigma))
+        return np.stack(parts, axis=-1)
+
+
+def axes(name: str, unit: str, meaning: str, prior_sigma: float, letters: str = "xyz") -> tuple[Parameter, ...]:
+    """Parameters of the same kind along the three body axes, named `name_x`, `name_y`, `name_z` or `x`, `y`, `z`."""
+    prefix = f"{name}_" if name else ""
+    return tuple(Parameter(f"{prefix}{a}", unit, f"{meaning} {a}", prior_sigma) for a in letters)

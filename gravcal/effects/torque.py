@@ -1,0 +1,109 @@
+"""Torques: the dipole that the rods really make, and torques that are not commanded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gravcal.effects.base import Context, Effect, Parameter, axes
+
+
+def _gain(context: Context, values):
+    """Each rod makes (1 + g) times its commanded dipole."""
+    return context.dipole_b * values
+
+
+def _misalignment(context: Context, values):
+    """Rods turned together by the small rotation v: dm = v x m."""
+    return np.cross(values, context.dipole_b)
+
+
+def _lag(context: Context, values):
+    """First-order lag: tau dm/dt = m_commanded - m, exact for a dipole constant between epochs."""
+    tau = values[0]
+    if tau <= 0:
+        return np.zeros_like(context.dipole_b)
+    decay = np.exp(-np.diff(context.time, prepend=context.time[0]) / tau)
+    lagged = np.empty_like(context.dipole_b)
+    state = context.dipole_b[0].copy()
+    for k, commanded in enumerate(context.dipole_b):
+        held = context.dipole_b[k - 1] if k else commanded
+        state = held + (state - held) * decay[k]
+        lagged[k] = state
+    return lagged - context.dipole_b
+
+
+def _saturation(context: Context, values):
+    """The dipole of a rod does not exceed the limit; the neutral limit is infinite."""
+    return np.clip(context.dipole_b, -values[0], values[0]) - context.dipole_b
+
+
+def _residual_dipole(context: Context, values):
+    return np.broadcast_to(values, context.dipole_b.shape).copy()
+
+
+def _constant(context: Context, values):
+    return np.broadcast_to(values, (*context.time.shape, 3)).copy()
+
+
+def _aerodynamic(context: Context, values):
+    """Lever arm of the centre of pressure times the non-gravitational force: t = m r x a."""
+    return context.extra["mass"] * np.cross(values, context.extra["non_gravitational_b"])
+
+
+def _eddy(context: Context, values):
+    """Induced currents damp rotation across the field: t = -c B x (w x B)."""
+    return -values[0] * np.cross(context.field_b, np.cross(context.rate_b, context.field_b))
+
+
+_DIPOLE = "t = m x B, CoM paper eq. 18"
+
+EFFECTS = (
+    Effect(
+        "torque.dipole_gain", "dipole_b", axes("rod", "1", "relative excess of the dipole of rod", 0.05), _gain, _DIPOLE
+    ),
+    Effect(
+        "torque.dipole_misalignment",
+        "dipole_b",
+        axes("angle", "rad", "rods turned about", 2e-3),
+        _misalignment,
+        "CoM paper section 2.1: rods aligned to 0.06 deg",
+    ),
+    Effect(
+        "torque.dipole_lag",
+        "dipole_b",
+        (Parameter("tau", "s", "time constant of the rods", 0.1),),
+        _lag,
+        "inductance of a torque rod: first-order lag",
+        linear=False,
+    ),
+    Effect(
+        "torque.saturation",
+        "dipole_b",
+        (Parameter("limit", "A m2", "largest dipole of a rod", 1.0, neutral=np.inf),),
+        _saturation,
+        "core saturation",
+        linear=False,
+    ),
+    Effect(
+        "torque.residual_dipole",
+        "dipole_b",
+        axes("", "A m2", "constant dipole of the satellite along", 0.5),
+        _residual_dipole,
+        _DIPOLE,
+    ),
+    Effect("torque.constant", "torque_b", axes("", "N m", "constant torque about", 1e-6), _constant, "none"),
+    Effect(
+        "torque.aerodynamic",
+        "torque_b",
+        axes("arm", "m", "centre of mass to centre of pressure along", 0.02),
+        _aerodynamic,
+        "S-GRS paper eq. 11",
+    ),
+    Effect(
+        "torque.eddy_current",
+        "torque_b",
+        (Parameter("coefficient", "N m s T-2", "damping", 500.0),),
+        _eddy,
+        "induction in the structure",
+    ),
+)

@@ -1,0 +1,288 @@
+"""A simulated centre-of-mass calibration: seven manoeuvres, written as Level-1 columns, and their truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gravcal.effects import Context, effect
+from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic
+from gravcal.simulation import attitude, orbit, streams
+
+#: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
+AREAS = {
+    "pitch_low": {"lat_min": 10, "lat_max": 20, "lon_min": -55, "lon_max": -35},
+    "yaw_low": {"lat_min": 10, "lat_max": 20, "lon_min": 120, "lon_max": 140},
+    "pitch_high": {"lat_min": 60, "lat_max": 80},
+    "roll_high": {"lat_min": 60, "lat_max": 80},
+}
+RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything drawn from the seed before the satellite flies.
+
+    Attributes
+    ----------
+    orbit : callable, (n,) s -> (n, 6) m, m s-1
+    kinds : names of the manoeuvres, in order of time
+    start, stop : (k,) s, first and last edge
+    spans : (s, 2) s, times that are flown and written
+    offset : (3,) m, proof mass to centre of mass
+    inertia_b : (3, 3) kg m2; dipole_per_current : (3,) A m2 mA-1, as true
+    magnetometer_bias : (3,) T
+    """
+
+    orbit: object
+    kinds: tuple[str, ...]
+    start: np.ndarray
+    stop: np.ndarray
+    spans: np.ndarray
+    offset: np.ndarray
+    inertia_b: np.ndarray
+    dipole_per_current: np.ndarray
+    magnetometer_bias: np.ndarray
+
+
+def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
+    """Orbit, manoeuvre times and true values.
+
+    Parameters
+    ----------
+    satellite : numbers of the catalogue, with `_sigma` beside them
+    chosen : parameters of the simulation
+    day : GPS s of midnight
+    rng : source of randomness
+    """
+    kinds = tuple(k for k in chosen.manoeuvres if k)
+    for _ in range(200):
+        angles = rng.uniform(0, 2 * np.pi, 2)
+        inclination = np.radians(chosen.inclination_deg)
+        state = orbit.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
+        path = orbit.fly_orbit(state, day - 60, day + constants.DAY + 60)
+        start = _schedule(path, kinds, chosen, day)
+        if start is not None:
+            break
+    else:
+        raise ValueError("no orbit of 200 passes all areas; lower manoeuvre_spacing_s")
+    start = start + rng.uniform(-0.5, 0.5, start.size)
+    order = np.argsort(start)
+    start, kinds = start[order], tuple(kinds[i] for i in order)
+    stop = start + chosen.manoeuvre_s
+    offset = (np.array(chosen.offset_um) + chosen.offset_scatter_um * rng.standard_normal(3)) * 1e-6
+    bias = chosen.magnetometer_bias_t * rng.standard_normal(3)
+    spans = _spans(start, stop, chosen, day)
+    return Scene(path, kinds, start, stop, spans, offset, *_divisors(satellite, chosen, rng), bias)
+
+
+def _schedule(path, kinds, chosen, day):
+    """Start times in the areas, or None."""
+    time = np.arange(day + 600, day + constants.DAY - 1200, 10.0)
+    position_e = np.matvec(earth.R_ei(time), path(time)[:, :3])
+    latitude = np.arcsin(position_e[:, 2] / np.linalg.norm(position_e, axis=1))
+    longitude = np.arctan2(position_e[:, 1], position_e[:, 0])
+    starts = [orbit.passes(time, latitude, longitude, AREAS[k], chosen.manoeuvre_s) for k in kinds]
+    latest = day + constants.DAY - chosen.quiet_s - chosen.manoeuvre_s - 10
+    return orbit.schedule(starts, chosen.manoeuvre_spacing_s, day + chosen.quiet_s + 10, latest)
+
+
+def _spans(start, stop, chosen, day):
+    """Times that are written: whole seconds round each manoeuvre, or the day."""
+    if chosen.span == "day" or start.size == 0:
+        length = constants.DAY if chosen.span == "day" else 2 * chosen.quiet_s
+        return np.array([[day, day + length]])
+    begin, end = np.floor(start - chosen.quiet_s), np.ceil(stop + chosen.quiet_s)
+    joined = [[begin[0], end[0]]]
+    for b, e in zip(begin[1:], end[1:], strict=True):
+        if b <= joined[-1][1] + 10:
+            joined[-1][1] = max(e, joined[-1][1])
+        else:
+            joined.append([b, e])
+    return np.clip(np.array(joined), day, day + constants.DAY)
+
+
+def _divisors(satellite, chosen, rng):
+    """True inertia and dipole per current: the catalogue's, or drawn from its prior."""
+    inertia, dipole = np.array(satellite["inertia"]), np.array(satellite["dipole_per_current"])
+    spread = rng.standard_normal(6) * chosen.divisor_scatter
+    inertia = inertia + np.diag(np.diag(np.array(satellite["inertia_sigma"])) * spread[:3])
+    return inertia, dipole + np.array(satellite["dipole_per_current_sigma"]) * spread[3:]
+
+
+def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
+    """Level-1 columns of a simulated day and its truth.
+
+    Parameters
+    ----------
+    satellite : numbers of the catalogue
+    chosen : parameters of the simulation
+    day : GPS s of midnight
+    seed : int
+    effects : {slug: {parameter: value}}, hidden in the data beside the offset
+
+    Returns
+    -------
+    columns : {product: {column: array}}
+    truth : plain dict, SI and um where named so
+    """
+    rng = np.random.default_rng(seed)
+    scene = draw_scene(satellite, chosen, day, rng)
+    injected = {slug: (effect(slug), effect(slug).values(given)) for slug, given in effects.items()}
+    clock = streams.draw_clock(chosen, day, rng)
+    parts = [_fly_span(span, scene, satellite, chosen, injected, clock, rng) for span in scene.spans]
+    columns = streams.join(parts) | streams.clock_files(clock)
+    return columns, _truth(scene, effects, seed, day, chosen)
+
+
+def _truth(scene, effects, seed, day, chosen):
+    return {
+        "seed": seed,
+        "day": day,
+        "direction": "proof_mass_to_com",
+        "offset_um": [float(v) for v in scene.offset * 1e6],
+        "inertia_kg_m2": scene.inertia_b.tolist(),
+        "dipole_per_current_a_m2_ma": scene.dipole_per_current.tolist(),
+        "manoeuvres": [
+            {"kind": kind.split("_")[0], "area": kind, "start": float(a), "stop": float(b)}
+            for kind, a, b in zip(scene.kinds, scene.start, scene.stop, strict=True)
+        ],
+        "effects": {slug: dict(given) for slug, given in effects.items()},
+        "noise_scale": chosen.noise_scale,
+    }
+
+
+def channel(injected, name: str, context: Context) -> np.ndarray:
+    """Sum of the contributions of the injected effects to one channel.
+
+    Parameters
+    ----------
+    injected : {slug: (Effect, values)}
+    name : key of CHANNELS
+    context : on the epochs of the channel
+    """
+    total = np.zeros(context.time.shape if name.endswith("_delay") else (context.time.size, 3))
+    for entry, values in injected.values():
+        if entry.channel == name:
+            total = total + entry.contribution(context, values)
+    return total
+
+
+def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
+    """Motion and readings of one contiguous span."""
+    epochs = streams.draw_epochs(span, clock, injected, satellite, channel)
+    around = _surroundings(span, scene, satellite)
+    steps = _steps(span, epochs, scene, satellite, chosen, rng)
+    body = attitude.Body(
+        scene.inertia_b,
+        chosen.control_frequency_rad_s,
+        1.0,
+        chosen.control_current_ma * float(np.mean(scene.dipole_per_current)),
+        satellite["torquer_current_step"] * float(np.mean(scene.dipole_per_current)),
+        constants.GM,
+    )
+    start = np.concatenate([around.target[1], around.target_rate_b[1]])
+    tilt = frames.from_rotation_vector(chosen.pointing_error_rad * rng.standard_normal(3))
+    start[:4] = frames.quaternion_product(start[:4], tilt)
+    slow = _slow_torque(steps.bound, chosen, rng)
+    states, control = attitude.fly(steps, around, body, start, (np.zeros_like(slow), slow))
+    if any(entry.channel in ("dipole_b", "torque_b") for entry, _ in injected.values()):
+        states, control, added = _with_effects(steps, around, body, start, slow, states, control, injected, scene)
+    else:
+        added = (np.zeros_like(slow), slow)
+    motion = _motion(steps, around, scene, states, control, added)
+    return streams.read_instruments(epochs, motion, scene, satellite, chosen, injected, channel, rng)
+
+
+def _surroundings(span, scene, satellite):
+    """Position, field and wanted attitude at 1 Hz, two seconds wider than the span."""
+    nodes = np.arange(np.floor(span[0]) - 2, np.ceil(span[1]) + 3)
+    state = scene.orbit(nodes)
+    R_ei = earth.R_ei(nodes)
+    field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), 13)
+    target, rate = orbit.nominal_attitude(state, satellite["x_along_velocity"])
+    return attitude.Surroundings(nodes, state[:, :3], np.matvec(np.swapaxes(R_ei, 1, 2), field_e), target, rate)
+
+
+def _steps(span, epochs, scene, satellite, chosen, rng):
+    """Steps that end at every epoch that is read, at every edge and at every control update."""
+    half = chosen.manoeuvre_period_s / 2
+    edges = [np.arange(a, b + half / 2, half) for a, b in zip(scene.start, scene.stop, strict=True)]
+    edges = np.concatenate([e for e in edges if e[0] > span[0] and e[-1] < span[1]] or [np.zeros(0)])
+    control = np.arange(span[0] + rng.uniform(0, 1), span[1], 1.0)
+    wanted = [epochs.acc, epochs.sca, epochs.mag, edges, control, np.arange(span[0] - 1, span[1] + 1.05, 0.1)]
+    bound = np.unique(np.concatenate(wanted))
+    bound = bound[np.concatenate([[True], np.diff(bound) > 1e-7])]
+    begin = bound[:-1]
+    amplitude = chosen.manoeuvre_current_share * satellite["torquer_full_scale"]
+    dipole, wave = np.zeros((begin.size, 3)), np.zeros(begin.size, dtype=bool)
+    for kind, a, b in zip(scene.kinds, scene.start, scene.stop, strict=True):
+        inside = (begin >= a - 1e-7) & (begin < b - 1e-7)
+        phase = np.floor((begin[inside] - a + 1e-7) / half).astype(int)
+        rod = RODS[kind]
+        dipole[inside, rod] = np.where(phase % 2 == 0, 1, -1) * amplitude * scene.dipole_per_current[rod]
+        wave |= inside
+    updates = np.isin(begin, control)
+    return attitude.Steps(bound, updates, wave, dipole)
+
+
+def _slow_torque(bound, chosen, rng):
+    """Aerodynamic torque that varies along the orbit, at both ends of each step."""
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    size = chosen.aerodynamic_torque_n_m * rng.standard_normal(3)
+    values = size * (1 + 0.5 * np.sin(1.1e-3 * (bound[:, None] - bound[0]) + phase))
+    return np.stack([values[:-1], values[1:]], axis=1)
+
+
+def _ends(array):
+    """(n + 1, 3) at bounds to (2 n, 3) at both ends of every step."""
+    return np.stack([array[:-1], array[1:]], axis=1).reshape(-1, array.shape[-1])
+
+
+def _with_effects(steps, around, body, start, slow, states, control, injected, scene):
+    """Fly again with the injected dipole and torque effects, the controller's part as it was with them."""
+    for closed in (True, False):
+        field_b = np.matvec(frames.R_bi_from_quaternion(states[:, :4]), _nodes(around, steps.bound, around.field_i))
+        context = Context(
+            time=np.stack([steps.bound[:-1], steps.bound[1:]], axis=1).ravel(),
+            rate_b=_ends(states[:, 4:]),
+            dipole_b=np.repeat(control[0], 2, axis=0),
+            field_b=_ends(field_b),
+            inertia_b=scene.inertia_b,
+            start=scene.start,
+            stop=scene.stop,
+            extra={"mass": 580.0, "non_gravitational_b": _ends(np.zeros_like(field_b) - [6e-8, 0, 0])},
+        )
+        dipole = channel(injected, "dipole_b", context).reshape(-1, 2, 3)
+        torque = slow + channel(injected, "torque_b", context).reshape(-1, 2, 3)
+        again = None if closed else control
+        states, control = attitude.fly(steps, around, body, start, (dipole, torque), again)
+    return states, control, (dipole, torque)
+
+
+def _nodes(around, time, values):
+    """Values of 1 Hz nodes at other times, linear."""
+    return np.stack([np.interp(time, around.time, values[:, c]) for c in range(values.shape[1])], axis=1)
+
+
+def _motion(steps, around, scene, states, control, added):
+    """True motion at every bound, values after an edge."""
+    pad = [np.concatenate([a, a[-1:]]) for a in (control[0] + added[0][:, 0], control[1] + added[1][:, 0])]
+    rods = np.concatenate([control[0], control[0][-1:]])
+    position_i, field_i = (_nodes(around, steps.bound, v) for v in (around.position_i, around.field_i))
+    quaternion, rate = states[:, :4], states[:, 4:]
+    field_b = np.matvec(frames.R_bi_from_quaternion(quaternion), field_i)
+    R_bi = frames.R_bi_from_quaternion(quaternion)
+    gradient_b = R_bi @ gravity.gradient_i(position_i) @ np.swapaxes(R_bi, 1, 2)
+    torque = np.cross(pad[0], field_b) + pad[1] + dynamics.gravity_gradient_torque(scene.inertia_b, gradient_b)
+    return streams.Motion(
+        time=steps.bound,
+        quaternion=quaternion,
+        rate_b=rate,
+        rate_dot_b=dynamics.rate_derivative(scene.inertia_b, rate, torque),
+        gradient_b=gradient_b,
+        field_b=field_b,
+        command_b=rods,
+    )
