@@ -35,8 +35,9 @@ D = np.ascontiguousarray(DOP853.D)
 
 @njit(cache=True)
 def propagate(problem, time, y, max_step, out):
-    """Fill out (n, 10 + 6 columns): quaternion, rate, rate derivative, sensitivity at each time."""
-    K, F, work = np.zeros((STAGES, y.size)), np.empty((7, y.size)), np.empty(y.size)
+    """Fill out (n, 10 + 6 columns): quaternion, rate, rate derivative, sensitivity at each time; y is used up."""
+    scratch = np.zeros((STAGES, y.size)), np.empty((7, y.size)), np.empty(y.size)
+    K, _, end = scratch
     done = 0
     for piece in range(problem.breaks.size - 1):
         start, stop = problem.breaks[piece], problem.breaks[piece + 1]
@@ -44,67 +45,75 @@ def propagate(problem, time, y, max_step, out):
             _shift_edge(problem, piece, start, y)
         steps = max(1, int(np.ceil((stop - start) / max_step - 1e-9)))
         h = (stop - start) / steps
+        _derivative(problem, piece, start, y, K[0])
         for step in range(steps):
-            t = start + step * h
-            t_next = stop if step == steps - 1 else start + (step + 1) * h
-            while done < time.size and time[done] <= t:
-                _record(problem, piece, t, y, work, out[done])
+            at = (piece, start + step * h, h)
+            while done < time.size and time[done] <= at[1]:
+                _record(problem, at, y, end, out[done])
                 done += 1
             if done == time.size:
                 return
-            if step == 0:
-                _derivative(problem, piece, t, y, K[0])
-            else:
-                K[0] = K[12]
-            _step(problem, piece, t, h, y, K, work)
+            _step(problem, at, y, scratch)
+            t_next = stop if step == steps - 1 else start + (step + 1) * h
             if time[done] < t_next:
-                _dense(problem, piece, t, h, y, K, F, work)
-                while done < time.size and time[done] < t_next:
-                    _interpolate((time[done] - t) / h, y, F, work)
-                    _record(problem, piece, time[done], work, K[13], out[done])
-                    done += 1
-                y += F[0]
+                done = _outputs(problem, at, y, scratch, (time, done, t_next, out))
             else:
-                y[:] = work
+                y[:] = end
             _normalise(y)
+            K[0] = K[12]
 
 
 @njit(cache=True)
-def _step(problem, piece, t, h, y, K, work):
-    """Twelve stages and the derivative at the end; work becomes the new state."""
+def _outputs(problem, at, y, scratch, wanted):
+    """Write the epochs inside a step, move y to its end and return how many epochs are done."""
+    K, F, work = scratch
+    time, done, t_next, out = wanted
+    _dense(problem, at, y, scratch)
+    while done < time.size and time[done] < t_next:
+        _interpolate((time[done] - at[1]) / at[2], y, F, work)
+        _record(problem, (at[0], time[done], at[2]), work, K[13], out[done])
+        done += 1
+    y += F[0]
+    return done
+
+
+@njit(cache=True)
+def _step(problem, at, y, scratch):
+    """Twelve stages and the derivative at the end, K[0] given; work becomes the new state."""
+    K, _, work = scratch
+    piece, t, h = at
     for s in range(1, 13):
-        _combine(A[s], s, h, y, K, work)
+        _combine(A[s, :s], h, y, K, work)
         _derivative(problem, piece, t + C[s] * h, work, K[s])
 
 
 @njit(cache=True)
-def _dense(problem, piece, t, h, y, K, F, work):
-    """Coefficients of the seventh-order polynomial inside the step whose end is in work."""
+def _dense(problem, at, y, scratch):
+    """Coefficients F of the seventh-order polynomial inside the step whose end is in work."""
+    K, F, work = scratch
+    piece, t, h = at
     for i in range(y.size):
         F[0, i] = work[i] - y[i]
         F[1, i] = h * K[0, i] - F[0, i]
         F[2, i] = 2 * F[0, i] - h * (K[12, i] + K[0, i])
     for s in range(13, STAGES):
-        _combine(A[s], s, h, y, K, work)
+        _combine(A[s, :s], h, y, K, work)
         _derivative(problem, piece, t + C[s] * h, work, K[s])
+    nothing = np.zeros(y.size)
     for row in range(4):
-        F[3 + row] = 0.0
-        for s in range(STAGES):
-            if D[row, s] != 0.0:
-                factor = h * D[row, s]
-                for i in range(y.size):
-                    F[3 + row, i] += factor * K[s, i]
+        _combine(D[row], h, nothing, K, F[3 + row])
 
 
 @njit(cache=True, fastmath={"contract"})
-def _combine(weights, stages, h, y, K, work):
+def _combine(weights, h, y, K, out):
+    """Sum out = y + h sum weights K, rows of weight zero left out."""
     for i in range(y.size):
-        work[i] = y[i]
-    for s in range(stages):
+        out[i] = y[i]
+    for s in range(weights.size):
         if weights[s] != 0.0:
             factor = h * weights[s]
             for i in range(y.size):
-                work[i] += factor * K[s, i]
+                out[i] += factor * K[s, i]
 
 
 @njit(cache=True, fastmath={"contract"})
@@ -122,9 +131,9 @@ def _normalise(y):
 
 
 @njit(cache=True)
-def _record(problem, piece, t, y, work, row):
+def _record(problem, at, y, work, row):
     """One line of output; work is scratch."""
-    _derivative(problem, piece, t, y, work)
+    _derivative(problem, at[0], at[1], y, work)
     row[:7] = y[:7]
     _normalise(row)
     row[7:10] = work[4:7]
@@ -157,7 +166,9 @@ def _derivative(problem, piece, t, y, dy):
     if problem.gradient:
         G = similarity(R, _gradient(problem.spline[at], x))
     magnetic, momentum = cross(problem.dipole[piece], B), matvec(J, w)
-    torque = _total(problem, piece, t, magnetic, gradient_torque(J, G), cross(w, momentum))
+    gravity, gyroscopic = gradient_torque(J, G), cross(w, momentum)
+    other = (gravity[0] - gyroscopic[0], gravity[1] - gyroscopic[1], gravity[2] - gyroscopic[2])
+    torque = _total(problem, piece, t, magnetic, other)
     dy[0] = -0.5 * (y[1] * w[0] + y[2] * w[1] + y[3] * w[2])
     dy[1] = 0.5 * (y[0] * w[0] + y[2] * w[2] - y[3] * w[1])
     dy[2] = 0.5 * (y[0] * w[1] + y[3] * w[0] - y[1] * w[2])
@@ -170,13 +181,14 @@ def _derivative(problem, piece, t, y, dy):
 
 
 @njit(cache=True)
-def _total(problem, piece, t, magnetic, gravity, gyroscopic):
+def _total(problem, piece, t, magnetic, other):
+    """Scaled magnetic torque, constant, extra torque and the rest."""
     dt = t - problem.breaks[piece]
     k, s, e, d = problem.constant, problem.scale, problem.extra[piece], problem.slope[piece]
     return (
-        s[0] * magnetic[0] - gyroscopic[0] + gravity[0] + k[0] + e[0] + dt * d[0],
-        s[1] * magnetic[1] - gyroscopic[1] + gravity[1] + k[1] + e[1] + dt * d[1],
-        s[2] * magnetic[2] - gyroscopic[2] + gravity[2] + k[2] + e[2] + dt * d[2],
+        s[0] * magnetic[0] + other[0] + k[0] + e[0] + dt * d[0],
+        s[1] * magnetic[1] + other[1] + k[1] + e[1] + dt * d[1],
+        s[2] * magnetic[2] + other[2] + k[2] + e[2] + dt * d[2],
     )
 
 

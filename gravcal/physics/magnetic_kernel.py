@@ -50,8 +50,8 @@ def _block(point, base, slope, scratch, result):
             k = n - m + 1
             if k > 1:
                 a, b = (2 * n - 1) / (n - m), (n + m - 1) / (n - m)
-                _next_degree(a, b, z, q, V[k - 2], V[k - 1], V[k])
-                _next_degree(a, b, z, q, W[k - 2], W[k - 1], W[k])
+                _next_degree(a, b, (z, q), V, k)
+                _next_degree(a, b, (z, q), W, k)
             if n > 1:
                 for axis in range(3):
                     _accumulate(base[n, m], slope[n, m], axis, (point[3], V[k], W[k]), result[axis])
@@ -65,7 +65,9 @@ def _sectorial(factor, x, y, sv, sw):
 
 
 @njit(cache=True, fastmath={"contract"})
-def _next_degree(a, b, z, q, before, last, out):
+def _next_degree(a, b, geometry, table, k):
+    z, q = geometry
+    before, last, out = table[k - 2], table[k - 1], table[k]
     for i in range(BLOCK):
         out[i] = a * z[i] * last[i] - b * q[i] * before[i]
 
