@@ -9,10 +9,10 @@ import numpy as np
 from gravcal.data import archive
 from gravcal.data.readers.checks import KNOWN_TIMES
 from gravcal.data.readers.dataset import TICKS, srf_names
-from gravcal.data.readers.refusal import refuse
 from gravcal.data.readers.tables import BITS, FLOATS, INTEGERS, Product, mission_of
 from gravcal.data.readers.tables import product as product_table
-from gravcal.data.written_headers import header_text
+from gravcal.data.refusal import refuse
+from gravcal.data.written_headers import Origin, header_text
 
 GIVE = "Give it, or choose another product."
 
@@ -49,7 +49,8 @@ def write(observed, path, product=None, satellite=None, *, created=None, history
     values = _columns(observed, table, satellite, path)
     body = _records(values, table)
     ticks = _ticks(values, table)
-    text = header_text(table, satellite, path.name, ticks, len(body), created, history) + body
+    origin = Origin(satellite, path.name, created, tuple(history))
+    text = header_text(table, origin, ticks, len(body)) + body
     path.write_bytes(gzip.compress(text, 1, mtime=0) if path.name.endswith(".gz") else text)
     return path
 

@@ -1,5 +1,7 @@
 """Headers of written Level-1 files: the real field names, and words that say the file is simulated."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from gravcal.data.readers.tables import BITS, Product
@@ -11,26 +13,34 @@ TOGETHER = {"X": "GRACE A+B", "Y": "GRACE C+D"}
 LABELS = 24  # lines of an 80-column header with its end
 
 
-def header_text(table: Product, satellite, name, ticks, size, created=None, history=()) -> bytes:
+@dataclass(frozen=True)
+class Origin:
+    """Whose file it is and where it comes from; no date of creation unless one is given."""
+
+    satellite: str
+    name: str
+    created: str | None = None
+    history: tuple[str, ...] = ()
+
+
+def header_text(table: Product, origin: Origin, ticks, size) -> bytes:
     """Header of a file.
 
     Parameters
     ----------
     table : the product's columns
-    satellite, name : letter and file name
+    origin : satellite, file name, date of creation and history
     ticks : (n,) int64 ns, time tags
     size : bytes of the records
-    created : date of creation, None to leave it out
-    history : lines for the header
     """
     if table.header == "label" or table.mission == "GRACE":
-        return _labels(table, satellite, name, ticks, size, created or "")
+        return _labels(table, origin, ticks, size)
     lines = [
         "header:",
         "  dimensions:",
         f"    num_records: {len(ticks)}",
         "  global_attributes:",
-        *_attributes(table, satellite, ticks, created, history),
+        *_attributes(table, origin, ticks),
         "  non-standard_attributes:",
         "    epoch_time: 2000-01-01T12:00:00.00",
         f"    software_version: {BY}",
@@ -42,13 +52,13 @@ def header_text(table: Product, satellite, name, ticks, size, created=None, hist
     return ("\n".join(lines) + "\n").encode()
 
 
-def _attributes(table, satellite, ticks, created, history):
-    platform = TOGETHER.get(satellite, f"GRACE {satellite}")
+def _attributes(table, origin, ticks):
+    platform = _platform(origin)
     attributes = {
         "conventions": "CF-1.6, ACDD-1.3, ISO 8601",
         "creator_institution": "gravcal",
         "creator_name": BY,
-        **({"date_created": created} if created else {}),
+        **({"date_created": origin.created} if origin.created else {}),
         "history": "",
         "institution": "gravcal",
         "instrument": table.instrument,
@@ -66,9 +76,13 @@ def _attributes(table, satellite, ticks, created, history):
     for name, value in attributes.items():
         if name == "history":
             yield "    history:"
-            yield from [f"      - {_quoted(line)}" for line in history] or ["      []"]
+            yield from [f"      - {_quoted(line)}" for line in origin.history] or ["      []"]
         else:
             yield f"    {name}: {_plain(value)}"
+
+
+def _platform(origin):
+    return TOGETHER.get(origin.satellite, f"GRACE {origin.satellite}")
 
 
 def _edges(ticks):
@@ -138,7 +152,7 @@ def _quoted(text):
     return '"' + str(text).replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _labels(table, satellite, name, ticks, size, created):
+def _labels(table, origin, ticks, size):
     first, last = (ticks[0], ticks[-1]) if len(ticks) else (0, 0)
     kind = table.file_type or f"ip{table.name}F            : 0"
     entries = [
@@ -150,16 +164,16 @@ def _labels(table, satellite, name, ticks, size, created):
         ("SOFTWARE VERSION", BY),
         ("SOFTWARE BUILD TIME", ""),
         ("REFERENCE DOCUMENTATION", "none, simulated data"),
-        ("SATELLITE NAME", TOGETHER.get(satellite, f"GRACE {satellite}")),
+        ("SATELLITE NAME", _platform(origin)),
         ("SENSOR NAME", table.instrument),
         ("TIME EPOCH (GPS TIME)", "2000-01-01 12:00:00"),
         ("TIME FIRST OBS(SEC PAST EPOCH)", f"{first / 1e9:.6f} ({_stamp(first).replace('T', ' ')})"),
         ("TIME LAST OBS(SEC PAST EPOCH)", f"{last / 1e9:.6f} ({_stamp(last).replace('T', ' ')})"),
         ("NUMBER OF DATA RECORDS", str(len(ticks))),
-        ("PRODUCT CREATE START TIME(UTC)", created),
-        ("PRODUCT CREATE END TIME(UTC)", created),
+        ("PRODUCT CREATE START TIME(UTC)", origin.created or ""),
+        ("PRODUCT CREATE END TIME(UTC)", origin.created or ""),
         ("FILESIZE (BYTES)", str(81 * LABELS + size)),
-        ("FILENAME", name),
+        ("FILENAME", origin.name),
         ("PROCESS LEVEL (1A OR 1B)", LEVELS.get(table.name[-1], "1B")),
     ]
     entries += [("INPUT FILE NAME", "none")] * (LABELS - 1 - len(entries))

@@ -226,7 +226,7 @@ def ordered(tags: Tags, values=(), keys=()) -> Ordering:
 
 def _equal(values, one, other):
     equal = np.ones(len(one), bool)
-    for column in values:
+    for column in values if len(one) else ():
         a, b = np.asarray(column)[one], np.asarray(column)[other]
         equal &= ((a == b) | ((a != a) & (b != b))).reshape(len(one), -1).all(axis=1)
     return equal

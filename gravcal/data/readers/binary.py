@@ -3,8 +3,8 @@
 import numpy as np
 
 from gravcal.data.readers.decoding import dtype_of
-from gravcal.data.readers.refusal import refuse
 from gravcal.data.readers.tables import BITS, Product, reordered
+from gravcal.data.refusal import refuse
 
 TRUNCATED = "The file is cut: fetch it again."
 

@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 
-from gravcal.data.readers.refusal import refuse
 from gravcal.data.readers.tables import BITS, FLOATS, INTEGERS, Product
+from gravcal.data.refusal import refuse
 
 NOT_FINITE = 1
 NOT_UNIT = 2
@@ -118,14 +118,22 @@ def _scatter(places, chosen):
     return found
 
 
-def check_identity(where, table, header, named, arrays, seconds, expect_satellite, expect_date):
+def check_identity(file, header, table, arrays, expected):
     """Refuse a file of another satellite, day or time scale than its name, header or the caller says.
+
+    Parameters
+    ----------
+    file : LevelOneFile, what the name says
+    header : what the header says
+    table, arrays : the product's columns, and the records
+    expected : satellite letter and date the caller expects, None where anything will do
 
     Raises
     ------
     ProductError : naming what contradicts what
     """
-    said = {"name": named.satellite if named else "", "request": expect_satellite or ""}
+    where, (satellite, day) = file.where, expected
+    said = {"name": file.satellite, "request": satellite or ""}
     said["records"] = _letter_of_records(arrays, table)
     if not said["records"]:  # headers are known to name the other satellite: records overrule them
         said["header"] = header.satellite
@@ -133,11 +141,11 @@ def check_identity(where, table, header, named, arrays, seconds, expect_satellit
     if len(set(letters.values())) > 1:
         found = ", ".join(f"{v} by its {k}" for k, v in letters.items())
         refuse(where, f"satellite {found}", "one satellite", "Take the file of the right satellite.", **letters)
-    if expect_date and named and named.date != expect_date:
-        refuse(where, f"a file of {named.date}", expect_date, "Take the file of the right day.", date=named.date)
-    date = expect_date or (named.date if named else None)
-    if date and len(seconds) and not table.constant:
-        _check_day(where, date, seconds)
+    if day and file.date and file.date != day:
+        refuse(where, f"a file of {file.date}", day, "Take the file of the right day.", date=file.date)
+    seconds = arrays[table.time[0]]
+    if (day or file.date) and len(seconds) and not table.constant:
+        _check_day(where, day or file.date, seconds)
     if "time_ref" in arrays:
         _check_time_ref(where, table, arrays["time_ref"])
 

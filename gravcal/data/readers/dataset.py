@@ -9,9 +9,9 @@ import xarray as xr
 from gravcal.data import archive
 from gravcal.data.readers import binary, checks, text
 from gravcal.data.readers import header as headers
-from gravcal.data.readers.refusal import refuse
 from gravcal.data.readers.tables import Product, mission_of, reordered
 from gravcal.data.readers.tables import product as product_table
+from gravcal.data.refusal import refuse
 
 TICKS = {"s": 1_000_000_000, "us": 1_000, "ns": 1}
 MOVED = "columns moved from the accelerometer frame: SRF (x, y, z) = AF (z, x, y)"
@@ -51,8 +51,7 @@ def read(source, product=None, columns=None, *, expect_satellite=None, expect_da
     else:
         arrays = text.parse(data, header.size, header.lines, table, file.where)
     seconds, ticks = _tags(arrays, table, file.where)
-    named = file if file.date else None
-    checks.check_identity(file.where, table, header, named, arrays, seconds, expect_satellite, expect_date)
+    checks.check_identity(file, header, table, arrays, (expect_satellite, expect_date))
     flag = checks.flags(arrays, ticks, table, satellite)
     observed = _assembled(arrays, seconds, ticks, flag, table)
     observed.attrs = _attributes(header, table, file, satellite, len(flag))

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
-from gravcal.data.readers.refusal import refuse
+from gravcal.data.refusal import refuse
 
 YAML_END = b"# End of YAML header\n"
 LABEL_END = re.compile(rb"END OF HEADER *\r?\n")

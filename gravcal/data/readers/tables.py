@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 
-from gravcal.data.readers.refusal import refuse
+from gravcal.data.refusal import refuse
 
 PRODUCTS = Path(__file__).with_name("products")
 SI_UNITS = {

@@ -3,8 +3,8 @@
 import numpy as np
 
 from gravcal.data.readers.decoding import Malformed, bits_value, decode, dtype_of
-from gravcal.data.readers.refusal import refuse
 from gravcal.data.readers.tables import FLOATS, INTEGERS, Product
+from gravcal.data.refusal import refuse
 
 DAMAGED = "The file is damaged or of another layout: fetch it again, or correct the line."
 
@@ -128,8 +128,8 @@ def _sorted_by_layout(body, table, where, header_lines):
     for key, rows in _groups(tokens, table):
         group = tokens.gather(rows)
         columns = (*table.columns, *table.following(key))
-        _check_lengths(group.list.len(), rows, len(columns), where, header_lines)
         _check_bits(table, key, rows, where, header_lines)
+        _check_lengths(group.list.len(), rows, len(columns), where, header_lines)
         for place, column in enumerate(columns):
             try:
                 values = decode(group.list.get(place), column)

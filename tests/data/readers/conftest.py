@@ -1,0 +1,57 @@
+"""Measured files, and small files to damage."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gravcal.data.writers import write
+
+MEASURED = Path(__file__).parents[4] / "shared" / "data"
+START = 738849600  # 2023-06-01 00:00:00 GPS
+
+
+@pytest.fixture(scope="session")
+def measured():
+    """Folder of measured Level-1 data; the test is skipped where it is absent."""
+    if not MEASURED.is_dir():
+        pytest.skip(f"no measured data at {MEASURED}")
+    return MEASURED
+
+
+@pytest.fixture
+def attitude():
+    """Columns of a small SCA1B file."""
+    angle = np.linspace(0.1, 0.2, 20)
+    return {
+        "gps_time": START + np.arange(20),
+        "quatangle": np.cos(angle),
+        "quaticoeff": np.sin(angle),
+        "quatjcoeff": np.zeros(20),
+        "quatkcoeff": np.zeros(20),
+    }
+
+
+@pytest.fixture
+def acceleration():
+    """Columns of a small ACC1A file, in SRF."""
+    names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
+    values = np.random.default_rng(1).normal(size=(6, 30)) * 1e-6
+    return {
+        "time_second": START + np.arange(30) // 10,
+        "time_fraction": (np.arange(30) % 10) / 10 + 7e-6,
+        "icu_blk_nr": np.arange(30) // 10,
+        **dict(zip(names, values, strict=True)),
+    }
+
+
+@pytest.fixture
+def attitude_file(tmp_path, attitude):
+    """A small SCA1B file."""
+    return write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt")
+
+
+@pytest.fixture
+def acceleration_file(tmp_path, acceleration):
+    """A small ACC1A file."""
+    return write(acceleration, tmp_path / "ACC1A_2023-06-01_C_04.txt")

@@ -1,0 +1,117 @@
+"""Files in folders and archives: which one is found, and what is refused."""
+
+import io
+import tarfile
+
+import pytest
+from numpy.testing import assert_array_equal
+
+from gravcal.data import archive
+from gravcal.data.readers import find, inventory, read
+from gravcal.data.writers import file_name, write
+from gravcal.errors import ProductError
+
+
+def _packed(path, members, kind=tarfile.REGTYPE):
+    with tarfile.open(path, "w:gz") as packed:
+        for name, data in members.items():
+            item = tarfile.TarInfo(name)
+            item.size, item.type, item.linkname = len(data), kind, "elsewhere" if kind != tarfile.REGTYPE else ""
+            packed.addfile(item, io.BytesIO(data))
+    return path
+
+
+@pytest.fixture
+def member(tmp_path, attitude_file):
+    """An archive with one SCA1B file, its AppleDouble twin and a report; no loose file beside it."""
+    data = attitude_file.read_bytes()
+    attitude_file.unlink()
+    name = attitude_file.name
+    members = {f"./._{name}": b"Mac OS X", f"./{name}": data, name.replace("txt", "rpt"): b"1 2 3\n"}
+    return _packed(tmp_path / "gracefo_1B_2023-06-01_RL04.ascii.noLRI.tgz", members)
+
+
+def test_members_of_archives_are_found_and_read(member, attitude):
+    """Contract: without extraction, AppleDouble twins and reports left out."""
+    files = inventory(member.parent)
+    assert [f.name for f in files] == ["SCA1B_2023-06-01_C_04.txt"]
+    assert_array_equal(read(files[0]).quatangle, attitude["quatangle"])
+    assert sorted(p.name for p in member.parent.iterdir()) == [member.name]
+    assert_array_equal(read(member, "SCA1B").quatangle, attitude["quatangle"])
+
+
+def test_loose_files_come_before_archived_ones_and_new_releases_first(member, attitude):
+    """Contract: release first, then loose before archived."""
+    loose = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C"))
+    assert find(member.parent, "SCA1B", "C").path == loose
+    newer = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C", "05"))
+    assert find(member.parent, "SCA1B", "C").path == newer
+
+
+def test_several_days_need_a_date(tmp_path, attitude):
+    """Contract: the error lists the days."""
+    for day in ("2023-06-01", "2023-06-02"):
+        write(attitude, tmp_path / file_name("SCA1B", day, "C"))
+    with pytest.raises(ProductError, match="2023-06-01, 2023-06-02"):
+        find(tmp_path, "SCA1B", "C")
+    assert find(tmp_path, "SCA1B", "C", "2023-06-02").date == "2023-06-02"
+
+
+def test_a_missing_product_is_said_with_what_is_there(tmp_path, attitude_file):
+    """Contract: a satellite that is not there, a product that is not there, a folder that is not there."""
+    with pytest.raises(ProductError, match="SCA1B C 2023-06-01"):
+        find(attitude_file.parent, "SCA1B", "D")
+    with pytest.raises(ProductError, match="no file of this product"):
+        find(attitude_file.parent, "MAG1B", "C")
+    with pytest.raises(ProductError, match="nothing there"):
+        inventory(tmp_path / "nowhere")
+
+
+def test_combined_products_are_found_for_either_satellite(tmp_path):
+    """Contract: KBR1B carries the letter Y for C and D."""
+    columns = ("biased_range", "range_rate", "range_accl", "lighttime_corr", "lighttime_rate", "lighttime_accl")
+    antenna = ("ant_centr_corr", "ant_centr_rate", "ant_centr_accl")
+    values = {"gps_time": [738849600, 738849605], **{c: [1.0, 2.0] for c in (*columns, *antenna)}}
+    path = write(values, tmp_path / file_name("KBR1B", "2023-06-01", "Y"))
+    for letter in ("C", "D", "CD", "Y", None):
+        assert find(tmp_path, "KBR1B", letter).path == path
+    assert read(path).sizes["record"] == 2
+
+
+@pytest.mark.parametrize("name", ["../SCA1B_2023-06-01_C_04.txt", "/tmp/x.txt", "a/../../b.txt", "..\\b.txt"])
+def test_members_that_leave_the_folder_are_refused(tmp_path, name):
+    """Contract: whatever else is in the archive."""
+    _packed(tmp_path / "x.tgz", {name: b"data"})
+    with pytest.raises(ProductError, match="leaves the folder"):
+        inventory(tmp_path)
+
+
+def test_links_with_the_name_of_a_product_are_refused(tmp_path):
+    """Contract: a link is no file."""
+    _packed(tmp_path / "x.tgz", {"SCA1B_2023-06-01_C_04.txt": b""}, tarfile.SYMTYPE)
+    with pytest.raises(ProductError, match="link"):
+        inventory(tmp_path)
+
+
+@pytest.mark.parametrize("size", [10, 200])
+def test_damaged_archives_are_refused(member, size):
+    """Contract: a cut archive, and one that is none."""
+    member.write_bytes(member.read_bytes()[:size])
+    with pytest.raises(ProductError, match="damaged"):
+        inventory(member.parent)
+
+
+def test_damaged_compression_is_refused(tmp_path, attitude):
+    """Contract: a cut .gz."""
+    path = write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt.gz")
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ProductError, match="damaged"):
+        read(path)
+
+
+def test_names_that_are_no_level_one_files_are_passed_over(tmp_path):
+    """Contract: reports, notes and AppleDouble files."""
+    for name in ("SCA1B_2023-06-01_C_04.rpt", "notes.txt", "._SCA1B_2023-06-01_C_04.txt", "SCA1B_2023-06-01_Q_04.txt"):
+        (tmp_path / name).write_text("x")
+        assert archive.from_name(tmp_path / name) is None
+    assert inventory(tmp_path) == []

@@ -1,0 +1,183 @@
+"""Every measured file reads; text and binary, loose and archived files agree."""
+
+import gzip
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from gravcal.data.readers import find, inventory, read
+from gravcal.data.writers import write
+
+pytestmark = pytest.mark.measured
+TIGHT = 1e-14  # relative: the text prints 16 digits
+WRITTEN = ("ACC1A", "ACT1A", "ACT1B", "SCA1A", "SCA1B", "MAG1A", "MAG1B", "GNV1B", "GNI1B", "CLK1B", "TIM1B", "KBR1B")
+SINGLE = 1e-6  # relative: 16 digits of a number that is a float32
+
+
+def _same(one, other, names=None):
+    for name in names or one.data_vars:
+        assert_array_equal(one[name].values, other[name].values, err_msg=name)
+
+
+def test_every_measured_file_reads_with_all_its_records(measured):
+    """Contract: records are the lines after the header, or whole structures; no product is left out."""
+    files = inventory(measured)
+    products = {file.product for file in files}
+    assert len(products) >= 50
+    for file in files:
+        observed = read(file)
+        assert observed.attrs["product"] == file.product
+        wrong_header = file.name == "QSA1B_2018-05-22_D_04.txt"  # three records, one declared
+        assert wrong_header or observed.sizes["record"] <= observed.attrs["records_declared"]
+
+
+def test_records_are_counted_as_the_lines_of_the_files(measured):
+    """Contract: 100 lines, 100 records, whatever prod_flag says."""
+    for file in inventory(measured / "gracefo-2023-06-01"):
+        if file.member is None:
+            body = file.path.read_bytes().partition(b"# End of YAML header\n")[2]
+            body = body or file.path.read_bytes().partition(b"END OF HEADER")[2].partition(b"\n")[2]
+            assert read(file).sizes["record"] == body.count(b"\n"), file.name
+
+
+def _numbers(file, name):
+    """Column of a text file as plain Python reads it."""
+    lines = file.path.read_text().partition("# End of YAML header\n")[2].splitlines()
+    return np.array([float(line.split()[name]) for line in lines])
+
+
+@pytest.mark.parametrize(
+    ("product", "columns"),
+    [
+        ("ACT1B", {"lin_accl_x": 2, "acl_z_res": 10}),
+        ("GNI1B", {"xpos": 3, "zvel": 11}),
+        ("MAG1A", {"MfvX_RAW": 4, "torque3B": 12, "time_frac": 1}),
+        ("CLK1B", {"eps_time": 3, "eps_drift": 5}),
+        ("THR1B", {"thrust_count_att_ctrl_1_1": 4, "accum_dur_orb_ctrl": 44}),
+        ("SCA1B", {"quatangle": 3, "qual_rss": 7}),
+    ],
+)
+def test_numbers_are_those_of_the_text(measured, product, columns):
+    """Contract: bit for bit what Python's float makes of the token."""
+    file = find(measured / "gracefo-2023-06-01", product, "C", "2023-06-01")
+    observed = read(file)
+    for name, place in columns.items():
+        assert_array_equal(observed[name].values, _numbers(file, place))
+
+
+def test_accelerometer_columns_come_out_in_srf(measured):
+    """Contract: SRF (x, y, z) are the columns z, x, y, linear and angular, without a change of sign."""
+    for product in ("ACC1A", "ACT1A"):
+        file = find(measured / "gracefo-2023-06-01", product, "C", "2023-06-01")
+        observed = read(file)
+        for first, kind in ((6, "lin"), (9, "ang")):
+            for axis, column in zip("xyz", (first + 2, first, first + 1), strict=True):
+                assert_array_equal(observed[f"{kind}_accl_{axis}"].values, _numbers(file, column))
+                assert observed[f"{kind}_accl_{axis}"].attrs["frame"] == "b"
+
+
+def test_values_that_a_record_lacks_are_nan(measured):
+    """Contract: TNK1A has two kinds of records; each holds what its prod_flag says."""
+    observed = read(find(measured / "gracefo-2023-06-01", "TNK1A", "C"))
+    for name, bit in (("tank_pres", 0), ("reg_pres", 1), ("skin_temp", 2), ("boss_sliding", 6)):
+        present = observed.prod_flag.values >> bit & 1 == 1
+        assert_array_equal(np.isfinite(observed[name].values), present)
+    assert "skin_temp_r" not in observed  # no record holds it
+    rows = observed.prod_flag.values == 0b01110100
+    assert_array_equal(observed.boss_sliding.values[rows][0], 4.772736072540283)
+
+
+def test_binary_equals_text_record_by_record(measured):
+    """Contract: 2003-09-14, every product of A, B and X; float32 columns to their own precision."""
+    pairs = 0
+    for file in inventory(measured / "grace-2003-09-14" / "binary"):
+        text = read(find(measured / "grace-2003-09-14" / "ascii", file.product, file.satellite))
+        binary = read(file)
+        assert set(text) == set(binary)
+        for name in text:
+            one, other = text[name].values, binary[name].values
+            if one.dtype.kind == "f":
+                np.testing.assert_allclose(one, other, rtol=SINGLE, err_msg=f"{file.name} {name}")
+                exact = np.isclose(one, other, rtol=TIGHT, atol=0, equal_nan=True)
+                assert (exact | (np.float32(one) == other)).all(), f"{file.name} {name}"
+            else:
+                assert_array_equal(one, other, err_msg=f"{file.name} {name}")
+        pairs += 1
+    assert pairs == 41
+
+
+@pytest.mark.parametrize("product", ["CLK1B", "MAS1B", "THR1B", "USO1B", "TIM1B", "SCA1B", "KBR1B"])
+def test_full_days_agree_in_binary_and_text(measured, product):
+    """Contract: 2014-01-15, full day, binary against text, compressed or not."""
+    folder = measured / "grace-2014-01-15"
+    files = [f for f in inventory(folder) if f.product == product and f.satellite in "AX"]
+    one, other = (read(f) for f in files)
+    assert one.sizes["record"] == other.sizes["record"] > 3
+    for name in one:
+        if one[name].dtype.kind == "f":
+            np.testing.assert_allclose(one[name], other[name], rtol=TIGHT, atol=0)
+        else:
+            assert_array_equal(one[name], other[name])
+
+
+def test_daily_archives_hold_what_the_loose_files_hold(measured):
+    """Contract: members are read without extraction; AppleDouble members are no files."""
+    files = inventory(measured / "gracefo-2023-06-01")
+    members = [f for f in files if f.member]
+    loose = {f.name: f for f in files if not f.member}
+    assert len(members) > 70
+    assert not any("._" in f.member for f in members)
+    for member in members:
+        if member.name != "AHK1A_2023-06-01_C_04.txt":  # its loose copy has no records
+            _same(read(member), read(loose[member.name]))
+
+
+def test_header_only_files_have_all_columns_and_no_record(measured):
+    """Contract: num_records 0 is a file like others."""
+    observed = read(measured / "gracefo-2023-06-01" / "ACT1B_2024-04-01_D_04.txt")
+    assert observed.sizes["record"] == 0
+    assert observed.lin_accl_x.dtype == float
+
+
+def test_torquer_current_has_the_sign_of_the_mission(measured):
+    """Published: GRACE-FO nA + nB, GRACE nA - nB (formats.md, 2.4)."""
+    new = read(find(measured / "gracefo-2023-06-01", "MAG1B", "C", "2023-06-01"))
+    old = read(find(measured / "grace-2003-09-14" / "binary", "MAG1B", "A"))
+    assert_array_equal(new.current_b[0], [4.621397018432617, -2.094727039337158, 1.34342896938324])
+    assert_array_equal(old.current_b[0], [0 - 12.83203125, 0.3515625 - 3.427734375, 0 - 6.15234375])
+
+
+def test_clean_measured_records_carry_no_doubt(measured):
+    """Contract: nothing but the first record of the clock files, which comes twice, is flagged."""
+    for product in ("ACC1A", "SCA1A", "SCA1B", "MAG1A", "MAG1B", "GNV1B", "GNI1B", "IMU1A", "KBR1B", "THR1B", "TIM1B"):
+        for file in (f for f in inventory(measured / "gracefo-2023-06-01") if f.product == product):
+            assert not read(file).flag.any(), file.name
+    clock = read(find(measured / "gracefo-2023-06-01", "CLK1B", "C"))
+    assert_array_equal(np.flatnonzero(clock.flag), [1])
+
+
+def test_measured_files_written_and_read_again_are_equal(measured, tmp_path):
+    """Analytic: read after write is the identity, for every product the simulator writes."""
+    for product in WRITTEN:
+        file = next(f for f in inventory(measured / "gracefo-2023-06-01") if f.product == product)
+        observed = read(file)
+        _same(observed, read(write(observed, tmp_path / file.name)))
+
+
+def test_compressed_copies_read_alike(measured, tmp_path):
+    """Contract: .gz of a text and of a binary file."""
+    for source in (
+        measured / "gracefo-2023-06-01" / "MAG1B_2023-06-01_C_04.txt",
+        measured / "grace-2003-09-14" / "binary" / "MAG1B_2003-09-14_A_00.dat",
+    ):
+        packed = tmp_path / f"{source.name}.gz"
+        packed.write_bytes(gzip.compress(source.read_bytes()))
+        _same(read(source), read(packed))
+
+
+def test_a_header_that_names_the_other_satellite_is_overruled_by_the_records(measured):
+    """Contract: the measured VGN1B of D says GRACE C in its header; its records say D."""
+    observed = read(measured / "gracefo-2018-05-22" / "VGN1B_2018-05-22_D_04.txt")
+    assert observed.attrs["satellite"] == "D"
+    assert observed.attrs["header_satellite"] == "C"

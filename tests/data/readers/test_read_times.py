@@ -1,0 +1,110 @@
+"""On-board time to GPS time on the measured files: the figures of the data's README."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.data.readers import find, read
+from gravcal.methods import timing
+
+pytestmark = pytest.mark.measured
+DAY = "2023-06-01"
+LIMITS = timing.Limits(max_gap_s=20.0, max_extrapolation_s=10.0, jump_s=1e-3)
+
+
+def _tags(observed):
+    return timing.Tags(observed.time_second.values, observed.time_fraction.values)
+
+
+def _to_gps(folder, observed, satellite):
+    tim = read(find(folder, "TIM1B", satellite, DAY))
+    clk = read(find(folder, "CLK1B", satellite, DAY))
+    on_board = timing.tim1b_clock(
+        tim.obctime.values, tim.rcvtime_intg.values, tim.rcvtime_frac.values * 1e-9, tim.qualflg.values
+    )
+    receiver = timing.clk1b_clock(clk.rcv_time.values, clk.eps_time.values, clk.eps_drift.values, clk.qualflg.values)
+    tags, lost = timing.obc_to_receiver(_tags(observed), on_board, LIMITS)
+    tags, lost_too = timing.receiver_to_gps(tags, receiver, LIMITS)
+    return tags, lost | lost_too
+
+
+@pytest.mark.parametrize(("satellite", "offset"), [("C", -0.016671), ("D", -0.017256)])
+def test_magnetometer_tags_move_by_the_clock_offset(measured, satellite, offset):
+    """Published: MAG1B - MAG1A of data/README.md, to 1 us, the resolution of the tags."""
+    folder = measured / "gracefo-2023-06-01"
+    raw, done = (read(find(folder, product, satellite, DAY)) for product in ("MAG1A", "MAG1B"))
+    step = (done.time_second - raw.time_second) + (done.time_fraction - raw.time_fraction)
+    assert_allclose(step, offset, atol=1e-6)
+    tags, lost = _to_gps(folder, raw, satellite)
+    assert not lost.any()
+    assert_allclose((done.time_second - tags.second) + (done.time_fraction - tags.fraction), 0, atol=1e-6)
+
+
+def _unique_angles(observed):
+    """Record of each gyro and angle that comes once."""
+    pairs = np.stack([observed.gyro_id.values, observed.FiltAng.values], axis=-1)
+    values, first, counts = np.unique(pairs, axis=0, return_index=True, return_counts=True)
+    return {tuple(value): i for value, i, n in zip(values, first, counts, strict=True) if n == 1}
+
+
+@pytest.mark.parametrize("satellite", ["C", "D"])
+def test_gyro_tags_are_reproduced(measured, satellite):
+    """Published: IMU 1A to 1B to 1 us (data/README.md); the angles tell which records belong together."""
+    folder = measured / "gracefo-2023-06-01"
+    raw, done = (read(find(folder, product, satellite, DAY)) for product in ("IMU1A", "IMU1B"))
+    tags, lost = _to_gps(folder, raw, satellite)
+    both = [
+        np.unique(
+            list(zip(o.gyro_id.values, o.FiltAng.values, strict=True)), axis=0, return_index=True, return_counts=True
+        )
+        for o in (raw, done)
+    ]
+    place, seen = ({tuple(a): i for a, i, n in zip(*found, strict=True) if n == 1} for found in both)
+    i, j = np.array([(place[a], seen[a]) for a in seen if a in place]).T
+    assert len(i) > 80
+    step = (done.time_second.values[j] - tags.second[i]) + (done.time_fraction.values[j] - tags.fraction[i])
+    assert not lost[i].any()
+    assert_allclose(step, 0, atol=1e-6)
+
+
+def test_thruster_tags_are_reproduced_where_the_clock_files_reach(measured):
+    """Published: THR 1A to 1B to 1 us (data/README.md); beyond the 100 clock records tags are undetermined."""
+    folder = measured / "gracefo-2023-06-01"
+    raw, done = (read(find(folder, product, "C", DAY)) for product in ("THR1A", "THR1B"))
+    tags, lost = _to_gps(folder, raw, "C")
+    assert 3 <= (~lost).sum() < len(lost)
+    step = (done.time_second - tags.second) + (done.time_fraction - tags.fraction)
+    assert_allclose(step[~lost], 0, atol=1e-6)
+    assert np.isnan(tags.time[lost]).all()
+
+
+def test_accelerometer_at_whole_seconds_is_what_act1b_was_made_of(measured):
+    """Published: rms 1.5e-11, 1.0e-11, 2.2e-11 m s-2 (data/README.md), to a unit of the last digit."""
+    folder = measured / "gracefo-2023-06-01"
+    raw, done = (read(find(folder, product, "C", DAY)) for product in ("ACC1A", "ACT1B"))
+    tags, lost = _to_gps(folder, raw, "C")
+    assert not lost.any()
+    inside = timing.covered(done.time_tag.values, tags.time, 0.11)
+    rms = []
+    for axis in "xyz":
+        unfiltered = (done[f"lin_accl_{axis}"] - done[f"acl_{axis}_res"]).values[inside]
+        interpolated = np.interp(done.time_tag.values[inside], tags.time, raw[f"lin_accl_{axis}"].values)
+        rms.append(np.sqrt(np.mean((interpolated - unfiltered) ** 2)))
+    assert inside.sum() >= 9
+    assert_allclose(np.array(rms) * 1e11, [1.5, 1.0, 2.2], atol=0.1)
+
+
+def test_range_of_the_orbits_is_range_of_the_microwaves(measured):
+    """Published: std 4.1 mm on 2014-01-15, one bias per segment of two (data/README.md), to the printed rounding."""
+    folder = measured / "grace-2014-01-15"
+    a, b, kbr = (read(find(folder, p, s)) for p, s in (("GNV1B", "A"), ("GNV1B", "B"), ("KBR1B", "X")))
+    times, ia, ib = np.intersect1d(a.time_second, b.time_second, return_indices=True)
+    times, it, ik = np.intersect1d(times, kbr.time_second, return_indices=True)
+    axes = ("xpos", "ypos", "zpos")
+    between = np.stack([a[n].values[ia[it]] - b[n].values[ib[it]] for n in axes], axis=-1)
+    ranged = (kbr.biased_range + kbr.lighttime_corr + kbr.ant_centr_corr).values[ik]
+    residual = np.linalg.norm(between, axis=-1) - ranged
+    breaks = (kbr.qualflg.values[ik] & 1 > 0) | (np.diff(times, prepend=times[0]) > 60)
+    part = np.cumsum(breaks)
+    residual -= np.array([residual[part == p].mean() for p in part])
+    assert_allclose(residual.std() * 1e3, 4.1, atol=0.051)
