@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.align_schema import ALIGN
+from gravcal.calibrations.building import build
 from gravcal.errors import EstimationError
 from gravcal.methods import timing
 from gravcal.physics import earth, frames
@@ -13,6 +15,7 @@ from gravcal.physics import earth, frames
 UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
 #: Quality bits of the products that make a sample unusable.
 QUALITY = {"ACC1A": 0b1101010, "ACT1A": 0b1101010, "SCA1B": 0b1, "MAG1B": 0b11000010, "GNV1B": 0, "GNI1B": 0}
+MANOEUVRE = ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular")
 QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 
 
@@ -152,40 +155,22 @@ def _refuse(name, source, spans, time):
 
 
 def _as_dataset(parts, counts, detected, spans, orbit_product):
-    seconds = {"units": "s", "time_scale": "GPS"}
-    acc_time, acc, acc_flag = parts["acc"]
-    sca_time, sca, sca_flag = parts["sca"]
-    mag_time, mag, mag_flag = parts["mag"]
-    flags = {
-        "long_name": "0 usable, 1 not",
-        "flag_values": np.array([0, 1], np.uint8),
-        "flag_meanings": "usable marked",
+    values = {f"time_{name}": part[0] for name, part in parts.items()}
+    values |= {f"{name}_flag": part[2] for name, part in parts.items()}
+    acc, mag = parts["acc"][1], parts["mag"][1]
+    values |= {
+        "linear_b": acc[:, :3],
+        "angular_b": acc[:, 3:],
+        "quaternion": _usable_quaternion(*parts["sca"][1:]),
+        "field_measured_b": 1e-6 * mag[:, :3],
+        "current_b": mag[:, 3:],
+        "window_start": spans[:, 0],
+        "window_stop": spans[:, 1],
     }
-    data = {
-        "linear_b": (("acc_time", "axis"), acc[:, :3], {"units": "m s-2", "frame": "b"}),
-        "angular_b": (("acc_time", "axis"), acc[:, 3:], {"units": "rad s-2", "frame": "b"}),
-        "acc_flag": ("acc_time", acc_flag, flags),
-        "quaternion": (
-            ("sca_time", "q"),
-            _usable_quaternion(sca, sca_flag),
-            {"units": "1", "long_name": "scalar first"},
-        ),
-        "sca_flag": ("sca_time", sca_flag, flags),
-        "field_measured_b": (("mag_time", "axis"), 1e-6 * mag[:, :3], {"units": "T", "frame": "b"}),
-        "current_b": (("mag_time", "axis"), mag[:, 3:], {"units": "mA", "frame": "b"}),
-        "mag_flag": ("mag_time", mag_flag, flags),
-        "window_start": ("window", spans[:, 0], seconds),
-        "window_stop": ("window", spans[:, 1], seconds),
-    }
-    data |= _orbit(parts["orbit"], orbit_product)
-    for name in ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular"):
-        data[name] = detected[name]
-    coords = {
-        f"{n}_time": (f"{n}_time", t, seconds)
-        for n, t in (("acc", acc_time), ("sca", sca_time), ("mag", mag_time), ("orbit", parts["orbit"][0]))
-    }
+    values |= _orbit(*parts["orbit"][:2], orbit_product)
+    values |= {name: detected[name].values for name in MANOEUVRE}
     attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
-    return xr.Dataset(data, coords=coords, attrs={"time_scale": "GPS", "title": "Level-1 records on GPS time"} | attrs)
+    return build(ALIGN, values, title="Level-1 records on GPS time", **attrs)
 
 
 def _usable_quaternion(values, flag):
@@ -198,16 +183,11 @@ def _usable_quaternion(values, flag):
     return result
 
 
-def _orbit(part, product):
+def _orbit(time, values, product):
     """Inertial and Earth-fixed states from GNI1B or GNV1B."""
-    time, values, flag = part
+    position, velocity = values[:, :3], values[:, 3:]
     if product == "GNI1B":
-        fixed, inertial = earth.state_to_fixed(time, values[:, :3], values[:, 3:]), (values[:, :3], values[:, 3:])
-    else:
-        inertial, fixed = earth.state_to_inertial(time, values[:, :3], values[:, 3:]), (values[:, :3], values[:, 3:])
-    return {
-        "position_i": (("orbit_time", "axis"), inertial[0], {"units": "m", "frame": "i"}),
-        "velocity_i": (("orbit_time", "axis"), inertial[1], {"units": "m s-1", "frame": "i"}),
-        "position_e": (("orbit_time", "axis"), fixed[0], {"units": "m", "frame": "e"}),
-        "orbit_flag": ("orbit_time", flag, {"long_name": "0 usable, 1 not"}),
-    }
+        fixed = earth.state_to_fixed(time, position, velocity)
+        return {"position_i": position, "velocity_i": velocity, "position_e": fixed[0]}
+    inertial = earth.state_to_inertial(time, position, velocity)
+    return {"position_i": inertial[0], "velocity_i": inertial[1], "position_e": position}

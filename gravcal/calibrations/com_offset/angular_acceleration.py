@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.schemas import ANGULAR
+
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 
 
@@ -41,35 +44,23 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
         ),
         "sca": lambda: (smoothed["rate_dot_sca_b"].values, smoothed["sca_modes"].values, 0, 0),
     }[variant]()
-    count = len(modes)
-    dims = ("acc_time", "axis")
-    unit = {"units": "rad s-2", "frame": "b"}
-    return xr.Dataset(
-        {
-            "rate_dot_b": (dims, value, unit | {"long_name": f"angular acceleration, {variant}"}),
-            "mode": (("mode_index", *dims), modes, unit | {"long_name": "change for one standard deviation"}),
-            "mode_shared": (
-                "mode_index",
-                (np.arange(count) < shared).astype(np.int8),
-                {"long_name": "in all manoeuvres"},
-            ),
-            "mode_catalogue": (
-                "mode_index",
-                ((np.arange(count) >= shared - given) & (np.arange(count) < shared)).astype(np.int8),
-                {"long_name": "from the catalogue's inertia and dipole"},
-            ),
-            "scale": ("axis", scale, {"units": "1", "long_name": "torquer over angular accelerometer"}),
-            "scale_sigma": ("axis", sigma, {"units": "1"}),
-            "acc_manoeuvre": smoothed["acc_manoeuvre"],
-        },
-        coords={"acc_time": smoothed["acc_time"]},
-        attrs={"variant": variant, "noisy": int(variant in ("acc", "acc_calibrated"))},
-    )
+    index = np.arange(len(modes))
+    values = {
+        "time_acc": smoothed["time_acc"].values,
+        "acc_manoeuvre": smoothed["acc_manoeuvre"].values,
+        "rate_dot_b": value,
+        "mode": modes,
+        "mode_shared": index < shared,
+        "mode_catalogue": (index >= shared - given) & (index < shared),
+        "scale": scale,
+        "scale_sigma": sigma,
+    }
+    return build(ANGULAR, values, variant=variant, noisy=int(variant in ("acc", "acc_calibrated")))
 
 
 def _measured(smoothed, aligned):
     """Angular accelerometer on the epochs of the manoeuvres, mean of each removed (a bias only adds a constant)."""
-    index = np.searchsorted(aligned["acc_time"].values, smoothed["acc_time"].values)
+    index = np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)
     measured = aligned["angular_b"].values[index].copy()
     manoeuvre = smoothed["acc_manoeuvre"].values
     for one in np.unique(manoeuvre):

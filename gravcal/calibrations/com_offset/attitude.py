@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset import attitude_fit, motion, timing_fit
 from gravcal.calibrations.com_offset.attitude_fit import Choice
+from gravcal.calibrations.com_offset.schemas import ATTITUDE
 from gravcal.calibrations.com_offset.star_camera_wave import fit_star_camera_wave, shape
 from gravcal.calibrations.com_offset.windows import Window, field_at, operator_for, windows
 from gravcal.methods.noise import NoiseModel, fit_noise
 from gravcal.physics import frames
 
+VECTORS = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")
+JOINED = dict.fromkeys(VECTORS, (0, 3)) | {"time_acc": (0,), "gradient_b": (0, 3, 3), "sca_modes": (6, 0, 3)}
 WHITE = [NoiseModel(np.zeros(0), np.ones(1), 1.0)] * 3
 
 
@@ -61,7 +65,7 @@ def fit_timing(found, fits, aligned: xr.Dataset, filters: dict, degree: int, ord
     -------
     timings : list of WaveFit or None where there is no angular acceleration
     """
-    time, angular = aligned["acc_time"].values, aligned["angular_b"].values
+    time, angular = aligned["time_acc"].values, aligned["angular_b"].values
     good = (aligned["acc_flag"].values == 0) & np.isfinite(angular).all(axis=1)
     noise, timings = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3, []
     for _ in range(2):
@@ -133,7 +137,7 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
 
 def _manoeuvre(window: Window, fit, timing, aligned, rod, noise, choice):
     """Motion on the accelerometer epochs of one manoeuvre, in the accelerometer's own time."""
-    time = aligned["acc_time"].values[window.acc]
+    time = aligned["time_acc"].values[window.acc]
     if fit is None:
         return None
     late = timing.shift if timing is not None else 0.0
@@ -149,8 +153,7 @@ def _manoeuvre(window: Window, fit, timing, aligned, rod, noise, choice):
         amplitude, root = fit_star_camera_wave(window, fit, noise, rod, max(choice.torque_degree, 0))
     parts = shape(window.arc, rod, fit.solution.shift, at, width) if rod >= 0 else np.zeros((time.size, 2))
     return {
-        "time": time,
-        "quaternion": quaternion,
+        "time_acc": time,
         "rate_b": rate,
         "rate_dot_mtq_b": smooth + magnetic,
         "rate_dot_sca_b": smooth + parts @ amplitude,
@@ -179,37 +182,18 @@ def _gradient_b(window, quaternion, time):
 
 def _as_dataset(parts, found, fits, timings, aligned):
     """Everything of all manoeuvres, one after the other."""
-    kept = [(i, p) for i, p in enumerate(parts) if p is not None]
-    joined = _joined(kept)
-    data = {
-        name: (("acc_time", "axis"), joined[name], {"units": unit, "frame": "b", "long_name": text})
-        for name, unit, text in (
-            ("rate_b", "rad s-1", "body rate"),
-            ("rate_dot_mtq_b", "rad s-2", "angular acceleration of the dynamics, catalogue torque"),
-            ("rate_dot_sca_b", "rad s-2", "angular acceleration seen by the star camera"),
-            ("magnetic_b", "rad s-2", "part of the torquers, catalogue torque"),
-            ("smooth_b", "rad s-2", "part that is not of the torquers"),
-        )
-    }
-    data["gradient_b"] = (("acc_time", "axis", "axis_2"), joined["gradient_b"], {"units": "s-2", "frame": "b"})
-    data["sca_modes"] = (("mode", "acc_time", "axis"), joined["sca_modes"], {"units": "rad s-2", "frame": "b"})
-    data["acc_manoeuvre"] = ("acc_time", joined["index"], {"long_name": "manoeuvre of the epoch"})
-    data |= _per_manoeuvre(found, fits, timings)
-    data |= _residuals(found, fits)
-    data |= _delays(found, fits, timings, aligned)
-    seconds = {"units": "s", "time_scale": "GPS", "long_name": "tag of the accelerometer, GPS time"}
-    return xr.Dataset(data, coords={"acc_time": ("acc_time", joined["time"], seconds)}, attrs={"time_scale": "GPS"})
+    values = _joined([(i, p) for i, p in enumerate(parts) if p is not None])
+    values |= _per_manoeuvre(found, fits, timings) | _residuals(found, fits) | _delays(found, fits, timings, aligned)
+    return build(ATTITUDE, values, title="Attitude of the manoeuvres, fitted to the star camera")
 
 
 def _joined(kept):
-    names = ("time", "rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b", "gradient_b")
-    shapes = {"time": (0,), "gradient_b": (0, 3, 3)}
-    if not kept:
-        empty = {n: np.zeros(shapes.get(n, (0, 3))) for n in names}
-        return empty | {"sca_modes": np.zeros((6, 0, 3)), "index": np.zeros(0, dtype=np.int16)}
-    joined = {n: np.concatenate([p[n] for _, p in kept]) for n in names}
-    joined["sca_modes"] = np.concatenate([p["sca_modes"] for _, p in kept], axis=1)
-    joined["index"] = np.concatenate([np.full(p["time"].size, i, dtype=np.int16) for i, p in kept])
+    joined = {}
+    for name, size in JOINED.items():
+        empty = np.zeros(size)
+        axis = 1 if name == "sca_modes" else 0
+        joined[name] = np.concatenate([empty, *(p[name] for _, p in kept)], axis=axis)
+    joined["acc_manoeuvre"] = np.concatenate([np.zeros(0), *(np.full(p["time_acc"].size, i) for i, p in kept)])
     return joined
 
 
@@ -233,27 +217,16 @@ def _per_manoeuvre(found, fits, timings):
             table["acc_shift"][i] = f.solution.shift + t.shift
             table["acc_shift_sigma"][i] = t.shift_sigma
             wide["angular_scale"][i], wide["angular_scale_sigma"][i] = t.scale, t.scale_sigma
-    seconds = {"units": "s"}
-    return {n: ("manoeuvre", v, seconds) for n, v in table.items()} | {
-        n: (("manoeuvre", "axis"), v, {"units": "rad" if n == "residual_rms" else "1", "frame": "b"})
-        for n, v in wide.items()
-    }
+    return table | wide
 
 
 def _residuals(found, fits):
     """Star camera minus model on the star-camera epochs."""
     rows = [(w.time[w.good], f.residual[w.good], i) for i, (w, f) in enumerate(zip(found, fits, strict=True)) if f]
-    time = np.concatenate([r[0] for r in rows]) if rows else np.zeros(0)
-    residual = np.concatenate([r[1] for r in rows]) if rows else np.zeros((0, 3))
-    index = np.concatenate([np.full(r[0].size, r[2], dtype=np.int16) for r in rows]) if rows else np.zeros(0, np.int16)
     return {
-        "sca_time": ("sca_time", time, {"units": "s", "time_scale": "GPS"}),
-        "sca_residual_b": (
-            ("sca_time", "axis"),
-            residual,
-            {"units": "rad", "frame": "b", "long_name": "measured minus model"},
-        ),
-        "sca_manoeuvre": ("sca_time", index, {"long_name": "manoeuvre of the epoch"}),
+        "time_sca": np.concatenate([np.zeros(0), *(r[0] for r in rows)]),
+        "sca_residual_b": np.concatenate([np.zeros((0, 3)), *(r[1] for r in rows)]),
+        "sca_manoeuvre": np.concatenate([np.zeros(0), *(np.full(r[0].size, r[2]) for r in rows)]),
     }
 
 
@@ -267,12 +240,11 @@ def _delays(found, fits, timings, aligned):
     result = dict.fromkeys(("acc_delay", "acc_delay_sigma", "sca_delay", "sca_delay_sigma"), np.nan)
     if rows:
         sca, sca_sigma, relative, relative_sigma, lower, upper = np.array(rows).T
-        sample = np.median(np.diff(aligned["acc_time"].values)) / np.sqrt(12)  # an edge is known to one sample
+        sample = np.median(np.diff(aligned["time_acc"].values)) / np.sqrt(12)  # an edge is known to one sample
         acc, acc_sigma = timing_fit.delay_from_brackets(sca + relative, np.hypot(relative_sigma, sample), lower, upper)
         weight = 1 / (sca_sigma**2 + relative_sigma**2 + sample**2)
         between = float(np.sum(weight * -relative) / np.sum(weight))
         result["acc_delay"], result["acc_delay_sigma"] = acc, acc_sigma
         result["sca_delay"] = acc + between
         result["sca_delay_sigma"] = float(np.hypot(acc_sigma, 1 / np.sqrt(np.sum(weight))))
-    text = "tag late against the torquer telemetry"
-    return {name: ((), value, {"units": "s", "long_name": text}) for name, value in result.items()}
+    return result

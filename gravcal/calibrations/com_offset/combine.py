@@ -1,11 +1,13 @@
-"""Manoeuvres joined by their full normal equations; do they agree, and do the four angular accelerations?"""
+"""Manoeuvres joined by their full normal equations, and whether they and the angular accelerations agree."""
 
 from __future__ import annotations
 
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS
+from gravcal.calibrations.com_offset.schemas import COMBINE
 from gravcal.methods import estimation
 
 
@@ -25,38 +27,31 @@ def combine(*solved: xr.Dataset, determined_sigma_um: float) -> xr.Dataset:
     joint = {s.attrs["variant"]: _joint(s) for s in solved}
     names = [v for v in VARIANTS if v in joint]
     single = {s.attrs["variant"]: _per_manoeuvre(s) for s in solved}
-    first = solved[0]
-    metre = {"units": "m", "frame": "b"}
-    square = {"units": "m2", "frame": "b"}
-    wide = ("variant", "axis")
-    data = {
-        "offset": (wide, _masked(names, joint, "offset", limit), metre | {"long_name": "proof mass to centre of mass"}),
-        "covariance": ((*wide, "axis_2"), np.array([joint[v]["covariance"] for v in names]), square),
-        "covariance_total": (
-            (*wide, "axis_2"),
-            np.array([joint[v]["covariance_total"] for v in names]),
-            square | {"long_name": "with the error of inertia and dipole per current"},
-        ),
-        "determined": (wide, np.array([_determined(joint[v]["covariance"], limit) for v in names]).astype(np.uint8)),
-        "chi2": ("variant", np.array([joint[v]["chi2"] for v in names]), {"units": "1"}),
-        "dof": ("variant", np.array([joint[v]["dof"] for v in names]), {"long_name": "degrees of freedom"}),
-    }
-    narrow = ("variant", "manoeuvre", "axis")
-    data["manoeuvre_offset"] = (narrow, np.array([single[v][0] for v in names]), metre)
-    data["manoeuvre_covariance"] = ((*narrow, "axis_2"), np.array([single[v][1] for v in names]), square)
-    ok = [[_determined(c, limit) for c in single[v][1]] for v in names]
-    shape = (len(names), first.sizes["manoeuvre"], 3)
-    data["manoeuvre_determined"] = (narrow, np.array(ok).reshape(shape).astype(np.uint8), {"long_name": "1 determined"})
-    data["manoeuvre_chi2"] = (narrow[:2], np.array([s["chi2"].values for s in solved]), {"units": "1"})
-    data["manoeuvre_dof"] = (
-        narrow[:2],
-        np.array([s["dof"].values for s in solved]),
-        {"long_name": "degrees of freedom"},
-    )
     chi2, dof = _between_variants(joint, limit)
-    data["variants_chi2"], data["variants_dof"] = ((), chi2, {"units": "1"}), ((), dof)
-    data |= {n: first[n] for n in ("kind", "start", "stop")}
-    return xr.Dataset(data, attrs={"variants": " ".join(names), "direction": "proof_mass_to_com"})
+    own = [s for name in names for s in solved if s.attrs["variant"] == name]
+    values = {
+        "offset": [np.where(_determined(joint[v]["covariance"], limit), joint[v]["offset"], np.nan) for v in names],
+        "covariance": [joint[v]["covariance"] for v in names],
+        "covariance_total": [joint[v]["covariance_total"] for v in names],
+        "determined": [_determined(joint[v]["covariance"], limit) for v in names],
+        "chi2": [joint[v]["chi2"] for v in names],
+        "dof": [joint[v]["dof"] for v in names],
+        "manoeuvre_offset": [single[v][0] for v in names],
+        "manoeuvre_covariance": [single[v][1] for v in names],
+        "manoeuvre_determined": _each(names, single, limit),
+        "manoeuvre_chi2": [s["chi2"].values for s in own],
+        "manoeuvre_dof": [s["dof"].values for s in own],
+        "variants_chi2": chi2,
+        "variants_dof": dof,
+    }
+    values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
+    return build(COMBINE, values, variants=" ".join(names), direction="proof_mass_to_com")
+
+
+def _each(names, single, limit):
+    """Which components every manoeuvre determines (variant, manoeuvre, axis)."""
+    each = [[_determined(c, limit) for c in single[v][1]] for v in names]
+    return np.array(each).reshape(len(names), -1, 3)
 
 
 def _joint(solved):
@@ -124,10 +119,6 @@ def _determined(covariance, limit):
     """Which components are known better than the limit."""
     sigma = np.sqrt(np.clip(np.diag(covariance), 0, None))
     return np.isfinite(sigma) & (sigma < limit)
-
-
-def _masked(names, joint, key, limit):
-    return np.array([np.where(_determined(joint[v]["covariance"], limit), joint[v][key], np.nan) for v in names])
 
 
 def _between_variants(joint, limit):

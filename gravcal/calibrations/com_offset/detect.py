@@ -6,6 +6,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.align import sorted_samples
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.schemas import DETECT
 from gravcal.calibrations.com_offset.waves import Wave, find_waves, regular_edges
 from gravcal.methods.timing import normalised
 
@@ -78,28 +80,14 @@ def _as_dataset(waves, time, field_b, period):
         table["edge_upper"][i, : wave.upper.size] = wave.upper
         level[i, : wave.level.size] = wave.level
         regular[i] = regular_edges(wave, period) is not None
-    flags = {"flag_values": np.arange(3, dtype=np.int8), "flag_meanings": " ".join(KINDS)}
-    start = np.array([(w.lower[0] + w.upper[0]) / 2 for w in waves])
-    stop = np.array([(w.lower[-1] + w.upper[-1]) / 2 for w in waves])
-    kinds = np.array([_kind(w, time, field_b) for w in waves], dtype=np.int8)
-    rods = np.array([w.rod for w in waves], dtype=np.int8)
-    seconds = {"units": "s", "time_scale": "GPS"}
-    return xr.Dataset(
-        {
-            "start": ("manoeuvre", start, seconds | {"long_name": "first edge, middle of its interval"}),
-            "stop": ("manoeuvre", stop, seconds | {"long_name": "last edge, middle of its interval"}),
-            "kind": ("manoeuvre", kinds, flags | {"long_name": "axis of the torque"}),
-            "rod": ("manoeuvre", rods, {"long_name": "torquer with the wave, 0 x, 1 y, 2 z"}),
-            "edge_lower": (
-                ("manoeuvre", "edge"),
-                table["edge_lower"],
-                seconds | {"long_name": "sample before an edge"},
-            ),
-            "edge_upper": (("manoeuvre", "edge"), table["edge_upper"], seconds | {"long_name": "sample after an edge"}),
-            "level": (("manoeuvre", "half_period"), level, {"units": "mA", "long_name": "mean current"}),
-            "regular": ("manoeuvre", regular, {"long_name": "edges are whole half periods apart"}),
-            "record_start": ((), float(time[0]) if time.size else np.nan, seconds),
-            "record_stop": ((), float(time[-1]) if time.size else np.nan, seconds),
-        },
-        attrs={"time_scale": "GPS", "title": "Manoeuvres found in the torquer currents"},
-    )
+    values = table | {
+        "start": [(w.lower[0] + w.upper[0]) / 2 for w in waves],
+        "stop": [(w.lower[-1] + w.upper[-1]) / 2 for w in waves],
+        "kind": [_kind(w, time, field_b) for w in waves],
+        "rod": [w.rod for w in waves],
+        "level": level,
+        "regular": regular,
+        "record_start": time[0] if time.size else np.nan,
+        "record_stop": time[-1] if time.size else np.nan,
+    }
+    return build(DETECT, values, title="Manoeuvres found in the torquer currents")

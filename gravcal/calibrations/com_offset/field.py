@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.schemas import FIELD
 from gravcal.physics import earth, frames, magnetic
 
 
@@ -21,7 +23,7 @@ def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
     checked : Dataset, "com_offset.field"
     """
     good = aligned["orbit_flag"].values == 0
-    time = aligned["orbit_time"].values[good]
+    time = aligned["time_orbit"].values[good]
     position_e = aligned["position_e"].values[good]
     field_e = magnetic.field_e(time, position_e, igrf_generation)
     field_i = np.matvec(np.swapaxes(earth.R_ei(time), 1, 2), field_e)
@@ -29,36 +31,26 @@ def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
     difference = aligned["field_measured_b"].values - model_b
     statistics = _statistics(difference[usable])
     latitude, longitude, _ = earth.geocentric(position_e)
-    seconds = {"units": "s", "time_scale": "GPS"}
-    tesla = {"units": "T", "frame": "b"}
-    vector = ("mag_time", "axis")
-    data = {
-        "field_i": (("orbit_time", "axis"), field_i, {"units": "T", "frame": "i", "long_name": "IGRF"}),
-        "position_i": (("orbit_time", "axis"), aligned["position_i"].values[good], {"units": "m", "frame": "i"}),
-        "latitude": ("orbit_time", latitude, {"units": "rad", "long_name": "geocentric latitude"}),
-        "longitude": ("orbit_time", longitude, {"units": "rad", "long_name": "longitude"}),
-        "model_b": (vector, model_b, tesla | {"long_name": "IGRF in the SRF"}),
-        "measured_b": (vector, aligned["field_measured_b"].values, tesla | {"long_name": "magnetometer"}),
-        "difference_b": (vector, difference, tesla | {"long_name": "magnetometer minus IGRF"}),
-        "used": ("mag_time", usable.astype(np.uint8), {"long_name": "in the statistics"}),
+    values = {
+        "time_orbit": time,
+        "time_mag": aligned["time_mag"].values,
+        "field_i": field_i,
+        "position_i": aligned["position_i"].values[good],
+        "latitude": latitude,
+        "longitude": longitude,
+        "model_b": model_b,
+        "measured_b": aligned["field_measured_b"].values,
+        "difference_b": difference,
+        "used": usable,
     }
-    data |= {name: ("axis", value, tesla | {"long_name": f"difference, {name}"}) for name, value in statistics.items()}
-    coords = {
-        "orbit_time": ("orbit_time", time, seconds),
-        "mag_time": ("mag_time", aligned["mag_time"].values, seconds),
-    }
-    attrs = {
-        "igrf_generation": igrf_generation,
-        "igrf_sha256": magnetic.coefficient_digest(igrf_generation),
-        "time_scale": "GPS",
-    }
-    return xr.Dataset(data, coords=coords, attrs=attrs)
+    digest = magnetic.coefficient_digest(igrf_generation)
+    return build(FIELD, values | statistics, igrf_generation=igrf_generation, igrf_sha256=digest)
 
 
 def _at_magnetometer(aligned, time, field_i):
     """Model in the body at the magnetometer epochs, NaN where attitude or orbit is missing."""
-    mag_time = aligned["mag_time"].values
-    sca_time, quaternion = aligned["sca_time"].values, aligned["quaternion"].values
+    mag_time = aligned["time_mag"].values
+    sca_time, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
     known = np.isfinite(quaternion).all(axis=1)
     model_b = np.full((mag_time.size, 3), np.nan)
     if known.sum() < 2 or time.size < 2:

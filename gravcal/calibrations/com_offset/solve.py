@@ -5,76 +5,18 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
+from gravcal.calibrations.com_offset.schemas import SOLVE
 from gravcal.calibrations.com_offset.windows import operator_for
 from gravcal.effects import Context, effect
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, fit_noise, whiten
-from gravcal.methods.resampling import lowpass_resampler
-
-#: Shortest quiet data from which the noise is measured.
-QUIET_S = 300.0
 
 
-def quiet_noise(aligned: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
-    """Noise of the linear channels outside the manoeuvres.
-
-    Parameters
-    ----------
-    aligned : Dataset, "align"
-    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
-
-    Returns
-    -------
-    noise : model of each axis, on the grid of the solution
-    seconds : length of the quiet data used
-    """
-    time, linear = aligned["acc_time"].values, aligned["linear_b"].values
-    good = (aligned["acc_flag"].values == 0) & np.isfinite(linear).all(axis=1)
-    pieces = [_quiet_piece(time, linear, good, *ends, settings) for ends in _quiet_spans(aligned, settings)]
-    pieces = [p for p in pieces if p is not None]
-    seconds = settings["step_s"] * sum(int(np.isfinite(p[:, 0]).sum()) for p in pieces)
-    removed = len(pieces) * (settings["drift_degree"] + 1)
-    if seconds < QUIET_S:
-        return [], seconds
-    order = settings["noise_order"]
-    return [fit_noise([p[:, a] for p in pieces], order, settings["step_s"], removed) for a in range(3)], seconds
-
-
-def _quiet_spans(aligned, settings):
-    """Pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
-    start, stop = aligned["start"].values, aligned["stop"].values
-    margin = settings["quiet_margin_s"]
-    for window_start, window_stop, length in zip(
-        aligned["window_start"].values, aligned["window_stop"].values, stop - start, strict=True
-    ):
-        busy = [(a - margin, b + margin) for a, b in zip(start, stop, strict=True)]
-        begin = window_start
-        while begin + length <= window_stop:
-            hit = [b for a, b in busy if a < begin + length and b > begin]
-            if hit:
-                begin = max(hit)
-                continue
-            yield begin, begin + length
-            begin += length
-
-
-def _quiet_piece(time, linear, good, begin, end, settings):
-    inside = slice(*np.searchsorted(time, [begin, end]))
-    if inside.stop - inside.start < 200:
-        return None
-    grid = np.arange(np.ceil(begin / settings["step_s"]), np.floor(end / settings["step_s"])) * settings["step_s"]
-    operator = lowpass_resampler(
-        time[inside], good[inside], grid, lowpass_hz=settings["lowpass_hz"], half_width_s=settings["half_width_s"]
-    )
-    if operator.valid.sum() < 100:
-        return None
-    values = operator(linear[inside] - linear[inside][good[inside]].mean(axis=0))
-    drift = estimation.polynomial(grid, settings["drift_degree"], grid[0], grid[-1])[operator.valid]
-    values[operator.valid] = estimation.without(drift, values[operator.valid])
-    return values
-
-
-def solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **settings) -> xr.Dataset:
+def solve(
+    aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, measured: xr.Dataset, **settings
+) -> xr.Dataset:
     """Offset, information and mode shifts of every manoeuvre for one angular acceleration.
 
     CoM paper eqs. 3-6 with generalised weights; erratum C-12 for the weights and the operator.
@@ -84,22 +26,25 @@ def solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **sett
     aligned : Dataset, "align"
     smoothed : Dataset, "com_offset.attitude"
     angular : Dataset, "com_offset.angular_acceleration"
-    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
+    measured : Dataset, "com_offset.noise"
+    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order
 
     Returns
     -------
     solved : Dataset, "com_offset.solve"
     """
-    noise, seconds = quiet_noise(aligned, settings)
+    noise = models_of(measured)
     source = "quiet data" if noise else "residuals"
     blocks = [_block(aligned, smoothed, angular, i, settings) for i in range(aligned.sizes["manoeuvre"])]
     if not noise:
         white = [NoiseModel(np.zeros(0), np.array([1e-18]), settings["step_s"])] * 3
         noise = residual_noise(blocks, [_solve_block(b, white) for b in blocks], settings)
     solved = [_solve_block(b, noise) for b in blocks]
-    attrs = {"noise_source": source, "quiet_seconds": seconds, "variant": angular.attrs["variant"]}
-    labels = {name: angular[name] for name in ("mode_shared", "mode_catalogue")}
-    return _as_dataset(blocks, solved, noise, aligned, attrs).assign(labels)
+    values = _values(blocks, solved) | {n: angular[n].values for n in ("mode_shared", "mode_catalogue")}
+    values |= {n: aligned[n].values for n in ("kind", "start", "stop")}
+    values |= {"frequency": FREQUENCY, "noise_density": np.array([n.density(FREQUENCY) for n in noise]).reshape(3, -1)}
+    attrs = {"variant": angular.attrs["variant"], "direction": "proof_mass_to_com", "noise_source": source}
+    return build(SOLVE, values, **attrs)
 
 
 def _block(aligned, smoothed, angular, index, settings):
@@ -107,8 +52,8 @@ def _block(aligned, smoothed, angular, index, settings):
     inside = np.flatnonzero(smoothed["acc_manoeuvre"].values == index)
     if inside.size < 200:
         return None
-    time = smoothed["acc_time"].values[inside]
-    at = np.searchsorted(aligned["acc_time"].values, time)
+    time = smoothed["time_acc"].values[inside]
+    at = np.searchsorted(aligned["time_acc"].values, time)
     linear = aligned["linear_b"].values[at]
     value, modes = angular["rate_dot_b"].values[inside], angular["mode"].values[:, inside]
     good = (aligned["acc_flag"].values[at] == 0) & np.isfinite(linear).all(axis=1) & np.isfinite(value).all(axis=1)
@@ -214,12 +159,14 @@ def _residual(block, value):
     return residual
 
 
-def _as_dataset(blocks, solved, noise, aligned, attrs):
+def _values(blocks, solved):
+    """Estimates of every manoeuvre and the series they come from, drift removed."""
     count = len(blocks)
     modes = len(next((s["modes"] for s in solved if s), ()))
     offset, information = np.full((count, 3), np.nan), np.zeros((count, 3, 3))
-    shift, chi2, dof = np.zeros((count, modes, 3)), np.full(count, np.nan), np.zeros(count, dtype=np.int32)
-    times, series = [], {"reading": [], "model": [], "manoeuvre": []}
+    shift, chi2, dof = np.zeros((count, modes, 3)), np.full(count, np.nan), np.zeros(count)
+    time, series = [np.zeros(0)], {"reading": [np.zeros((0, 3))], "model": [np.zeros((0, 3))]}
+    index = [np.zeros(0)]
     for i, (block, one) in enumerate(zip(blocks, solved, strict=True)):
         if one is None:
             continue
@@ -227,40 +174,10 @@ def _as_dataset(blocks, solved, noise, aligned, attrs):
         chi2[i], dof[i] = one["chi2"], one["dof"]
         valid = block["operator"].valid
         drift = block["drift"][valid]
-        times.append(block["operator"].time[valid])
+        time.append(block["operator"].time[valid])
         series["reading"].append(estimation.without(drift, block["reading"][valid]))
         series["model"].append(estimation.without(drift, block["design"][valid] @ one["value"]))
-        series["manoeuvre"].append(np.full(int(valid.sum()), i, dtype=np.int16))
-    frequency = np.linspace(0.005, 1.0, 200)
-    density = np.array([n.density(frequency) for n in noise]) if noise else np.full((3, 200), np.nan)
-    join = lambda parts, shape: np.concatenate(parts) if parts else np.zeros(shape)  # noqa: E731
-    metre, reading = {"units": "m", "frame": "b"}, {"units": "m s-2", "frame": "b"}
-    return xr.Dataset(
-        {
-            "offset": (("manoeuvre", "axis"), offset, metre | {"long_name": "proof mass to centre of mass"}),
-            "information": (("manoeuvre", "axis", "axis_2"), information, {"units": "m-2", "frame": "b"}),
-            "mode_shift": (("manoeuvre", "mode_index", "axis"), shift, metre | {"long_name": "change for one sigma"}),
-            "chi2": ("manoeuvre", chi2, {"units": "1", "long_name": "whitened residuals"}),
-            "dof": ("manoeuvre", dof, {"long_name": "degrees of freedom"}),
-            "kind": aligned["kind"],
-            "start": aligned["start"],
-            "stop": aligned["stop"],
-            "reading": (
-                ("grid_time", "axis"),
-                join(series["reading"], (0, 3)),
-                reading | {"long_name": "drift removed"},
-            ),
-            "model": (("grid_time", "axis"), join(series["model"], (0, 3)), reading | {"long_name": "drift removed"}),
-            "grid_manoeuvre": ("grid_time", join(series["manoeuvre"], 0).astype(np.int16), {"long_name": "manoeuvre"}),
-            "noise_density": (
-                ("axis", "frequency"),
-                density,
-                {"units": "m2 s-4 Hz-1", "long_name": "noise as measured"},
-            ),
-        },
-        coords={
-            "grid_time": ("grid_time", join(times, 0), {"units": "s", "time_scale": "GPS"}),
-            "frequency": ("frequency", frequency, {"units": "Hz"}),
-        },
-        attrs=attrs | {"direction": "proof_mass_to_com"},
-    )
+        index.append(np.full(int(valid.sum()), i))
+    joined = {n: np.concatenate(v) for n, v in series.items()}
+    joined |= {"time_grid": np.concatenate(time), "grid_manoeuvre": np.concatenate(index)}
+    return joined | {"offset": offset, "information": information, "mode_shift": shift, "chi2": chi2, "dof": dof}

@@ -59,7 +59,7 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
             break
     size = np.linalg.norm(design[:, :3], axis=0)
     seen = size > 1e-6 * size.max(initial=1e-300)
-    sigma = np.sqrt(np.diag(inverse))
+    sigma = np.sqrt(np.clip(np.diag(inverse), 0.0, None))
     residual = y - model * scale
     used = np.nan_to_num(residual[operator.valid])
     residual = np.full_like(y, np.nan)

@@ -56,17 +56,17 @@ def _window(aligned, field, index, inertia, per_current, full):
     lower, upper = aligned["edge_lower"].values[index, :count], aligned["edge_upper"].values[index, :count]
     edges = _edges(lower, upper, bool(aligned["regular"][index]))
     origin, stop = float(lower[0]), float(upper[-1])
-    mag_time = aligned["mag_time"].values
+    mag_time = aligned["time_mag"].values
     near = (mag_time > origin - 2) & (mag_time < stop + 2)
     current = np.nan_to_num(aligned["current_b"].values[near])
     level = aligned["level"].values[index, : count - 1]
     breaks, dipole = motion.dipole_history(edges, level, rod, mag_time[near], current, per_current)
-    orbit_time = field["orbit_time"].values
+    orbit_time = field["time_orbit"].values
     nodes = (orbit_time > origin - 6) & (orbit_time < stop + 6)
     gradient = gravity.gradient_i(field["position_i"].values[nodes]) if full else None
     arc = Arc(origin, stop, breaks, dipole, orbit_time[nodes], field["field_i"].values[nodes], gradient, inertia)
     first = float(upper[0] - edges[0]) if rod >= 0 else 0.0
-    acc_time = aligned["acc_time"].values
+    acc_time = aligned["time_acc"].values
     acc = slice(*np.searchsorted(acc_time, [origin + 0.1, stop - 0.1]))
     return Window(arc, *_star_camera(aligned, origin, stop), acc, float(lower[0] - edges[0]), first)
 
@@ -82,7 +82,7 @@ def _edges(lower, upper, regular):
 
 def _star_camera(aligned, origin, stop):
     """Star-camera samples on their 1 Hz grid, the origin in front, gaps marked."""
-    time, quaternion = aligned["sca_time"].values, aligned["quaternion"].values
+    time, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
     good = (aligned["sca_flag"].values == 0) & np.isfinite(quaternion).all(axis=1)
     inside = good & (time > origin) & (time < stop)
     if inside.sum() < 8:

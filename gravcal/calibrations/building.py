@@ -1,0 +1,33 @@
+"""Datasets made from plain arrays by the schema of their kind, so that names, dimensions and units stand once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+
+def build(schema: Mapping[str, Mapping[str, str]], values: Mapping[str, object], **attrs) -> xr.Dataset:
+    """Dataset of a kind.
+
+    Parameters
+    ----------
+    schema : {variable: {"dims", "units", "frame", "long_name", "dtype"}}
+    values : {variable: array}, every variable of the schema that is not optional
+    attrs : global attributes
+
+    Returns
+    -------
+    dataset : Dataset; a variable named like its dimension is a coordinate
+    """
+    labelled = {}
+    for name, stated in schema.items():
+        if name not in values and stated.get("optional"):
+            continue
+        dims = tuple(stated["dims"].split())
+        label = {k: stated[k] for k in ("units", "frame", "long_name") if k in stated}
+        labelled[name] = (dims, np.asarray(values[name], dtype=stated.get("dtype", "f8")), label)
+    coords = {name: entry for name, entry in labelled.items() if entry[0] == (name,)}
+    data = {name: entry for name, entry in labelled.items() if name not in coords}
+    return xr.Dataset(data, coords=coords, attrs={"time_scale": "GPS"} | attrs)

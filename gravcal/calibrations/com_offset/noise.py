@@ -1,0 +1,122 @@
+"""Noise of the linear channels as measured in quiet data outside the manoeuvres."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.schemas import NOISE
+from gravcal.methods import estimation
+from gravcal.methods.noise import NoiseModel, fit_noise
+from gravcal.methods.resampling import lowpass_resampler
+
+#: Shortest quiet data from which the noise is measured.
+QUIET_S = 300.0
+FREQUENCY = np.linspace(0.005, 1.0, 200)
+
+
+def noise(aligned: xr.Dataset, **settings) -> xr.Dataset:
+    """Autoregressive model of each linear channel, none where there is too little quiet data.
+
+    Parameters
+    ----------
+    aligned : Dataset, "align"
+    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
+
+    Returns
+    -------
+    measured : Dataset, "com_offset.noise"
+    """
+    models, seconds = quiet_noise(aligned, settings)
+    return as_dataset(models, "quiet data" if models else "none", seconds, settings["step_s"])
+
+
+def as_dataset(models: list[NoiseModel], source: str, seconds: float, step: float) -> xr.Dataset:
+    """Product of three noise models.
+
+    Parameters
+    ----------
+    models : model of each axis, or none
+    source : where they come from
+    seconds : s, length of the data
+    step : s, spacing of the grid
+    """
+    order = models[0].reflection.size if models else 0
+    values = {
+        "reflection": np.array([m.reflection for m in models]) if models else np.zeros((3, 0)),
+        "variance": np.array([m.variance for m in models]) if models else np.full((3, 1), np.nan),
+        "density": np.array([m.density(FREQUENCY) for m in models]) if models else np.full((3, FREQUENCY.size), np.nan),
+        "frequency": FREQUENCY,
+        "seconds": seconds,
+    }
+    return build(NOISE, values, source_of_noise=source, step_s=step, order=order)
+
+
+def models_of(measured: xr.Dataset) -> list[NoiseModel]:
+    """Noise models (one an axis) of a product; none if it holds none."""
+    if measured.attrs["source_of_noise"] == "none":
+        return []
+    step = float(measured.attrs["step_s"])
+    return [
+        NoiseModel(r, v, step) for r, v in zip(measured["reflection"].values, measured["variance"].values, strict=True)
+    ]
+
+
+def quiet_noise(aligned: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
+    """Noise of the linear channels outside the manoeuvres.
+
+    Parameters
+    ----------
+    aligned : Dataset, "align"
+    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
+
+    Returns
+    -------
+    noise : model of each axis, on the grid of the solution
+    seconds : length of the quiet data used
+    """
+    time, linear = aligned["time_acc"].values, aligned["linear_b"].values
+    good = (aligned["acc_flag"].values == 0) & np.isfinite(linear).all(axis=1)
+    pieces = [_quiet_piece(time, linear, good, *ends, settings) for ends in _quiet_spans(aligned, settings)]
+    pieces = [p for p in pieces if p is not None]
+    seconds = settings["step_s"] * sum(int(np.isfinite(p[:, 0]).sum()) for p in pieces)
+    removed = len(pieces) * (settings["drift_degree"] + 1)
+    if seconds < QUIET_S:
+        return [], seconds
+    order = settings["noise_order"]
+    return [fit_noise([p[:, a] for p in pieces], order, settings["step_s"], removed) for a in range(3)], seconds
+
+
+def _quiet_spans(aligned, settings):
+    """Pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
+    start, stop = aligned["start"].values, aligned["stop"].values
+    margin = settings["quiet_margin_s"]
+    for window_start, window_stop, length in zip(
+        aligned["window_start"].values, aligned["window_stop"].values, stop - start, strict=True
+    ):
+        busy = [(a - margin, b + margin) for a, b in zip(start, stop, strict=True)]
+        begin = window_start
+        while begin + length <= window_stop:
+            hit = [b for a, b in busy if a < begin + length and b > begin]
+            if hit:
+                begin = max(hit)
+                continue
+            yield begin, begin + length
+            begin += length
+
+
+def _quiet_piece(time, linear, good, begin, end, settings):
+    inside = slice(*np.searchsorted(time, [begin, end]))
+    if inside.stop - inside.start < 200:
+        return None
+    grid = np.arange(np.ceil(begin / settings["step_s"]), np.floor(end / settings["step_s"])) * settings["step_s"]
+    operator = lowpass_resampler(
+        time[inside], good[inside], grid, lowpass_hz=settings["lowpass_hz"], half_width_s=settings["half_width_s"]
+    )
+    if operator.valid.sum() < 100:
+        return None
+    values = operator(linear[inside] - linear[inside][good[inside]].mean(axis=0))
+    drift = estimation.polynomial(grid, settings["drift_degree"], grid[0], grid[-1])[operator.valid]
+    values[operator.valid] = estimation.without(drift, values[operator.valid])
+    return values
