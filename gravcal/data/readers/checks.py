@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from gravcal.data.archive import TOGETHER
 from gravcal.data.readers.tables import BITS, FLOATS, INTEGERS, Product
 from gravcal.data.refusal import refuse
 
@@ -133,6 +134,8 @@ def check_identity(file, header, table, arrays, expected):
     ProductError : naming what contradicts what
     """
     where, (satellite, day) = file.where, expected
+    if not table.id_name:  # a combined product is the file of either satellite
+        satellite = TOGETHER.get(satellite, satellite)
     said = {"name": file.satellite, "request": satellite or ""}
     said["records"] = _letter_of_records(arrays, table)
     if not said["records"]:  # headers are known to name the other satellite: records overrule them

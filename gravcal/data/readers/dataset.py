@@ -34,7 +34,8 @@ def read(source, product=None, columns=None, *, expect_satellite=None, expect_da
     observed : Dataset over ``record``; one variable per column of the product, named as in the file,
         optional ones (``prod_flag``) where at least one record holds them, NaN where absent;
         ``time_tag`` s, ``time_second`` s and ``time_fraction`` s (the exact tag is their sum);
-        ``flag`` bits of doubt; for MAG ``current_b`` (record, axis) mA; attrs with the header
+        ``flag`` bits of doubt; for MAG ``current_b`` (record, axis) mA; for TIM1B ``receiver_second``
+        and ``receiver_fraction`` s; attrs with the header
 
     Raises
     ------
@@ -130,6 +131,8 @@ def _assembled(arrays, seconds, ticks, flag, table):
         variables[name] = (dims, arrays[column.name], attrs)
     if table.current_b_sign:
         variables["current_b"] = _current(arrays, table)
+    if table.receiver_time:
+        variables |= _receiver_time(arrays, table)
     return xr.Dataset(variables)
 
 
@@ -171,6 +174,17 @@ def _current(arrays, table):
         values,
         {"units": "mA", "long_name": "torquer current along x, y, z", "frame": "b", "comment": comment},
     )
+
+
+def _receiver_time(arrays, table):
+    """Receiver time of a clock mapping in seconds: missions write the fraction in different units."""
+    whole, fraction = table.receiver_time
+    ticks = TICKS[table.column(fraction).units] * arrays[fraction]
+    attrs = {"units": "s", "time_scale": "receiver"}
+    return {
+        "receiver_second": ("record", arrays[whole], {**attrs, "long_name": "whole part of receiver time"}),
+        "receiver_fraction": ("record", ticks / TICKS["s"], {**attrs, "long_name": "fraction of receiver time"}),
+    }
 
 
 def _attributes(header, table, file, satellite, present):

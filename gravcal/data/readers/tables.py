@@ -87,6 +87,7 @@ class Product:
     swapped_in_header: tuple[str, ...] = ()
     swapped_in_binary: tuple[str, ...] = ()
     current_b_sign: int = 0
+    receiver_time: tuple[str, ...] = ()
     flags: dict | None = None
     values: dict | None = None
 

@@ -34,8 +34,9 @@ def parse(data: bytes, start: int, header_lines: int, table: Product, where) -> 
         line = data.count(b"\n") + 1
         refuse(f"{where}, line {line}", "a last line cut short", "a line end", "Fetch the file again.", line=line)
     try:
-        arrays = None if table.is_text else _at_once(data, start, header_lines, table)
-        return arrays or _sorted_by_layout(data[start:], table, where, header_lines)
+        if table.is_text:
+            return _sorted_by_layout(data[start:], table, where, header_lines)
+        return _at_once(data, start, header_lines, table) or _evened(data[start:], table, where, header_lines)
     except Malformed as bad:
         line = header_lines + bad.row + 1
         place = f"{where}, line {line}, column {bad.column.file_name}"
@@ -117,40 +118,73 @@ def _optional_as_floats(arrays, table):
     return arrays
 
 
+def _evened(body, table, where, header_lines):
+    """The same with blanks between columns made single; what still is not alike goes layout by layout."""
+    body = _single_blanks(body.rstrip(b" \t\r\n") + b"\n")
+    return _at_once(body, 0, 0, table) or _sorted_by_layout(body, table, where, header_lines)
+
+
 def _sorted_by_layout(body, table, where, header_lines):
+    """Records of several layouts, with any blanks between columns: each layout is read by itself."""
     import polars
 
     lines, undecodable = _lines(body, table, where, header_lines)
     text = polars.Series("line", lines, dtype=polars.String)
-    tokens = _text_tokens(text, table) if table.is_text else _tokens(text)
-    n = len(lines)
-    arrays = _blank(table, n, tokens)
-    for key, rows in _groups(tokens, table):
-        group = tokens.gather(rows)
+    counts = text.str.count_matches(" ", literal=True).to_numpy() + 1
+    arrays = _blank(table, len(lines), int(counts.max()))
+    for key, rows in _groups(text, table):
         columns = (*table.columns, *table.following(key))
         _check_bits(table, key, rows, where, header_lines)
-        _check_lengths(group.list.len(), rows, len(columns), where, header_lines)
+        if not table.is_text:
+            _check_counts(counts[rows], rows, len(columns), where, header_lines)
+        series = _text_columns(text, table) if table.is_text else _columns(text, rows, columns)
         for place, column in enumerate(columns):
             try:
-                values = decode(group.list.get(place), column)
+                values = decode(series[place], column)
             except Malformed as bad:
                 raise Malformed(int(rows[bad.row]), column, bad.found, bad.expected) from None
-            _place(arrays, table, column, rows, place, values)
+            _place(arrays, table, column, rows, (place, values))
     arrays["undecodable"] = undecodable
     return arrays
 
 
+def _columns(text, rows, columns):
+    """Columns of lines that all have as many tokens: numbers if they are, else their texts."""
+    import polars
+
+    lines = text if len(rows) == len(text) else text.gather(rows)
+    data = "\n".join(lines.to_list()).encode() + b"\n"
+    for types in (map(_polars_type, columns), (polars.String for _ in columns)):
+        schema = {str(i): kind for i, kind in enumerate(types)}
+        try:
+            frame = polars.read_csv(data, separator=" ", has_header=False, schema=schema, quote_char=None)
+        except polars.exceptions.PolarsError:
+            continue
+        if not any(frame.null_count().row(0)):
+            break
+    return frame.get_columns()
+
+
 def _lines(body, table, where, header_lines):
-    raw = body.rstrip(b" \t\r\n").split(b"\n")
-    undecodable = np.zeros(len(raw), bool)
+    """Lines of the file, and which of them are not UTF-8."""
+    body = body.rstrip(b" \t\r\n")
     try:
-        return [line.decode() for line in raw], undecodable
+        lines = body.decode().split("\n")
+        return lines, np.zeros(len(lines), bool)
     except UnicodeDecodeError:
-        undecodable[:] = [not _is_utf8(line) for line in raw]
+        raw = body.split(b"\n")
+        undecodable = np.array([not _is_utf8(line) for line in raw])
     if not table.is_text:
         line = header_lines + int(np.argmax(undecodable)) + 1
         refuse(f"{where}, line {line}", "bytes that are not UTF-8", "numbers and flags", DAMAGED, line=line)
     return [line.decode(errors="backslashreplace") for line in raw], undecodable
+
+
+def _single_blanks(body):
+    body = body.replace(b"\t", b" ").replace(b"\r", b" ")
+    while b"  " in body:
+        body = body.replace(b"  ", b" ")
+    return body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip(b" ")
 
 
 def _is_utf8(line):
@@ -161,41 +195,35 @@ def _is_utf8(line):
     return True
 
 
-def _tokens(text):
-    return text.str.replace_all(r"\s+", " ").str.strip_chars(" ").str.split(" ")
-
-
-def _text_tokens(text, table):
+def _text_columns(text, table):
     """Leading columns, then the rest of the record as it stands."""
-    import polars
-
     leading = len(table.columns) - 1
     pattern = r"^\s*" + r"\s+".join([r"(\S+)"] * leading) + r"(?:\s(.*?))?\r?$"
     found = text.str.extract_groups(pattern).struct.unnest()
-    complete = found.fill_null("").select(polars.concat_list(polars.all()).alias("t"))["t"]
-    return polars.select(
-        polars.when(found[:, 0].is_null()).then(text.str.split(" ").list.head(leading)).otherwise(complete)
-    ).to_series()
+    missing = found[:, 0].is_null().arg_true()
+    if len(missing):
+        raise Malformed(int(missing[0]), table.columns[0], text[int(missing[0])], f"{leading} columns and a text")
+    return found.fill_null("").get_columns()
 
 
-def _groups(tokens, table):
+def _groups(text, table):
     """Rows of each layout, by the value of the layout key."""
     if not table.layout_key:
-        return [(0, np.arange(len(tokens)))]
+        return [(0, np.arange(len(text)))]
     place = [c.name for c in table.columns].index(table.layout_key)
-    keys = tokens.list.get(place, null_on_oob=True).fill_null("")
+    keys = text.str.extract(rf"^(?:\S+ ){{{place}}}(\S+)").fill_null("")
     found = []
     for token in keys.unique(maintain_order=True):
         rows = (keys == token).arg_true().to_numpy()
-        found.append((_key_value(table, token, int(rows[0])) if token else -1, rows))
+        found.append((_key_value(table, token, int(rows[0])) if token else 0, rows))
     return found
 
 
-def _check_lengths(lengths, rows, expected, where, header_lines):
-    wrong = (lengths != expected).arg_true()
+def _check_counts(counts, rows, expected, where, header_lines):
+    wrong = np.flatnonzero(counts != expected)
     if len(wrong):
         line = header_lines + int(rows[wrong[0]]) + 1
-        found = int(lengths[wrong[0]])
+        found = int(counts[wrong[0]])
         refuse(f"{where}, line {line}", f"{found} columns", f"{expected}", DAMAGED, line=line, columns=found)
 
 
@@ -207,16 +235,17 @@ def _check_bits(table, key, rows, where, header_lines):
         refuse(f"{where}, line {line}", found, "bits the product table defines", DAMAGED, line=line)
 
 
-def _blank(table, n, tokens):
+def _blank(table, n, most):
     arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns if c.kind != "text"}
     arrays |= {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
     if table.repeated:
-        slots = (int(tokens.list.len().max()) - len(table.columns)) // len(table.repeated)
+        slots = (most - len(table.columns)) // len(table.repeated)
         arrays |= {c.name: np.full((n, max(slots, 0)), np.nan) for c in table.repeated}
     return arrays
 
 
-def _place(arrays, table, column, rows, place, values):
+def _place(arrays, table, column, rows, found):
+    place, values = found
     if column.kind == "text":
         arrays[column.name] = values
     elif column in table.repeated:

@@ -109,3 +109,12 @@ def test_chosen_columns_come_with_tags_and_flag(attitude_file):
     """Contract: what was asked for, and what says when and how good."""
     observed = read(attitude_file, columns=["quatangle"])
     assert set(observed) == {"time_tag", "time_second", "time_fraction", "flag", "quatangle"}
+
+
+@pytest.mark.parametrize(("satellite", "seconds"), [("A", 0.25), ("C", 0.00025)])
+def test_receiver_time_is_in_seconds_whatever_the_mission_writes(tmp_path, satellite, seconds):
+    """Published: TIM1B fractions are microseconds in GRACE, nanoseconds in GRACE-FO (formats.md, 2.3 and 3.2)."""
+    columns = {"obctime": [START, START + 8], "rcvtime_intg": [START, START + 8], "rcvtime_frac": [0, 250_000]}
+    observed = read(write(columns, tmp_path / f"TIM1B_2023-06-01_{satellite}_04.txt"))
+    assert_array_equal(observed.receiver_fraction, [0.0, seconds])
+    assert_array_equal(observed.receiver_second, [START, START + 8])
