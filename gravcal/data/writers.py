@@ -77,7 +77,10 @@ def _columns(observed, table: Product, satellite, where):
         flag, present = _product_flag(held, table, where)
         held["prod_flag"] = np.full(n, flag)
         columns += present
-    return {c.name: _filled(held, c, n, table, satellite, where) for c in columns}
+    missing = {c.name: _default(c, table, satellite) for c in columns if c.name not in held}
+    for name in (name for name, default in missing.items() if default is None):
+        refuse(where, f"no values for {name}", f"{n} values", GIVE, column=name)
+    return {c.name: held[c.name] if c.name in held else np.full(n, missing[c.name]) for c in columns}
 
 
 def _times(given, table):
@@ -113,9 +116,8 @@ def _product_flag(given, table, where):
     return int(flags[0]), table.following(int(flags[0]))
 
 
-def _filled(given, column, n, table, satellite, where):
-    if column.name in given:
-        return given[column.name]
+def _default(column, table, satellite):
+    """What a column left out holds, None where that cannot be known."""
     default = column.default
     if column.name == table.id_name:
         default = satellite
@@ -123,9 +125,7 @@ def _filled(given, column, n, table, satellite, where):
         default = KNOWN_TIMES[table.time_scale][:1].decode()
     elif default is None and column.kind in BITS:
         default = 0
-    if default is None:
-        refuse(where, f"no values for {column.name}", f"{n} values", GIVE, column=column.name)
-    return np.full(n, default.encode() if isinstance(default, str) else default)
+    return default.encode() if isinstance(default, str) else default
 
 
 def _ticks(values, table):
