@@ -74,7 +74,7 @@ def plan(body, *arguments):
     return planner.steps, ref
 
 
-def run(body, *arguments, engine="prefect", listener=None):
+def run(body, *arguments, engine="prefect", listener=None, server=None):
     """Result of a flow; Prefect is started only when something has to be made.
 
     Parameters
@@ -83,6 +83,7 @@ def run(body, *arguments, engine="prefect", listener=None):
     *arguments : those of the flow
     engine : "prefect" or "inline"
     listener : function of (call, state, ref), hears of each stage done; state is "cached" or "made"
+    server : prefect_server.Server already begun, or None
 
     Returns
     -------
@@ -95,7 +96,7 @@ def run(body, *arguments, engine="prefect", listener=None):
     if engine == "prefect":
         from flows import prefect_engine
 
-        return prefect_engine.run(body, arguments, listener)
+        return prefect_engine.run(body, arguments, listener, server)
     with stage.using(stage.inline, listener):
         return body(*arguments)
 

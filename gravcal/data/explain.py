@@ -27,7 +27,7 @@ def why(recipe, modules):
         reasons.append(f"version {old['version']} -> {recipe['version']}")
     reasons += _input_reasons(old["inputs"], recipe["inputs"])
     if old["code"] != recipe["code"]:
-        reasons.append(f"code changed: {', '.join(_changed_modules(record.get('modules', {}), modules))}")
+        reasons.append(f"code changed: {', '.join(changed(record, {'modules': modules}))}")
     return reasons
 
 
@@ -57,8 +57,9 @@ def _input_name(item):
     return item.get("file") or ".".join(part for part in (item["kind"], item["variant"]) if part)
 
 
-def _changed_modules(old, new):
-    """Names of the parts of the code that changed, came or went."""
+def changed(old_record, new_record):
+    """Names of the parts of the code that changed, came or went between two records."""
+    old, new = old_record.get("modules", {}), new_record.get("modules", {})
     return sorted(name for name in set(old) | set(new) if old.get(name) != new.get(name)) or ["(unknown)"]
 
 

@@ -6,6 +6,7 @@ depends on the clock.
 """
 
 import io
+import uuid
 
 import numpy as np
 
@@ -30,9 +31,9 @@ def to_bytes(dataset):
     """
     import h5py
 
-    with h5py.File(
-        "product", "w", driver="core", backing_store=False, track_order=True, libver=("earliest", "v110")
-    ) as file:
+    own = uuid.uuid4().hex  # HDF5 wants one name per open file, also in memory; it is not written
+    options = {"track_order": True, "libver": ("earliest", "v110")}
+    with h5py.File(own, "w", driver="core", backing_store=False, **options) as file:
         _write_attributes(file, dict(dataset.attrs) | _free_coordinates(dataset))
         scales = _write_dimensions(file, dataset)
         for name, variable in _in_order(dataset):

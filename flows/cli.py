@@ -1,0 +1,180 @@
+"""The command line: `gravcal`.
+
+Commands only read their arguments, call a flow or the store, and say what came out. What belongs to one calibration
+is asked of the module `flows.<calibration>`: source, calibrate, document, detect, detected, simulate.
+"""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flows import cli_output as output
+from flows.engine import single_threaded
+
+HELP = """
+In-orbit calibration of gravity missions: Level-1 files in, calibration values with honest errors out.
+
+\b
+gravcal demo                                          simulate a calibration day, process it, compare with the truth
+gravcal run com_offset grace-c-2020-02-01             an event of the catalogue
+gravcal run com_offset --data DIR --satellite C       any folder of Level-1 files
+gravcal run com_offset EVENT --set lowpass_hz=0.3     only what depends on the setting is made again
+gravcal plan com_offset EVENT --set lowpass_hz=0.3    what would be made again, and why
+gravcal report EVENT                                  where the report is
+gravcal products list                                 what lies in the store (GRAVCAL_PRODUCTS)
+"""
+
+app = typer.Typer(
+    help=HELP, rich_markup_mode=None, add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True
+)
+EVENT = "event of the catalogue, such as grace-c-2020-02-01"
+FOLDER = "folder with Level-1 files or daily archives"
+LETTERS = "C|D|CD|A|B|AB|T|S"
+DOCUMENT = "write the result document ('-': standard output)"
+
+Calibration = Annotated[str, typer.Argument(metavar="CALIBRATION", help="com_offset")]
+EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT)]
+Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help=FOLDER)]
+Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, help="which satellite of the folder")]
+Date = Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="which day of the folder")]
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="another value of a parameter")]
+Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=DOCUMENT)]
+Seed = Annotated[int, typer.Option("--seed", help="source of everything random")]
+Engine = Annotated[str, typer.Option("--engine", metavar="prefect|inline", help="Prefect keeps a history of runs")]
+
+
+@app.command()
+def run(
+    calibration: Calibration,
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    json: Json = None,
+    engine: Engine = "prefect",
+) -> None:
+    """Calibrate one event; what is in the store already is reused."""
+    from flows import command
+
+    chosen = command.chosen(calibration, settings)
+    source = command.source(calibration, event, data, satellite, date)
+    with output.failures(calibration, command.name_of(source), json):
+        document, ref = command.calibrate(calibration, source, chosen, engine)
+    output.write_json(document, json)
+    output.result(document, ref, json)
+    raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+@app.command()
+def plan(
+    calibration: Calibration,
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    json: Json = None,
+) -> None:
+    """Say what a run would reuse, what it would make, and why; without EVENT or folder for all events of the store."""
+    from flows import command
+
+    chosen = command.chosen(calibration, settings)
+    sources = command.sources(calibration, event, data, satellite, date)
+    output.plan([step for source in sources for step in command.plan(calibration, source, chosen)], json)
+
+
+@app.command()
+def detect(
+    calibration: Calibration,
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    json: Json = None,
+) -> None:
+    """Find the manoeuvres in the data of an event or folder."""
+    from flows import command
+
+    chosen = command.chosen(calibration, settings)
+    source = command.source(calibration, event, data, satellite, date)
+    document = command.detect(calibration, source, chosen)
+    output.write_json(document, json)
+    output.manoeuvres(document, json)
+    raise typer.Exit(0 if document["manoeuvres"] else 3)
+
+
+@app.command()
+def simulate(
+    calibration: Calibration,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder for the Level-1 files")],
+    seed: Seed = 1,
+    truth: Annotated[Path | None, typer.Option("--truth", metavar="FILE", help="where to write the truth")] = None,
+    effect: Annotated[list[str] | None, typer.Option("--effect", metavar="SLUG.PARAMETER=VALUE")] = None,
+    settings: Settings = None,
+) -> None:
+    """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
+    from flows import command
+
+    command.simulate(calibration, out, (seed, truth), effect, settings)
+    output.say(f"Level-1 files of an invented event in {out}" + (f", truth in {truth}" if truth else ""))
+
+
+@app.command()
+def demo(
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="keep the Level-1 files here")] = None,
+    seed: Seed = 1,
+    engine: Engine = "prefect",
+    json: Json = None,
+) -> None:
+    """Simulate a calibration day, process it as if it were measured, and print estimate beside truth."""
+    from flows import command
+
+    document, ref, truth = command.demo(out, seed, engine)
+    output.write_json(document, json)
+    output.comparison(document, truth, ref, json)
+    raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+@app.command()
+def report(
+    event: Annotated[str, typer.Argument(metavar="EVENT", help="event whose last report is wanted")],
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="copy the report's files here")] = None,
+) -> None:
+    """Say where the last report of an event is, or copy it."""
+    from flows import command
+
+    for path in command.report_files(event, out):
+        output.say(str(path))
+
+
+def main() -> None:
+    """Entry point: errors of gravcal on one screen, others into a file."""
+    from gravcal.errors import GravcalError
+
+    single_threaded()
+    _add_store_commands()
+    try:
+        app()
+    except GravcalError as error:
+        output.error(error)
+        sys.exit(1)
+    except Exception as error:  # noqa: BLE001
+        output.unexpected(error)
+        sys.exit(1)
+
+
+def _add_store_commands():
+    """Commands on the store: products, history, rebuild."""
+    from flows import cli_store
+
+    app.add_typer(cli_store.products, name="products")
+    app.command()(cli_store.history)
+    app.command()(cli_store.rebuild)
+
+
+if __name__ == "__main__":
+    main()

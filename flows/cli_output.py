@@ -1,0 +1,184 @@
+"""What the commands print: tables, progress on a terminal, and errors on one screen."""
+
+import contextlib
+import json
+import os
+import shutil
+import sys
+import textwrap
+import traceback
+
+AXES = "xyz"
+
+
+def say(text=""):
+    """One line on standard output."""
+    sys.stdout.write(text + "\n")
+
+
+def to_screen(json_path):
+    """Whether standard output is for people; with ``--json -`` it is for the document."""
+    return json_path is None or str(json_path) != "-"
+
+
+def write_json(document, path):
+    """Write a document where it is wanted: nowhere, into a file, or to standard output."""
+    if path is None:
+        return
+    text = json.dumps(document, indent=1, allow_nan=False)
+    if str(path) == "-":
+        say(text)
+    else:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+
+
+def result(document, ref, json_path):
+    """Table of a result and where its report is."""
+    if not to_screen(json_path):
+        return
+    say(f"{document['event']}: {document['status']}")
+    _offsets(document, None)
+    _where(ref)
+
+
+def comparison(document, truth, ref, json_path):
+    """Table of estimates beside the truth."""
+    if not to_screen(json_path):
+        return
+    say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
+    _offsets(document, truth.get("offset_um"))
+    _where(ref)
+
+
+def plan(steps, json_path):
+    """Table of a plan: what is reused, what runs, and why."""
+    document = [
+        {"event": step.event, "stage": step.stage, "action": step.action, "reasons": list(step.reasons)}
+        for step in steps
+    ]
+    write_json(document, json_path)
+    if to_screen(json_path):
+        table(["event", "stage", "action", "why"], [[s.event, s.stage, s.action, "; ".join(s.reasons)] for s in steps])
+        counts = {action: sum(step.action == action for step in steps) for action in ("reuse", "run", "may run")}
+        say(", ".join(f"{action}: {count}" for action, count in counts.items()))
+
+
+def manoeuvres(document, json_path):
+    """Table of the manoeuvres found."""
+    if not to_screen(json_path):
+        return
+    rows = [[one["kind"], f"{one['start']:.3f}", f"{one['stop']:.3f}"] for one in document["manoeuvres"]]
+    table(["kind", "start (GPS s)", "stop (GPS s)"], rows)
+    say(f"{len(rows)} manoeuvre(s)")
+
+
+def table(heads, rows):
+    """Table in plain columns, each as wide as its widest entry."""
+    cells = [heads, *[[str(cell) for cell in row] for row in rows]]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(heads))]
+    for row in cells:
+        say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def error(problem):
+    """GravcalError on one screen: where, found, expected, remedy, as its message says."""
+    width = min(shutil.get_terminal_size((100, 24)).columns, 110)
+    lines = textwrap.wrap(f"error: {problem}", width, subsequent_indent="       ", break_long_words=False)
+    sys.stderr.write("\n".join(lines[:20]) + "\n")
+
+
+def unexpected(problem):
+    """An error that gravcal did not foresee: one line, the trace in a file."""
+    from gravcal.data import location
+
+    if os.environ.get("GRAVCAL_DEBUG"):
+        raise problem
+    where = location.folder() / "last-error.txt"
+    try:
+        where.parent.mkdir(parents=True, exist_ok=True)
+        where.write_text("".join(traceback.format_exception(problem)))
+        hint = f"The trace is in {where}; please report it."
+    except OSError:
+        hint = "Set GRAVCAL_DEBUG=1 to see the trace."
+    first = (str(problem).splitlines() or [""])[0]
+    sys.stderr.write(f"error: {type(problem).__name__}: {first}\n       {hint}\n")
+
+
+@contextlib.contextmanager
+def failures(calibration, event, json_path):
+    """Write a document with status "failed" before an error goes on."""
+    from flows import command
+    from gravcal.errors import GravcalError
+
+    try:
+        yield
+    except GravcalError as problem:
+        write_json(command.failed(calibration, event, problem), json_path)
+        raise
+
+
+@contextlib.contextmanager
+def progress(title):
+    """Listener that shows the stages done, if standard error is a terminal; otherwise None."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    texts = (TextColumn("{task.description}"), TextColumn("{task.fields[done]}"))
+    columns = (SpinnerColumn(), *texts, TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        row, counts = bar.add_task(title, total=None, done=""), {"cached": 0, "made": 0}
+
+        def listener(call, state, _):
+            counts[state] += 1
+            done = f"{counts['made']} made, {counts['cached']} reused, last {call.unmade.stage}"
+            bar.update(row, done=done)
+
+        yield listener
+
+
+@contextlib.contextmanager
+def waiting(title):
+    """Spinner with the time that passes, if standard error is a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(title):
+        yield
+
+
+def _offsets(document, truth):
+    """Rows of estimate, sigma and, if known, truth for each variant of an offset."""
+    rows = []
+    for name, variant in (document.get("variants") or {}).items():
+        value, sigma = variant["offset_um"], variant["sigma_um"]
+        cells = [_value(value[axis], sigma[axis]) for axis in range(3)]
+        errors = [_error(value[axis], sigma[axis], truth[axis]) for axis in range(3)] if truth else []
+        rows.append([name, *cells, *errors])
+    if truth:
+        rows.append(["truth", *[f"{value:.2f}" for value in truth], "", "", ""])
+    if rows:
+        errors = [f"error/sigma {axis}" for axis in AXES] if truth else []
+        table(["variant", *[f"{axis} +- sigma (um)" for axis in AXES], *errors], rows)
+
+
+def _value(value, sigma):
+    """Value with its sigma, or that it is not determined."""
+    return "undetermined" if value is None else f"{value:.2f} +- {sigma:.2f}"
+
+
+def _error(value, sigma, truth):
+    """Error in sigmas."""
+    return "" if value is None else f"{(value - truth) / sigma:+.2f}"
+
+
+def _where(ref):
+    """Paths of the files beside a report product."""
+    for path in sorted(ref.folder.iterdir()):
+        if path.name not in ("meta.json", "product.nc"):
+            say(f"{path.suffix.lstrip('.').upper():5} {path}")

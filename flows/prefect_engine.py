@@ -1,0 +1,137 @@
+"""The engine that submits stages as Prefect tasks, so that a run can be watched and its history kept.
+
+The store decides what runs: Prefect's own cache stays off, and a product that is there ends its task as "Cached".
+"""
+
+import functools
+import os
+
+from flows import prefect_server
+from flows.engine import warn
+from gravcal.data.references import ProductRef
+from tasks import stage
+
+
+class Pending(ProductRef):
+    """Reference to a product that a submitted task will give."""
+
+    __slots__ = ("future",)
+
+    @classmethod
+    def of(cls, ref, future):
+        """Reference of a call that was submitted."""
+        pending = cls(ref.event, ref.kind, ref.variant)
+        object.__setattr__(pending, "future", future)
+        return pending
+
+
+class Submitter:
+    """Engine that turns each stage into a task of the flow that is running."""
+
+    def __init__(self, listener):
+        self.pending, self.listener = [], listener
+
+    def __call__(self, call):
+        """Reference to the product of a submitted task."""
+        waits = [item.future if isinstance(item, Pending) else item for item in call.inputs]
+        future = _task(call, self.listener).submit(*waits)
+        self.pending.append(Pending.of(call.unmade, future))
+        return self.pending[-1]
+
+    def resolve(self, ref):
+        """Reference of the finished product."""
+        if not isinstance(ref, Pending):
+            return ref
+        self.raise_first()
+        return ref.future.result()
+
+    def raise_first(self):
+        """Wait for all tasks; raise what went wrong first, in the order of the flow."""
+        for pending in self.pending:
+            pending.future.wait()
+        for pending in self.pending:
+            state = pending.future.state
+            if state.is_failed() or state.is_crashed():
+                pending.future.result()
+
+
+def run(body, arguments, listener=None, server=None):
+    """Result of a flow whose stages are Prefect tasks; without a server, of the same flow inline.
+
+    Parameters
+    ----------
+    body : flow
+    arguments : tuple, those of the flow
+    listener : function of (call, state, ref), or None
+    server : prefect_server.Server already begun, or None
+
+    Returns
+    -------
+    ref : ProductRef
+    """
+    try:
+        begun = server or prefect_server.begin()
+        import prefect  # noqa: F401 - takes seconds, while the server comes up
+
+        with prefect_server.running(begun) as url:
+            return _flow_on(url, body, arguments, listener)
+    except prefect_server.Unavailable as error:
+        warn(f"Prefect's server is not available ({error}); running without it.")
+    with stage.using(stage.inline, listener):
+        return body(*arguments)
+
+
+def _flow_on(url, body, arguments, listener):
+    """Run the flow on a server that answers, and wait until it knows of every task."""
+    import prefect
+    from prefect.context import get_run_context
+    from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
+    from prefect.task_runners import ThreadPoolTaskRunner
+
+    engine, known = Submitter(listener), {}
+
+    def stages():
+        known["run"] = get_run_context().flow_run.id
+        with stage.using(engine):
+            ref = body(*arguments)
+            engine.raise_first()
+            return engine.resolve(ref)
+
+    # a heartbeat would make every flow last a second longer
+    with temporary_settings({PREFECT_API_URL: url, PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
+        runner = ThreadPoolTaskRunner(max_workers=os.cpu_count())
+        wrapped = prefect.flow(
+            stages, name=body.flow_name, task_runner=runner, persist_result=False, validate_parameters=False
+        )
+        try:
+            return wrapped()
+        finally:
+            if known:
+                prefect_server.drain(url, known["run"], len(engine.pending))
+
+
+def _task(call, listener):
+    """Prefect task of one call; its parameters are the references of the inputs."""
+    import prefect
+    from prefect.cache_policies import NO_CACHE
+
+    @functools.wraps(call.stage.body)
+    def work(*inputs):
+        return _work(call, inputs, listener)
+
+    del work.__wrapped__
+    return prefect.task(work, name=call.unmade.stage, cache_policy=NO_CACHE, persist_result=False)
+
+
+def _work(call, inputs, listener):
+    """Do one call in a task; a product that was there ends it as Cached."""
+    from prefect.states import Completed
+
+    known = stage.Call(call.stage, inputs, call.settings, call.event, call.variant)
+    with stage.using(stage.inline):
+        ref, state = stage.perform(known)
+    if listener:
+        listener(known, state, ref)
+    if state == "cached":
+        return Completed(name="Cached", message=f"product {ref.key[:12]}", data=ref)
+    return ref

@@ -1,0 +1,166 @@
+"""A private Prefect server for as long as a run lasts: a child process on a free port, silent and offline.
+
+Prefect's own ephemeral mode outlives killed parents, loses records of quick tasks and may miss its time limit; this one
+starts under a lock (two first starts at once would migrate one database twice), dies with its parent, and is drained.
+``PREFECT_API_URL``, where set, names a server to use instead.
+"""
+
+import contextlib
+import ctypes
+import fcntl
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from dataclasses import dataclass
+from pathlib import Path
+
+from gravcal.data import location
+
+HOST = "127.0.0.1"
+START_LIMIT_S = 90.0  # a first start on a slow machine took 11 s
+DRAIN_LIMIT_S = 20.0
+ENDED = ["COMPLETED", "FAILED", "CRASHED", "CANCELLED"]
+SETTINGS = {
+    "DO_NOT_TRACK": "1",
+    "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_READ_BATCH_SIZE": "50",
+    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_BATCH_SIZE": "50",
+    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_FLUSH_INTERVAL": "1",
+    "PREFECT_LOGGING_LEVEL": "CRITICAL",
+    "PREFECT_LOGGING_INTERNAL_LEVEL": "CRITICAL",
+    "PREFECT_LOGGING_TO_API_ENABLED": "false",
+    "PREFECT_SERVER_LOGGING_LEVEL": "ERROR",
+    "DASK_LOGGING__DISTRIBUTED": "error",
+    "HDF5_USE_FILE_LOCKING": "BEST_EFFORT",
+}
+
+
+class Unavailable(Exception):
+    """The server did not start."""
+
+
+def set_environment():
+    """Settings that Prefect reads when it is imported; those the user has set stay."""
+    os.environ.setdefault("PREFECT_HOME", str(location.folder() / "prefect"))
+    for name, value in SETTINGS.items():
+        os.environ.setdefault(name, value)
+
+
+@dataclass(frozen=True)
+class Server:
+    """A server that was started, or one of the user's own (then there is no child)."""
+
+    url: str
+    child: subprocess.Popen | None = None
+    gate: object = None
+
+
+def begin():
+    """Start a server without waiting for it, so that it comes up beside other work.
+
+    Returns
+    -------
+    server : Server, to be given to ``running``
+    """
+    set_environment()
+    if os.environ.get("PREFECT_API_URL"):
+        return Server(os.environ["PREFECT_API_URL"])
+    home = Path(os.environ["PREFECT_HOME"]).expanduser()
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        gate = (home / "start.lock").open("w")
+        fcntl.flock(gate, fcntl.LOCK_EX)
+        port = _free_port()
+        command = [sys.executable, "-m", "flows.prefect_server", str(port), str(os.getpid())]
+        with (home / "server.log").open("ab") as log:
+            child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+    except OSError as error:
+        raise Unavailable(str(error)) from error
+    return Server(f"http://{HOST}:{port}/api", child, gate)
+
+
+@contextlib.contextmanager
+def running(server):
+    """URL of a server that answers; a child ends with the block."""
+    try:
+        _wait_for(server)
+        yield server.url
+    finally:
+        end(server)
+
+
+def end(server):
+    """End a child that was started."""
+    if server.child is None:
+        return
+    server.gate.close()
+    server.child.terminate()
+    try:
+        server.child.wait(timeout=10)
+    except subprocess.TimeoutExpired:
+        server.child.kill()
+        server.child.wait()
+
+
+def drain(url, flow_run, expected):
+    """Wait until the server has recorded the end of every task of a run, or the time limit is over."""
+    question = {
+        "flow_runs": {"id": {"any_": [str(flow_run)]}},
+        "task_runs": {"state": {"type": {"any_": ENDED}}},
+    }
+    limit = time.monotonic() + DRAIN_LIMIT_S
+    with contextlib.suppress(OSError):
+        while ask(url, "/task_runs/count", question) < expected and time.monotonic() < limit:
+            time.sleep(0.1)
+
+
+def ask(url, path, question=None):
+    """Answer of the server to a question, both JSON."""
+    data = None if question is None else json.dumps(question).encode()
+    request = urllib.request.Request(url + path, data, {"Content-Type": "application/json"})
+    with urllib.request.urlopen(request, timeout=10) as answer:
+        return json.loads(answer.read() or b"null")
+
+
+def _wait_for(server):
+    """Wait until the server answers; then others may start theirs."""
+    limit = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < limit and (server.child is None or server.child.poll() is None):
+        with contextlib.suppress(OSError):
+            ask(server.url, "/health")
+            if server.gate:
+                server.gate.close()
+            return
+        time.sleep(0.05)
+    log = Path(os.environ["PREFECT_HOME"]).expanduser() / "server.log"
+    raise Unavailable(f"{server.url} did not answer within {START_LIMIT_S:.0f} s; see {log}")
+
+
+def _free_port():
+    """A port nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return probe.getsockname()[1]
+
+
+def serve(port, parent):
+    """Be the server, until the parent ends."""
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG, linux/prctl.h
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if os.getppid() != parent:
+        return
+    os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(port)}
+    import uvicorn
+
+    uvicorn.run(
+        "prefect.server.api.server:create_app", factory=True, host=HOST, port=port, log_level="error", access_log=False
+    )
+
+
+if __name__ == "__main__":
+    serve(int(sys.argv[1]), int(sys.argv[2]))

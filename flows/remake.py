@@ -1,0 +1,96 @@
+"""Make a product again from the raw files its record names, in a store of its own, and compare."""
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from gravcal.data import archive, inputs, lineage, location, memory, store
+from gravcal.errors import ProductError
+
+
+def remake(entry):
+    """Product made anew, every stage compared with what the store holds.
+
+    Parameters
+    ----------
+    entry : housekeeping.Entry
+
+    Returns
+    -------
+    outcome : dict: "product", "equal", "stages": list of stage, verdict ("equal" or "different"), why
+    """
+    stages = []
+    with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
+        original = location.folder()
+        with _other_store(folder):
+            made = _make(entry.ref.key, original, stages, {})
+    return {"product": entry.ref.name, "equal": made.digest == entry.record["digest"], "stages": stages}
+
+
+def _make(key, original, stages, done):
+    """Make one product and, before, all it needs."""
+    if key in done:
+        return done[key]
+    folder = original / "objects" / key[:2] / key
+    record = store.read_record(folder)
+    if record is None:
+        raise ProductError(f"product {key[:12]}: its record is no longer in {original}. Run its event again.", key=key)
+    labels = record["recipe"]["inputs"]
+    items = [
+        _raw_file(part, label) if "path" in part else _make(part["key"], original, stages, done)
+        for part, label in zip(record["from"], labels, strict=True)
+    ]
+    recipe = record["recipe"]
+    settings = dict(recipe["settings"]) | {"event": recipe["event"], "variant": recipe["variant"]}
+    done[key] = lineage.stage_of(record)(*items, **settings)
+    stages.append(_compared(record, done[key]))
+    return done[key]
+
+
+def _compared(record, made):
+    """Verdict on one stage."""
+    from gravcal.data import explain
+
+    equal = made.digest == record["digest"]
+    anew = store.read_record(made.folder)
+    old, new = record["recipe"], anew["recipe"]
+    changed = [] if old["code"] == new["code"] else [f"code changed: {', '.join(explain.changed(record, anew))}"]
+    if old["version"] != new["version"]:
+        changed.append(f"version {old['version']} -> {new['version']}")
+    return {"stage": made.stage, "verdict": "equal" if equal else "different", "why": "; ".join(changed)}
+
+
+def _raw_file(part, label):
+    """Level-1 file of a record, with the content it had."""
+    path = Path(part["path"])
+    where = f"{path}:{part['member']}" if part["member"] else str(path)
+    if not path.is_file():
+        raise ProductError(
+            f"{where}: the raw file is not there any more. Put it back to make the product again.", path=where
+        )
+    names = ("product", "satellite", "date", "release")
+    file = archive.LevelOneFile(path, part["member"], *(label[name] for name in names))
+    found = inputs.labelled(file)["digest"]
+    if found != label["digest"]:
+        raise ProductError(
+            f"{where}: its SHA-256 is {found[:12]}, the product was made from {label['digest'][:12]}. "
+            f"The raw file changed; run its event again.",
+            path=where,
+        )
+    return file
+
+
+@contextlib.contextmanager
+def _other_store(folder):
+    """Let everything inside use another store."""
+    before = os.environ.get("GRAVCAL_PRODUCTS")
+    os.environ["GRAVCAL_PRODUCTS"] = folder
+    try:
+        yield
+    finally:
+        memory.clear()
+        if before is None:
+            del os.environ["GRAVCAL_PRODUCTS"]
+        else:
+            os.environ["GRAVCAL_PRODUCTS"] = before
