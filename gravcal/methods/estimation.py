@@ -8,23 +8,27 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """Solution of one observation block.
+class Score:
+    """Estimating equation Z'(y - A x) = 0 of one observation block, nuisance projected out.
+
+    With Z = A this is least squares. With a noisy design A and instruments Z that share its signal but not its noise
+    the estimate is not attenuated.
 
     Attributes
     ----------
-    value : (p,)
-    information : (p, p) inverse covariance for unit-variance noise; singular where nothing is determined
-    gain : (p, n) derivative of the value by the whitened observations
-    residual : (n,) whitened
-    dof : observations minus all unknowns
+    right : (p,) Z'y
+    normal : (p, p) Z'A
+    information : (p, p) Z'Z, covariance of Z'y for unit-variance noise
     """
 
-    value: np.ndarray
+    right: np.ndarray
+    normal: np.ndarray
     information: np.ndarray
-    gain: np.ndarray
-    residual: np.ndarray
-    dof: int
+
+    @property
+    def value(self) -> np.ndarray:
+        """(p,) solution of this block alone."""
+        return stable_inverse(self.normal) @ self.right
 
 
 def without(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -49,34 +53,20 @@ def orthonormal(columns: np.ndarray) -> np.ndarray:
     return left[:, size > 1e-10 * size[0]]
 
 
-def solve(observed: np.ndarray, design: np.ndarray, nuisance: np.ndarray, instruments: np.ndarray | None = None):
-    """Least squares, or instrumental variables if the design is noisy, with nuisance projected out.
-
-    With instruments Z free of the noise of the design A the estimate (Z'A)^-1 Z'y has no attenuation; its covariance
-    is (Z'A)^-1 Z'Z (A'Z)^-1. Without, Z = A and this is least squares.
+def score(
+    observed: np.ndarray, design: np.ndarray, nuisance: np.ndarray, instruments: np.ndarray | None = None
+) -> Score:
+    """Estimating equation of one block.
 
     Parameters
     ----------
     observed : (n,) whitened
     design : (n, p) whitened
     nuisance : (n, k) whitened
-    instruments : (n, p) whitened, or None
-
-    Returns
-    -------
-    estimate : Estimate
+    instruments : (n, p) whitened; the design itself if None
     """
-    design = without(nuisance, design)
-    used = design if instruments is None else without(nuisance, instruments)
-    observed = without(nuisance, observed)
-    cross = used.T @ design
-    inverse = stable_inverse(cross)
-    gain = inverse @ used.T
-    value = gain @ observed
-    information = cross.T @ stable_inverse(used.T @ used) @ cross
-    count = int(np.count_nonzero(np.any(used != 0, axis=1)))
-    dof = count - design.shape[1] - orthonormal(nuisance).shape[1]
-    return Estimate(value, (information + information.T) / 2, gain, observed - design @ value, dof)
+    clean = without(nuisance, design if instruments is None else instruments)
+    return Score(clean.T @ observed, clean.T @ design, clean.T @ clean)
 
 
 def stable_inverse(matrix: np.ndarray) -> np.ndarray:
@@ -117,33 +107,78 @@ class Combination:
     Attributes
     ----------
     value : (p,)
-    information : (p, p)
-    share : (b, p, p) weight of each block's estimate in the value
-    chi2, dof : disagreement of the blocks with the joint value
+    covariance : (p, p) of noise and of the errors of single blocks
+    shift : (m, p) change of the value by one standard deviation of each shared error
+    chi2, dof : disagreement of the blocks with the joint value, shared errors free within their prior
     """
 
     value: np.ndarray
-    information: np.ndarray
-    share: np.ndarray
+    covariance: np.ndarray
+    shift: np.ndarray
     chi2: float
     dof: int
 
 
-def combine(values: np.ndarray, informations: np.ndarray) -> Combination:
-    """Estimates joined by their full normal equations.
+def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray]) -> Combination:
+    """Blocks joined by their estimating equations.
 
     Parameters
     ----------
-    values : (b, p)
-    informations : (b, p, p)
+    scores : one a block
+    own : (k, p) changes of each block's estimate by one standard deviation of errors of that block alone
+    shared : (m, p) the same for errors that act in all blocks together
+
+    Returns
+    -------
+    combination : Combination
     """
-    total = informations.sum(axis=0)
-    share = stable_inverse(total) @ informations
-    value = np.einsum("bij,bj->i", share, values)
-    difference = values - value
-    chi2 = float(np.einsum("bi,bij,bj->", difference, informations, difference))
-    rank = sum(_rank(information) for information in informations)
-    return Combination(value, total, share, chi2, rank - _rank(total))
+    weight = [weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
+    normal = sum(w @ s.normal for w, s in zip(weight, scores, strict=True))
+    right = sum(w @ s.right for w, s in zip(weight, scores, strict=True))
+    information = [_symmetric(w @ s.information) for w, s in zip(weight, scores, strict=True)]
+    value = stable_inverse(normal) @ right
+    total = sum(information)
+    move = stable_inverse(total) @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
+    residuals = [w @ (s.right - s.normal @ value) for w, s in zip(weight, scores, strict=True)]
+    modes = [i @ m.T for i, m in zip(information, shared, strict=True)]
+    chi2, dof = _disagreement(residuals, information, modes)
+    return Combination(value, covariance(total), move.T, chi2, dof)
+
+
+def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    """Factor W with W I = (I^-1 + M M')^-1, without inverting I.
+
+    Parameters
+    ----------
+    information : (p, p)
+    modes : (k, p), rows of M'
+    """
+    if not len(modes):
+        return np.eye(information.shape[0])
+    M = modes.T
+    inner = np.linalg.inv(np.eye(len(modes)) + M.T @ information @ M)
+    return np.eye(information.shape[0]) - information @ M @ inner @ M.T
+
+
+def _symmetric(matrix):
+    return (matrix + matrix.T) / 2
+
+
+def _disagreement(residuals, informations, modes):
+    """Chi-square of score residuals about a common value, shared errors free within their unit prior."""
+    count, size = modes[0].shape[1], informations[0].shape[0]
+    normal, right, total = np.zeros((size + count,) * 2), np.zeros(size + count), 0.0
+    normal[size:, size:] = np.eye(count)
+    rank = 0
+    for residual, information, mode in zip(residuals, informations, modes, strict=True):
+        inverse = stable_inverse(information)
+        columns = np.concatenate([information, mode], axis=1)
+        normal += columns.T @ inverse @ columns
+        right += columns.T @ inverse @ residual
+        total += residual @ inverse @ residual
+        rank += _rank(information)
+    chi2 = total - right @ stable_inverse(normal) @ right
+    return float(max(chi2, 0.0)), rank - _rank(sum(informations))
 
 
 def _rank(information):

@@ -173,7 +173,7 @@ def channel(injected, name: str, context: Context) -> np.ndarray:
 def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
     """Motion and readings of one contiguous span."""
     epochs = streams.draw_epochs(span, clock, injected, satellite, channel)
-    around = _surroundings(span, scene, satellite)
+    around = _surroundings(span, scene, satellite, chosen.igrf_generation)
     steps = _steps(span, epochs, scene, satellite, chosen, rng)
     body = attitude.Body(
         scene.inertia_b,
@@ -196,12 +196,12 @@ def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
     return streams.read_instruments(epochs, motion, scene, satellite, chosen, injected, channel, rng)
 
 
-def _surroundings(span, scene, satellite):
+def _surroundings(span, scene, satellite, generation):
     """Position, field and wanted attitude at 1 Hz, two seconds wider than the span."""
     nodes = np.arange(np.floor(span[0]) - 2, np.ceil(span[1]) + 3)
     state = scene.orbit(nodes)
     R_ei = earth.R_ei(nodes)
-    field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), 13)
+    field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), generation)
     target, rate = orbit.nominal_attitude(state, satellite["x_along_velocity"])
     return attitude.Surroundings(nodes, state[:, :3], np.matvec(np.swapaxes(R_ei, 1, 2), field_e), target, rate)
 

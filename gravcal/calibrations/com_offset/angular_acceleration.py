@@ -52,10 +52,24 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
         "mode": modes,
         "mode_shared": index < shared,
         "mode_catalogue": (index >= shared - given) & (index < shared),
+        "ratio": _ratio(variant, scale, smoothed),
         "scale": scale,
         "scale_sigma": sigma,
     }
-    return build(ANGULAR, values, variant=variant, noisy=int(variant in ("acc", "acc_calibrated")))
+    return build(ANGULAR, values, variant=variant)
+
+
+def _ratio(variant, scale, smoothed):
+    """Size of the torquer's wave in this angular acceleration over the catalogue's, one number an axis."""
+    if variant == "acc":
+        return 1 / scale
+    if variant != "sca":
+        return np.ones(3)
+    magnetic = smoothed["magnetic_b"].values
+    wave = smoothed["rate_dot_sca_b"].values - smoothed["smooth_b"].values
+    size = np.sum(magnetic**2, axis=0)
+    ratio = np.sum(magnetic * wave, axis=0) / np.where(size > 0, size, 1.0)
+    return np.where((size > 0) & (np.abs(ratio) > 0.2), ratio, 1.0)
 
 
 def _measured(smoothed, aligned):

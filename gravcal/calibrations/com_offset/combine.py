@@ -11,7 +11,7 @@ from gravcal.calibrations.com_offset.schemas import COMBINE
 from gravcal.methods import estimation
 
 
-def combine(*solved: xr.Dataset, determined_sigma_um: float) -> xr.Dataset:
+def combine(*solved: xr.Dataset, method: str, determined_sigma_um: float, consistency_level: float) -> xr.Dataset:
     """One offset for each angular acceleration, with its covariance and two consistency tests.
 
     Parameters
@@ -57,52 +57,26 @@ def _each(names, single, limit):
 def _joint(solved):
     """Combination of the manoeuvres of one angular acceleration with its mode errors."""
     shared = solved["mode_shared"].values.astype(bool)
-    catalogue = solved["mode_catalogue"].values.astype(bool)
-    seen = np.isfinite(solved["offset"].values).all(axis=1)
-    values = solved["offset"].values[seen]
-    shift = solved["mode_shift"].values[seen]
-    informations = np.array(
-        [_weakened(i, s[~shared]) for i, s in zip(solved["information"].values[seen], shift, strict=True)]
-    ).reshape(-1, 3, 3)
-    if not len(values):
+    catalogue = solved["mode_catalogue"].values.astype(bool)[shared]
+    seen = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
+    if not seen.size:
         none = np.full((3, 3), np.inf)
         return {"offset": np.full(3, np.nan), "covariance": none, "covariance_total": none, "chi2": 0.0, "dof": 0}
-    joined = estimation.combine(values, informations)
-    move = np.einsum("bij,bmj->mi", joined.share, shift)
-    measured = move[shared & ~catalogue]
-    noise = estimation.covariance(joined.information)
-    covariance = noise + measured.T @ measured
-    chi2 = _disagreement(values, informations, shift[:, shared])
+    parts = [solved[n].values[seen] for n in ("right", "normal", "information")]
+    scores = [estimation.Score(*part) for part in zip(*parts, strict=True)]
+    shift = solved["mode_shift"].values[seen]
+    joined = estimation.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]))
+    measured, given = joined.shift[~catalogue], joined.shift[catalogue]
+    total = joined.covariance + measured.T @ measured
     return {
         "offset": joined.value,
-        "covariance": covariance,
-        "covariance_total": covariance + move[catalogue].T @ move[catalogue],
-        "catalogue": move[catalogue],
-        "noise": noise,
-        "chi2": chi2,
+        "covariance": total,
+        "covariance_total": total + given.T @ given,
+        "catalogue": given,
+        "noise": joined.covariance,
+        "chi2": joined.chi2,
         "dof": joined.dof,
     }
-
-
-def _weakened(information, modes):
-    """Information after adding errors of the given shapes: (I^-1 + M M^T)^-1 without inverting I."""
-    if not len(modes):
-        return information
-    M = modes.T
-    return information - information @ M @ np.linalg.inv(np.eye(M.shape[1]) + M.T @ information @ M) @ M.T @ information
-
-
-def _disagreement(values, informations, shared):
-    """Least chi-square of the manoeuvres about one offset, shared errors free within their prior."""
-    modes = shared.shape[1]
-    normal, right, total = np.zeros((3 + modes, 3 + modes)), np.zeros(3 + modes), 0.0
-    normal[3:, 3:] = np.eye(modes)
-    for value, information, shift in zip(values, informations, shared, strict=True):
-        A = np.concatenate([np.eye(3), shift.T], axis=1)
-        normal += A.T @ information @ A
-        right += A.T @ information @ value
-        total += value @ information @ value
-    return float(max(total - right @ estimation.stable_inverse(normal) @ right, 0.0))
 
 
 def _per_manoeuvre(solved):

@@ -37,14 +37,24 @@ def solve(
     source = "quiet data" if noise else "residuals"
     blocks = [_block(aligned, smoothed, angular, i, settings) for i in range(aligned.sizes["manoeuvre"])]
     if not noise:
-        white = [NoiseModel(np.zeros(0), np.array([1e-18]), settings["step_s"])] * 3
-        noise = residual_noise(blocks, [_solve_block(b, white) for b in blocks], settings)
-    solved = [_solve_block(b, noise) for b in blocks]
-    values = _values(blocks, solved) | {n: angular[n].values for n in ("mode_shared", "mode_catalogue")}
+        noise = _residual_noise(blocks, settings)
+    whitened = [_whitened(b, noise) for b in blocks]
+    scores = [None if w is None else estimation.score(*w[:4]) for w in whitened]
+    joint = _joint(scores)
+    values = _values(blocks, whitened, scores, joint)
+    values |= {n: angular[n].values for n in ("mode_shared", "mode_catalogue")}
     values |= {n: aligned[n].values for n in ("kind", "start", "stop")}
     values |= {"frequency": FREQUENCY, "noise_density": np.array([n.density(FREQUENCY) for n in noise]).reshape(3, -1)}
     attrs = {"variant": angular.attrs["variant"], "direction": "proof_mass_to_com", "noise_source": source}
     return build(SOLVE, values, **attrs)
+
+
+def _joint(scores):
+    """Offset of all manoeuvres together, every error but noise ignored; NaN without any."""
+    seen = [s for s in scores if s is not None]
+    if not seen:
+        return np.full(3, np.nan)
+    return estimation.stable_inverse(sum(s.normal for s in seen)) @ sum(s.right for s in seen)
 
 
 def _block(aligned, smoothed, angular, index, settings):
@@ -79,8 +89,8 @@ def _block(aligned, smoothed, angular, index, settings):
         "modes": [operator(_columns(time, 0 * rate, m, 0 * gradient)) for m in modes],
         "drift": estimation.polynomial(operator.time, settings["drift_degree"], operator.time[0], operator.time[-1]),
     }
-    if angular.attrs["noisy"]:
-        clean = smoothed["rate_dot_mtq_b"].values[inside]
+    if angular.attrs["variant"] != "mtq":
+        clean = smoothed["smooth_b"].values[inside] + angular["ratio"].values * smoothed["magnetic_b"].values[inside]
         block["instruments"] = operator(_columns(time, rate, clean, gradient))
     return block
 
@@ -101,54 +111,32 @@ def _columns(time, rate, rate_dot, gradient):
     return effect("accelerometer.offset").columns(context)
 
 
-def _solve_block(block, noise):
-    """Whitened solution of one block with the shift of its modes."""
+def _whitened(block, noise):
+    """Whitened reading, columns, drift, instruments and modes of a block, the rows of the three axes stacked."""
     if block is None:
         return None
     valid = block["operator"].valid
-    y = np.concatenate([whiten(noise[a], block["reading"][:, a], valid) for a in range(3)])
-    A = np.concatenate([whiten(noise[a], block["design"][:, a], valid) for a in range(3)])
-    Z = None
-    if block["instruments"] is not None:
-        Z = np.concatenate([whiten(noise[a], block["instruments"][:, a], valid) for a in range(3)])
+    turn = lambda columns: np.concatenate([whiten(noise[a], columns[:, a], valid) for a in range(3)])  # noqa: E731
     width = block["drift"].shape[1]
-    drift = np.zeros((y.size, 3 * width))
+    drift = np.zeros((3 * valid.size, 3 * width))
     for a in range(3):
         rows = slice(a * valid.size, (a + 1) * valid.size)
         drift[rows, a * width : (a + 1) * width] = whiten(noise[a], block["drift"], valid)
-    estimate = estimation.solve(y, A, drift, Z)
-    modes = [
-        -estimate.gain @ np.concatenate([whiten(noise[a], m[:, a], valid) for a in range(3)]) @ estimate.value
-        for m in block["modes"]
-    ]
-    information = estimate.information
-    if Z is not None:
-        information = information / (1 + _regressor_noise(A, Z, drift, estimate.value, valid))
-    return {
-        "value": estimate.value,
-        "information": information,
-        "modes": np.array(modes).reshape(-1, 3),
-        "chi2": float(estimate.residual @ estimate.residual),
-        "dof": int(3 * valid.sum() - 3 - 3 * width),
-    }
+    instruments = None if block["instruments"] is None else turn(block["instruments"])
+    return turn(block["reading"]), turn(block["design"]), drift, instruments, [turn(m) for m in block["modes"]]
 
 
-def _regressor_noise(A, Z, drift, value, valid):
-    """Variance that the noise of the columns adds to each whitened observation."""
-    A, Z = estimation.without(drift, A), estimation.without(drift, Z)
-    noisy = A - Z @ np.linalg.lstsq(Z, A, rcond=None)[0]
-    return float(np.sum((noisy @ value) ** 2) / (3 * valid.sum()))
-
-
-def residual_noise(blocks, solved, settings):
-    """Noise from the residuals of a first solution, where quiet data are missing."""
-    pieces = []
-    for block, one in zip(blocks, solved, strict=True):
-        if block is not None:
-            pieces.append(_residual(block, one["value"]))
-    removed = len(pieces) * (settings["drift_degree"] + 2)
+def _residual_noise(blocks, settings):
+    """Noise from the residuals of a first solution with white noise, where quiet data are missing."""
+    white = [NoiseModel(np.zeros(0), np.array([1e-18]), settings["step_s"])] * 3
+    whitened = [_whitened(b, white) for b in blocks]
+    joint = _joint([None if w is None else estimation.score(*w[:4]) for w in whitened])
+    pieces = [_residual(b, joint) for b in blocks if b is not None]
+    removed = len(pieces) * (settings["drift_degree"] + 1) + 1
     order = settings["noise_order"]
-    return [fit_noise([p[:, a] for p in pieces], order, settings["step_s"], removed) for a in range(3)]
+    return (
+        [fit_noise([p[:, a] for p in pieces], order, settings["step_s"], removed) for a in range(3)] if pieces else []
+    )
 
 
 def _residual(block, value):
@@ -159,25 +147,45 @@ def _residual(block, value):
     return residual
 
 
-def _values(blocks, solved):
-    """Estimates of every manoeuvre and the series they come from, drift removed."""
-    count = len(blocks)
-    modes = len(next((s["modes"] for s in solved if s), ()))
-    offset, information = np.full((count, 3), np.nan), np.zeros((count, 3, 3))
-    shift, chi2, dof = np.zeros((count, modes, 3)), np.full(count, np.nan), np.zeros(count)
-    time, series = [np.zeros(0)], {"reading": [np.zeros((0, 3))], "model": [np.zeros((0, 3))]}
-    index = [np.zeros(0)]
-    for i, (block, one) in enumerate(zip(blocks, solved, strict=True)):
-        if one is None:
+def _values(blocks, whitened, scores, joint):
+    """Estimating equations of every manoeuvre and the series they come from, drift removed."""
+    count, modes = len(blocks), len(next((w[4] for w in whitened if w), ()))
+    table = {"offset": np.full((count, 3), np.nan), "right": np.zeros((count, 3)), "chi2": np.full(count, np.nan)}
+    table |= {"normal": np.zeros((count, 3, 3)), "information": np.zeros((count, 3, 3))}
+    table |= {"mode_shift": np.zeros((count, modes, 3)), "dof": np.zeros(count)}
+    series = {"time_grid": [np.zeros(0)], "grid_manoeuvre": [np.zeros(0)]}
+    series |= {"reading": [np.zeros((0, 3))], "model": [np.zeros((0, 3))]}
+    for i, (block, white, score) in enumerate(zip(blocks, whitened, scores, strict=True)):
+        if block is None:
             continue
-        offset[i], information[i], shift[i] = one["value"], one["information"], one["modes"]
-        chi2[i], dof[i] = one["chi2"], one["dof"]
+        for name, value in _estimate(white, score, joint).items():
+            table[name][i] = value
         valid = block["operator"].valid
         drift = block["drift"][valid]
-        time.append(block["operator"].time[valid])
+        series["time_grid"].append(block["operator"].time[valid])
+        series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
         series["reading"].append(estimation.without(drift, block["reading"][valid]))
-        series["model"].append(estimation.without(drift, block["design"][valid] @ one["value"]))
-        index.append(np.full(int(valid.sum()), i))
-    joined = {n: np.concatenate(v) for n, v in series.items()}
-    joined |= {"time_grid": np.concatenate(time), "grid_manoeuvre": np.concatenate(index)}
-    return joined | {"offset": offset, "information": information, "mode_shift": shift, "chi2": chi2, "dof": dof}
+        series["model"].append(estimation.without(drift, block["design"][valid] @ joint))
+    return table | {n: np.concatenate(v) for n, v in series.items()}
+
+
+def _estimate(white, score, joint):
+    """Numbers of one manoeuvre; noise of the columns weakens its equation, modes act on the joint offset."""
+    y, A, drift, Z, modes = white
+    clean = estimation.without(drift, A if Z is None else Z)
+    gain = estimation.stable_inverse(score.information) @ clean.T
+    residual = estimation.without(drift, y - A @ joint)
+    used = np.any(drift != 0, axis=1)
+    extra = 0.0
+    if Z is not None:
+        noisy = estimation.without(clean, estimation.without(drift, A))
+        extra = float(np.sum((noisy @ joint) ** 2) / max(used.sum(), 1))
+    return {
+        "offset": score.value,
+        "right": score.right / (1 + extra),
+        "normal": score.normal / (1 + extra),
+        "information": score.information / (1 + extra),
+        "mode_shift": np.array([-gain @ m @ joint for m in modes]).reshape(-1, 3),
+        "chi2": float(residual @ residual),
+        "dof": int(used.sum() - drift.shape[1]),
+    }

@@ -1,0 +1,136 @@
+"""Stages of the centre-of-mass calibration; the science is in `gravcal/calibrations/com_offset`."""
+
+from __future__ import annotations
+
+from gravcal.calibrations import align_schema
+from gravcal.calibrations.com_offset import schemas
+from gravcal.data import product
+from tasks.stage import lazy, stage
+
+detect_science = lazy("gravcal.calibrations.com_offset.detect")
+align_science = lazy("gravcal.calibrations.align")
+field_science = lazy("gravcal.calibrations.com_offset.field")
+attitude_science = lazy("gravcal.calibrations.com_offset.attitude")
+noise_science = lazy("gravcal.calibrations.com_offset.noise")
+angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
+solve_science = lazy("gravcal.calibrations.com_offset.solve")
+combine_science = lazy("gravcal.calibrations.com_offset.combine")
+
+KINDS = {
+    "com_offset.detect": schemas.DETECT,
+    "com_offset.align": align_schema.ALIGN,
+    "com_offset.field": schemas.FIELD,
+    "com_offset.attitude": schemas.ATTITUDE,
+    "com_offset.noise": schemas.NOISE,
+    "com_offset.angular_acceleration": schemas.ANGULAR,
+    "com_offset.solve": schemas.SOLVE,
+    "com_offset.combine": schemas.COMBINE,
+}
+for _kind, _schema in KINDS.items():
+    product.register(_kind, _schema)
+
+
+@stage(reads=["ingest"], writes="com_offset.detect", version=1)
+def detect(magnetometer, *, period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma):
+    """Manoeuvres in the torquer currents."""
+    return detect_science.detect(
+        magnetometer,
+        period_s=period_s,
+        period_tolerance_s=period_tolerance_s,
+        minimum_half_periods=minimum_half_periods,
+        current_threshold_ma=current_threshold_ma,
+    )
+
+
+@stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=1)
+def align(*observed, margin_s, clock_gap_limit_s, survey_s):
+    """Records round the manoeuvres on GPS time."""
+    return align_science.align(*observed, margin_s=margin_s, clock_gap_limit_s=clock_gap_limit_s, survey_s=survey_s)
+
+
+@stage(reads=["com_offset.align"], writes="com_offset.field", version=1)
+def field(aligned, *, igrf_generation):
+    """IGRF along the orbit, and the magnetometer's difference to it."""
+    return field_science.field(aligned, igrf_generation=igrf_generation)
+
+
+@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=1)
+def attitude(
+    aligned,
+    checked,
+    *,
+    dynamics,
+    torque_degree,
+    estimate_torque_scale,
+    torque_scale_sigma,
+    edge_shift_sigma_s,
+    integration_step_s,
+    iteration_limit,
+    attitude_noise_order,
+    calibration_drift_degree,
+    lowpass_hz,
+    half_width_s,
+    step_s,
+    inertia,
+    dipole_per_current,
+):
+    """Dynamics fitted to the star camera, edge times in both instruments."""
+    settings = {name: value for name, value in locals().items() if name not in ("aligned", "checked")}
+    return attitude_science.attitude(aligned, checked, **settings)
+
+
+@stage(reads=["com_offset.align"], writes="com_offset.noise", version=1)
+def noise(aligned, *, lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s):
+    """Noise of the linear channels in quiet data."""
+    settings = {name: value for name, value in locals().items() if name != "aligned"}
+    return noise_science.noise(aligned, **settings)
+
+
+@stage(reads=["com_offset.attitude", "com_offset.align"], writes="com_offset.angular_acceleration", version=1)
+def angular_acceleration(
+    smoothed,
+    aligned,
+    *,
+    variant,
+    method,
+    inertia,
+    inertia_sigma,
+    dipole_per_current,
+    dipole_per_current_sigma,
+):
+    """One of the four angular accelerations."""
+    settings = {name: value for name, value in locals().items() if name not in ("smoothed", "aligned")}
+    return angular_science.angular_acceleration(smoothed, aligned, **settings)
+
+
+@stage(
+    reads=["com_offset.align", "com_offset.attitude", "com_offset.angular_acceleration", "com_offset.noise"],
+    writes="com_offset.solve",
+    version=1,
+)
+def solve(
+    aligned,
+    smoothed,
+    angular,
+    measured,
+    *,
+    variant,
+    method,
+    lowpass_hz,
+    half_width_s,
+    step_s,
+    drift_degree,
+    noise_order,
+):
+    """Offset of every manoeuvre from one angular acceleration."""
+    inputs = ("aligned", "smoothed", "angular", "measured", "variant")
+    settings = {name: value for name, value in locals().items() if name not in inputs}
+    return solve_science.solve(aligned, smoothed, angular, measured, **settings)
+
+
+@stage(reads=["com_offset.solve"], writes="com_offset.combine", version=1)
+def combine(*solved, method, determined_sigma_um, consistency_level):
+    """Manoeuvres joined, and whether they and the angular accelerations agree."""
+    return combine_science.combine(
+        *solved, method=method, determined_sigma_um=determined_sigma_um, consistency_level=consistency_level
+    )
