@@ -1,0 +1,268 @@
+"""The store: whole or absent, damaged noticed, one computation per key, killed at any moment."""
+
+import errno
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gravcal.data import housekeeping, keys, memo, memory, product, store
+from gravcal.errors import CatalogError, ProductError
+
+RECIPE = {"event": "e", "kind": "test.store", "variant": "", "version": 1, "settings": {}, "inputs": [], "code": ""}
+FACTS = {"seconds": 0.0, "modules": {}, "from": [], "stage": "", "versions": {}}
+
+
+def put(number=1.0, **changes):
+    """Publish a small product."""
+    recipe = RECIPE | changes
+    dataset = product.settled(xr.Dataset({"value": ("row", np.full(3, number), {"units": "1"})}))
+    ref = store.put(keys.key(recipe), recipe, (dataset, {"note.txt": "n"}), FACTS)
+    store.point(ref)
+    return ref
+
+
+def test_what_was_put_is_found_and_read():
+    """Contract: round trip through the store, with the files beside the product."""
+    ref = put(2.0)
+    memory.clear()
+    assert store.find(ref.key) == ref
+    assert store.load(ref)["value"].values.tolist() == [2.0, 2.0, 2.0]
+    assert (ref.folder / "note.txt").read_text() == "n"
+    assert housekeeping.resolve("e/test.store").ref == ref
+    assert housekeeping.verify() == []
+
+
+def test_a_found_key_costs_less_than_a_millisecond():
+    """Contract: median of 50, so that hundreds of cached stages are not felt; 1 ms is five times what was measured."""
+    key = put().key
+    times = []
+    for _ in range(50):
+        start = time.perf_counter()
+        store.find(key)
+        times.append(time.perf_counter() - start)
+    assert np.median(times) < 1e-3
+
+
+@pytest.mark.parametrize("damage", ["truncate", "flip", "remove", "record", "no record", "foreign", "other key"])
+def test_damage_is_noticed_and_set_aside(damage):
+    """Contract: half-written, altered and foreign objects never count as products."""
+    ref = put()
+    other = put(5.0, version=2)
+    file, record = ref.folder / "product.nc", ref.folder / "meta.json"
+    image = bytearray(file.read_bytes())
+    image[len(image) // 2] ^= 1
+    memory.clear()
+    {
+        "truncate": lambda: file.write_bytes(file.read_bytes()[:-10]),
+        "flip": lambda: file.write_bytes(image),
+        "remove": file.unlink,
+        "record": lambda: record.write_text("{"),
+        "no record": record.unlink,
+        "foreign": lambda: record.write_text('{"made": "by others"}'),
+        "other key": lambda: record.write_bytes((other.folder / "meta.json").read_bytes()),
+    }[damage]()
+    assert housekeeping.verify()
+    assert store.find(ref.key) is None
+    assert not ref.folder.exists()
+    assert put().digest == ref.digest
+    assert housekeeping.verify() == []
+
+
+def test_the_first_to_publish_wins():
+    """Contract: a product that is there and whole stays; the second gets a reference to it."""
+    first = put()
+    before = first.path.stat().st_mtime_ns
+    assert put() == first
+    assert first.path.stat().st_mtime_ns == before
+
+
+def test_a_full_disk_is_a_clear_error_and_leaves_the_store_valid(monkeypatch, store_folder):
+    """Contract: nothing half-written stays, what was there is unharmed, the message says what to do."""
+    put()
+
+    def full(path, image):
+        path.write_bytes(image[: len(image) // 2])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(store, "_write_flushed", full)
+    with pytest.raises(ProductError, match="No space left.*unharmed.*prune.*GRAVCAL_PRODUCTS"):
+        put(version=2)
+    assert list((store_folder / "tmp").iterdir()) == []
+    assert housekeeping.verify() == []
+
+
+def test_a_real_full_disk_is_a_clear_error(monkeypatch, tmp_path):
+    """Contract: the same on a file-size limit set by the system, in a process of its own."""
+    code = (
+        "import resource, signal, sys; sys.path.insert(0, sys.argv[1]); import test_store as t;"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+        "try:\n    t.put()\nexcept t.ProductError as error:\n    print('refused', error)"
+    )
+    folder = os.path.dirname(__file__)  # noqa: PTH120
+    done = subprocess.run([sys.executable, "-c", code, folder], capture_output=True, text=True, check=True)
+    assert "refused" in done.stdout
+    assert "too large" in done.stdout
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_an_unwritable_folder_is_a_clear_error(store_folder):
+    """Contract: permissions."""
+    store_folder.mkdir()
+    store_folder.chmod(0o500)
+    with pytest.raises(ProductError, match="right to write"):
+        put()
+
+
+def test_a_store_below_a_file_is_a_clear_error(monkeypatch, tmp_path):
+    """Contract: a path that cannot be a folder."""
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "file" / "products"))
+    with pytest.raises(ProductError, match="cannot be written"):
+        put()
+
+
+def test_files_are_hashed_once_and_again_when_they_change(tmp_path, monkeypatch):
+    """Contract: content digests are remembered by path, size and time of change."""
+    path = tmp_path / "raw"
+    path.write_text("abc")
+    first = memo.file_digest(path)
+    assert first == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # FIPS 180-2, appendix B.1
+    with monkeypatch.context() as patched:
+        patched.setattr(memo, "_stream_digest", lambda _: pytest.fail("hashed again"))
+        assert memo.file_digest(path) == first
+    path.write_text("abd")
+    assert memo.file_digest(path) != first
+
+
+def test_members_of_an_archive_are_hashed_by_content(tmp_path):
+    """Contract: a member counts by its bytes, not by its archive."""
+    import tarfile
+
+    (tmp_path / "member").write_text("abc")
+    for number, name in enumerate(("one.tgz", "other.tgz")):
+        with tarfile.open(tmp_path / name, "w:gz", compresslevel=number + 1) as archive:
+            archive.add(tmp_path / "member", "folder/member")
+    digests = {memo.file_digest(tmp_path / name, "folder/member") for name in ("one.tgz", "other.tgz")}
+    assert digests == {"ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"}
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), object(), {1, 2}, b"bytes", [1.0, float("nan")]])
+def test_settings_without_one_text_are_refused(value):
+    """Contract: no NaN, no object whose text could differ between processes."""
+    with pytest.raises(CatalogError, match="setting s"):
+        keys.canonical(value, "setting s")
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ((1, 2.0), [1, 2.0]),
+        (np.float64(0.5), 0.5),
+        (-0.0, 0.0),
+        (np.arange(3), [0, 1, 2]),
+        ({"b": 1, "a": 2}, {"a": 2, "b": 1}),
+    ],
+)
+def test_one_meaning_has_one_text(one, other):
+    """Contract: tuples, NumPy numbers and orders do not make new keys."""
+    assert keys.text(keys.canonical(one, "")) == keys.text(keys.canonical(other, ""))
+
+
+def test_int_real_and_truth_are_different_settings():
+    """Contract: canonical text keeps the type."""
+    texts = {keys.text(keys.canonical(value, "")) for value in (1, 1.0, True, "1")}
+    assert len(texts) == 4
+
+
+def test_prune_removes_what_nothing_refers_to(store_folder):
+    """Contract: dry run first; linked products and their inputs stay; set aside and replaced ones go."""
+    old = put(1.0)
+    new = put(2.0, version=2)
+    store.set_aside(put(3.0, version=3, variant="x").folder, "test")
+    named = housekeeping.prune(0.0)
+    assert {path.name[:64] for path, _ in named} >= {old.key}
+    assert old.folder.exists()
+    housekeeping.prune(0.0, remove=True)
+    assert not old.folder.exists()
+    assert new.folder.exists()
+    assert list((store_folder / "quarantine").iterdir()) == []
+    assert housekeeping.verify() == []
+
+
+def test_prune_spares_what_is_young():
+    """Contract: a product of a run under way is not linked yet."""
+    old = put(1.0)
+    put(2.0, version=2)
+    assert housekeeping.prune() == []
+    assert old.folder.exists()
+
+
+def test_threads_do_the_work_once(monkeypatch):
+    """Contract: the lock of a key lets one compute and the others take its product."""
+    worked = []
+
+    def work():
+        key = keys.key(RECIPE)
+        with store.lock(key):
+            if store.find(key) is None:
+                worked.append(1)
+                time.sleep(0.05)
+                put()
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(worked) == 1
+
+
+WRITER = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import test_store as t
+t.put(0.0, version=int(sys.argv[2]) - 1)
+print("ready", flush=True)
+for number in range(int(sys.argv[2]), 100000):
+    t.put(float(number), version=number)
+"""
+
+
+def test_killed_writers_leave_a_valid_store(store_folder):
+    """Contract: kill -9 at random moments of writing: every object is whole, the next process sweeps what is left."""
+    random_source = random.Random(1)
+    start = 1
+    for _ in range(6):
+        command = [sys.executable, "-c", WRITER, os.path.dirname(__file__), str(start)]  # noqa: PTH120
+        process = subprocess.Popen(command, stdout=subprocess.PIPE)
+        process.stdout.readline()
+        time.sleep(random_source.uniform(0.01, 0.08))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+        start += 1000
+    assert housekeeping.folders()
+    assert housekeeping.verify() == []
+    subprocess.run([sys.executable, "-c", WRITER.replace("100000", "1"), os.path.dirname(__file__), "0"], check=True)  # noqa: PTH120
+    assert list((store_folder / "tmp").iterdir()) == []
+
+
+def test_two_processes_share_one_store(store_folder, pipeline):
+    """Contract: both get the same products, each made once or at worst twice, never wrongly."""
+    runner = "import sys; sys.path[:0] = sys.argv[1:3]; import run_pipeline; run_pipeline.main(sys.argv[3:])"
+    arguments = [str(pipeline.folder.parent), str(os.path.dirname(__file__)), pipeline.name, str(pipeline.raw)]  # noqa: PTH120
+    command = [sys.executable, "-c", runner, *arguments]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    answers = [json.loads(process.communicate()[0]) for process in both]
+    assert answers[0]["key"] == answers[1]["key"]
+    assert sum(len(answer["made"]) for answer in answers) == 4
+    assert housekeeping.verify() == []
