@@ -1,0 +1,112 @@
+"""Result document of a centre-of-mass event: what was found, how well, and whether it may be used."""
+
+import numpy as np
+
+from gravcal.data.schemas import VERSION
+from gravcal.report import com_offset_parts as parts
+from gravcal.report import com_offset_verdict as verdicts
+from gravcal.report.plain import as_plain
+
+
+def document(combined, solved, smoothed, field, aligned, detected, *, event, provenance, settings):
+    """Document of one event, ready for JSON.
+
+    Parameters
+    ----------
+    combined : Dataset, "com_offset.combine", or None without a manoeuvre
+    solved : sequence of Dataset, "com_offset.solve", one for each angular acceleration
+    smoothed : Dataset, "com_offset.attitude"
+    field : Dataset, "com_offset.field"
+    aligned : Dataset, "com_offset.align"
+    detected : Dataset, "com_offset.detect"
+    event : str
+    provenance : mapping, "products" {stage: key} and what else is known
+    settings : mapping, all parameters; requirement_um, accuracy_um, consistency_level are used here
+
+    Returns
+    -------
+    document : dict of plain values
+    """
+    head = {
+        "schema_version": VERSION,
+        "status": "no_manoeuvre",
+        "calibration": "com_offset",
+        "event": event,
+        "direction": "proof_mass_to_com",
+    }
+    measured = {
+        "record": parts.record(detected),
+        "field_check": parts.field_check(field),
+        "attitude": parts.attitude(smoothed),
+        "roll_response": parts.roll(aligned, field),
+    }
+    tail = {"settings": as_plain(settings), "provenance": as_plain(provenance)}
+    if detected.sizes["manoeuvre"] == 0 or combined is None:
+        reason = f"No manoeuvre in the torquer currents{parts.span_text(detected)}."
+        return head | {"verdict": {"text": reason}, "manoeuvres": []} | measured | tail
+    return head | _estimates(combined, solved, smoothed, field, detected, settings) | measured | tail
+
+
+def _estimates(combined, solved, smoothed, field, detected, settings):
+    """Everything that needs a manoeuvre."""
+    variants = parts.variants(combined)
+    adopted = verdicts.adopted(variants)
+    found = any(item is not None for block in variants.values() for item in block["offset_um"])
+    level = float(settings["consistency_level"])
+    consistency = verdicts.consistency(combined, adopted["variant"], level)
+    return {
+        "status": "delivered" if found else "failed",
+        "verdict": verdicts.verdict(variants, adopted, consistency, settings),
+        "adopted": adopted,
+        "variants": variants,
+        "manoeuvres": parts.manoeuvres(combined, smoothed, field, detected),
+        "delays_s": parts.delays(smoothed),
+        "scales": parts.scales(smoothed),
+        "consistency": consistency,
+        "noise": parts.noise(solved),
+    }
+
+
+def vcm_line(document, satellite):
+    """Adopted offset as a line of the sequence-of-events file, in force from the end of the last manoeuvre.
+
+    Parameters
+    ----------
+    document : dict of `document`
+    satellite : letter
+
+    Returns
+    -------
+    line : str, or None unless all three components of the adopted variant are determined
+    """
+    from gravcal.data.vcm import vector_line
+
+    found = vcm_vector(document)
+    if found is None:
+        return None
+    time, vector, sigma = found
+    name = document["adopted"]["variant"]
+    errors = " ".join(f"{item:.2f}" for item in sigma)
+    return vector_line(time, satellite, vector, comment=f"{document['event']} {name} sigma_um {errors}")
+
+
+def vcm_vector(document):
+    """Whole GPS second from which the adopted offset holds, its vector and error; None unless all is determined.
+
+    Parameters
+    ----------
+    document : dict of `document`
+
+    Returns
+    -------
+    time : float, s
+    vector_b : (3,) m, proof mass to centre of mass
+    sigma_um : (3,) um, total
+    """
+    if document["status"] != "delivered" or document["adopted"]["variant"] is None:
+        return None
+    block = document["variants"][document["adopted"]["variant"]]
+    if any(item is None for item in block["offset_um"]):
+        return None
+    stop = max(one["stop"] for one in document["manoeuvres"])
+    return float(np.ceil(stop)), [1e-6 * item for item in block["offset_um"]], block["sigma_total_um"]

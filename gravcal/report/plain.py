@@ -1,0 +1,128 @@
+"""Plain values of a result document: what is not known becomes null, never NaN."""
+
+import datetime
+import math
+
+import numpy as np
+
+AXES = "xyz"
+EPOCH = datetime.datetime(2000, 1, 1, 12)
+
+
+def number(value):
+    """Float, or None where there is no finite number.
+
+    Parameters
+    ----------
+    value : scalar or array of one element
+    """
+    value = float(value)
+    return value if math.isfinite(value) else None
+
+
+def numbers(values):
+    """Nested lists of an array with None for what is not finite.
+
+    Parameters
+    ----------
+    values : (...) array
+    """
+    array = np.asarray(values, dtype=float)
+    return [numbers(item) for item in array] if array.ndim else number(array)
+
+
+def estimate(value, sigma):
+    """Value with its standard deviation; both null unless both are known.
+
+    Parameters
+    ----------
+    value, sigma : scalars or (3,)
+
+    Returns
+    -------
+    estimate : {"value", "sigma"}
+    """
+    value, sigma = np.asarray(value, dtype=float), np.asarray(sigma, dtype=float)
+    known = np.isfinite(value) & np.isfinite(sigma)
+    return {"value": numbers(np.where(known, value, np.nan)), "sigma": numbers(np.where(known, sigma, np.nan))}
+
+
+def offset_block(offset, covariance, determined):
+    """Offset in micrometres; undetermined components are null in value, sigma, row and column.
+
+    Parameters
+    ----------
+    offset : (3,) m
+    covariance : (3, 3) m2
+    determined : (3,) bool
+
+    Returns
+    -------
+    block : {"offset_um", "sigma_um", "covariance_um2"}
+    """
+    offset, matrix = np.asarray(offset, dtype=float) * 1e6, np.asarray(covariance, dtype=float) * 1e12
+    variance = np.diag(matrix)
+    known = np.asarray(determined, dtype=bool) & np.isfinite(offset) & np.isfinite(variance) & (variance >= 0)
+    both = known[:, None] & known[None, :]
+    matrix = np.where(both & np.isfinite(matrix), (matrix + matrix.T) / 2, np.nan)
+    return {
+        "offset_um": numbers(np.where(known, offset, np.nan)),
+        "sigma_um": numbers(np.sqrt(np.where(known, variance, np.nan))),
+        "covariance_um2": numbers(matrix),
+    }
+
+
+def chi_square_test(chi2, dof):
+    """Chi-square with the probability of a larger one.
+
+    Parameters
+    ----------
+    chi2 : scalar
+    dof : degrees of freedom
+
+    Returns
+    -------
+    test : {"chi2", "dof", "p"}, nothing tested: null with dof 0
+    """
+    from scipy.special import chdtrc
+
+    chi2, dof = number(chi2), int(dof)
+    if chi2 is None or dof <= 0:
+        return {"chi2": None, "dof": 0, "p": None}
+    return {"chi2": max(chi2, 0.0), "dof": dof, "p": float(chdtrc(dof, max(chi2, 0.0)))}
+
+
+def as_plain(value):
+    """Mappings, sequences and numbers as JSON has them; anything else as text.
+
+    Parameters
+    ----------
+    value : settings or provenance
+    """
+    if isinstance(value, dict) or hasattr(value, "items"):
+        return {str(key): as_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [as_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return as_plain(value.tolist())
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return number(value)
+    return value if value is None else str(value)
+
+
+def gps_text(seconds, digits=0):
+    """Calendar form of GPS time.
+
+    Parameters
+    ----------
+    seconds : GPS seconds past 2000-01-01 12:00:00
+    digits : of the fraction of a second
+    """
+    scale = 10**digits
+    whole, part = divmod(round(float(seconds) * scale), scale)
+    text = (EPOCH + datetime.timedelta(seconds=whole)).strftime("%Y-%m-%d %H:%M:%S")
+    return f"{text}.{part:0{digits}d}" if digits else text
