@@ -11,6 +11,7 @@ detect_science = lazy("gravcal.calibrations.com_offset.detect")
 align_science = lazy("gravcal.calibrations.align")
 field_science = lazy("gravcal.calibrations.com_offset.field")
 attitude_science = lazy("gravcal.calibrations.com_offset.attitude")
+survey_science = lazy("gravcal.calibrations.com_offset.survey")
 noise_science = lazy("gravcal.calibrations.com_offset.noise")
 angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
 solve_science = lazy("gravcal.calibrations.com_offset.solve")
@@ -21,6 +22,7 @@ KINDS = {
     "com_offset.align": align_schema.ALIGN,
     "com_offset.field": schemas.FIELD,
     "com_offset.attitude": schemas.ATTITUDE,
+    "com_offset.survey": schemas.SURVEY,
     "com_offset.noise": schemas.NOISE,
     "com_offset.angular_acceleration": schemas.ANGULAR,
     "com_offset.solve": schemas.SOLVE,
@@ -77,6 +79,12 @@ def attitude(
     """Dynamics fitted to the star camera, edge times in both instruments."""
     settings = {name: value for name, value in locals().items() if name not in ("aligned", "checked")}
     return attitude_science.attitude(aligned, checked, **settings)
+
+
+@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.survey", version=1)
+def survey(aligned, checked):
+    """Torque against roll acceleration."""
+    return survey_science.survey(aligned, checked)
 
 
 @stage(reads=["com_offset.align"], writes="com_offset.noise", version=1)

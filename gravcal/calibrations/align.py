@@ -131,9 +131,10 @@ def _spans(detected, acc, sca, mag, orbit, margin, survey):
     """Windows round the manoeuvres; the common beginning of all records where there is none."""
     if detected.sizes["manoeuvre"]:
         return np.stack([detected["start"].values - margin, detected["stop"].values + margin], axis=1)
-    first = max(float(np.nanmin(d["time_tag"].values)) for d in (acc, sca, mag, orbit))
-    last = min(float(np.nanmax(d["time_tag"].values)) for d in (acc, sca, mag, orbit))
-    return np.array([[first, min(last + 1e-3, first + survey)]])
+    times = [d["time_tag"].values for d in (acc, sca, mag, orbit)]
+    first = np.floor(max(float(np.nanmin(t)) for t in times))
+    last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
+    return np.array([[first, min(last, first + survey)]])
 
 
 def _inside(time, spans, margin):

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.schemas import ANGULAR
 
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
@@ -21,13 +22,15 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     ----------
     smoothed : Dataset, "com_offset.attitude"
     aligned : Dataset, "align"
-    settings : variant, inertia, inertia_sigma, dipole_per_current, dipole_per_current_sigma
+    settings : variant, method, inertia, inertia_sigma, dipole_per_current, dipole_per_current_sigma
 
     Returns
     -------
     angular : Dataset, "com_offset.angular_acceleration"
     """
     variant = settings["variant"]
+    if settings["method"] == "published":
+        return _published(smoothed, aligned, variant)
     measured = _measured(smoothed, aligned)
     magnetic = smoothed["magnetic_b"].values
     catalogue = _axis_modes(magnetic, _relative_sigma(settings))
@@ -57,6 +60,32 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
         "scale_sigma": sigma,
     }
     return build(ANGULAR, values, variant=variant)
+
+
+def _published(smoothed, aligned, variant):
+    """The angular acceleration as printed, without its errors."""
+    time, manoeuvre = smoothed["time_acc"].values, smoothed["acc_manoeuvre"].values
+    measured, torquer = np.nan_to_num(_measured(smoothed, aligned)), smoothed["rate_dot_mtq_b"].values
+    value = {"mtq": torquer, "acc": measured}.get(variant)
+    if variant == "acc_calibrated":
+        value = np.zeros_like(measured)
+        for one in np.unique(manoeuvre):
+            rows = manoeuvre == one
+            value[rows] = published.calibrated(measured[rows], torquer[rows], time[rows])
+    if variant == "sca":
+        value = published.differenced(aligned["time_sca"].values, aligned["quaternion"].values, time)
+    values = {
+        "time_acc": time,
+        "acc_manoeuvre": manoeuvre,
+        "rate_dot_b": value,
+        "mode": np.zeros((0, time.size, 3)),
+        "mode_shared": np.zeros(0),
+        "mode_catalogue": np.zeros(0),
+        "ratio": np.ones(3),
+        "scale": np.ones(3),
+        "scale_sigma": np.zeros(3),
+    }
+    return build(ANGULAR, values, variant=variant, method="published")
 
 
 def _ratio(variant, scale, smoothed):

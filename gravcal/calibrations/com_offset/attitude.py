@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 
@@ -16,6 +18,8 @@ from gravcal.physics import frames
 
 VECTORS = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")
 JOINED = dict.fromkeys(VECTORS, (0, 3)) | {"time_acc": (0,), "gradient_b": (0, 3, 3), "sca_modes": (6, 0, 3)}
+#: Prior of the torque scale where no manoeuvre is there, so loose that it does not pull.
+SURVEY_SCALE_SIGMA = 10.0
 WHITE = [NoiseModel(np.zeros(0), np.ones(1), 1.0)] * 3
 
 
@@ -38,7 +42,7 @@ def fit_all(found: list[Window], choice: Choice, order: int) -> tuple[list, list
         return [None] * len(found), WHITE
     sigma = 3e-6  # rad, only the start of the iteration
     noise = [NoiseModel(np.zeros(0), np.array([sigma**2]), 1.0)] * 3
-    for _ in range(2):
+    for _ in range(3):
         fits = {id(w): attitude_fit.fit_attitude(w.arc, w.time, w.quaternion, w.good, noise, choice) for w in usable}
         unknowns = len(attitude_fit.names_of(choice)) * len(usable) // 3
         noise = [_axis_noise(usable, fits, axis, order, unknowns) for axis in range(3)]
@@ -123,19 +127,18 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
         step_s=settings["integration_step_s"],
         iterations=settings["iteration_limit"],
     )
+    if found[0].rod < 0:  # nothing is calibrated: let the torque be measured
+        choice = replace(choice, scale_sigma=SURVEY_SCALE_SIGMA, shift_sigma=0.0)
     fits, noise = fit_all(found, choice, settings["attitude_noise_order"])
     filters = {name: settings[name] for name in ("lowpass_hz", "half_width_s", "step_s")}
     timings = fit_timing(
         found, fits, aligned, filters, settings["calibration_drift_degree"], settings["attitude_noise_order"]
     )
-    parts = [
-        _manoeuvre(w, f, t, aligned, int(rod), noise, choice)
-        for w, f, t, rod in zip(found, fits, timings, aligned["rod"].values, strict=True)
-    ]
+    parts = [_manoeuvre(w, f, t, aligned, noise, choice) for w, f, t in zip(found, fits, timings, strict=True)]
     return _as_dataset(parts, found, fits, timings, aligned)
 
 
-def _manoeuvre(window: Window, fit, timing, aligned, rod, noise, choice):
+def _manoeuvre(window: Window, fit, timing, aligned, noise, choice):
     """Motion on the accelerometer epochs of one manoeuvre, in the accelerometer's own time."""
     time = aligned["time_acc"].values[window.acc]
     if fit is None:
@@ -148,6 +151,7 @@ def _manoeuvre(window: Window, fit, timing, aligned, rod, noise, choice):
     smooth = rate_dot - _point_magnetic(window, fit, at, field_b)
     magnetic = motion.magnetic_acceleration(window.arc, fit.solution.shift, at, field_b, width)
     gradient = _gradient_b(window, quaternion, at)
+    rod = window.rod
     amplitude, root = np.zeros((2, 3)), np.zeros((6, 6))
     if rod >= 0:
         amplitude, root = fit_star_camera_wave(window, fit, noise, rod, max(choice.torque_degree, 0))
@@ -183,6 +187,7 @@ def _gradient_b(window, quaternion, time):
 def _as_dataset(parts, found, fits, timings, aligned):
     """Everything of all manoeuvres, one after the other."""
     values = _joined([(i, p) for i, p in enumerate(parts) if p is not None])
+    values["rod"] = [w.rod for w in found]
     values |= _per_manoeuvre(found, fits, timings) | _residuals(found, fits) | _delays(found, fits, timings, aligned)
     return build(ATTITUDE, values, title="Attitude of the manoeuvres, fitted to the star camera")
 
@@ -234,8 +239,8 @@ def _delays(found, fits, timings, aligned):
     """Delay of each instrument's tags against the torquer telemetry; NaN where nothing says so."""
     rows = [
         (f.solution.shift, np.sqrt(f.covariance[-1, -1]), t.shift, t.shift_sigma, w.lower, w.upper)
-        for w, f, t, rod in zip(found, fits, timings, aligned["rod"].values, strict=True)
-        if f is not None and t is not None and rod >= 0 and f.names[-1] == "shift"
+        for w, f, t in zip(found, fits, timings, strict=True)
+        if f is not None and t is not None and w.rod >= 0 and f.names[-1] == "shift"
     ]
     result = dict.fromkeys(("acc_delay", "acc_delay_sigma", "sca_delay", "sca_delay_sigma"), np.nan)
     if rows:

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS
 from gravcal.calibrations.com_offset.schemas import COMBINE
 from gravcal.methods import estimation
@@ -17,14 +18,16 @@ def combine(*solved: xr.Dataset, method: str, determined_sigma_um: float, consis
     Parameters
     ----------
     solved : Dataset, "com_offset.solve", one for each angular acceleration, with its two mode labels
+    method : "gravcal", or "published" for the rows and errors of the source paper
     determined_sigma_um : um, a component with a larger error is not determined
+    consistency_level : probability below which the manoeuvres or the angular accelerations do not agree
 
     Returns
     -------
     combined : Dataset, "com_offset.combine"
     """
     limit = determined_sigma_um * 1e-6
-    joint = {s.attrs["variant"]: _joint(s) for s in solved}
+    joint = {s.attrs["variant"]: _joint(s) if method == "gravcal" else _selected(s) for s in solved}
     names = [v for v in VARIANTS if v in joint]
     single = {s.attrs["variant"]: _per_manoeuvre(s) for s in solved}
     chi2, dof = _between_variants(joint, limit)
@@ -45,7 +48,25 @@ def combine(*solved: xr.Dataset, method: str, determined_sigma_um: float, consis
         "variants_dof": dof,
     }
     values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
-    return build(COMBINE, values, variants=" ".join(names), direction="proof_mass_to_com")
+    attrs = {"method": method, "consistency_level": consistency_level, "direction": "proof_mass_to_com"}
+    return build(COMBINE, values, variants=" ".join(names), **attrs)
+
+
+def _selected(solved):
+    """Rows and errors that the source paper keeps."""
+    covariance = np.array([estimation.covariance(i) for i in solved["information"].values]).reshape(-1, 3, 3)
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    mean, error = published.selected(solved["kind"].values, solved["latitude"].values, solved["offset"].values, sigma)
+    total = np.diag(np.where(np.isfinite(error), error, np.inf) ** 2)
+    return {
+        "offset": mean,
+        "covariance": total,
+        "covariance_total": total,
+        "catalogue": np.zeros((0, 3)),
+        "noise": total,
+        "chi2": 0.0,
+        "dof": 0,
+    }
 
 
 def _each(names, single, limit):
@@ -61,7 +82,8 @@ def _joint(solved):
     seen = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
     if not seen.size:
         none = np.full((3, 3), np.inf)
-        return {"offset": np.full(3, np.nan), "covariance": none, "covariance_total": none, "chi2": 0.0, "dof": 0}
+        nothing = {"offset": np.full(3, np.nan), "catalogue": np.zeros((catalogue.sum(), 3)), "chi2": 0.0, "dof": 0}
+        return nothing | {"covariance": none, "covariance_total": none, "noise": none}
     parts = [solved[n].values[seen] for n in ("right", "normal", "information")]
     scores = [estimation.Score(*part) for part in zip(*parts, strict=True)]
     shift = solved["mode_shift"].values[seen]
@@ -103,32 +125,27 @@ def _between_variants(joint, limit):
     variant does not share them.
     """
     others = [v for v in joint if v != "mtq"]
-    if "mtq" not in joint or not others:
+    used = np.logical_and.reduce([_determined(j["covariance"], limit) for j in joint.values()])
+    if "mtq" not in joint or not others or not used.any():
         return 0.0, 0
     base = joint["mtq"]
-    used = _determined(base["covariance"], limit)
-    differences, own = [], []
-    for name in others:
-        used = used & _determined(joint[name]["covariance"], limit)
-        differences.append(joint[name]["offset"] - base["offset"])
-        excess = joint[name]["covariance"] - base["noise"]
-        size, vectors = (
-            np.linalg.eigh((excess + excess.T) / 2) if np.isfinite(excess).all() else (np.zeros(3), np.eye(3))
-        )
-        own.append(
-            (vectors * np.clip(size, 0, None)) @ vectors.T
-            + 0.01 * np.where(np.isfinite(base["noise"]), base["noise"], 0)
-        )
-    if not used.any():
-        return 0.0, 0
-    count = len(others)
+    keep, count = np.flatnonzero(np.tile(used, len(others))), len(others)
     covariance = np.zeros((3 * count, 3 * count))
-    for i in range(count):
-        covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = own[i]
+    for i, name in enumerate(others):
+        block = slice(3 * i, 3 * i + 3)
+        covariance[block, block] = _excess(joint[name]["covariance"], base["noise"], used)
     moves = [np.zeros_like(base["catalogue"]) if v == "acc_calibrated" else base["catalogue"] for v in others]
     stacked = np.concatenate(moves, axis=1)
     covariance += stacked.T @ stacked
-    keep = np.tile(used, count)
-    difference = np.concatenate(differences)[keep]
+    difference = np.concatenate([joint[v]["offset"] - base["offset"] for v in others])[keep]
     chi2 = difference @ np.linalg.pinv(covariance[np.ix_(keep, keep)], rcond=1e-10) @ difference
-    return float(chi2), int(keep.sum())
+    return float(chi2), int(keep.size)
+
+
+def _excess(covariance, noise, used):
+    """Covariance beyond the shared noise (3, 3), never negative, 1 % of the noise as floor; zero where not used."""
+    pick = np.ix_(used, used)
+    size, vectors = np.linalg.eigh(covariance[pick] - noise[pick])
+    result = np.zeros((3, 3))
+    result[pick] = (vectors * np.clip(size, 0, None)) @ vectors.T + 0.01 * noise[pick]
+    return result

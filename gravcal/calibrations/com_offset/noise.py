@@ -92,9 +92,9 @@ def _quiet_spans(aligned, settings):
     """Pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
     start, stop = aligned["start"].values, aligned["stop"].values
     margin = settings["quiet_margin_s"]
-    for window_start, window_stop, length in zip(
-        aligned["window_start"].values, aligned["window_stop"].values, stop - start, strict=True
-    ):
+    lengths = stop - start if start.size else np.full(aligned.sizes["window"], 180.0)
+    ends = aligned["window_start"].values, aligned["window_stop"].values
+    for window_start, window_stop, length in zip(*ends, lengths, strict=True):
         busy = [(a - margin, b + margin) for a, b in zip(start, stop, strict=True)]
         begin = window_start
         while begin + length <= window_stop:

@@ -39,7 +39,21 @@ FIELD = {
     "maximum": {"dims": "axis", "units": "T", "frame": "b", "long_name": "difference, maximum"},
 }
 
+SURVEY = {
+    "time_sca": {"dims": "time_sca"},
+    "roll_acceleration": {"dims": "time_sca", "units": "rad s-2", "frame": "b", "long_name": "roll, star camera"},
+    "roll_torque": {
+        "dims": "time_sca",
+        "units": "mA T",
+        "frame": "b",
+        "long_name": "roll, torquer current times field",
+    },
+    "slope": {"dims": "", "units": "rad s-2 mA-1 T-1", "long_name": "dipole per current over roll inertia"},
+    "slope_sigma": {"dims": "", "units": "rad s-2 mA-1 T-1", "long_name": "its standard deviation"},
+}
+
 ATTITUDE = {
+    "rod": {"dims": "arc", "units": "1", "long_name": "torquer with the wave: 0 x, 1 y, 2 z, -1 none", "dtype": "i1"},
     "time_sca": {"dims": "time_sca"},
     "time_acc": {"dims": "time_acc"},
     "rate_b": {"dims": "time_acc axis", "units": "rad s-1", "frame": "b", "long_name": "body rate"},
@@ -75,40 +89,40 @@ ATTITUDE = {
         "long_name": "change of rate_dot_sca_b for one standard deviation",
     },
     "acc_manoeuvre": {"dims": "time_acc", "units": "1", "long_name": "manoeuvre of the epoch", "dtype": "i2"},
-    "sca_shift": {"dims": "manoeuvre", "units": "s", "long_name": "edges seen by the star camera, later than assumed"},
-    "sca_shift_sigma": {"dims": "manoeuvre", "units": "s", "long_name": "sca shift, standard deviation"},
+    "sca_shift": {"dims": "arc", "units": "s", "long_name": "edges seen by the star camera, later than assumed"},
+    "sca_shift_sigma": {"dims": "arc", "units": "s", "long_name": "sca shift, standard deviation"},
     "acc_shift": {
-        "dims": "manoeuvre",
+        "dims": "arc",
         "units": "s",
         "long_name": "edges seen by the accelerometer, later than assumed",
     },
-    "acc_shift_sigma": {"dims": "manoeuvre", "units": "s", "long_name": "acc shift, standard deviation"},
+    "acc_shift_sigma": {"dims": "arc", "units": "s", "long_name": "acc shift, standard deviation"},
     "torque_scale": {
-        "dims": "manoeuvre axis",
+        "dims": "arc axis",
         "units": "1",
         "frame": "b",
         "long_name": "magnetic torque over the catalogue, seen by the star camera",
     },
     "torque_scale_sigma": {
-        "dims": "manoeuvre axis",
+        "dims": "arc axis",
         "units": "1",
         "frame": "b",
         "long_name": "torque scale, standard deviation",
     },
     "angular_scale": {
-        "dims": "manoeuvre axis",
+        "dims": "arc axis",
         "units": "1",
         "frame": "b",
         "long_name": "angular accelerometer over torquer",
     },
     "angular_scale_sigma": {
-        "dims": "manoeuvre axis",
+        "dims": "arc axis",
         "units": "1",
         "frame": "b",
         "long_name": "angular scale, standard deviation",
     },
     "residual_rms": {
-        "dims": "manoeuvre axis",
+        "dims": "arc axis",
         "units": "rad",
         "frame": "b",
         "long_name": "star camera minus model, rms",
@@ -165,6 +179,7 @@ SOLVE = {
     "time_grid": {"dims": "time_grid"},
     "frequency": {"dims": "frequency", "units": "Hz", "long_name": "frequency"},
     "offset": {"dims": "manoeuvre axis", "units": "m", "frame": "b", "long_name": "proof mass to centre of mass"},
+    "latitude": {"dims": "manoeuvre", "units": "rad", "long_name": "geocentric latitude at the middle"},
     "right": {"dims": "manoeuvre axis", "units": "m-1", "frame": "b", "long_name": "right-hand side Z'y"},
     "normal": {"dims": "manoeuvre axis axis_2", "units": "m-2", "frame": "b", "long_name": "normal matrix Z'A"},
     "information": {"dims": "manoeuvre axis axis_2", "units": "m-2", "frame": "b", "long_name": "inverse covariance"},

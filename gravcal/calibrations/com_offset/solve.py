@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
 from gravcal.calibrations.com_offset.schemas import SOLVE
 from gravcal.calibrations.com_offset.windows import operator_for
@@ -27,12 +28,14 @@ def solve(
     smoothed : Dataset, "com_offset.attitude"
     angular : Dataset, "com_offset.angular_acceleration"
     measured : Dataset, "com_offset.noise"
-    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order
+    settings : method, lowpass_hz, half_width_s, step_s, drift_degree, noise_order
 
     Returns
     -------
     solved : Dataset, "com_offset.solve"
     """
+    if settings["method"] == "published":
+        return _published(aligned, smoothed, angular)
     noise = models_of(measured)
     source = "quiet data" if noise else "residuals"
     blocks = [_block(aligned, smoothed, angular, i, settings) for i in range(aligned.sizes["manoeuvre"])]
@@ -41,11 +44,45 @@ def solve(
     whitened = [_whitened(b, noise) for b in blocks]
     scores = [None if w is None else estimation.score(*w[:4]) for w in whitened]
     joint = _joint(scores)
-    values = _values(blocks, whitened, scores, joint)
+    values = _values(blocks, whitened, scores, joint, angular.sizes["mode_index"])
     values |= {n: angular[n].values for n in ("mode_shared", "mode_catalogue")}
-    values |= {n: aligned[n].values for n in ("kind", "start", "stop")}
-    values |= {"frequency": FREQUENCY, "noise_density": np.array([n.density(FREQUENCY) for n in noise]).reshape(3, -1)}
+    values |= _where(aligned)
+    density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)
+    values |= {"frequency": FREQUENCY, "noise_density": density}
     attrs = {"variant": angular.attrs["variant"], "direction": "proof_mass_to_com", "noise_source": source}
+    return build(SOLVE, values, **attrs)
+
+
+def _where(aligned):
+    """Kind, times and latitude of every manoeuvre."""
+    start, stop = aligned["start"].values, aligned["stop"].values
+    position, time = aligned["position_e"].values, aligned["time_orbit"].values
+    sine = position[:, 2] / np.linalg.norm(position, axis=1)
+    latitude = np.arcsin(np.interp((start + stop) / 2, time, sine))
+    return {"kind": aligned["kind"].values, "start": start, "stop": stop, "latitude": latitude}
+
+
+def _published(aligned, smoothed, angular):
+    """Offsets and formal errors as printed."""
+    count = aligned.sizes["manoeuvre"]
+    offset, information, where = np.full((count, 3), np.nan), np.zeros((count, 3, 3)), _where(aligned)
+    for i in range(count):
+        inside = np.flatnonzero(smoothed["acc_manoeuvre"].values == i)
+        if inside.size < 200:
+            continue
+        time = smoothed["time_acc"].values[inside]
+        at = np.searchsorted(aligned["time_acc"].values, time)
+        linear = aligned["linear_b"].values[at]
+        good = (aligned["acc_flag"].values[at] == 0) & np.isfinite(linear).all(axis=1)
+        rates = smoothed["rate_b"].values[inside], angular["rate_dot_b"].values[inside]
+        kept = published.components(int(where["kind"][i]), float(where["latitude"][i]))
+        offset[i], formal = published.solve_one(time, good, linear, rates, kept)
+        information[i][np.ix_(kept, kept)] = estimation.stable_inverse(formal[np.ix_(kept, kept)])
+    values = _values([None] * count, [], [], None, 0) | where
+    values |= {"offset": offset, "information": information, "normal": information}
+    values |= {"right": np.matvec(information, np.nan_to_num(offset)), "mode_shared": [], "mode_catalogue": []}
+    values |= {"frequency": FREQUENCY, "noise_density": np.full((3, FREQUENCY.size), np.nan)}
+    attrs = {"variant": angular.attrs["variant"], "direction": "proof_mass_to_com", "noise_source": "published"}
     return build(SOLVE, values, **attrs)
 
 
@@ -147,15 +184,15 @@ def _residual(block, value):
     return residual
 
 
-def _values(blocks, whitened, scores, joint):
+def _values(blocks, whitened, scores, joint, modes):
     """Estimating equations of every manoeuvre and the series they come from, drift removed."""
-    count, modes = len(blocks), len(next((w[4] for w in whitened if w), ()))
+    count = len(blocks)
     table = {"offset": np.full((count, 3), np.nan), "right": np.zeros((count, 3)), "chi2": np.full(count, np.nan)}
     table |= {"normal": np.zeros((count, 3, 3)), "information": np.zeros((count, 3, 3))}
     table |= {"mode_shift": np.zeros((count, modes, 3)), "dof": np.zeros(count)}
     series = {"time_grid": [np.zeros(0)], "grid_manoeuvre": [np.zeros(0)]}
     series |= {"reading": [np.zeros((0, 3))], "model": [np.zeros((0, 3))]}
-    for i, (block, white, score) in enumerate(zip(blocks, whitened, scores, strict=True)):
+    for i, (block, white, score) in enumerate(zip(blocks, whitened, scores, strict=False)):
         if block is None:
             continue
         for name, value in _estimate(white, score, joint).items():

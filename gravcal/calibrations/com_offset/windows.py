@@ -12,6 +12,9 @@ from gravcal.calibrations.com_offset.motion import Arc
 from gravcal.methods.resampling import lowpass_resampler
 from gravcal.physics import frames, gravity
 
+#: Longest arc that is fitted where there is no manoeuvre.
+SURVEY_S = 180.0
+
 
 @dataclass(frozen=True)
 class Window:
@@ -20,12 +23,14 @@ class Window:
     Attributes
     ----------
     arc : Arc
+    rod : excited torquer, -1 if none
     time : (n,) s, star-camera grid with the origin in front; quaternion : (n, 4); good : (n,) bool
     acc : slice of the accelerometer samples inside the arc
     lower, upper : s, interval of the first edge
     """
 
     arc: Arc
+    rod: int
     time: np.ndarray
     quaternion: np.ndarray
     good: np.ndarray
@@ -45,30 +50,45 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
     per_current : (3,) A m2 mA-1
     full : bool, with gravity-gradient torque
     """
-    return [
-        _window(aligned, field, i, np.asarray(inertia), per_current, full) for i in range(aligned.sizes["manoeuvre"])
-    ]
+    parts = _manoeuvres(aligned) or _survey(aligned)
+    return [_window(aligned, field, part, np.asarray(inertia), per_current, full) for part in parts]
 
 
-def _window(aligned, field, index, inertia, per_current, full):
-    rod = int(aligned["rod"][index])
-    count = int(np.isfinite(aligned["edge_lower"].values[index]).sum())
-    lower, upper = aligned["edge_lower"].values[index, :count], aligned["edge_upper"].values[index, :count]
-    edges = _edges(lower, upper, bool(aligned["regular"][index]))
+def _manoeuvres(aligned):
+    """Rod, edges with their intervals and currents of every manoeuvre."""
+    parts = []
+    for i in range(aligned.sizes["manoeuvre"]):
+        count = int(np.isfinite(aligned["edge_lower"].values[i]).sum())
+        lower, upper = aligned["edge_lower"].values[i, :count], aligned["edge_upper"].values[i, :count]
+        edges = _edges(lower, upper, bool(aligned["regular"][i]))
+        parts.append((int(aligned["rod"][i]), lower, upper, edges, aligned["level"].values[i, : count - 1]))
+    return parts
+
+
+def _survey(aligned):
+    """Two arcs of a record without manoeuvre, no rod excited: all of it, and what the torquer telemetry covers."""
+    start = float(aligned["window_start"][0])
+    attitude = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
+    telemetry = min(attitude, float(aligned["time_mag"].values[-1]))
+    ends = [np.array([start, stop]) for stop in (attitude, telemetry)]
+    return [(-1, end, end, None, np.zeros(0)) for end in ends]
+
+
+def _window(aligned, field, part, inertia, per_current, full):
+    rod, lower, upper, edges, level = part
     origin, stop = float(lower[0]), float(upper[-1])
     mag_time = aligned["time_mag"].values
     near = (mag_time > origin - 2) & (mag_time < stop + 2)
     current = np.nan_to_num(aligned["current_b"].values[near])
-    level = aligned["level"].values[index, : count - 1]
     breaks, dipole = motion.dipole_history(edges, level, rod, mag_time[near], current, per_current)
     orbit_time = field["time_orbit"].values
     nodes = (orbit_time > origin - 6) & (orbit_time < stop + 6)
     gradient = gravity.gradient_i(field["position_i"].values[nodes]) if full else None
     arc = Arc(origin, stop, breaks, dipole, orbit_time[nodes], field["field_i"].values[nodes], gradient, inertia)
-    first = float(upper[0] - edges[0]) if rod >= 0 else 0.0
+    ends = (float(lower[0] - edges[0]), float(upper[0] - edges[0])) if rod >= 0 else (0.0, 0.0)
     acc_time = aligned["time_acc"].values
     acc = slice(*np.searchsorted(acc_time, [origin + 0.1, stop - 0.1]))
-    return Window(arc, *_star_camera(aligned, origin, stop), acc, float(lower[0] - edges[0]), first)
+    return Window(arc, rod, *_star_camera(aligned, origin, stop), acc, *ends)
 
 
 def _edges(lower, upper, regular):

@@ -1,0 +1,1 @@
+"""Scale factors, offset and bias of the inertial sensor of Taiji-1 (Remote Sens. 2023, 15, 3817)."""

@@ -1,0 +1,166 @@
+"""The six electrode voltages: what they read, how they push, how linear and angular factors hang together.
+
+Errata T-4 and T-5: a voltage counted once contributes the force M k V; acting at the arm l it turns the test mass by
+l M k V / J. So beta = M l k / J, without the printed 1/2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gravcal.physics.constants import VACUUM_PERMITTIVITY
+
+VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
+
+#: Rows a_x, a_y, a_z, wd_x, wd_y, wd_z; columns the voltages (Table 3).
+READOUT = np.array(
+    [
+        [2.0, 1.0, 1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 1.0, 1.0],
+        [0.0, 0.0, 0.0, 0.0, 1.0, -1.0],
+        [0.0, 1.0, -1.0, 0.0, 0.0, 0.0],
+        [2.0, -1.0, -1.0, 0.0, 0.0, 0.0],
+    ]
+)
+
+#: Which linear factor each angular one is tied to: beta_x to k_z, beta_y and beta_z to k_x.
+TIED = (2, 0, 0)
+
+
+@dataclass(frozen=True)
+class Electrode:
+    """Electrodes driven by one voltage on one axis.
+
+    Attributes
+    ----------
+    voltage : index into VOLTAGES
+    axis : linear axis of the force, 0 x, 1 y, 2 z
+    turns : axis of the torque, None if the force passes through the centre
+    count : electrodes on this voltage; sign : of the torque
+    area : m2 of one electrode; gap : m; arm : m
+    """
+
+    voltage: int
+    axis: int
+    turns: tuple[int, ...]
+    count: int
+    sign: tuple[int, ...]
+    area: float
+    gap: float
+    arm: tuple[float, ...]
+
+
+def electrode_list(area, gap, arm) -> tuple[Electrode, ...]:
+    """The electrodes as erratum T-4 reads Table 1: x one of four equal ones, y one pair, z two halves of the total.
+
+    Parameters
+    ----------
+    area : (3,) m2, as printed; gap : (3,) m; arm : (3,) m, of the torques about x, y, z
+    """
+    (sx, sy, sz), (dx, dy, dz) = area, gap
+    ax, ay, az = arm
+    return (
+        Electrode(0, 0, (2,), 2, (1,), sx, dx, (az,)),
+        Electrode(1, 0, (1, 2), 1, (1, -1), sx, dx, (ay, az)),
+        Electrode(2, 0, (1, 2), 1, (-1, -1), sx, dx, (ay, az)),
+        Electrode(3, 1, (), 1, (), sy, dy, ()),
+        Electrode(4, 2, (0,), 1, (1,), sz / 2, dz, (ax,)),
+        Electrode(5, 2, (0,), 1, (-1,), sz / 2, dz, (ax,)),
+    )
+
+
+def actuation(electrodes, mass: float, inertia, preload_volt: float) -> np.ndarray:
+    """Acceleration and angular acceleration per volt of each voltage.
+
+    Parameters
+    ----------
+    electrodes : of electrode_list
+    mass : kg
+    inertia : (3,) kg m2 of the test mass
+    preload_volt : V
+
+    Returns
+    -------
+    matrix : (6, 6) m s-2 V-1 and rad s-2 V-1, rows as READOUT
+
+    Notes
+    -----
+    One electrode pushes with 2 e0 S V_P / D^2 per volt; Remote Sens. 2023, 15, 3817, eqs. 6 and 7 read by erratum T-4.
+    """
+    matrix = np.zeros((6, 6))
+    for one in electrodes:
+        force = one.count * 2 * VACUUM_PERMITTIVITY * one.area * preload_volt / one.gap**2
+        matrix[one.axis, one.voltage] += force / mass
+        for axis, sign, arm in zip(one.turns, one.sign, one.arm, strict=True):
+            matrix[3 + axis, one.voltage] += sign * arm * force / inertia[axis]
+    return matrix
+
+
+def factors(matrix: np.ndarray) -> np.ndarray:
+    """Scale factors k_x, k_y, k_z, beta_x, beta_y, beta_z of an actuation matrix that has the pattern of READOUT.
+
+    Parameters
+    ----------
+    matrix : (6, 6) of actuation
+    """
+    return np.einsum("ij,ij->i", matrix, READOUT) / np.einsum("ij,ij->i", READOUT, READOUT)
+
+
+def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
+    """Ratios J/(M l) that take beta_x to k_z, beta_y to k_x and beta_z to k_x.
+
+    Parameters
+    ----------
+    mass : kg; inertia : (3,) kg m2; arm : (3,) m
+
+    Returns
+    -------
+    ratio : (3,) m
+
+    Notes
+    -----
+    k = J beta / (M l); Remote Sens. 2023, 15, 3817, eqs. 8-10 without their factor 1/2 (erratum T-4).
+    """
+    return np.asarray(inertia) / (mass * np.asarray(arm))
+
+
+def published_linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
+    """The same with the printed factor 1/2 in beta: twice too large (eqs. 8-10 as printed)."""
+    return 2 * linear_over_angular(mass, inertia, arm)
+
+
+def ratio_relative_sigma(relative_mass: float, relative_inertia, relative_arm) -> np.ndarray:
+    """Relative standard deviation of J/(M l) per torque axis (3,).
+
+    Parameters
+    ----------
+    relative_mass : 1; relative_inertia, relative_arm : (3,) 1
+    """
+    return np.sqrt(relative_mass**2 + np.asarray(relative_inertia) ** 2 + np.asarray(relative_arm) ** 2)
+
+
+def readouts(volts: np.ndarray) -> np.ndarray:
+    """The six combinations of Table 3.
+
+    Parameters
+    ----------
+    volts : (..., 6) V, in the order of VOLTAGES
+
+    Returns
+    -------
+    combined : (..., 6) V; times k or beta they are accelerations about x, y, z and angular accelerations about x, y, z
+    """
+    return volts @ READOUT.T
+
+
+def volts(combined: np.ndarray) -> np.ndarray:
+    """Electrode voltages that give six combinations, the inverse of readouts.
+
+    Parameters
+    ----------
+    combined : (..., 6) V
+    """
+    return combined @ np.linalg.inv(READOUT).T
