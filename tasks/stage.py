@@ -228,9 +228,9 @@ def call_of(called, items, settings):
 
 
 def is_dataset(value):
-    """Whether a value is an xarray dataset, asked without importing xarray."""
-    xarray = sys.modules.get("xarray")
-    return xarray is not None and isinstance(value, xarray.Dataset)
+    """Whether a value is an xarray dataset, asked without importing xarray (another thread may be about to)."""
+    known = getattr(sys.modules.get("xarray"), "Dataset", None)
+    return known is not None and isinstance(value, known)
 
 
 def _make(call, key, wanted, modules):

@@ -87,6 +87,7 @@ def store_folder(tmp_path, monkeypatch):
     """Let every test have its own empty store."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
     memory.clear()
+    fingerprint.forget()
     return tmp_path / "products"
 
 

@@ -18,7 +18,7 @@ from gravcal.errors import ProductError
 SCOPE = ("gravcal", "tasks")
 _files = {}  # source file -> its status when it was first looked at
 _modules = {}  # name of a module -> (digest, names it imports), for the life of the process
-_bodies = {}  # "module:function" -> its parts, for the life of the process
+_bodies = {}  # "module:function" -> its parts and their files, for the life of the process
 _remembered = {}
 
 
@@ -36,11 +36,14 @@ def of(body, also=()):
     """
     name = f"{body.__module__}:{body.__name__}"
     if name not in _bodies:
-        _bodies[name] = _parts(body, also)
+        parts = _parts(body, also)
+        paths = [Path(inspect.getsourcefile(body)), *(_path(part) for part in parts if ":" not in part)]
+        _bodies[name] = parts, paths
         _keep_remembered()
-    for path, status in _files.items():
-        _check_unchanged(path, status)
-    return _bodies[name]
+    parts, paths = _bodies[name]
+    for path in paths:
+        _check_unchanged(path, _files[path])
+    return parts
 
 
 def _parts(body, also):
@@ -96,8 +99,7 @@ def _check_unchanged(path, status):
     if _status(path) != status:
         raise ProductError(
             f"{path}: the code changed while this process was running, so a product could bear the label of code "
-            f"that did "
-            f"not make it. Start gravcal again.",
+            f"that did not make it. Start gravcal again.",
             path=str(path),
         )
 

@@ -241,7 +241,7 @@ def test_killed_writers_leave_a_valid_store(store_folder):
     """Contract: kill -9 at random moments of writing: every object is whole, the next process sweeps what is left."""
     random_source = random.Random(1)
     start = 1
-    for _ in range(6):
+    for _ in range(4):
         command = [sys.executable, "-c", WRITER, os.path.dirname(__file__), str(start)]  # noqa: PTH120
         process = subprocess.Popen(command, stdout=subprocess.PIPE)
         process.stdout.readline()

@@ -1,0 +1,97 @@
+"""Plans: what would be reused or made, and why, without making anything."""
+
+import pytest
+
+from flows import engine
+from gravcal.data import housekeeping
+
+
+def plan(pipeline, **changes):
+    """Actions and reasons by stage."""
+    steps, _ = engine.plan(pipeline.module("flow").calibrate, pipeline.file(), pipeline.chosen | changes)
+    return {step.stage.removeprefix(f"{pipeline.name}."): (step.action, *step.reasons) for step in steps}
+
+
+def test_a_plan_of_nothing_made_yet(pipeline):
+    """Contract: everything was never made, and planning makes nothing."""
+    assert set(plan(pipeline).values()) == {("run", "never made")}
+    assert housekeeping.folders() == []
+
+
+def test_a_plan_after_a_run_reuses_all(pipeline):
+    """Contract: same inputs, settings and code."""
+    pipeline.run()
+    assert set(plan(pipeline).values()) == {("reuse",)}
+
+
+def test_a_changed_setting_is_shown_with_both_values(pipeline):
+    """Contract: old and new value; below, what may have to run."""
+    pipeline.run()
+    found = plan(pipeline, gain_one=0.7)
+    assert found == {
+        "start": ("reuse",),
+        "scale.one": ("run", "gain: 1.0 -> 0.7"),
+        "scale.other": ("reuse",),
+        "join": ("may run", f"after {pipeline.name}.scale.one"),
+    }
+
+
+def test_a_changed_file_is_named(pipeline):
+    """Contract: input file changed."""
+    pipeline.run()
+    pipeline.raw.write_text("abcd")
+    assert plan(pipeline)["start"] == ("run", "input file MAG1B_2020-02-01_C_04.txt changed")
+
+
+def test_changed_code_is_named_by_module(pipeline):
+    """Contract: which module changed."""
+    pipeline.run()
+    pipeline.replace("helper.py", "FACTOR * values", "FACTOR * values + 1")
+    assert plan(pipeline)["start"] == ("run", f"code changed: {pipeline.name}.helper")
+    pipeline.replace("helper.py", "FACTOR * values + 1", "FACTOR * values")
+    pipeline.replace("second.py", '["value"] * gain', 'gain * ["value"]')
+    found = plan(pipeline)
+    assert found["start"] == ("reuse",)
+    assert found["scale.one"] == ("run", f"code changed: {pipeline.name}.second")
+    assert found["join"] == ("run", f"code changed: {pipeline.name}.second")
+
+
+def test_a_raised_version_is_shown(pipeline):
+    """Contract: version old and new."""
+    pipeline.run()
+    pipeline.replace("stages.py", f'{pipeline.name}.scale", version=1', f'{pipeline.name}.scale", version=2')
+    assert plan(pipeline)["scale.one"] == ("run", "version 1 -> 2")
+
+
+def test_a_changed_input_is_named(pipeline):
+    """Contract: once the input was made anew, what reads it says so."""
+    pipeline.run()
+    from tasks.stage import inline, using
+
+    stages = pipeline.module("stages")
+    with using(inline):
+        stages.start(pipeline.file(), event="fake-1", variant="", count=5, offset=0.0)
+    assert plan(pipeline, count=5)["scale.one"] == ("run", f"input {pipeline.name}.start changed")
+
+
+def test_a_plan_ends_where_the_flow_needs_a_content(pipeline):
+    """Contract: a flow that looks into a product cannot be planned beyond it."""
+    pipeline.replace("flow.py", "    one =", "    read(started)\n    one =")
+    pipeline.replace(
+        "flow.py", "from flows.engine import flow", "from flows.engine import flow\nfrom tasks.stage import read"
+    )
+    assert plan(pipeline) == {"start": ("run", "never made"), "(the rest)": ("may run", f"after {pipeline.name}.start")}
+    pipeline.run()
+    assert set(plan(pipeline).values()) == {("reuse",)}
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_code_that_changed_under_a_running_process_is_refused(pipeline, same):
+    """Contract: the label must name the code that ran; a long-lived process says that it has to start again."""
+    from gravcal.errors import ProductError
+
+    pipeline.run()
+    path = pipeline.folder / "helper.py"
+    path.write_text(path.read_text().replace("2.0", "2.0" if same else "3.0") + "\n")
+    with pytest.raises(ProductError, match="changed while this process was running.*Start gravcal again"):
+        pipeline.run()

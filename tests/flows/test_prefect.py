@@ -1,0 +1,105 @@
+"""Prefect: an embedded server, tasks as thin shells, nothing started when nothing has to be made."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from flows import engine, prefect_server
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """Return one Prefect home for all tests here: the first start migrates its database."""
+    return tmp_path_factory.mktemp("prefect")
+
+
+RUNNER = """
+import importlib, json, sys, urllib.request
+sys.path.insert(0, sys.argv[1])
+from flows import engine, prefect_server
+from gravcal.data.archive import LevelOneFile
+from pathlib import Path
+states, seen = {}, []
+drain = prefect_server.drain
+def watch(url, run, expected):
+    drain(url, run, expected)
+    found = prefect_server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [str(run)]}}})
+    states.update({one["name"].rpartition("-")[0]: one["state"]["name"] for one in found})
+    seen.append(prefect_server.ask(url, f"/flow_runs/{run}")["name"])
+prefect_server.drain = watch
+chosen = {"event": "fake-1", "count": 4, "offset": 0.0, "gain_one": float(sys.argv[4]), "gain_other": 3.0}
+flow = importlib.import_module(sys.argv[2] + ".flow")
+file = LevelOneFile(Path(sys.argv[3]), None, "MAG1B", "C", "2020-02-01", "04")
+ref = engine.run(flow.calibrate, file, chosen, engine="prefect")
+print(json.dumps({"key": ref.key, "states": states, "prefect": "prefect" in sys.modules, "runs": len(seen)}))
+"""
+
+
+def run(pipeline, home, gain=1.0):
+    """Run the pipeline through Prefect in a process of its own."""
+    import json
+
+    command = [sys.executable, "-c", RUNNER, str(pipeline.folder.parent), pipeline.name, str(pipeline.raw), str(gain)]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")}
+    environment |= {"PREFECT_HOME": str(home)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return json.loads(done.stdout)
+
+
+def test_stages_are_tasks_and_products_there_end_as_cached(pipeline, home):
+    """Contract: silent; a second run starts nothing; after a changed setting what is reused shows as Cached."""
+    first = run(pipeline, home)
+    assert first["runs"] == 1
+    assert set(first["states"].values()) == {"Completed"}
+    assert len(first["states"]) == 4
+    again = run(pipeline, home)
+    assert again["key"] == first["key"]
+    assert not again["prefect"]
+    changed = run(pipeline, home, 5.0)
+    names = {name.removeprefix(f"{pipeline.name}."): state for name, state in changed["states"].items()}
+    assert names == {"start": "Cached", "scale.one": "Completed", "scale.other": "Cached", "join": "Completed"}
+
+
+def test_the_server_dies_with_its_parent(home, monkeypatch):
+    """Contract: kill -9 of gravcal leaves no server behind."""
+    code = (
+        "from flows import prefect_server as p; import time;"
+        "s = p.begin(); print(s.child.pid, flush=True); p._wait_for(s); print('up', flush=True); time.sleep(60)"
+    )
+    environment = os.environ | {"PREFECT_HOME": str(home)}
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
+    child = int(parent.stdout.readline())
+    assert parent.stdout.readline() == "up\n"
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    limit = time.monotonic() + 20
+    while Path(f"/proc/{child}").exists() and "Z" not in Path(f"/proc/{child}/stat").read_text().split()[2]:
+        assert time.monotonic() < limit
+        time.sleep(0.1)
+
+
+def test_without_a_server_the_flow_runs_inline(pipeline, monkeypatch, capsys):
+    """Contract: one line says so, the result is the same."""
+
+    def refuse():
+        raise prefect_server.Unavailable("port taken")
+
+    monkeypatch.setattr(prefect_server, "begin", refuse)
+    ref = engine.run(pipeline.module("flow").calibrate, pipeline.file(), pipeline.chosen)
+    assert ref.path.exists()
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_one_thread_for_libraries(monkeypatch):
+    """Contract: BLAS and numba do not multiply with workers."""
+    for name in engine.ONE_THREAD:
+        monkeypatch.delenv(name, raising=False)
+    engine.single_threaded()
+    assert {os.environ[name] for name in engine.ONE_THREAD} == {"1"}
