@@ -1,0 +1,1 @@
+"""Gravity fields that ship with the package."""

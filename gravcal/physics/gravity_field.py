@@ -1,0 +1,238 @@
+"""Gravity field of full degree: potential, acceleration and gradient tensor in the Earth-fixed frame.
+
+A derivative of a series of solid harmonics is again such a series, one degree higher. So the coefficients are
+differentiated, once, and one compiled sum serves potential, acceleration and all six second derivatives; each of the
+six has coefficients of its own, so that the trace is a test and not a construction.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gravcal.physics.shapes import check_shape, refuse
+
+LIMIT = 600  # highest degree: the recursion stays within the range of float64 at the poles up to there
+PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
+
+
+@dataclass(frozen=True)
+class Field:
+    """Coefficients of a gravity field, fully normalised (4 pi), as in ICGEM files.
+
+    gm : m3 s-2
+    radius : m, reference radius of the coefficients
+    cosine, sine : (n + 1, n + 1) 1, C_nm and S_nm; C_00 = 1
+    cosine_sigma, sine_sigma : (n + 1, n + 1) 1, their standard deviations, zero where not given
+    name : str
+    """
+
+    gm: float
+    radius: float
+    cosine: np.ndarray
+    sine: np.ndarray
+    cosine_sigma: np.ndarray | None = None
+    sine_sigma: np.ndarray | None = None
+    name: str = ""
+    tables: dict = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def degree(self) -> int:
+        """Highest degree."""
+        return self.cosine.shape[0] - 1
+
+
+def potential_e(field, position_e):
+    """Gravitational potential, positive.
+
+    Parameters
+    ----------
+    field : Field
+    position_e : (..., 3) m, in the frame of the coefficients
+
+    Returns
+    -------
+    potential : (...,) m2 s-2
+
+    Notes
+    -----
+    U = GM/R sum_nm (R/r)^(n+1) P_nm(sin phi) [C_nm cos(m lambda) + S_nm sin(m lambda)]; Barthelmes 2013, GFZ
+    STR09/02, eq. 108. g = +grad U.
+    """
+    return _sums(field, position_e, ("",))[..., 0]
+
+
+def acceleration_e(field, position_e):
+    """Gravitational acceleration.
+
+    Parameters
+    ----------
+    field : Field
+    position_e : (..., 3) m
+
+    Returns
+    -------
+    acceleration_e : (..., 3) m s-2
+
+    Notes
+    -----
+    g = grad U, from coefficients differentiated once: Cunningham 1970, Celest. Mech. 2, 207, normalised.
+    """
+    return _sums(field, position_e, ("x", "y", "z"))
+
+
+def gradient_e(field, position_e):
+    """Gravity-gradient tensor; its six elements come from six independent series.
+
+    Parameters
+    ----------
+    field : Field
+    position_e : (..., 3) m
+
+    Returns
+    -------
+    gradient_e : (..., 3, 3) s-2, dg/dr, symmetric
+
+    Notes
+    -----
+    G = grad grad U, from coefficients differentiated twice: Cunningham 1970, Celest. Mech. 2, 207, normalised.
+    """
+    six = _sums(field, position_e, PAIRS)
+    return six[..., [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
+def truncated(field, lowest, highest):
+    """The part of a field between two degrees.
+
+    Parameters
+    ----------
+    field : Field
+    lowest, highest : int, both kept
+    """
+    kept = slice(0, min(highest, field.degree) + 1)
+    blank = np.arange(field.degree + 1)[kept, None] < lowest
+    parts = [
+        None if part is None else np.where(blank, 0.0, part[kept, kept])
+        for part in (field.cosine, field.sine, field.cosine_sigma, field.sine_sigma)
+    ]
+    return Field(field.gm, field.radius, *parts, name=f"{field.name} degrees {lowest} to {highest}")
+
+
+def zonal(field, degree):
+    """One zonal term of a field.
+
+    Parameters
+    ----------
+    field : Field
+    degree : int
+    """
+    cosine = np.zeros((degree + 1, degree + 1))
+    cosine[degree, 0] = field.cosine[degree, 0]
+    return Field(field.gm, field.radius, cosine, np.zeros_like(cosine), name=f"{field.name} zonal degree {degree}")
+
+
+def error_covariance(field, distance):
+    """Covariance of the gradient tensor from the standard deviations of the coefficients, averaged over the sphere.
+
+    Parameters
+    ----------
+    field : Field with standard deviations
+    distance : m, from the Earth's centre
+
+    Returns
+    -------
+    variance_rr, variance_rt, variance_tt : s-4, of radial-radial, of each radial-tangential element and of the
+        tangential shear; the tangential diagonal is -G_rr/2 plus and minus an independent element of variance_tt
+
+    Notes
+    -----
+    Per degree, with s2_n the sum of the variances over the order: (GM/R3)^2 (R/r)^(2n+6) s2_n times
+    (n+1)^2 (n+2)^2, n (n+1) (n+2)^2 / 2 and (n-1) n (n+1) (n+2) / 8. For errors alike in all directions; the sum over
+    all nine elements, (n+1)(n+2)(2n+1)(2n+3), is that of any solid harmonic.
+    """
+    n = np.arange(field.degree + 1.0)
+    power = sum(np.sum(part**2, axis=1) for part in (field.cosine_sigma, field.sine_sigma) if part is not None)
+    weight = power * (field.gm / field.radius**3) ** 2 * (field.radius / distance) ** (2 * n + 6)
+    radial = (n + 1) ** 2 * (n + 2) ** 2
+    mixed = n * (n + 1) * (n + 2) ** 2 / 2
+    shear = (n - 1) * n * (n + 1) * (n + 2) / 8
+    return tuple(float(np.sum(weight * factor)) for factor in (radial, mixed, shear))
+
+
+def _sums(field, position_e, derivatives):
+    """Series of the named derivatives at each position, in SI."""
+    from gravcal.physics.gravity_field_kernel import sum_series
+
+    position = check_shape("position_e", position_e, (..., 3))
+    if not np.all(np.einsum("...i,...i->...", position, position) > 1e10):
+        refuse("position_e", "a point within 100 km of the centre or not finite", "positions in metres", "Convert it.")
+    if field.degree > LIMIT:
+        refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
+    table, alpha, beta = _prepared(field, derivatives)
+    flat = np.ascontiguousarray(position.reshape(-1, 3) / field.radius)
+    sums = sum_series(flat, table, alpha, beta)
+    scale = field.gm / field.radius ** (1 + len(derivatives[0]))
+    return (scale * sums).reshape(*position.shape[:-1], len(derivatives))
+
+
+def _prepared(field, derivatives):
+    """Coefficients as the kernel wants them, kept with the field."""
+    if derivatives not in field.tables:
+        known = {"": field.cosine - 1j * field.sine}
+        for name in derivatives:
+            for k in range(len(name)):
+                if name[: k + 1] not in known:
+                    known[name[: k + 1]] = _derivative(known[name[:k]], name[k])
+        field.tables[derivatives] = _table([known[name] for name in derivatives])
+    return field.tables[derivatives]
+
+
+def _derivative(K, axis):
+    """Coefficients of R d/d(axis) of the series Re sum K_nm Z_nm, Z_nm the normalised V_nm + i W_nm.
+
+    (d/dx + i d/dy) Z_nm = -Z_(n+1)(m+1), (d/dx - i d/dy) Z_nm = (n-m+1)(n-m+2) Z_(n+1)(m-1) for m > 0,
+    d/dz Z_nm = -(n-m+1) Z_(n+1)m before normalisation.
+    """
+    size = K.shape[0]
+    n, m = np.arange(size)[:, None], np.arange(size)[None, :]
+    inside = np.where(m <= n, K, 0)
+    level = np.sqrt((2 * n + 1) / (2 * n + 3))
+    out = np.zeros((size + 1, size + 1), dtype=complex)
+    if axis == "z":
+        out[1:, :-1] = -inside * level * np.sqrt(np.maximum((n + m + 1) * (n - m + 1), 0))
+        return out
+    up, down = (-0.5, 0.5) if axis == "x" else (0.5j, 0.5j)
+    twice = np.where(m == 0, np.sqrt(2.0), 1.0)  # Z_n0 has no down part; and its norm lacks the factor sqrt 2
+    out[1:, 1:] = up * twice * inside * level * np.sqrt((n + m + 1) * (n + m + 2))
+    to_zonal = np.where(m == 1, np.sqrt(2.0), 1.0)
+    lowered = down * to_zonal * inside * level * np.sqrt(np.maximum((n - m + 1) * (n - m + 2), 0))
+    out[1:, : size - 1] += lowered[:, 1:]
+    out[:, 0] = out[:, 0].real
+    return out
+
+
+def _table(series):
+    """Kernel arrays: coefficients by order and degree above the order, and the two recursion factors."""
+    from gravcal.physics.gravity_field_kernel import ROWS
+
+    orders = series[0].shape[0]
+    padded = -(-orders // ROWS) * ROWS + ROWS
+    table = np.zeros((orders, 2 * len(series), padded))
+    alpha, beta = np.zeros((2, orders, padded))
+    sectorial = np.sqrt(np.concatenate([[1.0], np.cumprod(_sectorial_factors(orders))]))
+    for m in range(orders):
+        n = np.arange(m, orders)
+        for k, K in enumerate(series):
+            table[m, 2 * k, : n.size] = sectorial[m] * K[n, m].real
+            table[m, 2 * k + 1, : n.size] = -sectorial[m] * K[n, m].imag
+        n = n[1:].astype(float)
+        with np.errstate(invalid="ignore"):
+            alpha[m, 1 : n.size + 1] = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
+            inner = (2 * n + 1) * (n + m - 1) * (n - m - 1) / ((2 * n - 3) * (n + m) * (n - m))
+        beta[m, 1 : n.size + 1] = np.sqrt(np.where(n > m + 1, inner, 0.0))
+    return table, alpha, beta
+
+
+def _sectorial_factors(orders):
+    """Squared ratios of the normalised sectorial functions of neighbouring orders."""
+    m = np.arange(1, orders)
+    return np.where(m == 1, 3.0, (2 * m + 1) / (2 * np.maximum(m, 1)))

@@ -1,0 +1,195 @@
+"""Full-degree gravity: closed forms, an independent evaluation, poles."""
+
+from decimal import Decimal, getcontext
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.special import sph_harm_y
+
+from gravcal.errors import GravcalError
+from gravcal.physics import gravity, gravity_field
+from gravcal.physics.constants import EARTH_RADIUS, GM, J2
+
+R = EARTH_RADIUS
+PLACES = {
+    "north pole": [0.0, 0.0, 6.87e6],
+    "south pole": [0.0, 0.0, -6.87e6],
+    "a metre from the pole": [1.0, -0.3, 6.87e6],
+    "a hundred kilometres from the pole": [1e5, 2e4, 6.86e6],
+    "equator": [6.87e6, 0.0, 0.0],
+    "Potsdam at 490 km": [4.17e6, 0.97e6, 5.37e6],
+}
+
+
+def random_field(degree, seed=0):
+    """Kaula's rule."""
+    rng = np.random.default_rng(seed)
+    n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
+    size = np.where((m <= n) & (n >= 2), 1e-5 / np.maximum(n, 1) ** 2, 0.0)
+    cosine, sine = size * rng.standard_normal(size.shape), size * rng.standard_normal(size.shape)
+    cosine[0, 0], cosine[2, 0], sine[:, 0] = 1.0, -J2 / np.sqrt(5), 0.0
+    return gravity_field.Field(GM, R, cosine, sine)
+
+
+def displaced_mass(place, degree=60):
+    """Coefficients of a point mass beside the origin."""
+    x, y, z = place
+    d = np.linalg.norm(place)
+    theta, phi = np.arccos(z / d), np.arctan2(y, x)
+    n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
+    order = np.minimum(n, m)
+    with np.errstate(all="ignore"):
+        harmonic = sph_harm_y(np.broadcast_to(n, order.shape), order, theta, phi)
+    real = np.sqrt(4 * np.pi) * np.where(m > 0, np.sqrt(2) * (-1.0) ** m, 1.0) * harmonic
+    series = np.where(m <= n, (d / R) ** n / (2 * n + 1) * real, 0)
+    return gravity_field.Field(GM, R, series.real, series.imag)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_point_mass_and_flattening_agree_with_their_closed_form(place):
+    """Analytic: degrees 0 and 2 against gravity.py, which writes the tensor out."""
+    cosine = np.diag([1.0, 0.0, 0.0])
+    cosine[1, 1], cosine[2, 0] = 0.0, -J2 / np.sqrt(5)
+    field = gravity_field.Field(GM, R, cosine, np.zeros((3, 3)))
+    position = np.array(PLACES[place])
+    assert_allclose(gravity_field.acceleration_e(field, position), gravity.acceleration_i(position), rtol=0, atol=2e-14)
+    assert_allclose(gravity_field.gradient_e(field, position), gravity.gradient_i(position), rtol=0, atol=1e-20)
+
+
+@pytest.mark.parametrize("mass", [[0.0, 0.0, 1.9e6], [1.1e6, -0.7e6, 1.2e6], [-1.9e6, 0.3e6, 0.0]])
+@pytest.mark.parametrize("place", PLACES)
+def test_a_mass_beside_the_origin_pulls_from_where_it_is(place, mass):
+    """Analytic: all orders; mu/s, -mu s/s^3, mu/s^3 (3 e e^T - 1) with s from the mass; (0.3)^60 is left out."""
+    position = np.array(PLACES[place])
+    field, s = displaced_mass(np.array(mass)), position - np.array(mass)
+    d = np.linalg.norm(s)
+    tensor = GM / d**3 * (3 * np.outer(s, s) / d**2 - np.eye(3))
+    assert_allclose(gravity_field.potential_e(field, position), GM / d, rtol=2e-15)
+    assert_allclose(gravity_field.acceleration_e(field, position), -GM * s / d**3, rtol=0, atol=5e-14)
+    assert_allclose(gravity_field.gradient_e(field, position), tensor, rtol=0, atol=5e-20)
+
+
+def decimal_potential(field, position):
+    """Potential by the textbook recursion of unnormalised V, W with fifty digits; shares nothing with the kernel."""
+    x, y, z = position
+    gm, radius = Decimal(field.gm), Decimal(field.radius)
+    square = x * x + y * y + z * z
+    size = field.degree + 1
+    V = {(0, 0): radius / square.sqrt()}
+    W = {(0, 0): Decimal(0)}
+    total = Decimal(0)
+    factorial = [Decimal(1)]
+    for k in range(1, 2 * size):
+        factorial.append(factorial[-1] * k)
+    for m in range(size):
+        if m:
+            v, w, f = V[m - 1, m - 1], W[m - 1, m - 1], (2 * m - 1) * radius / square
+            V[m, m], W[m, m] = f * (x * v - y * w), f * (x * w + y * v)
+        for n in range(m, size):
+            for table in (V, W):
+                if n > m:
+                    older = table.get((n - 2, m), Decimal(0))
+                    first = (2 * n - 1) * z * radius / square * table[n - 1, m]
+                    table[n, m] = (first - (n + m - 1) * radius**2 / square * older) / (n - m)
+            norm = ((2 - (m == 0)) * (2 * n + 1) * factorial[n - m] / factorial[n + m]).sqrt()
+            total += norm * (Decimal(field.cosine[n, m]) * V[n, m] + Decimal(field.sine[n, m]) * W[n, m])
+    return gm / radius * total
+
+
+@pytest.mark.parametrize("place", ["north pole", "a metre from the pole", "Potsdam at 490 km"])
+def test_every_derivative_agrees_with_differences_in_fifty_digits(place):
+    """Analytic: degree 30, all orders; differences over 1 mm in decimal arithmetic are exact to 1e-19 relative."""
+    getcontext().prec = 50
+    field, h = random_field(30), Decimal("0.001")
+    origin = [Decimal(v) for v in PLACES[place]]
+
+    def at(*moves):
+        point = list(origin)
+        for axis, steps in moves:
+            point[axis] += steps * h
+        return decimal_potential(field, point)
+
+    position = np.array(PLACES[place])
+    middle = at()
+    assert_allclose(gravity_field.potential_e(field, position), float(middle), rtol=2e-15)
+    gradient = gravity_field.gradient_e(field, position)
+    acceleration = gravity_field.acceleration_e(field, position)
+    for i in range(3):
+        ahead, behind = at((i, 1)), at((i, -1))
+        assert_allclose(acceleration[i], float((ahead - behind) / (2 * h)), rtol=0, atol=2e-14)
+        assert_allclose(gradient[i, i], float((ahead - 2 * middle + behind) / h**2), rtol=0, atol=2e-20)
+        for j in range(i):
+            corners = at((i, 1), (j, 1)) - at((i, 1), (j, -1)) - at((i, -1), (j, 1)) + at((i, -1), (j, -1))
+            assert_allclose(gradient[i, j], float(corners / (4 * h**2)), rtol=0, atol=2e-20)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 7, 60, 200])
+def test_the_trace_vanishes_though_every_element_has_its_own_series(degree):
+    """Analytic: Laplace; 1e-18 s-2 asked, rounding of 3e-6 s-2 over the sum gives 1e-20."""
+    rng = np.random.default_rng(degree)
+    position = rng.standard_normal((300, 3))
+    position *= 6.8e6 / np.linalg.norm(position, axis=1)[:, None]
+    position = np.concatenate([position, list(PLACES.values())])
+    gradient = gravity_field.gradient_e(random_field(max(degree, 2)), position)
+    assert np.abs(np.trace(gradient, axis1=1, axis2=2)).max() < 3e-20
+    assert_allclose(gradient, np.swapaxes(gradient, 1, 2))
+
+
+def test_the_highest_degree_stays_finite_at_the_pole():
+    """Analytic: at LIMIT the recursion must not overflow; at the pole only orders up to 2 contribute."""
+    field = random_field(gravity_field.LIMIT)
+    position = np.array([0.0, 0.0, 6.87e6])
+    low = gravity_field.Field(GM, R, field.cosine * (np.arange(601) < 3), field.sine * (np.arange(601) < 3))
+    found = gravity_field.gradient_e(field, position)
+    assert np.isfinite(gravity_field.gradient_e(field, np.array(list(PLACES.values())))).all()
+    assert_allclose(found, gravity_field.gradient_e(low, position), rtol=0, atol=1e-20)
+
+
+def test_parts_by_degree_add_up_and_degree_one_is_empty():
+    """Analytic: the sum is linear; the origin is the centre of mass, so degree 1 gives nothing (erratum S-9)."""
+    field, position = random_field(20), np.array(PLACES["Potsdam at 490 km"])
+    parts = [gravity_field.gradient_e(gravity_field.truncated(field, n, n), position) for n in range(21)]
+    assert_allclose(sum(parts), gravity_field.gradient_e(field, position), rtol=0, atol=1e-20)
+    assert np.all(parts[1] == 0)
+    assert np.all(gravity_field.gradient_e(gravity_field.zonal(field, 1), position) == 0)
+
+
+def test_field_errors_scatter_as_their_covariance_says():
+    """Recovery: 400 drawn errors, variance of each kind of element to 10 %."""
+    rng = np.random.default_rng(3)
+    n, m = np.arange(31)[:, None], np.arange(31)[None, :]
+    sigma = np.where((m <= n) & (n >= 2), 1e-9 / np.maximum(n, 1), 0.0)
+    field = gravity_field.Field(GM, R, sigma, sigma, sigma, np.where(m > 0, sigma, 0.0))
+    position = np.array([6.87e6, 0.0, 0.0]) + 0 * rng.standard_normal((1, 3))
+    place = rng.standard_normal((40, 3))
+    position = 6.87e6 * place / np.linalg.norm(place, axis=1)[:, None]
+    up = position / 6.87e6
+    east = np.cross([0, 0, 1.0], up)
+    east /= np.linalg.norm(east, axis=1)[:, None]
+    frame = np.stack([up, east, np.cross(up, east)], axis=1)
+    drawn = []
+    for _ in range(100):
+        parts = [s * rng.standard_normal(s.shape) for s in (sigma, np.where(m > 0, sigma, 0.0))]
+        tensor = gravity_field.gradient_e(gravity_field.Field(GM, R, *parts), position)
+        drawn.append(frame @ tensor @ np.swapaxes(frame, 1, 2))
+    drawn = np.concatenate(drawn)
+    rr, rt, tt = gravity_field.error_covariance(field, 6.87e6)
+    assert_allclose(np.mean(drawn[:, 0, 0] ** 2), rr, rtol=0.1)
+    assert_allclose(np.mean(drawn[:, 0, 1:] ** 2), rt, rtol=0.1)
+    assert_allclose(np.mean(drawn[:, 1, 2] ** 2), tt, rtol=0.1)
+    assert_allclose(np.mean((drawn[:, 1, 1] - drawn[:, 2, 2]) ** 2) / 4, tt, rtol=0.1)
+
+
+def test_positions_in_kilometres_are_refused():
+    """Contract: the most likely mistake is named."""
+    with pytest.raises(GravcalError, match="positions in metres"):
+        gravity_field.gradient_e(random_field(3), [6870.0, 0, 0])
+
+
+def test_too_high_a_degree_is_refused():
+    """Contract: beyond LIMIT the recursion would overflow."""
+    size = gravity_field.LIMIT + 2
+    field = gravity_field.Field(GM, R, np.zeros((size, size)), np.zeros((size, size)))
+    with pytest.raises(GravcalError, match="truncated"):
+        gravity_field.gradient_e(field, [6.87e6, 0, 0])
