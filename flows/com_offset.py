@@ -2,38 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from datetime import datetime
+from pathlib import Path
+
 from flows.engine import flow
 from gravcal.data import catalog
 from tasks import com_offset, common
+from tasks.stage import read
 
+VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 TORQUERS = ("inertia", "dipole_per_current")
 TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
-VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
-
-
-@flow(name="com_offset")
-def calibrate(source, chosen):
-    """Offset of the centre of mass from the manoeuvres of one day."""
-    satellite = catalog.satellite(source.satellite).settings()
-    given = lambda *names: common.settings_of(satellite, *names)  # noqa: E731
-    read = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
-    found = com_offset.detect(read["mag"], **chosen.for_stage("detect"))
-    aligned = com_offset.align(found, *(read[n] for n in ALIGNED), **chosen.for_stage("align"))
-    checked = com_offset.field(aligned, **chosen.for_stage("field"))
-    smoothed = com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **given(*TORQUERS))
-    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
-    angular = {
-        v: com_offset.angular_acceleration(
-            smoothed, aligned, variant=v, **chosen.for_stage("angular_acceleration"), **given(*TORQUERS_WITH_SIGMA)
-        )
-        for v in VARIANTS
-    }
-    solved = [
-        com_offset.solve(aligned, smoothed, angular[v], quiet, variant=v, **chosen.for_stage("solve")) for v in VARIANTS
-    ]
-    return com_offset.combine(*solved, **chosen.for_stage("combine"))
-
-
 #: Level-1 products read, most wanted first.
 PRODUCTS = {
     "acc": ("ACC1A",),
@@ -44,3 +24,89 @@ PRODUCTS = {
     "clk": ("CLK1B",),
 }
 ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
+
+
+@flow(name="com_offset")
+def calibrate(source, chosen):
+    """Offset of the centre of mass from the manoeuvres of one day."""
+    satellite = catalog.satellite(source.satellite).settings()
+    torquers, with_sigma = ({n: satellite[n] for n in names} for names in (TORQUERS, TORQUERS_WITH_SIGMA))
+    files = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
+    found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
+    aligned = com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))
+    checked = com_offset.field(aligned, **chosen.for_stage("field"))
+    surveyed = com_offset.survey(aligned, checked)
+    smoothed = com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **torquers)
+    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
+    angular, solved = [], []
+    for variant in VARIANTS:
+        settings = chosen.for_stage("angular_acceleration") | with_sigma | {"variant": variant}
+        angular.append(com_offset.angular_acceleration(smoothed, aligned, **settings))
+        equations = (aligned, smoothed, angular[-1], quiet)
+        solved.append(com_offset.solve(*equations, variant=variant, **chosen.for_stage("solve")))
+    combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
+    products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found)
+    return com_offset.report(*products, **_report_settings(source, chosen))
+
+
+def _report_settings(source, chosen):
+    """What the report says beside the products: all settings and what was published of the event."""
+    values = {name: entry.value for name, entry in chosen.entries.items()}
+    return {"event": source.event, "satellite": source.satellite, "settings": values}
+
+
+@flow(name="com_offset_detect")
+def detect(source, chosen):
+    """Manoeuvres of one day."""
+    magnetometer = common.ingest(source.file(*PRODUCTS["mag"]), event=source.event)
+    return com_offset.detect(magnetometer, **chosen.for_stage("detect"))
+
+
+def source(*, event=None, data=None, satellite=None, date=None):
+    """Source of a catalogue event or of a folder."""
+    return common.source_of("com_offset", ("ACC1A",), event=event, data=data, satellite=satellite, date=date)
+
+
+def document(ref):
+    """Result document of a report product, with the keys of everything it was made from."""
+    result = json.loads((ref.folder / "result.json").read_text())
+    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
+    return result
+
+
+def detected(ref):
+    """Document with the manoeuvres of a detect product."""
+    found = read(ref)
+    kinds = ("roll", "pitch", "yaw")
+    columns = (found[name].values for name in ("kind", "start", "stop"))
+    rows = [{"kind": kinds[int(k)], "start": float(a), "stop": float(b)} for k, a, b in zip(*columns, strict=True)]
+    return {"event": ref.event, "manoeuvres": rows}
+
+
+def simulate(out, *, seed, truth, effects, settings):
+    """Write the Level-1 files of an invented day; returns its truth, written to `truth` if that is given.
+
+    Parameters
+    ----------
+    out : folder
+    seed : source of everything random
+    truth : file for the truth, or None
+    effects : {"slug.parameter": value}
+    settings : {parameter of the simulation: text or value}
+    """
+    from gravcal.data import writers
+    from gravcal.simulation import com_offset as simulation
+    from gravcal.simulation.injection import by_slug
+
+    chosen = catalog.parameters("simulate_com_offset").with_settings(settings)
+    satellite = catalog.satellite(chosen.satellite).settings()
+    day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()
+    columns, invented = simulation.simulate(satellite, chosen, day, seed, by_slug(effects))
+    Path(out).mkdir(parents=True, exist_ok=True)
+    for product, values in columns.items():
+        writers.write(values, Path(out) / writers.file_name(product, chosen.date, chosen.satellite))
+    invented |= {"satellite": chosen.satellite, "date": chosen.date}
+    if truth is not None:
+        Path(truth).parent.mkdir(parents=True, exist_ok=True)
+        Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
+    return invented

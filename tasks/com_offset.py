@@ -17,6 +17,8 @@ angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
 solve_science = lazy("gravcal.calibrations.com_offset.solve")
 combine_science = lazy("gravcal.calibrations.com_offset.combine")
 
+report_science = lazy("gravcal.report.com_offset_delivery")
+
 KINDS = {
     "com_offset.detect": schemas.DETECT,
     "com_offset.align": align_schema.ALIGN,
@@ -27,6 +29,7 @@ KINDS = {
     "com_offset.angular_acceleration": schemas.ANGULAR,
     "com_offset.solve": schemas.SOLVE,
     "com_offset.combine": schemas.COMBINE,
+    "com_offset.report": schemas.REPORT,
 }
 for _kind, _schema in KINDS.items():
     product.register(_kind, _schema)
@@ -142,3 +145,22 @@ def combine(*solved, method, determined_sigma_um, consistency_level):
     return combine_science.combine(
         *solved, method=method, determined_sigma_um=determined_sigma_um, consistency_level=consistency_level
     )
+
+
+@stage(
+    reads=[
+        "com_offset.combine",
+        *["com_offset.solve"] * 4,
+        *["com_offset.angular_acceleration"] * 4,
+        "com_offset.attitude",
+        "com_offset.survey",
+        "com_offset.field",
+        "com_offset.align",
+        "com_offset.detect",
+    ],
+    writes="com_offset.report",
+    version=1,
+)
+def report(*products, event, satellite, settings):
+    """Result document, page and line of the sequence-of-events file."""
+    return report_science.report(*products, event=event, satellite=satellite, settings=settings)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from gravcal.data import product
+from gravcal.data import product, store
 from gravcal.errors import ProductError
 from tasks.stage import lazy, stage
 
 readers = lazy("gravcal.data.readers")
-align_science = lazy("gravcal.calibrations.align")
 
 product.register("ingest", product.ANY)
 
@@ -52,6 +52,80 @@ class Source:
             folder=str(self.folder),
             products=products,
         )
+
+
+def source_of(calibration: str, products, *, event=None, data=None, satellite=None, date=None) -> Source:
+    """Source of a catalogue event or of any folder of Level-1 files.
+
+    Parameters
+    ----------
+    calibration : its name
+    products : product that tells satellite and day of a folder
+    event : name in the catalogue; its files are looked for in GRAVCAL_DATA
+    data : folder; satellite, date : where it holds several
+    """
+    if event is not None:
+        return _from_catalogue(calibration, event)
+    folder = Path(data)
+    if not folder.is_dir():
+        raise ProductError(
+            f"{folder}: found no folder, expected one with Level-1 files. Check --data.", folder=str(folder)
+        )
+    found = [f for f in readers.inventory(folder) if f.product in products]
+    letters = sorted({f.satellite for f in found})
+    dates = sorted({f.date for f in found if satellite in (None, f.satellite)})
+    satellite = satellite or _only(folder, letters, "satellite", "--satellite")
+    date = date or _only(folder, dates, "day", "--date")
+    mission = "grace" if satellite in "ABCD" else {"T": "taiji", "S": "demo"}.get(satellite, "event")
+    return Source(f"{mission}-{satellite.lower()}-{date}", satellite, date, folder)
+
+
+def _from_catalogue(calibration, event):
+    """Source of an event of the catalogue; the folder is that of GRAVCAL_DATA, its own sub-folder first."""
+    from gravcal.data import catalog
+
+    entry = catalog.event(event)
+    if entry.calibration != calibration or entry.date is None:
+        raise ProductError(
+            f"event {event}: found a {entry.calibration} event of {entry.date or 'unknown date'}, expected one of "
+            f"{calibration} with a date. Choose another event."
+        )
+    root = os.environ.get("GRAVCAL_DATA")
+    if not root:
+        raise ProductError(
+            f"event {event}: GRAVCAL_DATA is not set, expected the folder with the Level-1 files of {entry.date}. "
+            f"Set it, or use --data DIR."
+        )
+    own = Path(root) / event
+    return Source(event, "".join(entry.letters), str(entry.date), own if own.is_dir() else Path(root))
+
+
+def _only(folder, found, what, option):
+    """The one satellite or day of a folder."""
+    if len(found) == 1:
+        return found[0]
+    have = f"{what}s {', '.join(found)}" if found else f"no Level-1 file of this calibration and no {what}"
+    raise ProductError(f"{folder}: found {have}, expected one {what}. Give {option}, or another --data.", found=found)
+
+
+def product_keys(ref) -> dict[str, str]:
+    """Keys of all products that a product was made from, by stage name.
+
+    Parameters
+    ----------
+    ref : ProductRef
+    """
+    record = store.read_record(ref.folder)
+    found = {}
+    for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
+        if "key" not in part:
+            continue
+        name = f"{label['kind']}.{label['variant']}" if label["variant"] else label["kind"]
+        found[name] = part["key"]
+        below = store.find(part["key"])
+        if below is not None:
+            found |= product_keys(below)
+    return dict(sorted(found.items()))
 
 
 def read_file(file):

@@ -18,8 +18,8 @@ from gravcal.physics import frames
 
 VECTORS = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")
 JOINED = dict.fromkeys(VECTORS, (0, 3)) | {"time_acc": (0,), "gradient_b": (0, 3, 3), "sca_modes": (6, 0, 3)}
-#: Prior of the torque scale where no manoeuvre is there, so loose that it does not pull.
-SURVEY_SCALE_SIGMA = 10.0
+#: Degree of the slow torque where no manoeuvre is there and control goes on.
+SURVEY_DEGREE = 5
 WHITE = [NoiseModel(np.zeros(0), np.ones(1), 1.0)] * 3
 
 
@@ -127,8 +127,10 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
         step_s=settings["integration_step_s"],
         iterations=settings["iteration_limit"],
     )
-    if found[0].rod < 0:  # nothing is calibrated: let the torque be measured
-        choice = replace(choice, scale_sigma=SURVEY_SCALE_SIGMA, shift_sigma=0.0)
+    if found[0].rod < 0:  # nothing is calibrated: follow the controlled attitude, hold the torquers
+        choice = replace(
+            choice, torque_degree=max(choice.torque_degree, SURVEY_DEGREE), scale_sigma=0.0, shift_sigma=0.0
+        )
     fits, noise = fit_all(found, choice, settings["attitude_noise_order"])
     filters = {name: settings[name] for name in ("lowpass_hz", "half_width_s", "step_s")}
     timings = fit_timing(

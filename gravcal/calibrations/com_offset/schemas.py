@@ -274,3 +274,9 @@ COMBINE = {
     "start": {"dims": "manoeuvre", "units": "s", "long_name": "first edge, middle of its interval"},
     "stop": {"dims": "manoeuvre", "units": "s", "long_name": "last edge, middle of its interval"},
 }
+
+REPORT = {
+    "offset": {"dims": "axis", "units": "m", "frame": "b", "long_name": "proof mass to centre of mass, adopted"},
+    "sigma": {"dims": "axis", "units": "m", "frame": "b", "long_name": "its standard deviation"},
+    "sigma_total": {"dims": "axis", "units": "m", "frame": "b", "long_name": "with inertia and dipole per current"},
+}

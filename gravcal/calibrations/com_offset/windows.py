@@ -66,12 +66,11 @@ def _manoeuvres(aligned):
 
 
 def _survey(aligned):
-    """Two arcs of a record without manoeuvre, no rod excited: all of it, and what the torquer telemetry covers."""
+    """One arc at the beginning of a record without manoeuvre, no rod excited."""
     start = float(aligned["window_start"][0])
-    attitude = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
-    telemetry = min(attitude, float(aligned["time_mag"].values[-1]))
-    ends = [np.array([start, stop]) for stop in (attitude, telemetry)]
-    return [(-1, end, end, None, np.zeros(0)) for end in ends]
+    stop = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
+    ends = np.array([start, stop])
+    return [(-1, ends, ends, None, np.zeros(0))]
 
 
 def _window(aligned, field, part, inertia, per_current, full):

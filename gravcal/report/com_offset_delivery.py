@@ -1,0 +1,62 @@
+"""What a run delivers: the result document, the page, and the line for the sequence-of-events file."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.schemas import REPORT
+from gravcal.data import product
+from gravcal.data.schemas import validate
+from gravcal.report import com_offset
+
+
+def report(*products, event, satellite, settings):
+    """Report product of one event and its files.
+
+    Parameters
+    ----------
+    products : Dataset, combine, four solve, four angular_acceleration, attitude, survey, field, align, detect
+    event : str
+    satellite : letter
+    settings : mapping of all parameters
+
+    Returns
+    -------
+    dataset : Dataset, "com_offset.report"
+    files : {name: text or bytes}
+    """
+    combined, solved, angular = products[0], products[1:5], products[5:9]
+    smoothed, surveyed, checked, aligned, detected = products[9:]
+    provenance = {"products": {name: product.digest(d)[:12] for name, d in _named(products).items()}}
+    arguments = {"event": event, "provenance": provenance, "settings": settings}
+    document = com_offset.document(combined, solved, smoothed, checked, detected, surveyed, **arguments)
+    validate(document)
+    files = {"result.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
+    line = com_offset.vcm_line(document, satellite)
+    if line is not None:
+        files["result.vcm"] = line + "\n"
+    if hasattr(com_offset, "page"):
+        files["report.html"] = com_offset.page(
+            document, combined, solved, angular, smoothed, surveyed, checked, aligned, detected
+        )
+    return _dataset(document), files
+
+
+def _named(products):
+    """Products by the stage that made them."""
+    names = ["combine", *(f"solve.{d.attrs['variant']}" for d in products[1:5])]
+    names += [f"angular_acceleration.{d.attrs['variant']}" for d in products[5:9]]
+    names += ["attitude", "survey", "field", "align", "detect"]
+    return dict(zip((f"com_offset.{n}" for n in names), products, strict=True))
+
+
+def _dataset(document):
+    """Adopted offset and its errors, NaN where not determined."""
+    name = document.get("adopted", {}).get("variant")
+    block = document["variants"][name] if name else {}
+    number = lambda key: [np.nan if v is None else 1e-6 * v for v in block.get(key, [None] * 3)]  # noqa: E731
+    values = {key: number(f"{key}_um") for key in ("offset", "sigma", "sigma_total")}
+    return build(REPORT, values, status=document["status"], adopted=name or "none", event=document["event"])
