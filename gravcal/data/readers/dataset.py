@@ -75,16 +75,16 @@ def _named_in(header, file):
 
 
 def _check_columns(header, table: Product, where):
-    """The columns a YAML header lists have to be those of the table, in its order."""
+    """The columns a YAML header lists have to be those of the table, in its order; optional ones may be left out."""
     if not header.names:
         return
-    exchanged = reordered(table, table.swapped_in_header)
     found = [n for n in map(_plain, header.names) if n not in map(_plain, table.header_only)]
-    for known in (table, exchanged):
-        expected = [c.file_name for c in (*known.columns, *known.optional, *known.repeated)]
-        if found == [_plain(n) for n in expected]:
+    for known in (table, reordered(table, table.swapped_in_header)):
+        fixed = [_plain(c.file_name) for c in known.columns]
+        expected = fixed + [_plain(c.file_name) for c in (*known.optional, *known.repeated)]
+        if [n for n in expected if n in found] == found and set(fixed) <= set(found):
             return
-    differing = sorted(set(found) ^ set(map(_plain, expected))) or "the same ones in another order"
+    differing = sorted((set(found) - set(expected)) | (set(fixed) - set(found))) or "the same ones in another order"
     refuse(
         where,
         f"columns in the header that differ from the table of {table.name}: {differing}",

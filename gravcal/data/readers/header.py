@@ -45,11 +45,12 @@ def _yaml_header(data, where):
     size = end + len(YAML_END)
     tree = _yaml(data[:end], where)
     try:
-        loose = {**tree["global_attributes"], **tree.get("non-standard_attributes", {})}
-        names = tuple(str(next(iter(v))) for v in tree.get("variables") or ())
-        declared = int(tree["dimensions"]["num_records"])
+        loose = {**(tree.get("global_attributes") or {}), **(tree.get("non-standard_attributes") or {})}
+        names = tuple(v if isinstance(v, str) else str(next(iter(v))) for v in tree.get("variables") or ())
+        declared = (tree.get("dimensions") or {}).get("num_records")
+        declared = None if declared is None else int(declared)
     except (KeyError, TypeError, ValueError, AttributeError) as reason:
-        refuse(where, f"a header without {reason}", "dimensions, global_attributes, variables", "The file is damaged.")
+        refuse(where, f"a header without {reason}", "attributes and variables as YAML", "The file is damaged.")
     notes = {k: str(loose[k]) for k in KEPT if k in loose}
     satellite = _letter(str(loose.get("platform", "")))
     return Header("yaml", False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
