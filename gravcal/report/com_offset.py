@@ -7,8 +7,10 @@ from gravcal.report import com_offset_parts as parts
 from gravcal.report import com_offset_verdict as verdicts
 from gravcal.report.plain import as_plain
 
+PAGE_PRODUCTS = ("combine", "solve", "angular_acceleration", "attitude", "survey", "field", "align", "detect")
 
-def document(combined, solved, smoothed, field, aligned, detected, *, event, provenance, settings):
+
+def document(combined, solved, smoothed, field, detected, survey=None, *, event, provenance, settings):
     """Document of one event, ready for JSON.
 
     Parameters
@@ -17,8 +19,8 @@ def document(combined, solved, smoothed, field, aligned, detected, *, event, pro
     solved : sequence of Dataset, "com_offset.solve", one for each angular acceleration
     smoothed : Dataset, "com_offset.attitude"
     field : Dataset, "com_offset.field"
-    aligned : Dataset, "com_offset.align"
     detected : Dataset, "com_offset.detect"
+    survey : Dataset, "com_offset.survey", or None
     event : str
     provenance : mapping, "products" {stage: key} and what else is known
     settings : mapping, all parameters; requirement_um, accuracy_um, consistency_level are used here
@@ -38,11 +40,11 @@ def document(combined, solved, smoothed, field, aligned, detected, *, event, pro
         "record": parts.record(detected),
         "field_check": parts.field_check(field),
         "attitude": parts.attitude(smoothed),
-        "roll_response": parts.roll(aligned, field),
+        "roll_response": parts.roll_response(survey, settings),
     }
     tail = {"settings": as_plain(settings), "provenance": as_plain(provenance)}
     if detected.sizes["manoeuvre"] == 0 or combined is None:
-        reason = f"No manoeuvre in the torquer currents{parts.span_text(detected)}."
+        reason = f"No manoeuvre in the torquer currents{parts.span_text(detected)}: nothing to calibrate."
         return head | {"verdict": {"text": reason}, "manoeuvres": []} | measured | tail
     return head | _estimates(combined, solved, smoothed, field, detected, settings) | measured | tail
 
@@ -57,14 +59,32 @@ def _estimates(combined, solved, smoothed, field, detected, settings):
     return {
         "status": "delivered" if found else "failed",
         "verdict": verdicts.verdict(variants, adopted, consistency, settings),
+        "method": combined.attrs.get("method", "gravcal"),
         "adopted": adopted,
         "variants": variants,
-        "manoeuvres": parts.manoeuvres(combined, smoothed, field, detected),
+        "manoeuvres": parts.manoeuvres(combined, smoothed, field, detected, settings),
         "delays_s": parts.delays(smoothed),
-        "scales": parts.scales(smoothed),
+        "scales": parts.scales(smoothed, settings),
         "consistency": consistency,
         "noise": parts.noise(solved),
     }
+
+
+def page(document, *products, published=None, vcm=None):
+    """Page of one event, one self-contained HTML text.
+
+    Parameters
+    ----------
+    document : dict of `document`
+    products : Dataset, "com_offset.combine"; four "solve"; four "angular_acceleration"; "attitude", "survey", "field",
+        "align", "detect"; what is missing may be None and leaves out its figure
+    published : {section: records} as the catalogue gives them for this event; None where nothing was printed
+    vcm : line of `vcm_line`, or None
+    """
+    from gravcal.report import com_offset_page
+
+    given = dict(zip(PAGE_PRODUCTS, products, strict=True))
+    return com_offset_page.page(document, given, published or {}, vcm)
 
 
 def vcm_line(document, satellite):

@@ -3,11 +3,12 @@
 import numpy as np
 
 from gravcal.report.plain import chi_square_test, estimate, gps_text, number, numbers, offset_block
-from gravcal.report.roll_response import roll_response
 
 KINDS = ("roll", "pitch", "yaw")
 HIGH_LATITUDE = np.radians(45.0)
 WAVE_HZ = 1 / 12
+SCALE_SHARE = 0.5  # of its prior: a torque scale known no better says nothing of its own
+ANGULAR_LIMIT = 0.2
 
 
 def variants(combined):
@@ -28,17 +29,19 @@ def _variant(combined, index):
     return block | {"sigma_total_um": total["sigma_um"], "covariance_total_um2": total["covariance_um2"]}
 
 
-def manoeuvres(combined, smoothed, field, detected):
+def manoeuvres(combined, smoothed, field, detected, settings):
     """One entry for each manoeuvre, in order of time.
 
     Parameters
     ----------
     combined, smoothed, field, detected : Dataset, "com_offset.combine", "attitude", "field", "detect"
+    settings : mapping with torque_scale_sigma, the prior
     """
-    return [_manoeuvre(combined, smoothed, field, detected, i) for i in range(combined.sizes["manoeuvre"])]
+    each = [_manoeuvre(combined, field, detected, i) for i in range(combined.sizes["manoeuvre"])]
+    return [one | _instruments(smoothed, settings, i) for i, one in enumerate(each)]
 
 
-def _manoeuvre(combined, smoothed, field, detected, index):
+def _manoeuvre(combined, field, detected, index):
     start, stop = (float(combined[name].values[index]) for name in ("start", "stop"))
     latitude = _latitude(field, (start + stop) / 2)
     names = combined.attrs["variants"].split()
@@ -51,10 +54,17 @@ def _manoeuvre(combined, smoothed, field, detected, index):
         "latitude_deg": None if latitude is None else float(np.degrees(latitude)),
         "latitude_class": None if latitude is None else "high" if abs(latitude) > HIGH_LATITUDE else "low",
         "variants": {name: _single(combined, i, index) for i, name in enumerate(names)},
+    }
+
+
+def _instruments(smoothed, settings, index):
+    """Edge shifts, scales and residual of one manoeuvre; a scale that only repeats its prior is not determined."""
+    limit = SCALE_SHARE * float(settings["torque_scale_sigma"])
+    return {
         "acc_shift_s": _pick(smoothed, "acc_shift", index),
         "sca_shift_s": _pick(smoothed, "sca_shift", index),
-        "torque_scale": _pick(smoothed, "torque_scale", index),
-        "angular_scale": _pick(smoothed, "angular_scale", index),
+        "torque_scale": _pick(smoothed, "torque_scale", index, limit),
+        "angular_scale": _pick(smoothed, "angular_scale", index, ANGULAR_LIMIT),
         "attitude_rms_urad": numbers(1e6 * smoothed["residual_rms"].values[index]),
     }
 
@@ -70,8 +80,10 @@ def _single(combined, variant, index):
     return block | {"fit": fit}
 
 
-def _pick(smoothed, name, index):
-    return estimate(smoothed[name].values[index], smoothed[f"{name}_sigma"].values[index])
+def _pick(smoothed, name, index, limit=np.inf):
+    """Value and error of one manoeuvre where the error is below a limit."""
+    sigma = smoothed[f"{name}_sigma"].values[index]
+    return estimate(smoothed[name].values[index], np.where(sigma < limit, sigma, np.nan))
 
 
 def _latitude(field, time):
@@ -95,29 +107,31 @@ def delays(smoothed):
     }
 
 
-def scales(smoothed):
+def scales(smoothed, settings):
     """Scales of torque and angular accelerometer, weighted means over the manoeuvres.
 
     Parameters
     ----------
     smoothed : Dataset, "com_offset.attitude"
+    settings : mapping with torque_scale_sigma, the prior
 
     Returns
     -------
     scales : {"torque", "angular"}, each {"value", "sigma"} per axis; null where no manoeuvre turns the axis
     """
+    limit = SCALE_SHARE * float(settings["torque_scale_sigma"])
     return {
-        "torque": _mean(smoothed["torque_scale"].values, smoothed["torque_scale_sigma"].values, 0.09),
-        "angular": _mean(smoothed["angular_scale"].values, smoothed["angular_scale_sigma"].values, 0.2),
+        "torque": _mean(smoothed["torque_scale"].values, smoothed["torque_scale_sigma"].values, limit),
+        "angular": _mean(smoothed["angular_scale"].values, smoothed["angular_scale_sigma"].values, ANGULAR_LIMIT),
     }
 
 
 def _mean(values, sigmas, limit):
     """Weighted mean per axis of what is known better than the limit."""
-    known = np.isfinite(values) & np.isfinite(sigmas) & (sigmas > 0)
+    known = np.isfinite(values) & (sigmas > 0) & (sigmas < limit)
     weight = np.where(known, 1 / np.where(known, sigmas, 1.0) ** 2, 0.0)
     total = weight.sum(axis=0)
-    seen = total > limit**-2
+    seen = total > 0
     mean = np.sum(weight * np.where(known, values, 0.0), axis=0) / np.where(seen, total, 1.0)
     return estimate(np.where(seen, mean, np.nan), np.where(seen, 1 / np.sqrt(np.where(seen, total, 1.0)), np.nan))
 
@@ -150,14 +164,27 @@ def attitude(smoothed):
     return {"rms_urad": numbers(1e6 * rms), "samples": len(residual)}
 
 
-def roll(aligned, field):
-    """Slope of roll acceleration on (m x B)_x, for records without a manoeuvre.
+def roll_response(survey, settings):
+    """Slope of the measured roll acceleration on (m x B)_x, beside what the catalogue expects.
 
     Parameters
     ----------
-    aligned, field : Dataset, "com_offset.align", "com_offset.field"
+    survey : Dataset, "com_offset.survey", or None
+    settings : mapping; roll_response and roll_response_sigma of the satellite, if known
+
+    Returns
+    -------
+    response : {"value", "sigma", "unit", "samples", "expected"}, or None
     """
-    return None if aligned.sizes["manoeuvre"] else roll_response(aligned, field)
+    if survey is None:
+        return None
+    slope = estimate(survey["slope"].values, survey["slope_sigma"].values)
+    if slope["value"] is None:
+        return None
+    seen = np.isfinite(survey["roll_torque"].values) & np.isfinite(survey["roll_acceleration"].values)
+    known = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
+    expected = None if None in known else estimate(*known)
+    return slope | {"unit": survey["slope"].attrs["units"], "samples": int(seen.sum()), "expected": expected}
 
 
 def noise(solved):

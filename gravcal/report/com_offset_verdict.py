@@ -115,10 +115,10 @@ def _offset_text(block, name):
 
 
 def _requirement_text(within, limit):
-    words = {"within": "within", "exceeds": "above", "undecided": "too close to call at", "undetermined": "not tested:"}
+    words = {"within": "met in", "exceeds": "exceeded in", "undecided": "undecided in", "undetermined": "not tested in"}
     groups = [(words[w], [a for a, own in zip(AXES, within, strict=True) if own == w]) for w in words]
-    told = [f"{word} {limit:g} um: {', '.join(axes)}" for word, axes in groups if axes]
-    return f"Requirement, {'; '.join(told)}."
+    told = [f"{word} {', '.join(axes)}" for word, axes in groups if axes]
+    return f"Requirement of {limit:g} um {'; '.join(told)}."
 
 
 def _accuracy_text(met, accuracy):
@@ -130,4 +130,4 @@ def _accuracy_text(met, accuracy):
 
 def _consistency_text(manoeuvres, variants):
     words = {None: "were not compared", True: "agree", False: "DISAGREE"}
-    return f"Manoeuvres {words[manoeuvres]}, angular accelerations {words[variants]}."
+    return f"Manoeuvres {words[manoeuvres]}; angular accelerations {words[variants]}."

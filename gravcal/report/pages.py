@@ -1,0 +1,47 @@
+"""Pages of the reports: templates of the package filled in, one self-contained file each."""
+
+import hashlib
+from functools import lru_cache
+from importlib import resources
+
+TEMPLATES = ("report.css", "parts.html", "com_offset.html", "com_offset_history.html")
+
+
+def render(template, **content):
+    """Page of a template; the same content gives the same text.
+
+    Parameters
+    ----------
+    template : name of a file of this package
+    content : what the template names
+    """
+    return _environment().get_template(template).render(css=_text("report.css"), **content)
+
+
+def digest():
+    """Digest of all templates, for a stage whose product must change with them.
+
+    Returns
+    -------
+    digest : str, hexadecimal
+    """
+    return hashlib.sha256("\0".join(_text(name) for name in TEMPLATES).encode()).hexdigest()
+
+
+def _text(name):
+    """Text of a file of this package."""
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")
+
+
+@lru_cache(maxsize=1)
+def _environment():
+    """Templates that escape what they are given and refuse what they are not."""
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.FunctionLoader(_text),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
