@@ -1,0 +1,154 @@
+"""Segments of a roll: which are good, and the bias of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gravcal.methods import estimation
+from gravcal.physics import sensing
+
+
+@dataclass(frozen=True)
+class Model:
+    """What stands in a segment beside the bias.
+
+    Attributes
+    ----------
+    trend_degree : of the polynomial; its mean over the segment is the constant
+    amplitude_degree : of the polynomials by which non-gravitational accelerations change (published: 1)
+    with_offset : keep the term of the offset (published: may be dropped; erratum T-10 says no)
+    """
+
+    trend_degree: int
+    amplitude_degree: int
+    with_offset: bool = True
+
+
+def cut(time: np.ndarray, step_s: float, segment_s: float) -> list[slice]:
+    """Slices of segments that hold no gap.
+
+    Parameters
+    ----------
+    time : (b,) s, middles of bins; step_s : s; segment_s : s, length wanted
+    """
+    length = int(round(segment_s / step_s))
+    breaks = np.flatnonzero(np.diff(time) > 1.5 * step_s) + 1
+    bounds = [0, *breaks.tolist(), time.size]
+    return [
+        slice(first, first + length)
+        for a, b in zip(bounds[:-1], bounds[1:], strict=True)
+        for first in range(a, b - length + 1, length)
+    ]
+
+
+def uniformity(rate_b: np.ndarray) -> float:
+    """Relative standard deviation of the rate about y; NaN where rates are missing.
+
+    Parameters
+    ----------
+    rate_b : (b, 3) rad s-1
+    """
+    return float(np.std(rate_b[:, 1]) / np.abs(np.mean(rate_b[:, 1])))
+
+
+def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
+    """Tensor of the offset in the bins of a segment; the rate of rolling changes as its straight line (b, 3, 3) s-2.
+
+    Parameters
+    ----------
+    rate_b : (b, 3) rad s-1; gradient_b : (b, 3, 3) s-2; step_s : s
+    """
+    u = step_s * np.arange(rate_b.shape[0])
+    u = u - u.mean()
+    slope = (u @ (rate_b - rate_b.mean(axis=0))) / (u @ u)
+    return sensing.offset_tensor(rate_b, np.broadcast_to(slope, rate_b.shape), gradient_b)
+
+
+def solve_axis(axis: int, reading: np.ndarray, R_bo: np.ndarray, model: Model) -> tuple[float, float, np.ndarray]:
+    """Constant of one readout over a segment.
+
+    Parameters
+    ----------
+    axis : 0 x, 1 y, 2 z; reading : (b,) any unit, offset term already taken off
+    R_bo : (b, 3, 3); model : Model
+
+    Returns
+    -------
+    constant, sigma : unit of the reading; residual : (b,)
+
+    Notes
+    -----
+    k V = -b + trend + sum_J c_iJ (a_J t + a_0J); Remote Sens. 2023, 15, 3817, eqs. 14 and 15 with direction cosines
+    (erratum T-3). About y the cosine with y is constant: nothing is fitted, the constant holds b and a_0 (T-9).
+    """
+    u = np.linspace(-1, 1, reading.size)
+    trend = np.polynomial.legendre.legvander(u, model.trend_degree)
+    change = np.polynomial.legendre.legvander(u, model.amplitude_degree)
+    turning = () if axis == 1 else (0, 2)
+    design = np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
+    covariance = estimation.stable_inverse(design.T @ design)
+    value = covariance @ (design.T @ reading)
+    residual = reading - design @ value
+    variance = residual @ residual / (reading.size - design.shape[1])
+    return float(value[0]), float(np.sqrt(variance * covariance[0, 0])), residual
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Constants of all segments.
+
+    Attributes
+    ----------
+    time : (s,) s, middles; used : (s,) bool; uniformity, share : (s,)
+    constant, sigma : (s, 3) m s-2, of k V with the offset term taken off; minus the bias for x and z
+    volt : (s, 3) V, the same before scaling, offset term included
+    offset_slope : (s, 3, 3) s-2, mean tensor: change of k V by the offset
+    """
+
+    time: np.ndarray
+    used: np.ndarray
+    uniformity: np.ndarray
+    share: np.ndarray
+    constant: np.ndarray
+    sigma: np.ndarray
+    volt: np.ndarray
+    offset_slope: np.ndarray
+
+
+def solve(bins: dict, k: np.ndarray, offset: np.ndarray, model: Model, limits: dict) -> Segments:
+    """Constants of every segment.
+
+    Parameters
+    ----------
+    bins : of roll_bins.reduced, several spans joined
+    k : (3,) m s-2 V-1; offset : (3,) m, centre of mass to test mass
+    model : Model
+    limits : {"step_s", "segment_s" s; "uniformity" 1; "share" 1}
+    """
+    rows = []
+    for part in cut(bins["time"], limits["step_s"], limits["segment_s"]):
+        one = {name: values[part] for name, values in bins.items()}
+        whole = np.isfinite(one["linear_volt"]).all() and np.isfinite(one["R_bo"]).all()
+        whole = whole and np.isfinite(one["rate_b"]).all()
+        even = uniformity(one["rate_b"]) if whole else np.nan
+        share = float(one["share"].min())
+        used = bool(whole and even <= limits["uniformity"] and share >= limits["share"])
+        solved = _segment(one, k, offset, model, limits["step_s"]) if whole else _nothing()
+        rows.append((float(np.mean(one["time"])), used, even, share, *solved))
+    columns = zip(*rows, strict=True) if rows else [[]] * 8
+    return Segments(*(np.array(column) for column in columns))
+
+
+def _segment(one, k, offset, model, step_s):
+    """Constant, sigma, volt and mean tensor of one segment."""
+    tensor = offset_terms(one["rate_b"], one["gradient_b"], step_s)
+    felt = np.matvec(tensor, offset) if model.with_offset else np.zeros((tensor.shape[0], 3))
+    solved = [solve_axis(i, k[i] * one["linear_volt"][:, i] - felt[:, i], one["R_bo"], model) for i in range(3)]
+    volt = [solve_axis(i, one["linear_volt"][:, i], one["R_bo"], model)[0] for i in range(3)]
+    return np.array([s[0] for s in solved]), np.array([s[1] for s in solved]), np.array(volt), tensor.mean(axis=0)
+
+
+def _nothing():
+    return np.full(3, np.nan), np.full(3, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)

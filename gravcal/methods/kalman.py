@@ -1,0 +1,95 @@
+"""Kalman filter for constants: recursive least squares, one observation after the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """Estimates as they develop.
+
+    Attributes
+    ----------
+    value : (n, p) after each observation
+    sigma : (n, p) square root of the diagonal of the covariance
+    covariance : (p, p) at the end
+    """
+
+    value: np.ndarray
+    sigma: np.ndarray
+    covariance: np.ndarray
+
+
+def filter_constants(
+    observed: np.ndarray, design: np.ndarray, value: np.ndarray, covariance: np.ndarray, noise_variance: np.ndarray
+) -> Filtered:
+    """Estimate constants from scalar observations y = H x + e, in their order.
+
+    Parameters
+    ----------
+    observed : (n,) any unit
+    design : (n, p), the rows H
+    value : (p,) before the first observation
+    covariance : (p, p) of that value; large for a free start
+    noise_variance : (n,) squared unit, of e; observations are independent
+
+    Returns
+    -------
+    filtered : Filtered
+
+    Notes
+    -----
+    K = P H' / (H P H' + R), x + K (y - H x), P (1 - K H)' from both sides plus K R K'; Remote Sens. 2023, 15, 3817,
+    eqs. 21 to 23 with transition 1 and no process noise. The end equals least squares with the start as an
+    observation (erratum T-7).
+    """
+    design = np.ascontiguousarray(design, dtype=float)
+    noise = np.broadcast_to(np.asarray(noise_variance, dtype=float), design.shape[:1])
+    return Filtered(
+        *_run(
+            np.ascontiguousarray(observed, dtype=float),
+            design,
+            np.array(value, dtype=float),
+            np.array(covariance, dtype=float),
+            np.ascontiguousarray(noise),
+        )
+    )
+
+
+@numba.njit(cache=True)
+def _run(observed, design, x, P, noise):
+    n, p = design.shape
+    values, sigmas = np.empty((n, p)), np.empty((n, p))
+    for t in range(n):
+        h = design[t]
+        Ph = P @ h
+        total = noise[t] + h @ Ph
+        K = Ph / total
+        x = x + K * (observed[t] - h @ x)
+        left = np.eye(p) - np.outer(K, h)
+        P = left @ P @ left.T + noise[t] * np.outer(K, K)
+        P = (P + P.T) / 2
+        values[t] = x
+        for i in range(p):
+            sigmas[t, i] = np.sqrt(P[i, i])
+    return values, sigmas, P
+
+
+def free_start(design: np.ndarray, noise_variance: np.ndarray, width: float = 1e5) -> np.ndarray:
+    """Covariance of a start that says nothing: `width` times what all observations together will know.
+
+    Parameters
+    ----------
+    design : (n, p); noise_variance : (n,) squared unit
+    width : 1, ratio of standard deviations; the start then weighs 1 / width^2
+
+    Returns
+    -------
+    covariance : (p, p) diagonal
+    """
+    information = np.sum(design**2 / np.broadcast_to(noise_variance, design.shape[:1])[:, None], axis=0)
+    return np.diag(width**2 / np.where(information > 0, information, 1.0))
