@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from flows import cli_campaign, cli_store
 from flows import cli_output as output
 from flows.engine import single_threaded
 
@@ -151,12 +152,17 @@ def report(
         output.say(str(path))
 
 
+app.command()(cli_campaign.campaign)
+app.add_typer(cli_store.products, name="products")
+app.command()(cli_store.history)
+app.command()(cli_store.rebuild)
+
+
 def main() -> None:
     """Entry point: errors of gravcal on one screen, others into a file."""
     from gravcal.errors import GravcalError
 
     single_threaded()
-    _add_store_commands()
     try:
         app()
     except GravcalError as error:
@@ -165,15 +171,6 @@ def main() -> None:
     except Exception as error:  # noqa: BLE001
         output.unexpected(error)
         sys.exit(1)
-
-
-def _add_store_commands():
-    """Commands on the store: products, history, rebuild."""
-    from flows import cli_store
-
-    app.add_typer(cli_store.products, name="products")
-    app.command()(cli_store.history)
-    app.command()(cli_store.rebuild)
 
 
 if __name__ == "__main__":

@@ -73,6 +73,18 @@ def manoeuvres(document, json_path):
     say(f"{len(rows)} manoeuvre(s)")
 
 
+def campaign(summary, json_path):
+    """Table of a campaign: what was delivered, what failed and why."""
+    if not to_screen(json_path):
+        return
+    names = ("event", "status", "made", "reused", "seconds")
+    rows = [
+        [*(row.get(name, "") for name in names), row.get("error") or row.get("report", "")] for row in summary["events"]
+    ]
+    table([*names, "report or reason"], rows)
+    say(", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items())))
+
+
 def table(heads, rows):
     """Table in plain columns, each as wide as its widest entry."""
     cells = [heads, *[[str(cell) for cell in row] for row in rows]]
@@ -136,6 +148,27 @@ def progress(title):
             counts[state] += 1
             done = f"{counts['made']} made, {counts['cached']} reused, last {call.unmade.stage}"
             bar.update(row, done=done)
+
+        yield listener
+
+
+@contextlib.contextmanager
+def events_progress(total):
+    """Listener that shows events done, failed and left, if standard error is a terminal; otherwise None."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.fields[said]}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        row, counts = bar.add_task("", total=total, said=""), {"done": 0, "failed": 0}
+
+        def listener(event):
+            counts["failed" if event["status"] == "failed" else "done"] += 1
+            left = total - counts["done"] - counts["failed"]
+            bar.update(row, advance=1, said=f"{counts['done']} done, {counts['failed']} failed, {left} left")
 
         yield listener
 

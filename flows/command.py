@@ -11,7 +11,7 @@ import typer
 
 from flows import cli_output, engine
 from gravcal.data import location
-from gravcal.errors import ProductError
+from gravcal.errors import CatalogError, ProductError
 
 EXIT = {"delivered": 0, "no_manoeuvre": 3, "failed": 1}
 
@@ -38,7 +38,12 @@ def chosen(calibration, settings):
     from gravcal.data import catalog
 
     flow_module(calibration)
-    return catalog.parameters(calibration).with_settings(pairs(settings))
+    try:
+        return catalog.parameters(calibration).with_settings(pairs(settings))
+    except CatalogError as error:
+        if settings:
+            raise typer.BadParameter(f"--set: {error}") from error
+        raise
 
 
 def pairs(texts):

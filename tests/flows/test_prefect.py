@@ -6,16 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
-
 from flows import engine, prefect_server
-
-
-@pytest.fixture(scope="module")
-def home(tmp_path_factory):
-    """Return one Prefect home for all tests here: the first start migrates its database."""
-    return tmp_path_factory.mktemp("prefect")
-
 
 RUNNER = """
 import importlib, json, sys, urllib.request
@@ -39,40 +30,40 @@ print(json.dumps({"key": ref.key, "states": states, "prefect": "prefect" in sys.
 """
 
 
-def run(pipeline, home, gain=1.0):
+def run(pipeline, prefect_home, gain=1.0):
     """Run the pipeline through Prefect in a process of its own."""
     import json
 
     command = [sys.executable, "-c", RUNNER, str(pipeline.folder.parent), pipeline.name, str(pipeline.raw), str(gain)]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")}
-    environment |= {"PREFECT_HOME": str(home)}
+    environment |= {"PREFECT_HOME": str(prefect_home)}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return json.loads(done.stdout)
 
 
-def test_stages_are_tasks_and_products_there_end_as_cached(pipeline, home):
+def test_stages_are_tasks_and_products_there_end_as_cached(pipeline, prefect_home):
     """Contract: silent; a second run starts nothing; after a changed setting what is reused shows as Cached."""
-    first = run(pipeline, home)
+    first = run(pipeline, prefect_home)
     assert first["runs"] == 1
     assert set(first["states"].values()) == {"Completed"}
     assert len(first["states"]) == 4
-    again = run(pipeline, home)
+    again = run(pipeline, prefect_home)
     assert again["key"] == first["key"]
     assert not again["prefect"]
-    changed = run(pipeline, home, 5.0)
+    changed = run(pipeline, prefect_home, 5.0)
     names = {name.removeprefix(f"{pipeline.name}."): state for name, state in changed["states"].items()}
     assert names == {"start": "Cached", "scale.one": "Completed", "scale.other": "Cached", "join": "Completed"}
 
 
-def test_the_server_dies_with_its_parent(home, monkeypatch):
+def test_the_server_dies_with_its_parent(prefect_home, monkeypatch):
     """Contract: kill -9 of gravcal leaves no server behind."""
     code = (
         "from flows import prefect_server as p; import time;"
         "s = p.begin(); print(s.child.pid, flush=True); p._wait_for(s); print('up', flush=True); time.sleep(60)"
     )
-    environment = os.environ | {"PREFECT_HOME": str(home)}
+    environment = os.environ | {"PREFECT_HOME": str(prefect_home)}
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
     child = int(parent.stdout.readline())
     assert parent.stdout.readline() == "up\n"

@@ -1,0 +1,93 @@
+"""An invented calibration that the command line can run, and one Prefect home for all tests."""
+
+import importlib
+import os
+import sys
+import textwrap
+
+import pytest
+
+import flows
+
+CALIBRATION = '''
+    """An invented calibration on the stages of {name}."""
+    from dataclasses import dataclass
+    from flows.engine import flow
+    from gravcal.data.archive import LevelOneFile
+    from gravcal.errors import CatalogError, EstimationError
+    from {name} import stages
+    from tasks.stage import read
+
+    @dataclass(frozen=True)
+    class Source:
+        event: str
+        folder: object
+
+    def source(event, data, satellite, date):
+        if event == "unheard":
+            raise CatalogError("event unheard: not in the catalogue, expected one of fake-1. Give one of these.")
+        return Source(event or (f"fake-{data.name}" if data.name.isdigit() else "fake-1"), data)
+
+    @flow(name="fakecal")
+    def calibrate(source, chosen):
+        file = LevelOneFile(source.folder / "MAG1B_2020-02-01_C_04.txt", None, "MAG1B", "C", "2020-02-01", "04")
+        started = stages.start(file, event=source.event, variant="", count=chosen.count, offset=0.0)
+        return stages.scale(started, variant="one", gain=chosen.gain)
+
+    detect = calibrate
+
+    def detected(ref):
+        return {{"manoeuvres": []}}
+
+    def document(ref):
+        total = float(read(ref)["value"].sum())
+        if total == 0:
+            raise EstimationError("fake-1: nothing is determined (0, limit 1). Use more.", limit=1)
+        status = "no_manoeuvre" if total < 0 else "delivered"
+        return {{"schema_version": 1, "status": status, "calibration": "fakecal", "event": ref.event, "total": total}}
+
+    def simulate(out, *, seed, truth, effects, settings):
+        out.mkdir(parents=True)
+        (out / "said.json").write_text(str([seed, str(truth), effects, settings]))
+'''
+PARAMETERS = """
+    [gain]
+    value = 2.0
+    unit = "1"
+    minimum = -5.0
+    maximum = 9.0
+    stage = "scale"
+    reason = "invented"
+
+    [count]
+    value = 4
+    stage = "start"
+    reason = "invented"
+"""
+
+
+@pytest.fixture
+def fakecal(pipeline, tmp_path, monkeypatch):
+    """Return the folder of Level-1 files of an invented calibration that the command line knows."""
+    extra = tmp_path / "extra"
+    extra.mkdir()
+    (extra / "fakecal.py").write_text(
+        textwrap.dedent(CALIBRATION.replace("{{", "{").replace("}}", "}")).replace("{name}", pipeline.name)
+    )
+    parameters = tmp_path / "catalog" / "parameters"
+    parameters.mkdir(parents=True)
+    (parameters / "fakecal.toml").write_text(textwrap.dedent(PARAMETERS))
+    monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "catalog"))
+    monkeypatch.setattr(flows, "__path__", [*flows.__path__, str(extra)])
+    importlib.invalidate_caches()
+    yield tmp_path
+    sys.modules.pop("flows.fakecal", None)
+
+
+@pytest.fixture(scope="session")
+def prefect_home(tmp_path_factory):
+    """Return one home for all tests, also of other test processes: its first start migrates a database for 10 s."""
+    base = tmp_path_factory.getbasetemp()
+    home = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "prefect"
+    home.mkdir(exist_ok=True)
+    return home

@@ -1,0 +1,55 @@
+"""The command line with an invented calibration, also in the worker processes, which import this file anew."""
+
+import os
+import sys
+
+import flows
+
+sys.path.insert(0, os.environ["FAKE_CODE"])
+flows.__path__.append(os.environ["FAKE_FLOWS"])
+
+
+def kill_at_random(arguments):
+    """Fork campaigns one after the other and kill each at a random moment; print how many were killed and ended."""
+    import random
+    import signal
+    import time
+
+    import threadpoolctl  # noqa: E401, F401
+
+    from flows import campaign_work, cli  # noqa: F401
+
+    points, limit = int(arguments[0]), float(arguments[1])
+    source, killed, ended = random.Random(7), 0, 0
+    while killed < points:
+        child = os.fork()
+        if child == 0:
+            sys.argv = ["gravcal", *arguments[2:]]
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, 1)
+            cli.main()
+        time.sleep(source.uniform(0.0, limit))
+        os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+        killed += os.WIFSIGNALED(status)
+        if os.WIFEXITED(status):
+            ended += 1
+            fresh(ended)
+    sys.stdout.write(f"{killed} {ended}\n")
+
+
+def fresh(number):
+    """Go on with an empty store."""
+    from gravcal.data import memory
+
+    os.environ["GRAVCAL_PRODUCTS"] = f"{os.environ['GRAVCAL_PRODUCTS'].partition('+')[0]}+{number}"
+    memory.clear()
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "kill":
+        kill_at_random(sys.argv[2:])
+    else:
+        from flows.cli import main
+
+        main()

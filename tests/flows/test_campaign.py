@@ -1,0 +1,117 @@
+"""Campaigns: failures are tabulated, killed workers replaced, kill -9 at any moment leaves the same products."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gravcal.data import housekeeping
+
+SCRIPT = Path(__file__).parent / "run_campaign.py"
+
+
+@pytest.fixture
+def events(fakecal, pipeline):
+    """Return a folder with one folder of Level-1 files per event."""
+    folder = fakecal / "events"
+    for number in range(1, 5):
+        (folder / str(number)).mkdir(parents=True)
+        (folder / str(number) / pipeline.raw.name).write_text("a" * number)
+    return folder
+
+
+@pytest.fixture
+def environment(fakecal, pipeline):
+    """Return the environment in which other processes find the invented calibration."""
+    known = {"FAKE_CODE": str(pipeline.folder.parent), "FAKE_FLOWS": str(fakecal / "extra")}
+    return {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | known
+
+
+def campaign(environment, events, *options):
+    """Run a campaign in a process of its own: exit code and summary."""
+    command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--json", "-", *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.stderr == ""
+    return done.returncode, json.loads(done.stdout)
+
+
+def products():
+    """Bytes of every product of the store by key."""
+    return {
+        folder.name: hashlib.sha256((folder / "product.nc").read_bytes()).hexdigest()
+        for folder in housekeeping.folders()
+    }
+
+
+def test_all_events_are_delivered_and_nothing_is_left_to_do(environment, events):
+    """Contract: worker processes make the products; a second campaign starts no cluster."""
+    code, summary = campaign(environment, events, "--engine", "inline")
+    assert code == 0
+    assert [(row["event"], row["made"]) for row in summary["events"]] == [
+        (f"fake-{number}", 2) for number in range(1, 5)
+    ]
+    code, summary = campaign(environment, events)
+    assert code == 0
+    assert [(row["made"], row["reused"]) for row in summary["events"]] == [(0, 2)] * 4
+
+
+def test_a_failed_event_is_tabulated_and_stops_no_other(environment, events, pipeline):
+    """Contract: error of ours and unforeseen error alike; exit code 1."""
+    first = pipeline.folder / "first.py"
+    text = first.read_text()
+    first.write_text(text.replace("    values =", "    assert count != 6, 'six'\n    values ="))
+    (events / "3" / pipeline.raw.name).unlink()
+    (events / "3" / "SCA1B_2020-02-01_C_04.txt").write_text("aaa")
+    code, summary = campaign(environment, events, "--engine", "inline")
+    assert code == 1
+    assert summary["counts"] == {"delivered": 2, "failed": 2}
+    errors = {row["event"]: row["error"] for row in summary["events"] if row["status"] == "failed"}
+    assert "AssertionError: six" in errors["fake-2"]
+    assert "cannot be read" in errors["fake-3"]
+
+
+def test_a_killed_worker_is_replaced_and_its_event_completed(environment, events, pipeline, tmp_path):
+    """Contract: kill -9 of a worker in the middle of an event."""
+    mark = tmp_path / "killed"
+    lines = (
+        f"    import os, pathlib\n    mark = pathlib.Path({str(mark)!r})\n    if count == 6 and not mark.exists():\n"
+    )
+    lines += "        mark.write_text('')\n        os.kill(os.getpid(), 9)\n    values ="
+    first = pipeline.folder / "first.py"
+    first.write_text(first.read_text().replace("    values =", lines))
+    code, summary = campaign(environment, events, "--engine", "inline")
+    assert mark.exists()
+    assert code == 0
+    assert summary["counts"] == {"delivered": 4}
+
+
+def test_a_campaign_is_one_prefect_flow_with_a_task_per_event(environment, events, pipeline, prefect_home):
+    """Contract: silent, and the failed event does not stop the flow."""
+    (events / "3" / pipeline.raw.name).unlink()
+    (events / "3" / "SCA1B_2020-02-01_C_04.txt").write_text("aaa")
+    code, summary = campaign(environment | {"PREFECT_HOME": str(prefect_home)}, events, "--workers", "2")
+    assert code == 1
+    assert summary["counts"] == {"delivered": 3, "failed": 1}
+
+
+def test_a_hundred_kills_leave_the_same_products(environment, events, store_folder, monkeypatch):
+    """Contract: kill -9 at 100 random moments of campaigns; the next run ends with the same products, byte for byte."""
+    command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--workers", "0"]
+    kill = [sys.executable, str(SCRIPT), "kill", "100", "0.3", *command[2:]]
+    killed, ended = map(
+        int, subprocess.run(kill, capture_output=True, text=True, check=True, env=environment).stdout.split()
+    )
+    assert killed == 100
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", f"{store_folder}-reference")
+    subprocess.run(command, check=True, env=environment | dict(os.environ), capture_output=True)
+    expected = products()
+    assert len(expected) == 8
+    for store in [store_folder, *(Path(f"{store_folder}+{number}") for number in range(1, ended + 1))]:
+        monkeypatch.setenv("GRAVCAL_PRODUCTS", str(store))
+        assert housekeeping.verify() == []
+        subprocess.run(command, check=True, env=environment | dict(os.environ), capture_output=True)
+        assert products() == expected
