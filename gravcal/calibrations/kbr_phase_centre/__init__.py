@@ -1,0 +1,1 @@
+"""Antenna phase centres of a pair from ranging during pointing wiggles (Remote Sens. 2022, 14, 3395)."""

@@ -1,0 +1,168 @@
+"""Grid, frame and gaps of a pair: orbits and attitudes on whole seconds, ranging with its corrections."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.align import QUATERNION, sorted_samples
+from gravcal.calibrations.building import build
+from gravcal.calibrations.kbr_phase_centre.schemas import ALIGN
+from gravcal.errors import EstimationError
+from gravcal.methods import timing
+from gravcal.physics import earth, frames
+
+STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
+READINGS = ("biased_range", "range_rate", "range_accl", "lighttime_corr", "lighttime_rate", "lighttime_accl")
+GAP = 0b11000000  # quality bits of ranging: a filled sample within the window of the filter
+PHASE_BREAK = 1
+LONG_GAP = 30.0  # s, after which the phase is not trusted to go on
+READ = ("reading_range", "reading_range_rate", "reading_range_acceleration")
+
+
+def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr.Dataset:
+    """Orbits, attitudes and ranging of one day.
+
+    Parameters
+    ----------
+    observed : Dataset, "ingest" of KBR1B or LRI1B, then the orbits of both satellites, then their SCA1B
+    gap_limit_s : s, gaps of orbit or attitude up to this are interpolated
+    break_limit_m : m, a step of the range against its own rate beyond this is a phase break
+
+    Returns
+    -------
+    aligned : Dataset, "kbr_phase_centre.align"
+    """
+    kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]
+    streams = [_states(orbit) for orbit in orbits] + [_attitudes(camera) for camera in cameras]
+    values = _ranging(kbr, break_limit_m)
+    time = _common_grid([stream[0] for stream in streams], observed[1:], values["time_kbr"])
+    on_grid = [interpolated(*stream, time, gap_limit_s) for stream in streams]
+    with np.errstate(invalid="ignore"):
+        unit = [q / np.linalg.norm(q, axis=1, keepdims=True) for q in on_grid[2:]]
+    values |= {"time": time, "position_i": np.stack(on_grid[:2]), "quaternion": np.stack(unit)}
+    facts = {
+        "title": "Ranging, orbits and attitudes on GPS time",
+        "satellites": "".join(camera.attrs["satellite"] for camera in cameras),
+        "ranging": kbr.attrs.get("product", ""),
+        "orbit": orbits[0].attrs.get("product", ""),
+    }
+    return build(ALIGN, values, **facts)
+
+
+def _sorted(observed, names):
+    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+    return sorted_samples(observed, tags, names)
+
+
+def _states(orbit):
+    """Time and inertial position of the usable records."""
+    time, values, flag, _ = _sorted(orbit, STATE)
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    time, position, velocity = time[good], values[good, :3], values[good, 3:]
+    if orbit.attrs.get("product") != "GNI1B" and time.size:
+        position, _ = earth.state_to_inertial(time, position, velocity)
+    return time, position
+
+
+def _attitudes(camera):
+    """Time and quaternions, continuous in sign, of the usable records."""
+    time, values, flag, _ = _sorted(camera, QUATERNION)
+    norm = np.linalg.norm(values, axis=1)
+    good = (flag == 0) & np.isfinite(norm) & (np.abs(norm - 1) < 1e-3)
+    return time[good], frames.continuous(values[good] / norm[good, None])
+
+
+def _common_grid(times, observed, time_kbr):
+    """Whole seconds that all four streams and the ranging share."""
+    sources = [*(d.attrs.get("file", d.attrs.get("product", "")) for d in observed), "the ranging"]
+    for time, name in zip([*times, time_kbr], sources, strict=True):
+        if time.size < 2:
+            raise EstimationError(
+                f"{name}: found {time.size} usable records, expected a day's. Check flags and time of this file.",
+                file=name,
+                records=int(time.size),
+            )
+    first = np.ceil(max(max(time[0] for time in times), time_kbr[0] - 60))
+    last = np.floor(min(min(time[-1] for time in times), time_kbr[-1] + 60))
+    if last - first < 600:
+        spans = ", ".join(f"{n} {t[0]:.0f} to {t[-1]:.0f}" for t, n in zip([*times, time_kbr], sources, strict=True))
+        raise EstimationError(
+            f"orbits, attitudes and ranging share {max(last - first, 0):.0f} s, expected at least 600 s "
+            f"({spans} s GPS). Give files of one pair and one day.",
+            shared=float(last - first),
+        )
+    return np.arange(first, last + 1)
+
+
+def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit_s: float) -> np.ndarray:
+    """Samples at given epochs: as they are where they coincide, by a spline of degree 7 elsewhere.
+
+    Parameters
+    ----------
+    time : (n,) s, strictly increasing
+    values : (n, m) any unit
+    at : (k,) s
+    gap_limit_s : s; between samples further apart, and outside, the result is NaN
+
+    Returns
+    -------
+    values : (k, m)
+    """
+    result = np.full((at.size, values.shape[1]), np.nan)
+    after = np.clip(np.searchsorted(time, at - 1e-7), 0, time.size - 1)
+    same = np.abs(time[after] - at) < 1e-6
+    result[same] = values[after[same]]
+    if same.all():
+        return result
+    breaks = np.flatnonzero(np.diff(time) > max(gap_limit_s, 1.5 * np.median(np.diff(time)))) + 1
+    for run in np.split(np.arange(time.size), breaks):
+        wanted = ~same & (at > time[run[0]]) & (at < time[run[-1]])
+        if wanted.any():
+            result[wanted] = _spline(time[run], values[run], at[wanted])
+    return result
+
+
+def _spline(time, values, at):
+    from scipy.interpolate import make_interp_spline
+
+    degree = min(7, (time.size - 1) // 2 * 2 - 1) if time.size > 2 else 1
+    near = np.unique(np.clip(np.searchsorted(time, at)[:, None] + np.arange(-12, 13), 0, time.size - 1))
+    return make_interp_spline(time[near] - time[0], values[near], k=degree)(at - time[0])
+
+
+def _ranging(kbr, break_limit):
+    """Range, rate and acceleration with light time, segments between phase breaks."""
+    time, values, flag, _ = _sorted(kbr, (*READINGS, "ant_centr_corr", "qualflg"))
+    quality = values[:, 7].astype(int)
+    read = {name: values[:, k] + values[:, k + 3] for k, name in enumerate(READ)}
+    marked = (quality & PHASE_BREAK) != 0
+    bad = (flag != 0) | ((quality & GAP) == GAP) | ~np.isfinite(values[:, :6]).all(axis=1)
+    return read | {
+        "time_kbr": time,
+        "antenna_correction": values[:, 6],
+        "kbr_flag": bad,
+        "segment": np.cumsum(marked | breaks(time, *read.values(), break_limit)),
+    }
+
+
+def breaks(time: np.ndarray, distance: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, limit: float):
+    """Records before which the range may have got another bias: a step against its own derivatives, or a long gap.
+
+    Parameters
+    ----------
+    time, distance, rate, acceleration : (n,) s, m, m s-1, m s-2
+    limit : m
+
+    Returns
+    -------
+    begins : (n,) bool
+
+    Notes
+    -----
+    Hermite: rho_1 - rho_0 = h (rho'_0 + rho'_1)/2 - h^2 (rho''_1 - rho''_0)/12 + O(h^5).
+    """
+    h = np.diff(time)
+    expected = h * (rate[1:] + rate[:-1]) / 2 - h**2 * np.diff(acceleration) / 12
+    stepped = np.abs(np.diff(distance) - expected) > limit
+    return np.append(False, stepped | (h > LONG_GAP))
