@@ -29,7 +29,7 @@ class WaveFit:
     residual: np.ndarray
 
 
-def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degree: int, iterations: int = 4) -> WaveFit:
+def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degree: int, iterations: int = 8) -> WaveFit:
     """Scale per axis and common shift of a modelled wave in a measured angular acceleration.
 
     The model is noise-free and stands on the right-hand side, so the scale has no attenuation.
@@ -45,7 +45,7 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
     """
     drift = polynomial(operator.time, degree, operator.time[0], operator.time[-1])
     y = operator(measured - measured[len(measured) // 2])
-    shift, scale = 0.0, np.ones(3)
+    shift, scale = coarse_shift(y, operator(wave(0.0)), operator, drift, noise), np.ones(3)
     for _ in range(iterations):
         model = operator(wave(shift))
         slope = (operator(wave(shift + 0.01)) - operator(wave(shift - 0.01))) / 0.02
@@ -65,6 +65,32 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
     residual = np.full_like(y, np.nan)
     residual[operator.valid] = without(drift[operator.valid], used)
     return WaveFit(shift, float(sigma[3]), np.where(seen, scale, 1.0), np.where(seen, sigma[:3], np.inf), residual)
+
+
+def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel], longest: float = 3.0) -> float:
+    """Shift in steps of the grid at which measurement and model agree best, the start of the Gauss-Newton steps.
+
+    Parameters
+    ----------
+    y, model : (n, 3) rad s-2, resampled
+    operator : Resampler
+    drift : (n, k)
+    noise : noise model of each axis
+    longest : s, beyond which it is not looked for
+    """
+    valid = operator.valid
+    weight = np.array([1 / n.variance[0] for n in noise])
+    clean = np.zeros((2, *y.shape))
+    for k, series in enumerate((y, model)):
+        clean[k][valid] = without(drift[valid], series[valid])
+    step = float(operator.time[1] - operator.time[0])
+    count = int(longest / step)
+    lags = np.arange(-count, count + 1)
+    inner = slice(count, len(y) - count)
+    agreement = [
+        np.sum(weight * np.sum(clean[0][inner] * np.roll(clean[1], lag, axis=0)[inner], axis=0)) for lag in lags
+    ]
+    return float(lags[int(np.argmax(agreement))] * step)
 
 
 def _axis(y, model, slope, scale, drift, valid, noise, axis):
