@@ -29,7 +29,7 @@ def field(checked, aligned):
     checked : Dataset, "com_offset.field"
     aligned : Dataset, "com_offset.align"
     """
-    figure, panels = grid(3, 2, 3.6, sharex=True, margins={"hspace": 0.16, "wspace": 0.24})
+    figure, panels = grid(3, 2, 3.3, sharex=True, margins={"hspace": 0.16, "wspace": 0.24})
     used = checked["used"].values != 0
     time, ends = _joined(checked["time_mag"].values, aligned["window_start"].values, aligned["window_stop"].values)
     measured, model = 1e6 * checked["measured_b"].values, 1e6 * checked["model_b"].values
@@ -104,7 +104,7 @@ def attitude(smoothed):
     spans = [time[index == i][[0, -1]] for i in np.unique(index)]
     ends = np.concatenate([[0.0], np.cumsum([stop - start + 1 for start, stop in spans])])
     joined = np.concatenate([time[index == i] - spans[n][0] + ends[n] for n, i in enumerate(np.unique(index))])
-    figure, panels = grid(3, 1, 3.1, sharex=True, margins={"hspace": 0.18})
+    figure, panels = grid(3, 1, 2.5, sharex=True, margins={"hspace": 0.18})
     residual = 1e6 * smoothed["sca_residual_b"].values
     limit = 1.15 * np.nanmax(np.abs(residual))
     for row, axis in enumerate(AXES):
@@ -115,7 +115,7 @@ def attitude(smoothed):
         panel.set_ylim(-limit, limit)
         _separate(panel, ends, numbered=row == 0)
     panels[0, 0].set_title("star camera minus dynamics")
-    _label_bottom(panels, "seconds of manoeuvre, joined end to end")
+    _label_bottom(panels, "seconds of fitted record, joined end to end")
     return figure
 
 

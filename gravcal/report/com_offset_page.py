@@ -160,10 +160,10 @@ def _captions(adopted, hollow):
             "torquer currents",
             "Torquer currents as sent down, and the angular acceleration they make in the modelled field.",
         ),
-        "attitude": ("attitude residuals", "Star camera minus fitted dynamics; numbers are manoeuvres."),
+        "attitude": ("attitude residuals", "Star camera minus fitted dynamics, one fit between two dotted lines."),
         "field": (
             "magnetic field",
-            "Magnetic field as measured and modelled, and their difference; numbers are windows.",
+            "Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
         ),
         "roll": (
             "roll acceleration",

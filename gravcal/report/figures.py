@@ -17,7 +17,7 @@ COLOURS = {
     "purple": "#CC79A7",
     "grey": "#8A8A8A",
 }
-UNSAID = {"png": ("Software",), "svg": ("Date", "Creator", "Title", "Format", "Type")}
+UNSAID = {"png": ("Software",), "svg": ("Date", "Creator", "Format", "Type")}
 STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,

@@ -1,0 +1,107 @@
+"""The page of a centre-of-mass event."""
+
+import re
+
+import invented
+import pytest
+
+from gravcal.data import catalog
+from gravcal.report import com_offset, pages
+from gravcal.report.com_offset_tables import printed_manoeuvres
+from gravcal.report.words import plus_minus
+
+EVENT = "grace-c-2020-02-01"
+
+
+WITHOUT_FIGURES = dict.fromkeys(("field", "align", "attitude", "survey", "solve", "angular_acceleration"))
+
+
+def page_of(document, products, **options):
+    """Page of all products in the order of the report stage."""
+    return com_offset.page(document, *(products[name] for name in com_offset.PAGE_PRODUCTS), **options)
+
+
+@pytest.fixture(scope="module")
+def html(document, products):
+    """Page of the event beside its printed values."""
+    line = com_offset.vcm_line(document, "C")
+    return page_of(document, products, published=catalog.published("com_offset", EVENT), vcm=line)
+
+
+def test_the_same_products_give_the_same_bytes(html, document, products):
+    """Contract: no clock, no machine, no memory address in the page."""
+    line = com_offset.vcm_line(document, "C")
+    again = page_of(document, products, published=catalog.published("com_offset", EVENT), vcm=line)
+    assert again == html
+
+
+def test_the_page_needs_nothing_from_outside(html):
+    """Contract: one file without addresses, scripts or style sheets elsewhere."""
+    text = re.sub(r"data:image/[a-z+]+;base64,[A-Za-z0-9+/=]+", "", html)
+    assert "://" not in text
+    assert "<script" not in text
+    assert "<link" not in text
+    assert len(html) < 3e6
+
+
+def test_the_page_says_the_numbers_of_the_document(html, document):
+    """Contract: verdict first, then every combined offset with both errors, and the printed ones."""
+    body = html[html.index("<body>") :]
+    assert body.index("Delivered:") < body.index("<h1>")
+    for block in document["variants"].values():
+        for value, sigma, total in zip(*(block[n] for n in ("offset_um", "sigma_um", "sigma_total_um")), strict=True):
+            assert plus_minus(value, sigma, total) in body
+    assert "113.5 ± 0.5" in body  # Table 6, acc_calibrated
+    assert com_offset.vcm_line(document, "C") in body
+
+
+def test_every_figure_is_there_and_numbered(html):
+    """Contract: seven figures like those of the paper."""
+    assert html.count("data:image/png;base64,") == 7
+    assert [int(n) for n in re.findall(r"<b>Figure (\d+)\.</b>", html)] == list(range(1, 8))
+
+
+def test_tables_name_the_product_they_were_read_from(html):
+    """Contract: every number can be traced to a product."""
+    key = invented.PROVENANCE["products"]["com_offset.combine"]
+    assert f"com_offset.combine {key[:12]}" in html
+
+
+def test_without_printed_values_there_is_no_empty_column(document, products):
+    """Contract: nothing published, nothing shown beside ours."""
+    assert "printed</th>" not in page_of(document, products | WITHOUT_FIGURES)
+
+
+def test_a_missing_product_leaves_out_its_figure(document, products):
+    """Contract: the page comes all the same."""
+    html = page_of(document, products | WITHOUT_FIGURES | {"attitude": products["attitude"]})
+    assert html.count("data:image/png;base64,") == 2  # estimates, from the document; attitude
+
+
+def test_a_record_without_manoeuvre_has_its_page(quiet_document, quiet_products):
+    """Contract: field, attitude and torque response, no table of offsets."""
+    html = page_of(quiet_document, quiet_products)
+    assert "No manoeuvre in the torquer currents" in html
+    assert html.count("data:image/png;base64,") == 3
+    assert "0.0028 ± 0.0002" in html
+    assert "Every manoeuvre" not in html
+
+
+def test_names_from_outside_are_escaped(products, documented):
+    """Contract: an event is text, not HTML."""
+    document = documented(products, "<b>x</b>")
+    html = page_of(document, products | WITHOUT_FIGURES)
+    assert "<b>x</b>" not in html
+
+
+def test_printed_manoeuvres_are_matched_by_kind_and_latitude(document):
+    """Published: Table 7; ours are pitch at high, roll at middle, yaw at low latitude."""
+    found = printed_manoeuvres(document, catalog.published("com_offset", EVENT))
+    classes = [one["latitude_class"] for one in document["manoeuvres"]]
+    assert found[0, "mtq"].value == ((109.5, None, 22.9) if classes[0] == "high" else (122.7, 79.3, 9.7))
+    assert found[2, "mtq"].value == (-6.0, 1.8, 8.8)
+
+
+def test_the_digest_covers_the_templates():
+    """Contract: a stage that takes it as a setting is made again when a template changes."""
+    assert re.fullmatch("[0-9a-f]{64}", pages.digest())
