@@ -10,8 +10,12 @@ from gravcal.physics.sensing import offset_tensor
 
 def _offset(context: Context, values):
     """CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass)."""
-    tensor = offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
-    return -(tensor @ np.asarray(values))
+    return _offset_columns(context) @ np.asarray(values)
+
+
+def _offset_columns(context: Context):
+    """Reading per metre of offset, (n, 3, 3)."""
+    return -offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
 
 
 def _moving(context: Context, values):
@@ -71,6 +75,7 @@ EFFECTS = (
         axes("", "m", "proof mass to centre of mass along", 2e-4),
         _offset,
         "CoM paper eqs. 2, 5; equations.md (M1)",
+        jacobian=_offset_columns,
     ),
     Effect(
         "accelerometer.moving_offset",

@@ -42,8 +42,13 @@ def fit_all(found: list[Window], choice: Choice, order: int) -> tuple[list, list
         return [None] * len(found), WHITE
     sigma = 3e-6  # rad, only the start of the iteration
     noise = [NoiseModel(np.zeros(0), np.array([sigma**2]), 1.0)] * 3
+    fits = {}
     for _ in range(3):
-        fits = {id(w): attitude_fit.fit_attitude(w.arc, w.time, w.quaternion, w.good, noise, choice) for w in usable}
+        start = {key: fit.solution for key, fit in fits.items()}
+        fits = {
+            id(w): attitude_fit.fit_attitude(w.arc, w.time, w.quaternion, w.good, noise, choice, start.get(id(w)))
+            for w in usable
+        }
         unknowns = len(attitude_fit.names_of(choice)) * len(usable) // 3
         noise = [_axis_noise(usable, fits, axis, order, unknowns) for axis in range(3)]
     return [fits.get(id(w)) for w in found], noise

@@ -72,7 +72,9 @@ def first_guess(arc: Arc, time: np.ndarray, quaternion: np.ndarray, degree: int)
     return Solution(state, np.zeros((degree + 1, 3)), np.ones(3), 0.0)
 
 
-def fit_attitude(arc: Arc, time, quaternion, good, noise: list[NoiseModel], choice: Choice) -> Fit:
+def fit_attitude(
+    arc: Arc, time, quaternion, good, noise: list[NoiseModel], choice: Choice, start: Solution | None = None
+) -> Fit:
     """Gauss-Newton on the three-parameter attitude error (CoM paper eqs. 19-30, errata C-5, C-6).
 
     Parameters
@@ -83,23 +85,24 @@ def fit_attitude(arc: Arc, time, quaternion, good, noise: list[NoiseModel], choi
     good : (n,) bool
     noise : noise model of each axis
     choice : Choice
+    start : solution to begin with; from the first attitudes if None
 
     Returns
     -------
     fit : Fit
     """
-    solution = first_guess(arc, time[good], quaternion[good], choice.torque_degree)
+    solution = start or first_guess(arc, time[good], quaternion[good], choice.torque_degree)
     prior = _prior(choice)
-    previous = np.inf
+    previous, slow = np.inf, None
     for _ in range(max(choice.iterations, 1)):
-        residual, design = _linearised(arc, solution, time, quaternion, choice)
+        residual, design, slow = _linearised(arc, solution, time, quaternion, choice, slow)
         y, A = _whitened(residual, design, good, noise)
-        start = _deviation(solution, choice)
+        away = _deviation(solution, choice)
         normal = A.T @ A + np.diag(prior)
-        right = A.T @ y - prior * start
+        right = A.T @ y - prior * away
         scale = np.sqrt(np.diag(normal))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-14)[0] / scale
-        cost = float(y @ y + prior @ start**2)
+        cost = float(y @ y + prior @ away**2)
         if abs(previous - cost) <= 1e-6 * max(cost, 1.0):
             break
         previous = cost
@@ -107,20 +110,22 @@ def fit_attitude(arc: Arc, time, quaternion, good, noise: list[NoiseModel], choi
     return Fit(solution, residual, design, covariance(normal), names_of(choice))
 
 
-def _linearised(arc, solution, time, quaternion, choice):
-    """Residual angles and their derivatives by the unknowns."""
+def _linearised(arc, solution, time, quaternion, choice, slow):
+    """Residual angles, their derivatives by the unknowns, and those by the slow torque, which stay as they are."""
     modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(
         time, solution.state, torque_of(arc, solution), max_step=choice.step_s
     )
     residual = frames.rotation_vector(frames.quaternion_product(frames.conjugate(modelled), quaternion))
     columns = [sensitivity[:, :3, :6]]
     if choice.torque_degree >= 0:
-        columns.append(slow_torque_response(arc, time, sensitivity[:, :, :6], choice.torque_degree))
+        if slow is None:
+            slow = slow_torque_response(arc, time, sensitivity[:, :, :6], choice.torque_degree)
+        columns.append(slow)
     if choice.scale_sigma > 0:
         columns.append(sensitivity[:, :3, 9:12])
     if choice.shift_sigma > 0:
         columns.append(sensitivity[:, :3, 12:13])
-    return residual, np.concatenate(columns, axis=2)
+    return residual, np.concatenate(columns, axis=2), slow
 
 
 def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:

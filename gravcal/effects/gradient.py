@@ -1,0 +1,57 @@
+"""Effects on sensors that feel the gravity gradient: a place that is not where it is stated, a field that is off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gravcal.effects.base import Context, Effect, Parameter, axes
+from gravcal.physics.sensing import offset_tensor
+
+SOURCE = "S-GRS paper, eqs. 4-10 (errata S-2, S-3, S-5)"
+
+
+def _mounting(context: Context, values):
+    """Both sensors moved by the same vector: what eq. 10 takes to be zero, as an accelerometer reads it."""
+    tensor = offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
+    return _each(context, np.matvec(tensor, values))
+
+
+def _field_scale(context: Context, values):
+    """Gravity gradient larger than modelled, felt at each sensor's place."""
+    places = context.extra["positions"]
+    return np.stack([-values[0] * np.matvec(context.gradient_b, place) for place in places], axis=1)
+
+
+def _angular_bias(context: Context, values):
+    return _each(context, np.broadcast_to(values, context.rate_b.shape))
+
+
+def _each(context, reading):
+    """The same reading for every sensor, (n, sensors, 3)."""
+    return np.repeat(reading[:, None, :], len(context.extra["positions"]), axis=1)
+
+
+EFFECTS = (
+    Effect(
+        "gradient.mounting",
+        "linear_b",
+        axes("", "m", "both test masses away from the CoM along", 1e-3),
+        _mounting,
+        SOURCE,
+    ),
+    Effect(
+        "gradient.field_scale",
+        "linear_b",
+        (Parameter("scale", "1", "gravity gradient over its model, minus one", 1e-3),),
+        _field_scale,
+        SOURCE,
+    ),
+    Effect(
+        "gradient.angular_bias",
+        "angular_b",
+        axes("", "rad s-2", "constant angular reading about", 1e-9),
+        _angular_bias,
+        SOURCE,
+    ),
+)
+BY_SLUG = {effect.slug: effect for effect in EFFECTS}
