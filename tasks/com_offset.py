@@ -68,6 +68,8 @@ def attitude(
     torque_degree,
     estimate_torque_scale,
     torque_scale_sigma,
+    estimate_inertia,
+    inertia_scale_sigma,
     edge_shift_sigma_s,
     integration_step_s,
     iteration_limit,

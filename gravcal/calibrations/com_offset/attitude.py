@@ -114,7 +114,8 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     ----------
     aligned : Dataset, "align"
     field : Dataset, "com_offset.field"
-    settings : dynamics, torque_degree, estimate_torque_scale, torque_scale_sigma, edge_shift_sigma_s,
+    settings : dynamics, torque_degree, estimate_torque_scale, torque_scale_sigma, estimate_inertia,
+        inertia_scale_sigma, edge_shift_sigma_s,
         integration_step_s, iteration_limit, attitude_noise_order, lowpass_hz, half_width_s, step_s,
         calibration_drift_degree, inertia, dipole_per_current
 
@@ -128,6 +129,7 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     choice = Choice(
         torque_degree=settings["torque_degree"] if full else -1,
         scale_sigma=scale_sigma,
+        inertia_sigma=settings["inertia_scale_sigma"] if full and settings["estimate_inertia"] else 0.0,
         shift_sigma=settings["edge_shift_sigma_s"] if full else 0.0,
         step_s=settings["integration_step_s"],
         iterations=settings["iteration_limit"],
@@ -215,7 +217,15 @@ def _per_manoeuvre(found, fits, timings):
     table = {n: np.full(count, np.nan) for n in ("sca_shift", "sca_shift_sigma", "acc_shift", "acc_shift_sigma")}
     wide = {
         n: np.full((count, 3), np.nan)
-        for n in ("torque_scale", "torque_scale_sigma", "angular_scale", "angular_scale_sigma", "residual_rms")
+        for n in (
+            "torque_scale",
+            "torque_scale_sigma",
+            "inertia_scale",
+            "inertia_scale_sigma",
+            "angular_scale",
+            "angular_scale_sigma",
+            "residual_rms",
+        )
     }
     for i, (w, f, t) in enumerate(zip(found, fits, timings, strict=True)):
         if f is None:
@@ -224,6 +234,8 @@ def _per_manoeuvre(found, fits, timings):
         table["sca_shift"][i], table["sca_shift_sigma"][i] = f.solution.shift, sigma.get("shift", np.nan)
         wide["torque_scale"][i] = f.solution.scale_b
         wide["torque_scale_sigma"][i] = [sigma.get(f"scale_{a}", np.nan) for a in "xyz"]
+        wide["inertia_scale"][i] = f.solution.inertia_scale
+        wide["inertia_scale_sigma"][i] = [sigma.get(f"inertia_{a}", np.nan) for a in "xyz"]
         wide["residual_rms"][i] = np.sqrt(np.mean(f.residual[w.good] ** 2, axis=0))
         if t is not None:
             table["acc_shift"][i] = f.solution.shift + t.shift

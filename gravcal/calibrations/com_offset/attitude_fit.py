@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from gravcal.calibrations.com_offset.motion import Arc, Solution, response, torq
 from gravcal.methods.estimation import covariance
 from gravcal.methods.noise import NoiseModel, whiten
 from gravcal.physics import dynamics, frames
+
+INERTIA_STEP = 1e-4  # relative, of the differences by the principal moments
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class Choice:
     ----------
     torque_degree : degree of a slowly varying torque, -1 for none
     scale_sigma : prior of the torque scale per axis; 0 holds it at the catalogue
+    inertia_sigma : relative prior of the principal moments; 0 holds them at the catalogue
     shift_sigma : s, prior of the common edge shift; 0 holds it
     step_s : s, longest integration step
     iterations : at most
@@ -27,6 +30,7 @@ class Choice:
 
     torque_degree: int
     scale_sigma: float
+    inertia_sigma: float
     shift_sigma: float
     step_s: float
     iterations: int
@@ -56,6 +60,7 @@ def names_of(choice: Choice) -> tuple[str, ...]:
     """Names of the unknowns in the order of the columns."""
     groups = ["angle", "rate", *(f"torque{k}" for k in range(choice.torque_degree + 1))]
     groups += ["scale"] if choice.scale_sigma > 0 else []
+    groups += ["inertia"] if choice.inertia_sigma > 0 else []
     names = [f"{group}_{axis}" for group in groups for axis in "xyz"]
     return (*names, *(["shift"] if choice.shift_sigma > 0 else []))
 
@@ -123,9 +128,23 @@ def _linearised(arc, solution, time, quaternion, choice, slow):
         columns.append(slow)
     if choice.scale_sigma > 0:
         columns.append(sensitivity[:, :3, 9:12])
+    if choice.inertia_sigma > 0:
+        columns.append(_inertia_response(arc, solution, time, modelled, choice.step_s))
     if choice.shift_sigma > 0:
         columns.append(sensitivity[:, :3, 12:13])
     return residual, np.concatenate(columns, axis=2), slow
+
+
+def _inertia_response(arc, solution, time, modelled, step_s):
+    """Derivative of the attitude by each principal moment, relative, (n, 3, 3) rad, by one-sided differences."""
+    columns = []
+    for axis in range(3):
+        scale = solution.inertia_scale.copy()
+        scale[axis] += INERTIA_STEP
+        changed = replace(solution, inertia_scale=scale)
+        moved, _, _ = dynamics.integrate(time, changed.state, torque_of(arc, changed), max_step=step_s)
+        columns.append(frames.rotation_vector(frames.quaternion_product(frames.conjugate(modelled), moved)))
+    return np.stack(columns, axis=2) / INERTIA_STEP
 
 
 def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
@@ -153,6 +172,7 @@ def _prior(choice):
     count = 3 * (choice.torque_degree + 1)
     weights = [np.zeros(6), np.full(count, loose**-2.0)]
     weights += [np.full(3, choice.scale_sigma**-2.0)] if choice.scale_sigma > 0 else []
+    weights += [np.full(3, choice.inertia_sigma**-2.0)] if choice.inertia_sigma > 0 else []
     weights += [np.full(1, choice.shift_sigma**-2.0)] if choice.shift_sigma > 0 else []
     return np.concatenate(weights)
 
@@ -161,19 +181,18 @@ def _deviation(solution, choice):
     """Present distance of each unknown from its prior mean."""
     parts = [np.zeros(6), solution.torque_coefficients.ravel()]
     parts += [solution.scale_b - 1] if choice.scale_sigma > 0 else []
+    parts += [solution.inertia_scale - 1] if choice.inertia_sigma > 0 else []
     parts += [np.array([solution.shift])] if choice.shift_sigma > 0 else []
     return np.concatenate(parts)
 
 
 def _unpacked(step, choice):
+    """Parts of a step by name, zero for what is held."""
     count = 3 * (choice.torque_degree + 1)
-    rest = step[6 + count :]
-    scale = rest[:3] if choice.scale_sigma > 0 else np.zeros(3)
-    shift = float(rest[-1]) if choice.shift_sigma > 0 else 0.0
-    return {
-        "angle": step[:3],
-        "rate": step[3:6],
-        "torque": step[6 : 6 + count].reshape(-1, 3),
-        "scale": scale,
-        "shift": shift,
-    }
+    parts, rest = (
+        {"angle": step[:3], "rate": step[3:6], "torque": step[6 : 6 + count].reshape(-1, 3)},
+        step[6 + count :],
+    )
+    for name, estimated in (("scale", choice.scale_sigma > 0), ("inertia", choice.inertia_sigma > 0)):
+        parts[name], rest = (rest[:3], rest[3:]) if estimated else (np.zeros(3), rest)
+    return parts | {"shift": float(rest[0]) if choice.shift_sigma > 0 else 0.0}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,12 +41,14 @@ class Solution:
     torque_coefficients : (d + 1, 3) N m, Legendre polynomials over the arc
     scale_b : (3,) factor of the magnetic torque
     shift : s, all edges later by
+    inertia_scale : (3,) factor of the principal moments
     """
 
     state: dynamics.State
     torque_coefficients: np.ndarray
     scale_b: np.ndarray
     shift: float
+    inertia_scale: np.ndarray = field(default_factory=lambda: np.ones(3))
 
 
 def dipole_history(edges, level, rod, time, current, per_current):
@@ -84,7 +86,7 @@ def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
     degree = solution.torque_coefficients.shape[0] - 1
     extra = _legendre(arc, nodes, degree) @ solution.torque_coefficients
     return dynamics.Torque(
-        inertia=arc.inertia,
+        inertia=arc.inertia + np.diag(np.diag(arc.inertia) * (solution.inertia_scale - 1)),
         edges=arc.edges + solution.shift,
         dipole_b=arc.dipole_b,
         field_time=arc.field_time,
@@ -195,7 +197,7 @@ def evaluate(arc: Arc, solution: Solution, time: np.ndarray, step: float):
 
 
 def updated(solution: Solution, step: dict) -> Solution:
-    """Solution with a Gauss-Newton step added: angle, rate, torque, scale, shift."""
+    """Solution with a Gauss-Newton step added: angle, rate, torque, scale, shift, inertia."""
     turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
     state = replace(
         solution.state, quaternion=turned / np.linalg.norm(turned), rate_b=solution.state.rate_b + step["rate"]
@@ -205,4 +207,5 @@ def updated(solution: Solution, step: dict) -> Solution:
         solution.torque_coefficients + step["torque"],
         solution.scale_b + step["scale"],
         solution.shift + step["shift"],
+        solution.inertia_scale + step["inertia"],
     )

@@ -109,6 +109,13 @@ ATTITUDE = {
         "frame": "b",
         "long_name": "torque scale, standard deviation",
     },
+    "inertia_scale": {
+        "dims": "arc axis",
+        "units": "1",
+        "frame": "b",
+        "long_name": "principal moments over the catalogue",
+    },
+    "inertia_scale_sigma": {"dims": "arc axis", "units": "1", "frame": "b", "long_name": "its standard deviation"},
     "angular_scale": {
         "dims": "arc axis",
         "units": "1",

@@ -60,7 +60,7 @@ def _manoeuvres(aligned):
     for i in range(aligned.sizes["manoeuvre"]):
         count = int(np.isfinite(aligned["edge_lower"].values[i]).sum())
         lower, upper = aligned["edge_lower"].values[i, :count], aligned["edge_upper"].values[i, :count]
-        edges = _edges(lower, upper, bool(aligned["regular"][i]))
+        edges = _regular_edges(lower, upper) if aligned["regular"][i] else _single_edges(lower, upper, aligned)
         parts.append((int(aligned["rod"][i]), lower, upper, edges, aligned["level"].values[i, : count - 1]))
     return parts
 
@@ -90,13 +90,35 @@ def _window(aligned, field, part, inertia, per_current, full):
     return Window(arc, rod, *_star_camera(aligned, origin, stop), acc, *ends)
 
 
-def _edges(lower, upper, regular):
-    """Edges in the middle of their common interval, whole half periods apart; each in its own if not regular."""
-    if not regular:
-        return (lower + upper) / 2
+def _regular_edges(lower, upper):
+    """Edges in the middle of their common interval, whole half periods apart."""
     half = np.round(np.median(np.diff(lower)) * 2) / 2
     shift = half * np.arange(lower.size)
     return (np.max(lower - shift) + np.min(upper - shift)) / 2 + shift
+
+
+def _single_edges(lower, upper, aligned):
+    """Each edge of an irregular wave where the angular accelerometer sees it; mid interval where it sees nothing.
+
+    With levels a before and b after, the integral over (s, e) is a (t - s) + b (e - t), which gives t.
+    """
+    time, angular = aligned["time_acc"].values, aligned["angular_b"].values
+    good = (aligned["acc_flag"].values == 0) & np.isfinite(angular).all(axis=1)
+    time, angular = time[good], angular[good]
+    edges = (lower + upper) / 2
+    for k, (low, high) in enumerate(zip(lower, upper, strict=True)):
+        before, after = (time > low - 2) & (time < low), (time > high) & (time < high + 2)
+        inside = (time > low - 2) & (time < high + 2)
+        if min(before.sum(), after.sum()) < 10 or np.any(np.diff(time[inside]) > 0.2):
+            continue
+        a, b = angular[before].mean(axis=0), angular[after].mean(axis=0)
+        axis = int(np.argmax(np.abs(b - a)))
+        step = np.diff(time[inside]).mean()
+        start, stop = time[inside][0] - step / 2, time[inside][-1] + step / 2
+        total = angular[inside, axis].sum() * step
+        edge = (b[axis] * stop - a[axis] * start - total) / (b[axis] - a[axis]) if a[axis] != b[axis] else edges[k]
+        edges[k] = np.clip(edge, low - 0.1, high + 0.1)
+    return edges
 
 
 def _star_camera(aligned, origin, stop):
