@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.data.readers.refusal import refuse
+from gravcal.data.refusal import refuse
 
 EPOCH = datetime.datetime(2000, 1, 1, 12)
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
