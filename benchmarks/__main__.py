@@ -1,0 +1,45 @@
+"""`python -m benchmarks [NAME ...]`: tables of figures, each beside its target."""
+
+import argparse
+import importlib
+
+from benchmarks.tables import say, summary
+
+NAMES = {
+    "recovery": ("benchmarks.recovery", "run"),
+    "independent": ("benchmarks.independent", "run"),
+    "readers": ("benchmarks.speed", "readers"),
+    "attitude": ("benchmarks.speed", "attitude"),
+    "field": ("benchmarks.speed", "field"),
+    "simulate": ("benchmarks.speed", "simulate"),
+    "day": ("benchmarks.day", "run"),
+}
+
+
+def main() -> None:
+    """Run the benchmarks named, by default all."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}; all by default")
+    parser.add_argument("--quick", action="store_true", help="few runs and rounds, two minutes")
+    parser.add_argument("--runs", type=int, help="events of the recovery studies")
+    parser.add_argument("--seed", type=int, default=1, help="first seed")
+    parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
+    parser.add_argument("--rounds", type=int, help="how often each thing is timed")
+    options = parser.parse_args()
+    options.rounds = options.rounds or (3 if options.quick else 7)
+    unknown = [name for name in options.names if name not in NAMES]
+    if unknown:
+        parser.error(f"no benchmark {', '.join(unknown)}; there is {', '.join(NAMES)}")
+    from flows.engine import single_threaded
+
+    single_threaded()
+    figures = []
+    for name in options.names or NAMES:
+        module, function = NAMES[name]
+        figures += getattr(importlib.import_module(module), function)(options)
+    summary(figures)
+    say()
+
+
+if __name__ == "__main__":
+    main()

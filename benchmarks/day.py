@@ -1,0 +1,129 @@
+"""A whole day: what it costs beyond reading, how much memory, and what a second run costs."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import psutil
+
+from benchmarks import stopwatch as watch
+from benchmarks.tables import Figure, at_most, grid, say, show, title
+
+CLI = [sys.executable, "-m", "flows.cli"]
+
+
+def run(options) -> list[Figure]:
+    """Simulate a full day of files, calibrate it, and calibrate it again."""
+    from flows import com_offset
+
+    title("day: seven manoeuvres in a full day of Level-1 files (ACC1A 864,000 records)")
+    with tempfile.TemporaryDirectory() as folder:
+        files, start = Path(folder) / "level1", time.perf_counter()
+        com_offset.simulate(files, seed=options.seed, truth=None, effects={}, settings={"span": "day"})
+        size = sum(path.stat().st_size for path in files.iterdir()) / 1e6
+        say(f"simulated and written in {time.perf_counter() - start:.1f} s, {size:.0f} MB\n")
+        figures = _inside(files, max(options.rounds // 2, 2))
+        return figures + _outside(files, Path(folder) / "products", options.rounds)
+
+
+def _inside(files, rounds):
+    """Stages of a run in a process of its own, several times."""
+    environment = os.environ | {"GRAVCAL_PRODUCTS": ""}
+    command = [sys.executable, "-m", "benchmarks.whole_day", str(files)]
+    made = [json.loads(_output(command, environment)) for _ in range(rounds)]
+    _profile(made)
+    beyond = [[_beyond(document["runs"][k]) for document in made] for k in (0, 1)]
+    reading = [_reading(document["runs"][1]) for document in made]
+    peak = [document["peak_gib"] for document in made]
+    cpu = [document["runs"][1]["cpu"] for document in made]
+    return show(
+        [
+            Figure("reading: six Level-1 files to products", f"{watch.middle(reading):.3g} s", watch.span(reading)),
+            at_most("beyond reading", watch.middle(beyond[1]), 2.0, " s", watch.span(beyond[1])),
+            Figure("  with loading of modules and kernels", f"{watch.middle(beyond[0]):.3g} s", watch.span(beyond[0])),
+            Figure("processor time, reading included", f"{watch.middle(cpu):.3g} s", watch.span(cpu)),
+            at_most("peak memory of the process", watch.middle(peak), 2.0, " GiB", watch.span(peak)),
+        ],
+        "min .. max",
+    )
+
+
+def _output(command, environment):
+    """Standard output of a command."""
+    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+
+
+def _reading(timed):
+    return sum(seconds for name, seconds in timed["stages"] if name.startswith("ingest"))
+
+
+def _beyond(timed):
+    """Everything after the plan that is not the reading of Level-1 files."""
+    return sum(seconds for name, seconds in timed["stages"] if not name.startswith("ingest"))
+
+
+def _profile(made):
+    """Median seconds of each stage, with and without loading."""
+    rows = [("stage", "first in a process", "again")]
+    names = ["plan", *(name for name, _ in made[0]["runs"][0]["stages"])]
+    for i, name in enumerate(names):
+        both = [[d["runs"][k]["stages"][i - 1][1] if i else d["runs"][k]["plan"] for d in made] for k in (0, 1)]
+        rows.append((name, *(f"{watch.middle(b):.3f} s" for b in both)))
+    grid(rows)
+    say()
+
+
+def _outside(files, store, rounds):
+    """The command line: first run with its peak memory, later runs against start-up alone."""
+    environment = os.environ | {"GRAVCAL_PRODUCTS": str(store)}
+    command = [*CLI, "run", "com_offset", "--data", str(files)]
+    start = time.perf_counter()
+    peak = _peak([*command, "--engine", "inline"], environment)
+    cold = time.perf_counter() - start
+    work = {
+        "again": lambda: _output(command, environment),
+        "help": lambda: _output([*CLI, "--help"], environment),
+    }
+    spent = watch.interleaved(work, rounds)
+    extra = [a - b for a, b in zip(spent["again"], spent["help"], strict=True)]
+    say()
+    return show(
+        [
+            Figure("gravcal run, empty store", f"{cold:.3g} s"),
+            at_most("its peak memory, all its processes", peak, 2.0, " GiB"),
+            Figure("gravcal run, nothing to do", f"{watch.middle(spent['again']):.3g} s", watch.span(spent["again"])),
+            Figure("gravcal --help, start-up", f"{watch.middle(spent['help']):.3g} s", watch.span(spent["help"])),
+            at_most("nothing to do beyond start-up", watch.middle(extra), 1.0, " s", watch.span(extra)),
+        ],
+        "min .. max",
+    )
+
+
+def _peak(command, environment):
+    """Largest sum of the memory (GiB) of a command and its children, looked at every 20 ms."""
+    most = 0
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL) as process:
+        watched = psutil.Process(process.pid)
+        while process.poll() is None:
+            most = max(most, _memory(watched))
+            time.sleep(0.02)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return most / 1024**3
+
+
+def _memory(process):
+    """Bytes of a process and its children; one that ended meanwhile counts nothing."""
+    total = 0
+    try:
+        for one in [process, *process.children(recursive=True)]:
+            total += one.memory_info().rss
+    except psutil.NoSuchProcess:
+        pass
+    return total

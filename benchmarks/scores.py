@@ -1,0 +1,100 @@
+"""Statistics of many recoveries, each with the interval that chance leaves it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.tables import Figure
+
+FAMILY = 0.01  # chance that any statistic of a study leaves its interval though all is right
+
+
+def level(count: int) -> float:
+    """Two-sided level of one of `count` statistics, family-wise 1 % (Bonferroni)."""
+    return FAMILY / count
+
+
+def rms_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = True) -> Figure:
+    """Root mean square of errors over their sigma: 0.9 .. 1.1, or what chance allows with so few.
+
+    Parameters
+    ----------
+    name : of the figure
+    ratio : (n,) error over sigma
+    family : number of statistics of the study
+    judged : whether there is a target
+    """
+    ratio = ratio[np.isfinite(ratio)]
+    value = float(np.sqrt(np.mean(ratio**2)))
+    error = f"+- {value / np.sqrt(2 * ratio.size):.3f}"
+    low, high = np.sqrt(stats.chi2.ppf([level(family) / 2, 1 - level(family) / 2], ratio.size) / ratio.size)
+    if not judged:
+        return Figure(name, f"{value:.3f}", error)
+    return Figure(name, f"{value:.3f}", error, f"0.9 .. 1.1 ({low:.2f} .. {high:.2f})", low <= value <= high)
+
+
+def scatter_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = True) -> Figure:
+    """Scatter over its lower bound: at most 1.1, chance allowed for.
+
+    Parameters
+    ----------
+    name : of the figure
+    ratio : (n,) error over the bound
+    family : number of statistics of the study
+    judged : whether the limit applies
+    """
+    ratio = ratio[np.isfinite(ratio)]
+    dof = ratio.size - 1
+    value = float(ratio.std(ddof=1))
+    limit = 1.1 * np.sqrt(stats.chi2.ppf(1 - level(family), dof) / dof)
+    error = f"+- {value / np.sqrt(2 * dof):.3f}"
+    if not judged:
+        return Figure(name, f"{value:.3f}", error)
+    return Figure(name, f"{value:.3f}", error, f"<= 1.10 ({limit:.2f})", value <= limit)
+
+
+def bias_figure(name: str, ratio: np.ndarray) -> Figure:
+    """Mean of errors over their sigma: below 0.2 plus three standard errors.
+
+    Parameters
+    ----------
+    name : of the figure
+    ratio : (n,) error over sigma
+    """
+    ratio = ratio[np.isfinite(ratio)]
+    error = float(ratio.std(ddof=1) / np.sqrt(ratio.size))
+    mean, limit = float(ratio.mean()), 0.2 + 3 * error
+    return Figure(name, f"{mean:+.3f}", f"+- {3 * error:.3f}", f"|.| <= {limit:.2f}", abs(mean) <= limit)
+
+
+def chi2_figure(name: str, chi2: np.ndarray, dof: np.ndarray, family: int, *, tolerance: float = 0.0) -> Figure:
+    """Sum of chi-squares over the sum of their degrees of freedom.
+
+    Parameters
+    ----------
+    name : of the figure
+    chi2, dof : (n,)
+    family : number of statistics of the study
+    tolerance : widening of the interval, for a noise that is itself measured
+    """
+    total, count = float(np.sum(chi2)), float(np.sum(dof))
+    low, high = stats.chi2.ppf([level(family) / 2, 1 - level(family) / 2], count) / count
+    low, high = low - tolerance, high + tolerance
+    value = total / count
+    return Figure(name, f"{value:.3f}", f"{count:.0f} dof", f"{low:.3f} .. {high:.3f}", low <= value <= high)
+
+
+def uniform_figure(name: str, chi2: np.ndarray, dof: np.ndarray, family: int) -> Figure:
+    """Whether probabilities of chi-squares are spread evenly, by the Kolmogorov-Smirnov test.
+
+    Parameters
+    ----------
+    name : of the figure
+    chi2, dof : (n,)
+    family : number of statistics of the study
+    """
+    probability = stats.chi2.sf(chi2, dof)
+    p = float(stats.kstest(probability, "uniform").pvalue)
+    low = float(np.mean(probability < FAMILY))
+    return Figure(name, f"p {p:.3f}", f"{100 * low:.1f} % below 1 %", f"p >= {level(family):.1g}", p >= level(family))

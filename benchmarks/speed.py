@@ -1,0 +1,140 @@
+"""Parts of the work against the best public peer, both timed in turn in the same run."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import stopwatch as watch
+from benchmarks.tables import Figure, at_least, at_most, show, title
+
+TESTS = Path(__file__).parents[1] / "tests" / "physics"
+EPOCHS = 172_800  # two a second for a day
+
+
+def references():
+    """Evaluations by public tools that the tests hold the physics against."""
+    if str(TESTS) not in sys.path:
+        sys.path.insert(0, str(TESTS))
+    import physics_references
+
+    return physics_references
+
+
+def readers(options) -> list[Figure]:
+    """A full day of ACC1A to arrays with GPS time, flags and checks, against polars reading the bytes as numbers."""
+    from benchmarks.readers import compare
+
+    title("readers: ACC1A of a day, 864,000 records")
+    found = compare(repeats=options.rounds)
+    return show(
+        [
+            Figure("size of the file", f"{found['megabytes']:.0f} MB"),
+            Figure("polars alone", f"{found['polars_s']:.3f} s"),
+            Figure("read: arrays, flags, checks", f"{found['read_s']:.3f} s"),
+            Figure("the same with GPS time", f"{found['with_gps_time_s']:.3f} s"),
+            Figure("read / polars", f"{found['ratio_read']:.2f}"),
+            at_most("read with GPS time / polars", found["ratio_with_gps_time"], 2.0),
+        ],
+        "median",
+    )
+
+
+def attitude(options) -> list[Figure]:
+    """Attitude and state transition of one manoeuvre, against scipy's DOP853 restarted at every edge."""
+    from gravcal.physics import dynamics, frames
+
+    title("attitude: 180 s of square wave, attitude and 6 x 6 state transition at 1 Hz")
+    peer = references()
+    state, torque, at = peer.manoeuvre()
+
+    def ours():
+        return dynamics.integrate_with_sensitivity(at, state, torque)
+
+    def scipys():
+        return peer.attitude_by_scipy(at, state, torque)
+
+    spent = watch.interleaved({"ours": lambda: [ours() for _ in range(20)], "scipy": scipys}, options.rounds)
+    spent["ours"] = [s / 20 for s in spent["ours"]]
+    (quaternion, rate, _, sensitivity), (states, transition) = ours(), scipys()
+    angle = np.abs(frames.attitude_error(quaternion, states[:, :4])).max()
+    return show(
+        [
+            _seconds("gravcal", spent["ours"]),
+            _seconds("scipy DOP853", spent["scipy"]),
+            _faster("scipy / gravcal", spent["scipy"], spent["ours"], 50),
+            at_most("difference of attitude", float(angle), 1e-11, " rad"),
+            at_most("difference of rate", float(np.abs(rate - states[:, 4:]).max()), 1e-13, " rad/s"),
+            at_most("difference of the transition", float(np.abs(sensitivity[..., :6] - transition).max()), 1e-8),
+        ],
+        "min .. max",
+    )
+
+
+def _seconds(name, spent):
+    """Median time without a target."""
+    return Figure(name, f"{watch.middle(spent):.3g} s", watch.span(spent))
+
+
+def _faster(name, peer, ours, wanted):
+    """Ratio peer over ours, round by round."""
+    ratio = watch.ratios(peer, ours)
+    return at_least(name, watch.middle(ratio), wanted, "", watch.span(ratio))
+
+
+def field(options) -> list[Figure]:
+    """IGRF-14 at epochs of their own, against ChaosMagPy with the same fraction of each interval."""
+    from gravcal.physics import magnetic
+
+    title(f"field: IGRF-14 at {EPOCHS:,} epochs with their own times, along an orbit")
+    peer = references()
+    time, position = _orbit()
+
+    def chaos():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return peer.field_by_chaosmagpy(time, position)
+
+    work = {"ours": lambda: magnetic.field_e(time, position, 14), "chaos": chaos}
+    spent = watch.interleaved(work, max(options.rounds // 2, 2))
+    difference = float(np.abs(work["ours"]() - chaos()).max() * 1e9)
+    return show(
+        [
+            _seconds("gravcal", spent["ours"]),
+            _seconds("ChaosMagPy", spent["chaos"]),
+            _faster("ChaosMagPy / gravcal", spent["chaos"], spent["ours"], 10),
+            at_most("largest difference, calendar apart", difference, 0.01, " nT"),
+        ],
+        "min .. max",
+    )
+
+
+def _orbit():
+    """Times (n,) GPS s and positions (n, 3) m, Earth-fixed, of a day at 490 km."""
+    time = 633787200.0 + 0.5 * np.arange(EPOCHS)
+    u, turn = 1.1e-3 * (time - time[0]), 7.292115e-5 * (time - time[0])
+    path = 6.868e6 * np.stack([np.cos(u), 0.02 * np.sin(u), np.sin(u)], axis=1)
+    x, y, z = path.T
+    return time, np.stack([np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x, z], axis=1)
+
+
+def simulate(options) -> list[Figure]:
+    """The windows round seven manoeuvres, computed and written as Level-1 files."""
+    from benchmarks import events
+    from flows import com_offset
+
+    title("simulate: the windows round seven manoeuvres")
+    with tempfile.TemporaryDirectory() as folder:
+
+        def written():
+            com_offset.simulate(folder, seed=options.seed, truth=None, effects={}, settings={})
+
+        work = {"alone": lambda: events.simulated(options.seed, {}), "written": written}
+        spent = watch.interleaved(work, options.rounds)
+    names = {"alone": "simulate", "written": "simulate and write Level-1 files"}
+    figures = [at_most(names[k], watch.middle(s), 2.0, " s", watch.span(s)) for k, s in spent.items()]
+    return show(figures, "min .. max")

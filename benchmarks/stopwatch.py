@@ -1,0 +1,43 @@
+"""Timing of several things in turn, so that a machine whose speed drifts is fair to all of them."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Mapping
+
+
+def interleaved(work: Mapping[str, Callable[[], object]], rounds: int, warm: bool = True) -> dict[str, list[float]]:
+    """Seconds of each piece of work, measured A B C A B C ...
+
+    Parameters
+    ----------
+    work : callables by name
+    rounds : how often each is timed
+    warm : run each once before, not counted
+    """
+    if warm:
+        for run in work.values():
+            run()
+    spent = {name: [] for name in work}
+    for _ in range(rounds):
+        for name, run in work.items():
+            start = time.perf_counter()
+            run()
+            spent[name].append(time.perf_counter() - start)
+    return spent
+
+
+def ratios(above: list[float], below: list[float]) -> list[float]:
+    """Ratio of each round, both taken seconds apart."""
+    return [a / b for a, b in zip(above, below, strict=True)]
+
+
+def span(values: list[float], unit: str = "") -> str:
+    """Smallest and largest."""
+    return f"{min(values):.3g} .. {max(values):.3g}{unit}"
+
+
+def middle(values: list[float]) -> float:
+    """Median."""
+    return statistics.median(values)
