@@ -1,0 +1,218 @@
+"""Every effect of the catalogue: neutral, differentiable, documented, and right in sign."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal import effects
+from gravcal.effects import CHANNELS, Context, accelerometer, attitude, catalogue, effect, timing, torque
+from gravcal.errors import CatalogError
+from gravcal.physics import sensing
+
+SLUGS = sorted(catalogue())
+COUNT = 50
+
+
+def context(seed=1, count=COUNT):
+    """Everything an effect of any family may look at, sizes as in orbit; extras of the ranging family too."""
+    rng = np.random.default_rng(seed)
+    time = 6.3e8 + np.sort(rng.uniform(0, 100, count))
+    gradient = rng.standard_normal((count, 3, 3)) * 1e-6
+    square = 27.5 * np.sign(np.sin(2 * np.pi * (time - time[0] - 3.3) / 12))[:, None] * np.array([1.0, 0.02, -0.01])
+    extra = {"mass": 580.0, "non_gravitational_b": 6e-8 * rng.standard_normal((count, 3))}
+    extra |= {"angle": 0.03 * rng.standard_normal((count, 2, 2))}
+    extra |= {"range": 2e5 + 100 * rng.standard_normal(count), "range_rate": rng.standard_normal(count)}
+    return Context(
+        time=time,
+        rate_b=1e-3 * rng.standard_normal((count, 3)),
+        rate_dot_b=1e-5 * rng.standard_normal((count, 3)),
+        gradient_b=gradient + np.swapaxes(gradient, 1, 2),
+        dipole_b=square,
+        field_b=4e-5 * rng.standard_normal((count, 3)),
+        linear_b=1e-7 * rng.standard_normal((count, 3)),
+        angular_b=1e-5 * rng.standard_normal((count, 3)),
+        inertia_b=np.diag([110.0, 580.0, 650.0]),
+        start=np.array([time[0] + 1.0, time[0] + 60.0]),
+        stop=np.array([time[0] + 40.0, time[0] + 99.0]),
+        extra=extra,
+    )
+
+
+def generic(entry, scene):
+    """Values away from neutral: priors, one after the other with changing sign; times inside the record."""
+    values = np.array([p.prior_sigma * (1 + 0.1 * i) * (-1) ** i for i, p in enumerate(entry.parameters)])
+    for i, p in enumerate(entry.parameters):
+        if p.name == "time":
+            values[i] = scene.time[COUNT // 2] + 1e-2
+        if p.name in ("limit", "tau"):
+            values[i] = abs(values[i]) * 5
+    return values
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_an_effect_is_stated_in_full(slug):
+    """Contract: family.name, a known channel, parameters with unit, meaning and prior, names unique, a reference."""
+    entry = effect(slug)
+    assert entry.slug == slug
+    assert re.fullmatch(r"[a-z]+(_[a-z]+)*\.[a-z]+(_[a-z0-9]+)*", slug)
+    assert entry.channel in CHANNELS
+    assert entry.reference
+    names = [p.name for p in entry.parameters]
+    assert len(names) == len(set(names)) >= 1
+    for p in entry.parameters:
+        assert p.unit
+        assert p.meaning
+        assert np.isfinite(p.prior_sigma)
+        assert p.prior_sigma > 0
+
+
+def test_slugs_are_unique_and_catalogued():
+    """Contract: no effect of a family module is lost because another has its name."""
+    every = [e.slug for family in (accelerometer, attitude, timing, torque) for e in family.EFFECTS]
+    assert len(every) == len(set(every))
+    assert set(every) <= set(SLUGS)
+    assert effects.effect("accelerometer.offset").slug == "accelerometer.offset"
+
+
+def test_an_unknown_slug_names_what_is_near():
+    """Contract: a typing error is answered with the effect that was meant."""
+    with pytest.raises(CatalogError, match="torque.dipole_gain"):
+        effect("torque.dipole_gian")
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_neutral_values_add_nothing(slug):
+    """Analytic: at the neutral values the contribution is zero, of the shape of the channel."""
+    entry, scene = effect(slug), context()
+    added = entry.contribution(scene, entry.values({}))
+    assert np.shape(added) == ((COUNT, 3) if CHANNELS[entry.channel] != "s" and entry.channel != "range" else (COUNT,))
+    assert_allclose(added, 0.0, atol=0)
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_columns_are_derivatives_of_the_contribution(slug):
+    """Analytic: central differences with another step, at a point away from neutral."""
+    entry, scene = effect(slug), context()
+    at = generic(entry, scene)
+    columns = entry.columns(scene, at)
+    for i, p in enumerate(entry.parameters):
+        step = np.zeros(at.size)
+        step[i] = 3e-4 * p.prior_sigma
+        found = entry.contribution(scene, at + step) - entry.contribution(scene, at - step)
+        slope = found / (2 * step[i])
+        size = np.abs(slope).max(initial=0.0)
+        assert_allclose(columns[..., i], slope, atol=1e-5 * size, rtol=1e-3)  # 100 s of a tone off by 0.1 mHz
+
+
+@pytest.mark.parametrize("slug", [s for s in SLUGS if effect(s).linear])
+def test_what_is_called_linear_is(slug):
+    """Analytic: the contribution of a sum is the sum of the contributions."""
+    entry, scene = effect(slug), context()
+    one, other = generic(entry, scene), generic(entry, scene)[::-1] * 0.7
+    both = entry.contribution(scene, one + other)
+    parts = entry.contribution(scene, one) + entry.contribution(scene, other)
+    assert_allclose(both, parts, atol=1e-12 * np.abs(parts).max())  # rounding
+
+
+def test_the_offset_is_the_tensor_of_the_equations():
+    """Analytic: f = (M - G) p with p = -offset, M written out element by element (equations.md M1), and sensing."""
+    scene, offset = context(), np.array([1.07e-4, -4e-5, 1.2e-5])
+    found = effect("accelerometer.offset").contribution(scene, offset)
+    (wx, wy, wz), (dx, dy, dz) = scene.rate_b.T, scene.rate_dot_b.T
+    M = np.array(
+        [
+            [-(wy**2) - wz**2, wx * wy - dz, wx * wz + dy],
+            [wx * wy + dz, -(wx**2) - wz**2, wy * wz - dx],
+            [wx * wz - dy, wy * wz + dx, -(wx**2) - wy**2],
+        ]
+    )
+    expected = (np.moveaxis(M, 2, 0) - scene.gradient_b) @ -offset
+    assert_allclose(found, expected, rtol=1e-12, atol=1e-24)  # rounding
+    tensor = sensing.offset_tensor(scene.rate_b, scene.rate_dot_b, scene.gradient_b)
+    assert_allclose(found, sensing.proof_mass_reading(0.0, tensor, -offset), rtol=1e-12, atol=1e-24)
+
+
+def test_a_moving_offset_adds_the_coriolis_term():
+    """Analytic: p moves at speed v, zero at mid manoeuvre: t T v + 2 w x v, seen with the sign of p = -offset."""
+    scene, speed = context(), np.array([1e-7, -2e-7, 3e-7])
+    found = effect("accelerometer.moving_offset").contribution(scene, speed)
+    middle = (scene.start + scene.stop) / 2
+    for k in (0, 20, COUNT - 1):
+        elapsed = scene.time[k] - middle[np.argmin(np.abs(scene.time[k] - middle))]
+        tensor = sensing.offset_tensor(scene.rate_b[k], scene.rate_dot_b[k], scene.gradient_b[k])
+        expected = -(elapsed * tensor @ speed + 2 * np.cross(scene.rate_b[k], speed))
+        assert_allclose(found[k], expected, rtol=1e-10)
+
+
+SIGNS = {
+    "torque.dipole_gain": ({"rod_x": 0.1}, [2.75, 0, 0]),
+    "torque.dipole_misalignment": ({"angle_z": 0.01}, [0, 0.275, 0]),
+    "torque.saturation": ({"limit": 20.0}, [-7.5, 0, 0]),
+    "torque.residual_dipole": ({"y": 0.3}, [0, 0.3, 0]),
+    "torque.constant": ({"z": 1e-6}, [0, 0, 1e-6]),
+    "torque.aerodynamic": ({"arm_x": 0.01}, [0, -580 * 0.01 * 3e-8, 580 * 0.01 * 2e-8]),
+    "torque.eddy_current": ({"coefficient": 100.0}, [-100 * 1e-3 * 16e-10, 0, 0]),
+    "accelerometer.scale": ({"y": 0.1}, [0, 2e-8, 0]),
+    "accelerometer.misalignment": ({"angle_z": 0.01}, [2e-9, -1e-9, 0]),
+    "accelerometer.quadratic": ({"x": 10.0}, [1e-13, 0, 0]),
+    "accelerometer.current_leak": ({"z_from_x": 1e-11}, [0, 0, 2.75e-10]),
+    "accelerometer.angular_leak": ({"x_from_y": 1e-4}, [2e-9, 0, 0]),
+    "accelerometer.bias_drift": ({"x": 1e-12}, [0, 0, 0]),
+    "accelerometer.angular_scale": ({"y": 0.05}, [0, 1e-6, 0]),
+    "magnetometer.bias": ({"x": 5e-7}, [5e-7, 0, 0]),
+    "magnetometer.scale": ({"z": 0.01}, [0, 0, 4e-7]),
+    "magnetometer.misalignment": ({"angle_x": 0.01}, [0, 4e-7, 0]),
+    "attitude.star_camera_misalignment": ({"angle_y": 1e-4}, [0, 1e-4, 0]),
+}
+
+
+@pytest.mark.parametrize("slug", sorted(SIGNS))
+def test_signs_are_as_stated(slug):
+    """Analytic: by hand, for a dipole 27.5 A m2 along x in a field of 40 uT along z, one number each."""
+    fields = {
+        "time": 1.0,
+        "dipole_b": [27.5, 0, 0],
+        "field_b": [0, 0, 4e-5],
+        "rate_b": [1e-3, 0, 0],
+        "linear_b": [1e-7, 2e-7, 3e-7],
+        "angular_b": [1e-5, 2e-5, 3e-5],
+    }
+    scene = Context(**{name: np.array([value]) for name, value in fields.items()})
+    scene = replace(scene, extra={"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]])})
+    given, expected = SIGNS[slug]
+    entry = effect(slug)
+    if slug == "accelerometer.misalignment":  # axes turned by +v read R^T a = a - v x a
+        assert_allclose(np.cross(scene.linear_b[0], [0, 0, 0.01]), expected)
+    assert_allclose(entry.contribution(scene, entry.values(given))[0], expected, rtol=1e-12, atol=1e-22)
+
+
+def test_delays_are_the_number_given():
+    """Analytic: a late tag is late by the same time everywhere; a drift grows."""
+    scene = context()
+    for slug in ("timing.accelerometer_delay", "timing.star_camera_delay", "timing.magnetometer_delay"):
+        assert_allclose(effect(slug).contribution(scene, [0.3]), 0.3)
+    drift = effect("timing.clock_drift").contribution(scene, [1e-6])
+    assert_allclose(np.diff(drift), 1e-6 * np.diff(scene.time), rtol=1e-6)
+
+
+def test_a_lag_takes_from_each_step_its_exponential():
+    """Analytic: first-order lag of one step, sampled finely: -step exp(-t / tau) after it, nothing before."""
+    time = np.arange(0, 3, 0.01)
+    dipole = np.where(time[:, None] >= 1.0, [27.5, 0, 0], 0.0)
+    found = effect("torque.dipole_lag").contribution(Context(time=time, dipole_b=dipole), [0.2])
+    after = time >= 1.0
+    assert_allclose(found[~after], 0.0, atol=1e-12)
+    assert_allclose(found[after, 0], -27.5 * np.exp(-(time[after] - 1.0) / 0.2), rtol=1e-9)
+
+
+def test_a_tone_and_a_step_are_what_they_say():
+    """Analytic: sine from the first epoch on; step from its time on."""
+    scene = context()
+    elapsed = scene.time - scene.time[0]
+    tone = effect("accelerometer.stray_tone").contribution(scene, [0.1, 1e-10, 0, 2e-10, 0.5])
+    assert_allclose(tone, np.sin(0.2 * np.pi * elapsed + 0.5)[:, None] * [1e-10, 0, 2e-10], atol=1e-24)
+    step = effect("accelerometer.bias_step").contribution(scene, [1e-9, 0, 0, scene.time[10]])
+    assert_allclose(step[:, 0], np.where(np.arange(COUNT) >= 10, 1e-9, 0))

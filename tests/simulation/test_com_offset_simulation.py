@@ -1,0 +1,158 @@
+"""The simulated calibration day: what each effect changes, what noise and clocks look like, and the truth."""
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.data import catalog
+from gravcal.effects import catalogue, effect
+from gravcal.simulation.com_offset import simulate
+
+DAY = 633787200.0  # GPS s, 2020-02-01 12:00:00 before the epoch of a day file; any midnight will do
+LINEAR = {f"ACC1A.lin_accl_{a}" for a in "xyz"}
+ANGULAR = {f"ACC1A.ang_accl_{a}" for a in "xyz"}
+ATTITUDE = {f"SCA1B.{q}" for q in ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")}
+FIELD = {f"MAG1B.Mfv{a}_RAW" for a in "XYZ"}
+CURRENT = {f"MAG1B.torque{i}{s}" for i in (1, 2, 3) for s in "AB"}
+#: What an effect of a channel may change, and what it has to change.
+TOUCHES = {
+    "linear_b": (LINEAR, LINEAR),
+    "angular_b": (ANGULAR, ANGULAR),
+    "pointing_b": (ATTITUDE, ATTITUDE),
+    "field_b": (FIELD, FIELD),
+    "acc_delay": (LINEAR | ANGULAR, LINEAR | ANGULAR),
+    "sca_delay": (ATTITUDE, ATTITUDE),
+    "mag_delay": (FIELD | CURRENT, FIELD),
+    "dipole_b": (LINEAR | ANGULAR | ATTITUDE | FIELD | CURRENT, ATTITUDE),
+    "torque_b": (LINEAR | ANGULAR | ATTITUDE | FIELD | CURRENT, ATTITUDE),
+}
+SLUGS = sorted(s for s, e in catalogue().items() if e.channel in TOUCHES and s != "accelerometer.offset")
+
+
+def event(seed=5, effects=None, **settings):
+    """Columns and truth of a small event, one pitch manoeuvre with a minute on either side."""
+    chosen = {"manoeuvres": ("pitch_high",), "quiet_s": 60.0} | settings
+    parameters = catalog.parameters("simulate_com_offset").with_settings(chosen)
+    return simulate(catalog.satellite("C").settings(), parameters, DAY, seed, effects or {})
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """The event without effect."""
+    return event()
+
+
+def flat(columns):
+    """Columns by "product.column"."""
+    return {f"{p}.{n}": v for p, part in columns.items() for n, v in part.items()}
+
+
+def strengths(slug, start):
+    """Values that show: three priors; times inside the manoeuvre, a limit below the full scale."""
+    given = {p.name: 3 * p.prior_sigma for p in effect(slug).parameters}
+    return given | ({"time": start + 50.0} if "time" in given else {}) | ({"limit": 20.0} if "limit" in given else {})
+
+
+def differs(one, other, rounding):
+    """Not the same; with rounding, more than a reading here and there that went to the next step."""
+    if one.shape != other.shape or not rounding:
+        return not np.array_equal(one, other)
+    return bool(np.abs(other.astype(float) - one).mean() > 1e-3 * np.ptp(one))
+
+
+@pytest.mark.parametrize("slug", SLUGS)
+def test_an_effect_changes_the_channel_it_claims_and_no_other(plain, slug):
+    """Contract: noise and all other columns stay as they were, bit by bit.
+
+    A delay moves the epochs at which integration steps end, so there the rest may round otherwise.
+    """
+    columns, truth = plain
+    start = truth["manoeuvres"][0]["start"]
+    changed, told = event(effects={slug: strengths(slug, start)})
+    before, after = flat(columns), flat(changed)
+    may, must = TOUCHES[effect(slug).channel]
+    moved = {n for n in before if differs(before[n], after[n], n not in must and slug.startswith("timing"))}
+    assert moved <= may
+    assert moved & must
+    assert told["effects"][slug] == strengths(slug, start)
+    assert all(np.isfinite(v).all() for v in after.values())
+
+
+def test_the_same_seed_gives_the_same_columns_and_another_seed_another_truth(plain):
+    """Contract: everything random comes from the seed."""
+    again, other = event(), event(seed=6)
+    assert all(np.array_equal(v, flat(again[0])[n]) for n, v in flat(plain[0]).items())
+    assert json.loads(json.dumps(plain[1])) == again[1]
+    assert not np.allclose(plain[1]["offset_um"], other[1]["offset_um"])
+
+
+def test_an_injected_reading_is_the_contribution_in_the_file():
+    """Analytic: a leak of the current shows in the linear columns as leak times dipole, to one step of the reading."""
+    leak = {"z_from_x": 5e-9}
+    settings = {"noise_scale": 0.0, "control_current_ma": 0.0}
+    one, truth = event(**settings)
+    other, _ = event(effects={"accelerometer.current_leak": leak}, **settings)
+    difference = other["ACC1A"]["lin_accl_z"] - one["ACC1A"]["lin_accl_z"]
+    assert np.unique(np.round(np.abs(difference) / (27.5125 * 5e-9), 3)).tolist() == [0.0, 1.0]
+    assert_allclose(other["ACC1A"]["lin_accl_x"], one["ACC1A"]["lin_accl_x"], rtol=0, atol=0)
+    on = np.flatnonzero(difference)
+    length = truth["manoeuvres"][0]["stop"] - truth["manoeuvres"][0]["start"]
+    assert on.size == pytest.approx(length / 0.09999103654, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("slug", "product", "column"),
+    [
+        ("timing.accelerometer_delay", "ACC1A", "ang_accl_y"),
+        ("timing.star_camera_delay", "SCA1B", "quatjcoeff"),
+        ("timing.magnetometer_delay", "MAG1B", "torque1A"),
+    ],
+)
+def test_a_late_tag_shows_the_past(slug, product, column):
+    """Analytic: with tags late by 1 s the record holds what stood 1 s earlier."""
+    settings = {"noise_scale": 0.0}
+    one, other = event(**settings)[0], event(effects={slug: {"delay": 1.0}}, **settings)[0]
+    shift = {"ACC1A": 10, "SCA1B": 1, "MAG1B": 2}[product]
+    before, after = np.abs(one[product][column]), np.abs(other[product][column])
+    shifted, straight = np.abs(after[shift:] - before[:-shift]), np.abs(after[shift:] - before[shift:])
+    assert shifted.mean() < 0.2 * straight.mean()  # ACC1A: an edge may fall between, samples are not 0.1 s apart
+
+
+def test_edges_fall_at_any_fraction_of_a_second():
+    """Contract: starts of 12 seeds spread over the second (expected largest gap far below one half)."""
+    fraction = np.sort([event(seed=s)[1]["manoeuvres"][0]["start"] % 1 for s in range(12)])
+    assert np.diff(np.append(fraction, fraction[0] + 1)).max() < 0.6
+
+
+def test_clock_files_undo_the_tags():
+    """Contract: TIM1B and CLK1B take on-board tags to GPS, the times at which the readings were made."""
+    columns, truth = event(noise_scale=0.0)
+    acc, clk, tim = columns["ACC1A"], columns["CLK1B"], columns["TIM1B"]
+    tag = acc["rcvtime_intg"] - truth["day"] + 1e-6 * acc["rcvtime_frac"]
+    offset_ns = (tim["rcvtime_intg"] - tim["obctime"]) * 1_000_000_000 + tim["rcvtime_frac"]
+    receiver = tag + 1e-9 * np.interp(tag, tim["obctime"] - truth["day"], offset_ns)
+    gps = receiver + np.interp(receiver, clk["rcv_time"] - truth["day"], clk["eps_time"])
+    signal = acc["ang_accl_y"]
+    first = np.flatnonzero(np.abs(np.diff(signal)) > 0.3 * np.ptp(signal))[0]
+    start = truth["manoeuvres"][0]["start"] - truth["day"]
+    assert gps[first] < start + 1e-6
+    assert gps[first + 1] > start - 1e-6
+
+
+def test_a_day_without_manoeuvre_flies_too():
+    """Contract: an empty list gives a record under control, with currents below the manoeuvre's."""
+    columns, truth = event(manoeuvres=(), quiet_s=300.0)
+    assert truth["manoeuvres"] == []
+    assert max(np.abs(columns["MAG1B"][n]).max() for n in columns["MAG1B"] if n.startswith("torque")) < 10.0  # mA
+
+
+def test_an_unknown_effect_or_parameter_is_refused():
+    """Contract: a typing error does not give clean data."""
+    from gravcal.errors import CatalogError
+    from gravcal.simulation.injection import by_slug
+
+    for wrong in ({"torque.dipole_gian.rod_x": 0.1}, {"torque.dipole_gain.rod_q": 0.1}, {"dipole_gain": 1.0}):
+        with pytest.raises(CatalogError):
+            by_slug(wrong)
