@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from gravcal.data.schemas import validate
 from gravcal.report import com_offset
 
 
-def report(*products, event, satellite, settings):
+def report(*products, event, satellite, settings, published):
     """Report product of one event and its files.
 
     Parameters
@@ -22,14 +23,15 @@ def report(*products, event, satellite, settings):
     event : str
     satellite : letter
     settings : mapping of all parameters
+    published : {section: list of plain records} of the catalogue, {} where nothing was printed
 
     Returns
     -------
     dataset : Dataset, "com_offset.report"
     files : {name: text or bytes}
     """
-    combined, solved, angular = products[0], products[1:5], products[5:9]
-    smoothed, surveyed, checked, aligned, detected = products[9:]
+    combined, solved = products[0], products[1:5]
+    smoothed, surveyed, checked, _, detected = products[9:]
     provenance = {"products": {name: product.digest(d)[:12] for name, d in _named(products).items()}}
     arguments = {"event": event, "provenance": provenance, "settings": settings}
     document = com_offset.document(combined, solved, smoothed, checked, detected, surveyed, **arguments)
@@ -38,10 +40,8 @@ def report(*products, event, satellite, settings):
     line = com_offset.vcm_line(document, satellite)
     if line is not None:
         files["result.vcm"] = line + "\n"
-    if hasattr(com_offset, "page"):
-        files["report.html"] = com_offset.page(
-            document, combined, solved, angular, smoothed, surveyed, checked, aligned, detected
-        )
+    printed = {section: [SimpleNamespace(**r) for r in records] for section, records in published.items()}
+    files["report.html"] = com_offset.page(document, *products, published=printed, vcm=line)
     return _dataset(document), files
 
 

@@ -124,6 +124,7 @@ def _sections(document, given, published):
             "Angular acceleration and time",
             [tables.instruments(document)],
             [_figure(angular, key_of(document, "angular_acceleration"), *captions["angular"])],
+            _inertia_notes(document),
         ),
         _section(
             "Torquers and attitude",
@@ -184,6 +185,18 @@ def _result_notes(document, published):
     if sources:
         notes.append(f"Printed: {'; '.join(sources)}. Printed errors are formal and several times too small.")
     return notes
+
+
+def _inertia_notes(document):
+    """Principal moments seen in the attitude, where they were estimated."""
+    found = document["scales"].get("inertia")
+    if found is None or found["value"] == [None] * 3:
+        return []
+    told = [
+        f"{axis} {plus_minus(value, sigma, digits=3)}"
+        for axis, value, sigma in zip(AXES, found["value"], found["sigma"], strict=True)
+    ]
+    return [f"Principal moments of inertia over the catalogue, from the attitude: {', '.join(told)}."]
 
 
 def _survey_sections(document, given):

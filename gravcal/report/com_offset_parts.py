@@ -108,21 +108,24 @@ def delays(smoothed):
 
 
 def scales(smoothed, settings):
-    """Scales of torque and angular accelerometer, weighted means over the manoeuvres.
+    """Scales of torque, moments of inertia and angular accelerometer, weighted means over the manoeuvres.
 
     Parameters
     ----------
     smoothed : Dataset, "com_offset.attitude"
-    settings : mapping with torque_scale_sigma, the prior
+    settings : mapping with torque_scale_sigma and inertia_scale_sigma, the priors
 
     Returns
     -------
-    scales : {"torque", "angular"}, each {"value", "sigma"} per axis; null where no manoeuvre turns the axis
+    scales : {"angular", "inertia", "torque"}, each {"value", "sigma"} per axis; null where no manoeuvre turns the axis
     """
-    limit = SCALE_SHARE * float(settings["torque_scale_sigma"])
+    known = {"angular": ANGULAR_LIMIT}
+    for name in ("torque", "inertia"):
+        if f"{name}_scale" in smoothed and f"{name}_scale_sigma" in settings:
+            known[name] = SCALE_SHARE * float(settings[f"{name}_scale_sigma"])
     return {
-        "torque": _mean(smoothed["torque_scale"].values, smoothed["torque_scale_sigma"].values, limit),
-        "angular": _mean(smoothed["angular_scale"].values, smoothed["angular_scale_sigma"].values, ANGULAR_LIMIT),
+        name: _mean(smoothed[f"{name}_scale"].values, smoothed[f"{name}_scale_sigma"].values, limit)
+        for name, limit in sorted(known.items())
     }
 
 
