@@ -52,7 +52,8 @@ def calibrate(source, chosen):
 def _report_settings(source, chosen):
     """What the report says beside the products: all settings and what was published of the event."""
     values = {name: entry.value for name, entry in chosen.entries.items()}
-    return {"event": source.event, "satellite": source.satellite, "settings": values}
+    printed = common.printed_of("com_offset", source.event)
+    return {"event": source.event, "satellite": source.satellite, "settings": values, "published": printed}
 
 
 @flow(name="com_offset_detect")

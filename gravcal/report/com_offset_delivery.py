@@ -41,7 +41,9 @@ def report(*products, event, satellite, settings, published):
     if line is not None:
         files["result.vcm"] = line + "\n"
     printed = {section: [SimpleNamespace(**r) for r in records] for section, records in published.items()}
-    files["report.html"] = com_offset.page(document, *products, published=printed, vcm=line)
+    files["report.html"] = com_offset.page(
+        document, combined, solved, products[5:9], *products[9:], published=printed, vcm=line
+    )
     return _dataset(document), files
 
 
