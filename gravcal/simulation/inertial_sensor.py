@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from gravcal.calibrations.inertial_sensor import electrodes, turning
@@ -38,12 +36,11 @@ def swing_rate_dot(time: np.ndarray, start: float, chosen) -> np.ndarray:
     return out
 
 
-def swing(satellite: Mapping, chosen, start: float, truth: truths.Truth, rng) -> dict:
+def swing(chosen, start: float, truth: truths.Truth, rng) -> dict:
     """Voltages, attitude and orbit round one swing.
 
     Parameters
     ----------
-    satellite : numbers of the catalogue
     chosen : parameters of the simulation
     start : GPS s, begin of the record, whole
     truth : Truth

@@ -1,8 +1,8 @@
-"""A simulated roll of the inertial sensor about its y axis, made span by span so that nineteen days need little memory."""
+"""A simulated roll of the inertial sensor about its y axis, made span by span so that nineteen days fit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,12 +80,11 @@ def attitude(roll: Roll, time: np.ndarray) -> np.ndarray:
     return frames.continuous(frames.quaternion_from_R_bi(R_bo @ truths.R_oi(roll.path(time))))
 
 
-def span(satellite: Mapping, chosen, roll: Roll, bounds: tuple[float, float], truth: truths.Truth, rng) -> dict:
+def span(chosen, roll: Roll, bounds: tuple[float, float], truth: truths.Truth, rng) -> dict:
     """Voltages, attitude and orbit of one span of the roll; arguments and result as `inertial_sensor.swing`.
 
     Parameters
     ----------
-    satellite : numbers of the catalogue
     chosen : parameters of the simulation
     roll : Roll; bounds : s and s, whole; truth : Truth; rng : source of randomness
     """

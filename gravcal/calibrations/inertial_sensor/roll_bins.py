@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.calibrations.inertial_sensor import electrodes
+from gravcal.calibrations.inertial_sensor import roll_kernels as kernels
 from gravcal.physics import frames, gravity
 
 SPIKE = 6.0  # standard deviations of a sample about the mean of its bin
@@ -40,7 +41,7 @@ def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str
     return {
         "time": middle,
         "linear_volt": mean,
-        "share": count.min(axis=1) / (step_s / usual),
+        "share": np.minimum(count.min(axis=1) / np.rint(step_s / usual), 1.0),
         "R_bo": R_bi @ np.swapaxes(orbit_frame(state), 1, 2),
         "rate_b": rates(quaternion, step_s),
         "gradient_b": gravity.rotate_tensor(R_bi, gravity.gradient_i(position)),
@@ -58,41 +59,10 @@ def clipped_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tu
     -------
     mean : (b, m), NaN where empty; count : (b, m) samples used
     """
-    bounds = np.searchsorted(time, edges - 1e-6)
-    inside = slice(bounds[0], bounds[-1])
-    values = np.array(values[inside], dtype=float)
-    bounds = bounds - bounds[0]
-    good = np.isfinite(values)
-    values[~good] = 0.0
-    mean, count = _reduce(values, good, bounds)
-    away = values - np.repeat(mean, np.diff(bounds), axis=0)
-    size = 1.4826 * np.nanmedian(np.abs(away[::17]), axis=0)
-    spike = good & (np.abs(away) > SPIKE * size)
-    if not spike.any():
-        return mean, count
-    touched = np.unique(np.searchsorted(bounds, np.flatnonzero(spike.any(axis=1)), side="right") - 1)
-    good &= ~_about_median(values, good, bounds, touched, SPIKE * size)
-    values[~good] = 0.0
-    return _reduce(values, good, bounds)
-
-
-def _about_median(values, good, bounds, touched, limit):
-    """Samples of the touched bins that lie away from the bin's median, which a spike does not move."""
-    away = np.zeros(values.shape, dtype=bool)
-    for b in touched:
-        part = slice(bounds[b], bounds[b + 1])
-        inside = np.where(good[part], values[part], np.nan)
-        away[part] = np.abs(inside - np.nanmedian(inside, axis=0)) > limit
-    return away
-
-
-def _reduce(values, good, bounds):
-    """Means and counts between bounds; values are zero where not good."""
-    zero = np.zeros((1, values.shape[1]))
-    total = np.diff(np.concatenate([zero, np.cumsum(values, axis=0)])[bounds], axis=0)
-    count = np.diff(np.concatenate([zero, np.cumsum(good, axis=0)])[bounds], axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(count > 0, total / count, np.nan), count
+    some = np.diff(values[: values.shape[0] // 2 * 2].reshape(-1, 2, values.shape[1])[::7], axis=1)
+    size = 1.4826 * np.nanmedian(np.abs(some), axis=(0, 1)) / np.sqrt(2)
+    limit = SPIKE * np.maximum(np.nan_to_num(size), 1e-300)
+    return kernels.clipped_means(values, np.searchsorted(time, edges - 1e-6), limit)
 
 
 def mean_attitude(time: np.ndarray, quaternion: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -102,13 +72,11 @@ def mean_attitude(time: np.ndarray, quaternion: np.ndarray, edges: np.ndarray) -
     ----------
     time : (n,) s, increasing; quaternion : (n, 4); edges : (b + 1,) s
     """
-    bounds = np.searchsorted(time, edges - 1e-6)
-    inside = slice(bounds[0], bounds[-1])
-    q = frames.continuous(np.nan_to_num(quaternion[inside]))
-    good = np.isfinite(quaternion[inside]).all(axis=1, keepdims=True) & np.ones((1, 4), dtype=bool)
-    mean, count = _reduce(np.where(good, q, 0.0), good, bounds - bounds[0])
-    mean[count[:, 0] < 0.5 * np.median(count[:, 0])] = np.nan
-    return mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    mean, count = kernels.mean_quaternions(
+        np.ascontiguousarray(quaternion, dtype=float), np.searchsorted(time, edges - 1e-6)
+    )
+    mean[count < 0.5 * np.median(count)] = np.nan
+    return mean
 
 
 def orbit_frame(state_i: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.methods import estimation
 from gravcal.physics import sensing
 
 
@@ -66,33 +65,34 @@ def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
     return sensing.offset_tensor(rate_b, np.broadcast_to(slope, rate_b.shape), gradient_b)
 
 
-def solve_axis(axis: int, reading: np.ndarray, R_bo: np.ndarray, model: Model) -> tuple[float, float, np.ndarray]:
-    """Constant of one readout over a segment.
+def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model):
+    """Constants of readouts of one axis over a segment.
 
     Parameters
     ----------
-    axis : 0 x, 1 y, 2 z; reading : (b,) any unit, offset term already taken off
+    axis : 0 x, 1 y, 2 z; readings : (b, m) any units
     R_bo : (b, 3, 3); model : Model
 
     Returns
     -------
-    constant, sigma : unit of the reading; residual : (b,)
+    constant, sigma : (m,) units of the readings; residual : (b, m)
 
     Notes
     -----
     k V = -b + trend + sum_J c_iJ (a_J t + a_0J); Remote Sens. 2023, 15, 3817, eqs. 14 and 15 with direction cosines
     (erratum T-3). About y the cosine with y is constant: nothing is fitted, the constant holds b and a_0 (T-9).
     """
-    u = np.linspace(-1, 1, reading.size)
+    u = np.linspace(-1, 1, readings.shape[0])
     trend = np.polynomial.legendre.legvander(u, model.trend_degree)
     change = np.polynomial.legendre.legvander(u, model.amplitude_degree)
     turning = () if axis == 1 else (0, 2)
     design = np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
-    covariance = estimation.stable_inverse(design.T @ design)
-    value = covariance @ (design.T @ reading)
-    residual = reading - design @ value
-    variance = residual @ residual / (reading.size - design.shape[1])
-    return float(value[0]), float(np.sqrt(variance * covariance[0, 0])), residual
+    basis, triangle = np.linalg.qr(design)
+    first = np.linalg.solve(triangle.T, np.eye(triangle.shape[0])[0])  # weights of the constant along the basis
+    share = basis.T @ readings
+    residual = readings - basis @ share
+    variance = np.einsum("bm,bm->m", residual, residual) / (u.size - design.shape[1])
+    return first @ share, np.sqrt(variance * (first @ first)), residual
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,11 @@ def _segment(one, k, offset, model, step_s):
     """Constant, sigma, volt and mean tensor of one segment."""
     tensor = offset_terms(one["rate_b"], one["gradient_b"], step_s)
     felt = np.matvec(tensor, offset) if model.with_offset else np.zeros((tensor.shape[0], 3))
-    solved = [solve_axis(i, k[i] * one["linear_volt"][:, i] - felt[:, i], one["R_bo"], model) for i in range(3)]
-    volt = [solve_axis(i, one["linear_volt"][:, i], one["R_bo"], model)[0] for i in range(3)]
-    return np.array([s[0] for s in solved]), np.array([s[1] for s in solved]), np.array(volt), tensor.mean(axis=0)
+    volt = one["linear_volt"]
+    both = np.stack([k * volt - felt, volt], axis=2)
+    solved = [solve_axis(axis, both[:, axis], one["R_bo"], model) for axis in range(3)]
+    constant, sigma = np.array([s[0] for s in solved]), np.array([s[1] for s in solved])
+    return constant[:, 0], sigma[:, 0], constant[:, 1], tensor.mean(axis=0)
 
 
 def _nothing():

@@ -99,7 +99,7 @@ def predict(swing: Swing, unknowns: Unknowns, before: Prediction) -> Prediction:
 
     Notes
     -----
-    w' = beta V + c - J^-1 (w x J w - vex(J G - G J)); Remote Sens. 2023, 15, 3817, eq. 11 with the torques it leaves out.
+    w' = beta V + c - J^-1 (w x J w - vex(J G - G J)); Remote Sens. 2023, 15, 3817, eq. 11, completed.
     """
     u = _unit_time(swing)[:, None]
     measured = swing.angular_volt * unknowns.factors[list(swing.owner)] + unknowns.constant + u * unknowns.slope

@@ -1,0 +1,141 @@
+"""Inertial-sensor calibration: from voltages and attitude to scale factors, offset and bias."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from flows.engine import flow
+from gravcal.data import catalog
+from tasks import common, inertial_sensor
+from tasks.stage import read
+
+GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
+ORIGIN = datetime(2000, 1, 1, 12)
+
+
+@flow(name="inertial_sensor")
+def calibrate(source, chosen):
+    """Scale factors and offset from a swing, bias from a roll."""
+    days = _days(source)
+    found = inertial_sensor.detect(*(d["ATT"] for d in days.values()), event=source.event, **chosen.for_stage("detect"))
+    seen = read(found)
+    parts = {"detect": found}
+    if seen.sizes["swing"]:
+        files = _files(days, float(seen.swing_start[0]), float(seen.swing_stop[0]), chosen.margin_s)
+        parts |= _swing(found, files, source, chosen)
+    if seen.sizes["roll"]:
+        files = _files(days, float(seen.roll_start[0]), float(seen.roll_stop[-1]), 0.0)
+        rolled = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
+        swing = [parts[name] for name in ("scale", "offset") if name in parts]
+        parts["bias"] = inertial_sensor.bias(rolled, *swing, assumed=_assumed(chosen), **chosen.for_stage("bias"))
+    return inertial_sensor.report(*parts.values(), names=list(parts), **_report_settings(source, chosen))
+
+
+def _swing(found, files, source, chosen):
+    """Products of a swing by name."""
+    aligned = inertial_sensor.align(found, *files, event=source.event, **chosen.for_stage("align"))
+    scaled = inertial_sensor.scale(aligned, geometry=_geometry(), **chosen.for_stage("scale"))
+    moved = inertial_sensor.offset(aligned, scaled, **chosen.for_stage("offset"))
+    return {"align": aligned, "scale": scaled, "offset": moved}
+
+
+def _days(source):
+    """Files of every day of the source."""
+    from gravcal.data import inertial_files
+
+    return inertial_files.days(source.folder, source.date)
+
+
+def _files(days, start, stop, margin):
+    """Files of the days that a span touches."""
+    first, last = ((ORIGIN + timedelta(seconds=t)).date().isoformat() for t in (start - margin, stop + margin))
+    return [one for date, files in days.items() if first <= date <= last for one in files.values()]
+
+
+def _geometry():
+    """Mass, inertia and arms of the test mass with their errors."""
+    satellite = catalog.satellite("T").settings()
+    return {name + end: satellite[key + end] for name, key in GEOMETRY.items() for end in ("", "_sigma")}
+
+
+def _assumed(chosen):
+    """Scale factors and offset for a roll without a swing."""
+    return {name.removeprefix("assumed_"): value for name, value in chosen.for_stage("assumed").items()}
+
+
+def _report_settings(source, chosen):
+    """What the report says beside the products: all settings, and what is printed."""
+    values = {name: entry.value for name, entry in chosen.entries.items()}
+    printed = {
+        section: [{"labels": dict(r.labels), "value": list(r.value), "sigma": list(r.sigma)} for r in records]
+        for section, records in catalog.published("inertial_sensor").items()
+        if section != "scalars"
+    }
+    return {"event": source.event, "settings": values, "published": printed}
+
+
+@flow(name="inertial_sensor_detect")
+def detect(source, chosen):
+    """Swings and rolls of the files."""
+    attitudes = (files["ATT"] for files in _days(source).values())
+    return inertial_sensor.detect(*attitudes, event=source.event, **chosen.for_stage("detect"))
+
+
+def source(*, event=None, data=None, satellite=None, date=None):
+    """Source of a catalogue event, or of a folder: one day of it, or all its days."""
+    if event is not None:
+        return common.source_of("inertial_sensor", (), event=event)
+    from gravcal.data import inertial_files
+
+    days = inertial_files.days(data, date)
+    return common.Source(f"taiji-t-{date or min(days)}", satellite or "T", date, Path(data))
+
+
+def document(ref):
+    """Result document of a report product, with the keys of everything it was made from."""
+    result = json.loads((ref.folder / "result.json").read_text())
+    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
+    return result
+
+
+def detected(ref):
+    """Document with the manoeuvres of a detect product."""
+    found = read(ref)
+    rows = [
+        {"kind": kind, "start": float(a), "stop": float(b)}
+        for kind in ("swing", "roll")
+        for a, b in zip(found[f"{kind}_start"].values, found[f"{kind}_stop"].values, strict=True)
+    ]
+    return {"event": ref.event, "manoeuvres": rows}
+
+
+def simulate(out, *, seed, truth, effects, settings):
+    """Write the files of an invented event; returns its truth, written to `truth` if that is given.
+
+    Parameters
+    ----------
+    out : folder
+    seed : source of everything random
+    truth : file for the truth, or None
+    effects : {"slug.parameter": value}, none known to this calibration
+    settings : {parameter of the simulation: text or value}
+    """
+    from gravcal.data import inertial_files
+    from gravcal.errors import CatalogError
+    from gravcal.simulation import inertial_sensor_event as simulation
+
+    if effects:
+        raise CatalogError(f"inertial_sensor: found effects {', '.join(effects)}, expected none. Leave --effect out.")
+    chosen = catalog.parameters("simulate_inertial_sensor").with_settings(settings)
+    day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
+    records, invented = simulation.simulate(catalog.satellite("T").settings(), chosen, day, seed)
+    for record in records:
+        for product, values in record.items():
+            inertial_files.write(out, product, values)
+    invented |= {"satellite": "T", "date": chosen.date}
+    if truth is not None:
+        Path(truth).parent.mkdir(parents=True, exist_ok=True)
+        Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
+    return invented
