@@ -1,0 +1,198 @@
+"""Stage combine: errors, spectra and identifiability of all methods in one product, and the result document."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.building import build
+from gravcal.calibrations.gradient_torque import identifiability, laws
+from gravcal.calibrations.gradient_torque.gradient import cube_side
+from gravcal.calibrations.gradient_torque.schemas import COMBINE
+from gravcal.calibrations.gradient_torque.torque import amplitude_spectrum
+
+CLEAN = ".clean"
+
+
+def combine(
+    *products: xr.Dataset,
+    methods: tuple,
+    identifiability_epochs: int,
+    identifiability_step_s: float,
+    single_sensor: int,
+    elongation: float,
+    satellite: dict,
+) -> xr.Dataset:
+    """Comparison of the methods.
+
+    Parameters
+    ----------
+    products : Dataset, "gradient_torque.gradient", then "gradient_torque.drag" of each of `methods`, then, if there is
+        one, "gradient_torque.truth" and the drags from readings without noise in the order of `methods`
+    methods : names
+    identifiability_epochs, identifiability_step_s : size of the joint system shown
+    single_sensor, elongation, satellite : as for the other stages
+
+    Returns
+    -------
+    combined : Dataset, "gradient_torque.combine"
+    """
+    modelled, drags = products[0], products[1 : 1 + len(methods)]
+    rest = products[1 + len(methods) :]
+    truth = rest[0]["drag_b"].values if rest else np.full(drags[0]["drag_b"].shape, np.nan)
+    step = float(np.median(np.diff(modelled["time"].values)))
+    values = {"method": np.array(methods)} | _errors(drags, truth, step)
+    values |= _clean(rest[1:], truth, step, values)
+    choices = (identifiability_epochs, identifiability_step_s, single_sensor, elongation)
+    values |= _identifiability(modelled, drags[list(methods).index("one_sensor")], choices, satellite)
+    return build(COMBINE, values, title="Drag by all methods")
+
+
+def document(combined: xr.Dataset, keys: dict) -> dict:
+    """The parts of the result document that are this calibration's own.
+
+    Parameters
+    ----------
+    combined : Dataset, "gradient_torque.combine"
+    keys : {method: key of its drag product}
+    """
+    drag = {}
+    for index, name in enumerate(combined["method"].values):
+        one = combined.isel(method=index)
+        drag[str(name)] = {
+            "rms_error": _plain(one["error_rms"]),
+            "sigma_rms": _plain(one["sigma_rms"]),
+            "sigma_total_rms": _plain(one["sigma_total_rms"]),
+            "rms_error_without_noise": _plain(one["clean_error_rms"]),
+            "rms_error_bare_reading": _plain(one["bare_error_rms"]),
+            "error_over_sigma": _plain(one["error_over_sigma"]),
+            "series": keys[str(name)],
+        }
+    return {"drag": drag, "identifiability": _identifiability_document(combined)}
+
+
+def _identifiability_document(combined):
+    """Rank, null space and the table of knowledge."""
+    steps = [
+        {
+            "known": str(name),
+            "rank": int(rank),
+            "unknowns": int(unknowns),
+            "drag_sigma": [_plain(s) for s in sigma],
+        }
+        for name, rank, unknowns, sigma in zip(
+            combined["step"].values,
+            combined["step_rank"].values,
+            combined["step_unknowns"].values,
+            combined["step_sigma"].values,
+            strict=True,
+        )
+    ]
+    return {
+        "rank": int(combined["single_rank"]),
+        "unknowns": int(combined.sizes["unknown"]),
+        "null_space": {
+            "unknowns": [str(name) for name in combined["unknown"].values],
+            "units": "1e-6 s-2 for G, 1e-7 m s-2 for drag",
+            "vectors": combined["null_space"].values.tolist(),
+        },
+        "printed": {
+            "rank": int(combined["printed_rank"]),
+            "unknowns": 6,
+            "null": combined["printed_null"].values.tolist(),
+        },
+        "knowledge": steps,
+    }
+
+
+def _plain(value):
+    """A number, or None where it is not determined."""
+    number = float(value)
+    return number if np.isfinite(number) else None
+
+
+def _errors(drags, truth, step):
+    """Errors and their spectra, method by method."""
+    error = np.stack([drag["drag_b"].values - truth for drag in drags])
+    bare = np.stack([drag["bare_b"].values - drag["drag_b"].values for drag in drags])
+    held, total = (
+        np.stack([np.diagonal(drag[name].values, axis1=1, axis2=2) for drag in drags])
+        for name in ("covariance", "covariance_total")
+    )
+    frequency, drag_amplitude = amplitude_spectrum(drags[0]["drag_b"].values, step)
+    return {
+        "error_rms": _rms(error, (1, 2)),
+        "error_rms_axis": _rms(error, 1),
+        "bare_error_rms": _rms(bare + error, (1, 2)),
+        "sigma_rms": np.sqrt(held.mean(axis=(1, 2))),
+        "sigma_total_rms": np.sqrt(total.mean(axis=(1, 2))),
+        "error_over_sigma": _rms(error / np.sqrt(held), (1, 2)),
+        "frequency": frequency,
+        "drag_amplitude": drag_amplitude.T,
+        "error_amplitude": np.moveaxis(amplitude_spectrum(error, step)[1], 1, 2),
+        "bare_amplitude": np.moveaxis(amplitude_spectrum(bare, step)[1], 1, 2),
+    }
+
+
+def _clean(drags, truth, step, values):
+    """The same from readings without noise; NaN where there are none."""
+    if not drags:
+        blank = np.nan * values["error_amplitude"]
+        return {"clean_error_rms": np.nan * values["error_rms"], "clean_error_amplitude": blank}
+    error = np.stack([drag["drag_b"].values - truth for drag in drags])
+    amplitude = np.moveaxis(amplitude_spectrum(error, step)[1], 1, 2)
+    return {"clean_error_rms": _rms(error, (1, 2)), "clean_error_amplitude": amplitude}
+
+
+def _rms(values, axis):
+    return np.sqrt(np.mean(values**2, axis=axis))
+
+
+def _identifiability(modelled, found, choices, satellite):
+    """Rank, null space and what each piece of knowledge adds."""
+    epochs, spacing, single_sensor, elongation = choices
+    place = modelled["sensor_position_b"].values[single_sensor - 1]
+    test_mass = laws.box_inertia(satellite["test_mass"], cube_side(satellite), elongation)
+    pressure = np.array(satellite["centre_of_pressure"])
+    sensor = identifiability.Sensor(np.array(satellite["inertia"]), test_mass, satellite["mass"], place, pressure)
+    rank, null = identifiability.single_epoch(sensor)
+    shifted = np.where(np.abs(place) < 1e-9, 1e-3, place)  # the printed form cannot have zeros
+    vectors = laws.printed_vectors(sensor.inertia, test_mass, sensor.mass, pressure, shifted)
+    printed_rank, printed_null = identifiability.printed_pair(*vectors)
+    steps = identifiability.joint(sensor, *_arc(modelled, found, (epochs, spacing), satellite))
+    return {
+        "step": np.array([step[0] for step in steps]),
+        "step_rank": [step[1] for step in steps],
+        "step_unknowns": [step[2] for step in steps],
+        "step_sigma": [step[3] for step in steps],
+        "unknown": np.array(identifiability.UNKNOWNS),
+        "null_space": null,
+        "single_rank": rank,
+        "printed_rank": printed_rank,
+        "printed_null": printed_null,
+    }
+
+
+def _arc(modelled, found, choices, satellite):
+    """Motion and standard deviations at a few epochs in the middle of the record."""
+    time = modelled["time"].values
+    step = float(np.median(np.diff(time)))
+    every = max(1, min(round(choices[1] / step), time.size // (2 * choices[0])))
+    at = time.size // 4 + every * np.arange(choices[0])
+    motion = {name: modelled[name].values[at] for name in ("gradient_b",)}
+    motion |= {name: modelled[name].values[0][at] for name in ("rate_b", "rate_dot_b")}
+    motion["drag_b"] = found["drag_b"].values[at]
+    band = 1 / np.sqrt(2 * step)
+    place = modelled["sensor_position_b"].values[0]
+    spread = np.sqrt(np.mean(np.diagonal(modelled["motion_covariance"].values[0], axis1=1, axis2=2)))
+    rest = found["torque_residual"].values.max() if "torque_residual" in found else 1e-6
+    sigmas = {
+        "linear": np.array(satellite["linear_noise_density"]) * band,
+        "angular": np.array(satellite["angular_noise_density"]) * band,
+        "place": np.array(satellite["sensor_position_sigma"])[0],
+        "gradient": float(np.sqrt(modelled["gradient_variance"].values.max())),
+        "pressure": np.array(satellite["centre_of_pressure_sigma"]),
+        "torque": float(rest),
+        "motion": np.full(3, max(spread / np.linalg.norm(place), 1e-13)),
+    }
+    return motion, sigmas

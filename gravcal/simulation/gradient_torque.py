@@ -1,0 +1,244 @@
+"""A simulated day of S-GRS: two test masses, drag, a controlled attitude, and their truth.
+
+The gravity the satellite feels is the modelled field plus errors drawn from its standard deviations. Attitude follows
+from torques: drag at the centre of pressure, slow disturbances and a controller; the satellite points to nadir.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from gravcal.effects import Context
+from gravcal.effects.gradient import BY_SLUG
+from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, sensing
+from gravcal.physics.constants import EARTH_RADIUS
+from gravcal.simulation import orbit
+
+AHEAD = 4000  # s, filters run in before the record starts
+PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a tenth of the control: 1e-5 of the torque
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the satellite does.
+
+    time : (n,) s; state_i : (n, 6); quaternion : (n, 4); rate_b, rate_dot_b : (n, 3); gradient_b : (n, 3, 3)
+    """
+
+    time: np.ndarray
+    state_i: np.ndarray
+    quaternion: np.ndarray
+    rate_b: np.ndarray
+    rate_dot_b: np.ndarray
+    gradient_b: np.ndarray
+
+
+def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=None, nongravitational=None):
+    """Columns of an SGRS file and their truth.
+
+    Parameters
+    ----------
+    satellite : numbers of the catalogue
+    chosen : parameters of the simulation
+    field : gravity_field.Field, what the analysis will know
+    day : GPS s of midnight
+    seed : int
+    effects : {slug: {parameter: value}} of gravcal/effects/gradient.py
+    nongravitational : callable, (n,) s -> (n, 3) m s-2 in b, in place of the invented drag
+
+    Returns
+    -------
+    columns : {variable: array} of data/sgrs_files.py
+    truth : dict; the series are arrays
+    """
+    rng = np.random.default_rng(seed)
+    time = day + chosen.step_s * np.arange(int(chosen.duration_s / chosen.step_s))
+    drag = nongravitational(time) if nongravitational else invented_drag(time, chosen, rng)
+    body = _body(satellite, chosen, rng)
+    motion = _motion(time, chosen, body, _true_field(field, chosen, rng), drag, rng)
+    values = {slug: BY_SLUG[slug].values(given) for slug, given in (effects or {}).items()}
+    linear, angular = _readings(motion, body, drag, values)
+    noise = _noise(satellite, chosen, linear.shape, rng)
+    tracker = frames.from_rotation_vector(noise["angle"])
+    columns = {
+        "time": time,
+        "linear": linear + noise["linear"],
+        "angular": angular + noise["angular"],
+        "q": frames.continuous(frames.quaternion_product(motion.quaternion, tracker)),
+        "position": motion.state_i[:, :3],
+        "velocity": motion.state_i[:, 3:],
+        "sensor_position": body["stated_position"],
+    }
+    return columns, _truth(motion, body, drag, seed, chosen)
+
+
+def invented_drag(time, chosen, rng):
+    """Non-gravitational acceleration in b: drag against the flight direction, once and twice per revolution, wind.
+
+    Parameters
+    ----------
+    time : (n,) s
+    chosen : parameters of the simulation
+    rng : source of randomness
+    """
+    u = 2 * np.pi * (time - time[0]) / 5660.0
+    phase = rng.uniform(0, 2 * np.pi, (2, 3))
+    size = chosen.drag_m_s2
+    mean, once, twice = size * np.array([[-1.0, 0.02, -0.05], [0.4, 0.15, 0.1], [0.15, 0.05, 0.05]])
+    slow = mean + once * np.cos(u[:, None] + phase[0]) + twice * np.cos(2 * u[:, None] + phase[1])
+    wind = np.stack([_coloured(time, chosen.drag_corner_hz, rng) for _ in range(3)], axis=1)
+    return slow + chosen.drag_scatter * size * wind * np.array([1.0, 0.5, 0.3])
+
+
+def _coloured(time, corner, rng):
+    """Unit-variance noise through four poles at a corner frequency."""
+    step = time[1] - time[0]
+    ahead = int(AHEAD / step)
+    pole = np.exp(-2 * np.pi * corner * step)
+    values = rng.standard_normal(ahead + time.size)
+    for _ in range(4):
+        values = lfilter([1 - pole], [1, -pole], values)
+    lag = np.arange(4 * int(1 / (corner * step)))  # variance of four equal poles from its impulse response
+    response = (1 - pole) ** 4 * (lag + 1) * (lag + 2) * (lag + 3) / 6 * pole**lag
+    return values[ahead:] / np.sqrt(np.sum(response**2))
+
+
+def _body(satellite, chosen, rng):
+    """True numbers of the satellite and its sensors, and what the file states of them."""
+    position = np.array(satellite["sensor_position"]) + 1e-3 * np.array(chosen.mounting_mm).reshape(2, 3)
+    if chosen.sensors == 1:
+        position = position[:1]
+    error = chosen.position_scatter * np.array(satellite["sensor_position_sigma"])[: len(position)]
+    pressure = np.array(satellite["centre_of_pressure"])
+    scatter = chosen.pressure_scatter * np.array(satellite["centre_of_pressure_sigma"])
+    mass = satellite["test_mass"]
+    cube = np.sqrt(6 * np.trace(np.array(satellite["test_mass_inertia"])) / 3 / mass)
+    lengths = cube * chosen.elongation ** np.array([2 / 3, -1 / 3, -1 / 3])
+    return {
+        "inertia": np.array(satellite["inertia"]),
+        "mass": satellite["mass"],
+        "stated_position": position,
+        "position": position + error * rng.standard_normal(position.shape),
+        "pressure": pressure + scatter * rng.standard_normal(3),
+        "test_mass_inertia": mass / 12 * np.diag(np.sum(lengths**2) - lengths**2),
+    }
+
+
+def _true_field(field, chosen, rng):
+    """The field as it is: the model and an error drawn from its standard deviations."""
+    known = gravity_field.truncated(field, 0, chosen.field_degree)
+    if known.cosine_sigma is None or chosen.field_error_scale == 0:
+        return known
+    parts = [
+        value + chosen.field_error_scale * sigma * rng.standard_normal(value.shape)
+        for value, sigma in ((known.cosine, known.cosine_sigma), (known.sine, known.sine_sigma))
+    ]
+    return gravity_field.Field(known.gm, known.radius, *parts)
+
+
+def _motion(time, chosen, body, field, drag, rng):
+    """Orbit, attitude and gravity gradient at the epochs."""
+    start = orbit.initial_state(
+        chosen.altitude_km * 1e3, np.radians(chosen.inclination_deg), chosen.eccentricity, *rng.uniform(0, 2 * np.pi, 2)
+    )
+    padded = np.concatenate(
+        [time[0] - (3 - np.arange(3)) * chosen.step_s, time, time[-1] + np.arange(1, 4) * chosen.step_s]
+    )
+    path = orbit.fly_orbit(start, padded[0] - 60, padded[-1] + 60)
+    state = path(padded)
+    nominal, _ = orbit.nominal_attitude(state, 1.0)
+    inner = slice(3, -3)
+    R_ei = earth.R_ei(time)
+    gradient_e = gravity_field.gradient_e(field, np.matvec(R_ei, state[inner, :3]))
+    gradient_i = gravity.rotate_tensor(np.swapaxes(R_ei, -1, -2), gradient_e)
+    disturbance = np.stack([_coloured(time, chosen.torque_corner_hz, rng) for _ in range(3)], axis=1)
+    external = chosen.torque_n_m * disturbance + body["mass"] * np.cross(body["pressure"], drag)
+    angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
+    for _ in range(PASSES):
+        turned = np.pad(angle, ((3, 3), (0, 0)), "reflect", reflect_type="odd")
+        quaternion = frames.continuous(frames.quaternion_product(nominal, frames.from_rotation_vector(turned)))
+        rates = kinematics.rates_from_attitude(padded - time[0], quaternion, half_width=3, degree=6)
+        rate, rate_dot = (part[inner] for part in rates)
+        gradient_b = gravity.rotate_tensor(frames.R_bi_from_quaternion(quaternion[inner]), gradient_i)
+        motion = Motion(time, state[inner], quaternion[inner], rate, rate_dot, gradient_b)
+        coupling = coupling + _missing(motion, body, external + _control(angle, chosen, body))
+        angle = _response(external - coupling, chosen, body)
+    return motion
+
+
+def _missing(motion, body, applied):
+    """Torque (n, 3) N m that the motion takes beyond what is applied and the gravity gradient."""
+    J, w = body["inertia"], motion.rate_b
+    taken = np.matvec(J, motion.rate_dot_b) + np.cross(w, np.matvec(J, w))
+    return taken - dynamics.gravity_gradient_torque(J, motion.gradient_b) - applied
+
+
+def _control(angle, chosen, body):
+    """Torque (n, 3) N m of the controller, proportional to pointing error and its rate."""
+    w = 2 * np.pi * chosen.control_hz
+    rate = np.gradient(angle, chosen.step_s, axis=0, edge_order=2)
+    return -np.matvec(body["inertia"], w**2 * angle + 2 * chosen.control_damping * w * rate)
+
+
+def _response(torque, chosen, body):
+    """Pointing error (n, 3) rad under a torque and the controller."""
+    push = np.matvec(np.linalg.inv(body["inertia"]), torque)
+    w = 2 * np.pi * chosen.control_hz
+    plant = ([1.0], [1.0, 2 * chosen.control_damping * w, w**2])
+    top, bottom, _ = cont2discrete(plant, chosen.step_s, method="foh")
+    settled = np.concatenate([np.repeat(push[:1], int(AHEAD / chosen.step_s), axis=0), push])
+    return lfilter(np.squeeze(top), bottom, settled, axis=0)[-len(push) :]
+
+
+def _readings(motion, body, drag, effects):
+    """Relative acceleration and angular acceleration of each test mass, without noise."""
+    tensor = sensing.offset_tensor(motion.rate_b, motion.rate_dot_b, motion.gradient_b)
+    linear = np.stack([-sensing.proof_mass_reading(drag, tensor, p) for p in body["position"]], axis=1)
+    J = body["test_mass_inertia"]
+    torque = dynamics.gravity_gradient_torque(J, motion.gradient_b)
+    free = dynamics.rate_derivative(J, motion.rate_b, torque)
+    angular = np.repeat((free - motion.rate_dot_b)[:, None, :], len(body["position"]), axis=1)
+    for slug, values in effects.items():
+        context = Context(
+            motion.time,
+            rate_b=motion.rate_b,
+            rate_dot_b=motion.rate_dot_b,
+            gradient_b=motion.gradient_b,
+            extra={"positions": body["position"]},
+        )
+        added = BY_SLUG[slug].contribution(context, values)
+        linear, angular = (
+            (linear - added, angular) if BY_SLUG[slug].channel == "linear_b" else (linear, angular - added)
+        )
+    return linear, angular
+
+
+def _noise(satellite, chosen, shape, rng):
+    """White noise of the sensors and the star camera, of the catalogue's densities."""
+    band = chosen.sensor_noise * np.sqrt(1 / (2 * chosen.step_s))
+    linear, angular = (np.array(satellite[f"{name}_noise_density"]) * band for name in ("linear", "angular"))
+    return {
+        "linear": linear * rng.standard_normal(shape),
+        "angular": angular * rng.standard_normal(shape),
+        "angle": np.array(satellite["attitude_noise"]) * chosen.tracker_noise * rng.standard_normal((shape[0], 3)),
+    }
+
+
+def _truth(motion, body, drag, seed, chosen):
+    return {
+        "seed": seed,
+        "day": float(motion.time[0]),
+        "height_m": float(np.mean(np.linalg.norm(motion.state_i[:, :3], axis=1)) - EARTH_RADIUS),
+        "sensor_position_m": body["position"].tolist(),
+        "centre_of_pressure_m": body["pressure"].tolist(),
+        "elongation": chosen.elongation,
+        "time": motion.time,
+        "drag": drag,
+        "rate": motion.rate_b,
+        "rate_dot": motion.rate_dot_b,
+        "gradient": motion.gradient_b,
+    }
