@@ -6,6 +6,7 @@ what it uses; from there on every import, module by module, wherever it stands. 
 """
 
 import ast
+import functools
 import hashlib
 import importlib.util
 import inspect
@@ -53,8 +54,9 @@ def _parts(body, also):
     parts = {f"{body.__module__}:{body.__name__}": part}
     waiting = [*wanted, *also]
     while waiting:
-        name = _module_of(waiting.pop())
-        if name is None or name in parts or name.partition(".")[0] not in scope:
+        target = waiting.pop()
+        name = _module_of(target) if _top(target) in scope else None
+        if name is None or name in parts:
             continue
         parts[name], imported = _module(name)
         waiting += imported
@@ -70,6 +72,8 @@ def forget():
     """Look at the files again, as a new process would."""
     for known in (_files, _modules, _bodies):
         known.clear()
+    for cached in (_tree, _path, _top_folder):
+        cached.cache_clear()
 
 
 def _module(name):
@@ -138,6 +142,18 @@ def _module_of(target):
     return module if _path(module) else None
 
 
+def _top(target):
+    """Name of the top-level package of a target."""
+    return target.partition(":")[0].partition(".")[0]
+
+
+@functools.cache
+def _tree(path):
+    """Syntax tree of a file."""
+    return ast.parse(_source(path))
+
+
+@functools.cache
 def _path(name):
     """Source file of a module, found without importing anything; None if there is none."""
     top, _, rest = name.partition(".")
@@ -149,6 +165,7 @@ def _path(name):
     return next((path for path in candidates if path.is_file()), None)
 
 
+@functools.cache
 def _top_folder(top):
     """Folder of a top-level package (for a single module: its file without the ending), or None."""
     loaded = sys.modules.get(top)
@@ -168,10 +185,11 @@ def _top_folder(top):
 def _body_part(body, scope):
     """Digest of a body with the definitions of its module that it names, and the targets they use."""
     path = Path(inspect.getsourcefile(body))
-    tree = ast.parse(_source(path))
+    tree = _tree(path)
     package = body.__module__ if path.name == "__init__.py" else body.__module__.rpartition(".")[0]
     local, imported = syntax.definitions(tree, package)
-    local[body.__name__] = syntax.definition_of(body, tree)
+    if body.__qualname__ != body.__name__:
+        local[body.__name__] = syntax.definition_of(body, tree)
     texts, targets, waiting, seen = [], set(), [body.__name__], set()
     while waiting:
         name = waiting.pop()
@@ -189,10 +207,10 @@ def _body_part(body, scope):
 
 def _narrowed(target, attribute, scope):
     """Target of "x.attribute", x an imported package: the module its __init__ takes the attribute from, if any."""
-    name = _module_of(target)
-    if not attribute or name is None or name.partition(".")[0] not in scope or _path(name).name != "__init__.py":
+    name = _module_of(target) if attribute and _top(target) in scope else None
+    if name is None or _path(name).name != "__init__.py":
         return target
-    _, imported = syntax.definitions(ast.parse(_source(_path(name))), name)
+    _, imported = syntax.definitions(_tree(_path(name)), name)
     if attribute in imported:
         return imported[attribute]
     return f"{name}:{attribute}"

@@ -33,17 +33,18 @@ def to_bytes(dataset):
 
     own = uuid.uuid4().hex  # HDF5 wants one name per open file, also in memory; it is not written
     options = {"track_order": True, "libver": ("earliest", "v110")}
+    coordinates, auxiliary = set(dataset.coords), _auxiliary(dataset)
     with h5py.File(own, "w", driver="core", backing_store=False, **options) as file:
-        _write_attributes(file, dict(dataset.attrs) | _free_coordinates(dataset))
+        _write_attributes(file.id, dict(dataset.attrs) | _free_coordinates(dataset, auxiliary))
         scales = _write_dimensions(file, dataset)
-        for name, variable in _in_order(dataset):
-            if name not in scales:
-                _write_variable(file, name, variable, dataset)
-            node = file[name]
+        for name in [*sorted(coordinates), *dataset.data_vars]:
+            variable = dataset.variables[name]
+            node = scales[name] if name in scales else _write_variable(file, name, variable, name in coordinates)
             for axis, dimension in enumerate(variable.dims):
                 if dimension != name:
-                    node.dims[axis].attach_scale(scales[dimension])
-            _write_attributes(node, _attributes(name, variable, dataset))
+                    h5py.h5ds.attach_scale(node, scales[dimension], axis)
+            extra = {} if name in coordinates else _added(variable, auxiliary)
+            _write_attributes(node, variable.attrs | extra)
         file.flush()
         return file.id.get_file_image()
 
@@ -78,76 +79,73 @@ def from_bytes(image):
     )
 
 
-def _in_order(dataset):
-    """Coordinates by name, then the variables in their own order: bytes do not depend on how it was put together."""
-    coordinates = sorted(dataset.coords)
-    return [(name, dataset.variables[name]) for name in [*coordinates, *dataset.data_vars]]
+def _auxiliary(dataset):
+    """Dimensions of the coordinates that do not bear the name of a dimension, by name."""
+    names = sorted(set(dataset.coords) - set(dataset.sizes))
+    return {name: set(dataset.variables[name].dims) for name in names}
 
 
 def _write_dimensions(file, dataset):
     """HDF5 dimension scale of each dimension, by name; coordinate variables are their own scale."""
+    import h5py
+
     scales = {}
     for number, (name, size) in enumerate(sorted(dataset.sizes.items())):
         if name in dataset.variables:
-            scales[name] = _write_variable(file, name, dataset.variables[name], dataset)
-            scales[name].make_scale(name)
+            scales[name], label = _write_variable(file, name, dataset.variables[name], True), name
         else:
-            scales[name] = file.create_dataset(name, shape=(size,), dtype=">f4")
-            scales[name].make_scale(f"{BARE_DIMENSION}{size:10d}")
-        scales[name].attrs["_Netcdf4Dimid"] = np.int32(number)
+            scales[name] = file.create_dataset(name, shape=(size,), dtype=">f4").id
+            label = f"{BARE_DIMENSION}{size:10d}"
+        h5py.h5ds.set_scale(scales[name], label.encode())
+        _write_attributes(scales[name], {"_Netcdf4Dimid": np.int32(number)})
     return scales
 
 
-def _write_variable(file, name, variable, dataset):
-    """HDF5 dataset with the values of one variable."""
+def _write_variable(file, name, variable, is_coordinate):
+    """HDF5 dataset with the values of one variable, as low-level identifier."""
     import h5py
 
     values = np.asarray(variable.values)
     if values.dtype == object:
-        return file.create_dataset(name, data=values, dtype=h5py.string_dtype())
+        return file.create_dataset(name, data=values, dtype=h5py.string_dtype()).id
     options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if values.nbytes >= SMALL else {}
-    if values.dtype.kind == "f" and name not in dataset.coords:
+    if values.dtype.kind == "f" and not is_coordinate:
         options["fillvalue"] = np.nan
-    return file.create_dataset(name, data=values, **options)
+    return file.create_dataset(name, data=values, **options).id
 
 
-def _attributes(name, variable, dataset):
-    """Attributes of one variable with those that the file format adds."""
-    attributes = dict(variable.attrs)
-    if variable.dtype.kind == "f" and name not in dataset.coords:
-        attributes["_FillValue"] = np.array([np.nan], variable.dtype)
-    if name not in dataset.coords:
-        others = [
-            other for other, coordinate in sorted(dataset.coords.items())
-            if other not in dataset.dims and set(coordinate.dims) <= set(variable.dims)
-        ]  # fmt: skip
-        attributes |= {"coordinates": " ".join(others)} if others else {}
-    return attributes
+def _added(variable, auxiliary):
+    """Attributes that the file format adds to a variable: what fills gaps, which coordinates it has."""
+    added = {"_FillValue": np.array([np.nan], variable.dtype)} if variable.dtype.kind == "f" else {}
+    others = [name for name, dims in auxiliary.items() if dims <= set(variable.dims)]
+    return added | ({"coordinates": " ".join(others)} if others else {})
 
 
-def _free_coordinates(dataset):
+def _free_coordinates(dataset, auxiliary):
     """Global attribute naming the coordinates that no variable can name."""
-    named = {
-        name for name, coordinate in dataset.coords.items()
-        if any(set(coordinate.dims) <= set(variable.dims) for variable in dataset.data_vars.values())
-    }  # fmt: skip
-    free = [name for name in sorted(dataset.coords) if name not in dataset.dims and name not in named]
+    known = [set(dataset.variables[name].dims) for name in dataset.data_vars]
+    free = [name for name, dims in auxiliary.items() if not any(dims <= other for other in known)]
     return {"coordinates": " ".join(free)} if free else {}
 
 
 def _write_attributes(node, attributes):
-    """Attributes as fixed-length text or numbers, by name."""
-    import h5py
+    """Attributes as fixed-length text or numbers, by name; low-level calls, since there are many."""
+    from h5py import h5a, h5s, h5t, string_dtype
 
     for name, value in sorted(attributes.items()):
         if isinstance(value, str):
-            encoded = value.encode()
-            kind = h5py.string_dtype("utf-8", len(encoded)) if encoded else None
-            node.attrs.create(name, np.array(encoded, kind) if encoded else h5py.Empty("S1"), dtype=kind)
-        elif isinstance(value, list):
-            node.attrs.create(name, value, dtype=h5py.string_dtype())
+            kind = h5t.C_S1.copy()
+            kind.set_size(max(len(value.encode()), 1))
+            kind.set_cset(h5t.CSET_UTF8)
+            held = kind
+            space, values = h5s.create(h5s.SCALAR if value else h5s.NULL), np.array(value.encode() or b" ")
         else:
-            node.attrs[name] = value
+            values = np.array(value, string_dtype()) if isinstance(value, list) else np.asarray(value)
+            kind, held = h5t.py_create(values.dtype, logical=True), h5t.py_create(values.dtype)  # in the file, here
+            space = h5s.create_simple(values.shape) if values.ndim else h5s.create(h5s.SCALAR)
+        created = h5a.create(node, name.encode(), kind, space)
+        if space.get_simple_extent_type() != h5s.NULL:
+            created.write(values, mtype=held)
 
 
 def _read_attributes(node):

@@ -3,6 +3,9 @@
 import ast
 import hashlib
 
+DOCUMENTED = (ast.Module, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+SILENT = ("kind", "ctx", "type_comment")  # the place of a name says whether it is read or set; the rest is layout
+
 
 def tree_digest(node):
     """Digest of a syntax tree without docstrings, positions and empty fields.
@@ -19,16 +22,21 @@ def tree_digest(node):
 
 
 def text(node):
-    """Nested text of a tree."""
-    if isinstance(node, list):
-        return "[" + ",".join(text(item) for item in node) + "]"
+    """Nested text of a tree; the same in every version of Python that has the syntax."""
+    kind = type(node)
+    if kind is list:
+        return "[" + ",".join([text(item) for item in node]) + "]"
     if not isinstance(node, ast.AST):
         return repr(node)
-    fields = [(name, getattr(node, name, None)) for name in node._fields if name not in ("kind", "ctx", "type_comment")]
-    if isinstance(node, (ast.Module, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
-        fields = [(name, _without_docstring(value) if name == "body" else value) for name, value in fields]
-    written = [f"{name}={text(value)}" for name, value in fields if value is not None and value != []]
-    return f"{type(node).__name__}({','.join(written)})"
+    written = [kind.__name__]
+    for name in node._fields:
+        value = getattr(node, name, None)
+        if value is None or value == [] or name in SILENT:
+            continue
+        if name == "body" and kind in DOCUMENTED:
+            value = _without_docstring(value)
+        written.append(f"{name}={text(value)}")
+    return "(" + " ".join(written) + ")"
 
 
 def _without_docstring(body):
