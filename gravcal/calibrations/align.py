@@ -102,6 +102,7 @@ def align(*observed: xr.Dataset, margin_s: float, clock_gap_limit_s: float, surv
     """
     detected, acc, sca, mag, orbit, tim1b, clk1b = observed
     spans = _spans(detected, acc, sca, mag, orbit, margin_s, survey_s)
+    acc, sca, mag, orbit = (_near(one, spans) for one in (acc, sca, mag, orbit))
     parts, counts = {}, {}
     linear = tuple(f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz")
     acc = acc.assign({n: ("record", np.full(acc.sizes["record"], np.nan)) for n in linear if n not in acc})
@@ -135,6 +136,12 @@ def _spans(detected, acc, sca, mag, orbit, margin, survey):
     first = np.floor(max(float(np.nanmin(t)) for t in times))
     last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
     return np.array([[first, min(last, first + survey)]])
+
+
+def _near(observed, spans):
+    """Records whose own tags are within a minute of the windows; a clock is never off by more."""
+    near = _inside(observed["time_tag"].values, spans, 60.0)
+    return observed if near.all() else observed.isel(record=np.flatnonzero(near))
 
 
 def _inside(time, spans, margin):
