@@ -1,5 +1,7 @@
 """Report page of a centre-of-mass event: one self-contained HTML text."""
 
+import functools
+
 from gravcal.report import com_offset_figures as figures
 from gravcal.report import com_offset_result_figures as results
 from gravcal.report import com_offset_tables as tables
@@ -8,6 +10,19 @@ from gravcal.report.pages import render
 from gravcal.report.plain import AXES, gps_text
 from gravcal.report.words import key_of, plus_minus
 
+CAPTIONS = {
+    "estimates": "Offset of every manoeuvre from four angular accelerations, error bars one standard deviation. Bands: "
+    "adopted offset ({adopted}) with its error and its total error.{hollow}",
+    "linear": "Linear acceleration of every manoeuvre, low-passed and drift removed: measured, modelled with "
+    "{adopted}, and their difference shifted down.",
+    "spectra": "Residuals of all manoeuvres against the noise that weighted them; the modelled signal for scale.",
+    "angular": "Four angular accelerations about the axis turned: three periods, and their distance from the "
+    "torquers' in every half period.",
+    "torquers": "Torquer currents as sent down, and the angular acceleration they make in the modelled field.",
+    "attitude": "Star camera minus fitted dynamics, one fit between two dotted lines.",
+    "field": "Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
+    "roll": "Roll acceleration seen by the star camera, and torquer current times field times the slope of the fit.",
+}
 SIGNS = {True: "✓", False: "✗", None: "?"}
 MOODS = {True: "good", False: "bad", None: ""}
 
@@ -95,82 +110,43 @@ def _badges(document):
 
 def _sections(document, given, published):
     """Sections of an event with manoeuvres."""
-    adopted = document["adopted"]["variant"] or "mtq"
-    solved = given["solve"].get(adopted)
     known = tables.printed_manoeuvres(document, published)
-    hollow = " Hollow: printed values." if known else ""
-    source = {n: key_of(document, n) for n in ("combine", "align", "attitude", "field", f"solve.{adopted}")}
-    estimates = (results.estimates, document, known), source["combine"]
-    linear = (figures.linear_accelerations, solved, given.get("detect")), source[f"solve.{adopted}"]
-    spectra = (results.spectra, solved), source[f"solve.{adopted}"]
-    angular = (figures.angular_accelerations, given["angular_acceleration"], given.get("detect"))
-    torquers = (figures.torquers, *(given.get(n) for n in ("align", "attitude", "detect"))), source["attitude"]
-    residual = (figures.attitude, given.get("attitude")), source["attitude"]
-    field = (figures.field, given.get("field"), given.get("align")), source["field"]
-    captions = _captions(adopted, hollow)
+    draw = functools.partial(_figures, document, given, known)
     return [
         _section(
-            "Result",
-            [tables.combined(document, published)],
-            [_figure(*estimates, *captions["estimates"])],
-            _result_notes(document, published),
+            "Result", [tables.combined(document, published)], draw("estimates"), _result_notes(document, published)
         ),
         _section("Agreement and field check", [tables.agreement(document), tables.field(document)], []),
         _section("Every manoeuvre", [tables.manoeuvres(document, published)], []),
-        _section(
-            "Linear acceleration", [], [_figure(*spectra, *captions["spectra"]), _figure(*linear, *captions["linear"])]
-        ),
+        _section("Linear acceleration", [], draw("spectra", "linear")),
         _section(
             "Angular acceleration and time",
             [tables.instruments(document)],
-            [_figure(angular, key_of(document, "angular_acceleration"), *captions["angular"])],
+            draw("angular"),
             _inertia_notes(document),
         ),
-        _section(
-            "Torquers and attitude",
-            [],
-            [_figure(*torquers, *captions["torquers"]), _figure(*residual, *captions["attitude"])],
-        ),
-        _section("Magnetic field", [], [_figure(*field, *captions["field"])]),
+        _section("Torquers and attitude", [], draw("torquers", "attitude")),
+        _section("Magnetic field", [], draw("field")),
     ]
 
 
-def _captions(adopted, hollow):
-    """Title and caption of every figure."""
-    return {
-        "estimates": (
-            "offset of every manoeuvre",
-            "Offset of every manoeuvre from four angular accelerations, error bars one standard deviation. Bands: "
-            f"adopted offset ({adopted}) with its error and its total error.{hollow}",
-        ),
-        "linear": (
-            "linear acceleration of every manoeuvre",
-            "Linear acceleration of every manoeuvre, low-passed and drift removed: measured, modelled with "
-            f"{adopted}, and their difference shifted down.",
-        ),
-        "spectra": (
-            "spectra of residuals",
-            "Residuals of all manoeuvres against the noise that weighted them; the modelled signal for scale.",
-        ),
-        "angular": (
-            "four angular accelerations",
-            "Four angular accelerations about the axis turned: three periods, and their distance from the torquers' in "
-            "every half period.",
-        ),
-        "torquers": (
-            "torquer currents",
-            "Torquer currents as sent down, and the angular acceleration they make in the modelled field.",
-        ),
-        "attitude": ("attitude residuals", "Star camera minus fitted dynamics, one fit between two dotted lines."),
-        "field": (
-            "magnetic field",
-            "Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
-        ),
-        "roll": (
-            "roll acceleration",
-            "Roll acceleration seen by the star camera, and torquer current times field times the slope of the fit.",
-        ),
+def _figures(document, given, known, *names):
+    """Figures by name, each with its caption and the stage that it was read from."""
+    adopted = (document.get("adopted") or {}).get("variant") or "mtq"
+    detect, smoothed = given.get("detect"), given.get("attitude")
+    solved, angular = given["solve"].get(adopted), given["angular_acceleration"]
+    drawings = {
+        "estimates": ("combine", results.estimates, document, known),
+        "spectra": (f"solve.{adopted}", results.spectra, solved),
+        "linear": (f"solve.{adopted}", figures.linear_accelerations, solved, detect),
+        "angular": ("angular_acceleration", figures.angular_accelerations, angular, detect),
+        "torquers": ("attitude", figures.torquers, given.get("align"), smoothed, detect),
+        "attitude": ("attitude", figures.attitude, smoothed),
+        "field": ("field", figures.field, given.get("field"), given.get("align")),
+        "roll": ("survey", results.roll, given.get("survey")),
     }
+    words = {"adopted": adopted, "hollow": " Hollow: printed values." if known else ""}
+    return [_figure(drawings[n][1:], key_of(document, drawings[n][0]), n, CAPTIONS[n].format(**words)) for n in names]
 
 
 def _result_notes(document, published):
@@ -201,16 +177,11 @@ def _inertia_notes(document):
 
 def _survey_sections(document, given):
     """Sections of a record without manoeuvre: what could be measured all the same."""
-    captions = _captions("", "")
-    field = _figure(
-        (figures.field, given.get("field"), given.get("align")), key_of(document, "field"), *captions["field"]
-    )
-    attitude = _figure((figures.attitude, given.get("attitude")), key_of(document, "attitude"), *captions["attitude"])
-    roll = _figure((results.roll, given.get("survey")), key_of(document, "survey"), *captions["roll"])
+    draw = functools.partial(_figures, document, given, {})
     return [
-        _section("Magnetic field", [tables.field(document)], [field]),
-        _section("Attitude", [], [attitude], [_attitude_note(document)]),
-        _section("Torque against roll acceleration", [], [roll], [_roll_note(document)]),
+        _section("Magnetic field", [tables.field(document)], draw("field")),
+        _section("Attitude", [], draw("attitude"), [_attitude_note(document)]),
+        _section("Torque against roll acceleration", [], draw("roll"), [_roll_note(document)]),
     ]
 
 
