@@ -6,6 +6,7 @@ An N-fold self-convolution of a rectangular window in time, built in the frequen
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -32,6 +33,7 @@ class Crn:
     raw_hz: float = 10.0
 
 
+@lru_cache(maxsize=32)
 def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
     """Weights for samples at the lags -K..K times the step, later samples last.
 

@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.effects import Context
 from gravcal.methods import crn
 from gravcal.methods.noise import coloured
-from gravcal.physics import constants, frames
+from gravcal.physics import constants, earth, frames
 from gravcal.simulation import kbr_phase_centre_pair as pairs
 from gravcal.simulation import sensors
 
@@ -42,7 +42,7 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
     centre = 1e-3 * (np.array([chosen.phase_centre_a_mm, chosen.phase_centre_b_mm]) + scatter)
     columns = {("KBR1B", "Y"): ranging(pair, centre, chosen, injected, rng)}
     for k, letter in enumerate(letters):
-        columns["GNI1B", letter] = _orbit(pair, k, chosen, rng)
+        columns[chosen.orbit_product, letter] = _orbit(pair, k, chosen, rng)
         columns["SCA1B", letter] = _star_camera(pair, k, chosen, injected, rng)
     return columns, _truth(letters, pair, centre, chosen, (seed, day, effects))
 
@@ -158,10 +158,12 @@ def _with_breaks(columns, at, breaks):
 
 
 def _orbit(pair, k, chosen, rng):
-    """GNI1B: the true orbit and its error."""
+    """GNI1B or GNV1B: the true orbit and its error."""
     time = pair.day + np.arange(constants.DAY)
     state = pair.path[k](time)
     state = state + pairs.orbit_error(chosen, pair, time, state, rng)
+    if chosen.orbit_product == "GNV1B":
+        state = np.concatenate(earth.state_to_fixed(time, state[:, :3], state[:, 3:]), axis=1)
     return {"gps_time": time.astype(np.int64)} | dict(zip(STATE, state.T, strict=True))
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import comb
 
+import numba
 import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import pointing_noise
-from gravcal.methods import crn
 from gravcal.methods import noise as noises
 
 FLOOR_HZ = 5e-4  # below it derivatives of the noise are held, so that their covariance keeps an inverse
-BINS = 4096
 SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part
 
 
@@ -48,9 +47,9 @@ def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
     """
     step = float(measured.attrs["step_s"])
     fitted = noises.NoiseModel(measured["reflection"].values, measured["variance"].values, step)
-    frequency = np.linspace(0, 0.5 / step, BINS + 1)
-    ranging = _transformed(fitted.density(frequency) * derivative_power(derivative, frequency, step), step)[:count]
-    density = measured["pointing_power"].values @ pointing_noise.shapes(frequency, step)
+    frequency = np.linspace(0, 0.5 / step, pointing_noise.BINS + 1)
+    ranging = _transformed(fitted.density(frequency) * derivative_power(derivative, step), step)[:count]
+    density = measured["pointing_power"].values @ pointing_noise.shapes(step)
     pairs = {}
     if density.any():
         for a in range(derivative + 1):
@@ -63,24 +62,25 @@ def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
 
 def _transformed(density, step):
     """Covariance by lag of a one-sided density, negative lags at the end."""
-    return np.fft.irfft(density, 2 * BINS) * (0.5 / step)
+    return np.fft.irfft(density, 2 * pointing_noise.BINS) * (0.5 / step)
 
 
-def derivative_power(derivative: int, frequency_hz: np.ndarray, step_s: float) -> np.ndarray:
+def derivative_power(derivative: int, step_s: float) -> np.ndarray:
     """Power of a derivative over that of the range, both from the same white phase by the CRN filter, as sampled.
 
     Parameters
     ----------
     derivative : 0, 1 or 2
-    frequency_hz : (m,) Hz
     step_s : s, spacing of the ranging epochs
+
+    Returns
+    -------
+    power : (BINS + 1,) s**-(2 derivative), up to Nyquist
     """
-    if derivative == 0:
-        return np.ones(frequency_hz.size)
-    images = [frequency_hz, 1 / step_s - frequency_hz]
-    share = [crn.gain(crn.Crn(), 0.5, 0, f) ** 2 + 1e-12 for f in images]
-    turn = [(2 * np.pi * np.maximum(f, FLOOR_HZ)) ** (2 * derivative) for f in images]
-    return sum(s * t for s, t in zip(share, turn, strict=True)) / sum(share)
+    frequency = np.linspace(0, 0.5 / step_s, pointing_noise.BINS + 1)
+    share = pointing_noise.passed(step_s) + 1e-12
+    images = np.maximum(np.stack([frequency, 1 / step_s - frequency]), FLOOR_HZ)
+    return (share * (2 * np.pi * images) ** (2 * derivative)).sum(axis=0) / share.sum(axis=0)
 
 
 def matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
@@ -94,22 +94,37 @@ def matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    covariance : (n, n)
+    covariance : (n, n), lower triangle
 
     Notes
     -----
     The pointing part of the range is sum_j g_j phi_j; by Leibniz its d-th derivative has the covariance
     sum_ab (d a)(d b) sum_j g_j^(d-a)(t) g_j^(d-b)(t') K_ab(t - t').
     """
-    from scipy.linalg import toeplitz
-
-    size, d = place[-1] + 1, by_lag.derivative
-    total = toeplitz(by_lag.ranging[:size])[np.ix_(place, place)]
+    d, n = by_lag.derivative, by_lag.ranging.size
     strength = np.sqrt(np.mean(lever[:, 0] ** 2, axis=0))
-    strong = strength > SMALL * strength.max()
-    middle = (len(next(iter(by_lag.pointing.values()))) - 1) // 2 if by_lag.pointing else 0
+    strong = np.ascontiguousarray(lever[:, ::-1][:, :, strength > SMALL * strength.max()])
+    by_pair = np.zeros((d + 1, d + 1, 2 * n - 1))
     for (a, b), values in by_lag.pointing.items():
-        left, right = lever[:, d - a][:, strong], lever[:, d - b][:, strong]
-        lagged = toeplitz(values[middle : middle + size], values[middle - np.arange(size)])[np.ix_(place, place)]
-        total += comb(d, a) * comb(d, b) * (left @ right.T) * lagged
-    return total
+        by_pair[a, b] = comb(d, a) * comb(d, b) * values
+    return _lower(by_lag.ranging, by_pair, place, strong if by_lag.pointing else strong[:, :, :0])
+
+
+@numba.njit(cache=True)
+def _lower(ranging, by_pair, place, lever):
+    """Lower triangle; `lever` (n, a, j) holds the derivative that goes with the a-th of the pointing noise."""
+    n, orders, kinds = lever.shape
+    middle = ranging.size - 1
+    out = np.zeros((n, n))
+    for i in range(n):
+        for k in range(i + 1):
+            lag = place[i] - place[k]
+            total = ranging[lag]
+            for a in range(orders):
+                for b in range(orders):
+                    arms = 0.0
+                    for j in range(kinds):
+                        arms += lever[i, a, j] * lever[k, b, j]
+                    total += arms * by_pair[a, b, middle + lag]
+            out[i, k] = total
+    return out

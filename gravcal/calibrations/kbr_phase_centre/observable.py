@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLE, OBSERVABLES
+from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLE, OBSERVABLES, UNITS
 from gravcal.methods import crn
 
 MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
@@ -67,9 +67,12 @@ def observable(
         "segment": aligned["segment"].values,
     }
     kept = {name: values_[valid] for name, values_ in values.items()}
-    attrs = {n: pointed.attrs[n] for n in ("satellites", "ranging", "orbit")} | {"observable": variant}
+    attrs = {n: pointed.attrs[n] for n in ("satellites", "ranging", "orbit")} | {
+        "observable": variant,
+        "unit": UNITS[derivative],
+    }
     manoeuvres = {n: pointed[n].values for n in MANOEUVRE}
-    return build(OBSERVABLE[variant], kept | manoeuvres, title=f"Observation equations of {variant}", **attrs)
+    return build(OBSERVABLE, kept | manoeuvres, title=f"Observation equations of {variant}", **attrs)
 
 
 def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.ndarray:

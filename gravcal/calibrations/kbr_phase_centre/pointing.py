@@ -80,7 +80,7 @@ def wiggles(time, angle, period, limits, which):
     strong = np.concatenate([[False], amplitude > limits[1], [False]]).astype(int)
     edges = np.flatnonzero(np.diff(strong)).reshape(-1, 2)
     return [
-        _described(time, filled, (mean, amplitude), (begin, end - 1), limits, which)
+        (*which, *_described(time, filled, (mean, amplitude), (begin, end - 1), limits))
         for begin, end in edges
         if end - begin > 2 * count
     ]
@@ -94,8 +94,8 @@ def _running(values, count):
     return (total[high] - total[low]) / (high - low)
 
 
-def _described(time, angle, smoothed, span, limits, which):
-    """One wiggle: where its slews are, its sign, offset and amplitude."""
+def _described(time, angle, smoothed, span, limits):
+    """Sign of a wiggle, where its slews are, its offset and amplitude."""
     mean, amplitude = smoothed
     inside = slice(span[0] + (span[1] - span[0]) // 8, span[1] - (span[1] - span[0]) // 8)
     rest = np.median(
@@ -111,4 +111,4 @@ def _described(time, angle, smoothed, span, limits, which):
         before, after = np.flatnonzero(outside[:middle]), np.flatnonzero(outside[middle:])
         start = time[before[-1] + 1] if before.size else time[0]
         stop = time[middle + after[0] - 1] if after.size else time[-1]
-    return (*which, sign, start, stop, offset, size)
+    return (sign, start, stop, offset, size)

@@ -6,6 +6,8 @@ In routine flight the line of sight lies along x and the lever arm is nil; at 2 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import xarray as xr
 
@@ -13,20 +15,31 @@ from gravcal.methods import crn, estimation
 from gravcal.methods import noise as noises
 
 CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz; the last one is white
+BINS = 4096  # frequencies between zero and Nyquist
 FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the filter shapes the residual
 
 
-def shapes(frequency_hz: np.ndarray, step_s: float) -> np.ndarray:
-    """Densities of unit height below each corner, through the CRN filter, (corner, m).
+@lru_cache(maxsize=4)
+def passed(step_s: float) -> np.ndarray:
+    """Power gain of the CRN filter at BINS + 1 frequencies up to Nyquist, and at their images beyond it, (2, m).
 
     Parameters
     ----------
-    frequency_hz : (m,) Hz
     step_s : s, spacing of the ranging epochs
     """
-    images = (frequency_hz, 1 / step_s - frequency_hz)
-    passed = sum(crn.gain(crn.Crn(), 0.5, 0, f) ** 2 for f in images)
-    return passed / (1 + (frequency_hz / CORNERS[:, None]) ** 2)
+    frequency = np.linspace(0, 0.5 / step_s, BINS + 1)
+    return np.stack([crn.gain(crn.Crn(), 0.5, 0, f) ** 2 for f in (frequency, 1 / step_s - frequency)])
+
+
+def shapes(step_s: float) -> np.ndarray:
+    """Densities of unit height below each corner, through the CRN filter, (corner, BINS + 1) up to Nyquist.
+
+    Parameters
+    ----------
+    step_s : s, spacing of the ranging epochs
+    """
+    frequency = np.linspace(0, 0.5 / step_s, BINS + 1)
+    return passed(step_s).sum(axis=0) / (1 + (frequency / CORNERS[:, None]) ** 2)
 
 
 def none() -> np.ndarray:
@@ -93,8 +106,7 @@ def fit(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -
     length = max(piece.size for piece, _ in pieces)
     frequency = np.fft.rfftfreq(2 * length, step)
     power, model = np.zeros(frequency.size), np.zeros((frequency.size, CORNERS.size))
-    grid = np.linspace(0, 0.5 / step, 4097)
-    lags = [np.fft.irfft(shape, 8192)[:length] * 0.5 / step for shape in shapes(grid, step)]
+    lags = [np.fft.irfft(shape, 2 * BINS)[:length] * 0.5 / step for shape in shapes(step)]
     for piece, lever in pieces:
         window = np.zeros(2 * length)
         window[: piece.size] = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)

@@ -1,7 +1,8 @@
 """What the products of this calibration hold: dimensions, units, frames.
 
-`satellite` is 0 for the first letter of the pair and 1 for the second; `parameter` is x, y, z of the first, then of the
-second; `axis` of a manoeuvre is 0 for pitch and 1 for yaw.
+`satellite` is 0 for the first letter of the pair and 1 for the second; `parameter` is x, y, z of the first, then of
+the second; `axis_index` of a manoeuvre is 0 for pitch and 1 for yaw. `subset`, `estimator` and `observable` are in the
+order of SUBSETS, ESTIMATORS and OBSERVABLES.
 """
 
 PARAMETERS = ("x_a", "y_a", "z_a", "x_b", "y_b", "z_b")
@@ -10,188 +11,121 @@ UNITS = ("m", "m s-1", "m s-2")
 ESTIMATORS = ("ls", "robust")
 SUBSETS = ("all", "positive", "mirror", "all_x_fixed", "positive_x_fixed", "mirror_x_fixed")
 
+
+def _v(dims: str, units: str, long_name: str, dtype: str = "f8", frame: str | None = None) -> dict:
+    """One variable of a schema."""
+    stated = {"dims": dims, "units": units, "long_name": long_name, "dtype": dtype}
+    return stated | ({"frame": frame} if frame else {})
+
+
+TIME, TIME_KBR = {"dims": "time"}, {"dims": "time_kbr"}
+CENTRE = "centre of mass to phase centre"
+LOCAL = "unit of the observable"
+
 ALIGN = {
-    "time": {"dims": "time"},
-    "time_kbr": {"dims": "time_kbr"},
-    "position_i": {"dims": "satellite time axis", "units": "m", "frame": "i", "long_name": "centre of mass"},
-    "quaternion": {"dims": "satellite time q", "units": "1", "long_name": "attitude, scalar first"},
-    "reading_range": {"dims": "time_kbr", "units": "m", "long_name": "biased range, light time added"},
-    "reading_range_rate": {"dims": "time_kbr", "units": "m s-1", "long_name": "range rate, light time added"},
-    "reading_range_acceleration": {
-        "dims": "time_kbr",
-        "units": "m s-2",
-        "long_name": "range acceleration, light time added",
-    },
-    "antenna_correction": {"dims": "time_kbr", "units": "m", "long_name": "antenna correction of the file, not added"},
-    "kbr_flag": {"dims": "time_kbr", "long_name": "0 usable, 1 not", "dtype": "u1"},
-    "segment": {"dims": "time_kbr", "long_name": "number of the stretch without a phase break", "dtype": "i4"},
+    "time": TIME,
+    "time_kbr": TIME_KBR,
+    "position_i": _v("satellite time axis", "m", "centre of mass", frame="i"),
+    "quaternion": _v("satellite time q", "1", "attitude, scalar first"),
+    "reading_range": _v("time_kbr", "m", "biased range, light time added"),
+    "reading_range_rate": _v("time_kbr", "m s-1", "range rate, light time added"),
+    "reading_range_acceleration": _v("time_kbr", "m s-2", "range acceleration, light time added"),
+    "antenna_correction": _v("time_kbr", "m", "antenna correction of the file, not added"),
+    "kbr_flag": _v("time_kbr", "1", "0 usable, 1 not", "u1"),
+    "segment": _v("time_kbr", "1", "number of the stretch without a phase break", "i4"),
+}
+
+_MANOEUVRE = {
+    "satellite_index": _v("manoeuvre", "1", "satellite that moves", "i1"),
+    "axis_index": _v("manoeuvre", "1", "0 pitch, 1 yaw", "i1"),
+    "sign": _v("manoeuvre", "1", "of the offset angle; 0 without offset", "i1"),
+    "start": _v("manoeuvre", "s", "first slew"),
+    "stop": _v("manoeuvre", "s", "last slew"),
 }
 
 POINTING = {
-    "time": {"dims": "time"},
-    "range_com": {"dims": "time", "units": "m", "long_name": "distance of the centres of mass"},
-    "second_order": {"dims": "time", "units": "m", "long_name": "part of the range that is square in the offsets"},
-    "line_of_sight_b": {
-        "dims": "satellite time axis",
-        "units": "1",
-        "frame": "b",
-        "long_name": "unit vector to the other satellite",
-    },
-    "angle": {
-        "dims": "satellite time axis_2",
-        "units": "rad",
-        "long_name": "pitch and yaw of the line of sight in the satellite",
-    },
-    "usable": {"dims": "time", "long_name": "1 where orbits and attitudes are known", "dtype": "u1"},
-    "satellite_index": {"dims": "manoeuvre", "long_name": "satellite that moves", "dtype": "i1"},
-    "axis_index": {"dims": "manoeuvre", "long_name": "0 pitch, 1 yaw", "dtype": "i1"},
-    "sign": {"dims": "manoeuvre", "long_name": "of the offset angle; 0 without offset", "dtype": "i1"},
-    "start": {"dims": "manoeuvre", "units": "s", "long_name": "first slew"},
-    "stop": {"dims": "manoeuvre", "units": "s", "long_name": "last slew"},
-    "offset": {"dims": "manoeuvre", "units": "rad", "long_name": "mean angle"},
-    "amplitude": {"dims": "manoeuvre", "units": "rad", "long_name": "amplitude of the wiggle"},
-}
+    "time": TIME,
+    "range_com": _v("time", "m", "distance of the centres of mass"),
+    "second_order": _v("time", "m", "part of the range that is square in the offsets"),
+    "line_of_sight_b": _v("satellite time axis", "1", "unit vector to the other satellite", frame="b"),
+    "angle": _v("satellite time axis_2", "rad", "pitch and yaw of the line of sight in the satellite"),
+    "usable": _v("time", "1", "1 where orbits and attitudes are known", "u1"),
+    "offset": _v("manoeuvre", "rad", "mean angle"),
+    "amplitude": _v("manoeuvre", "rad", "amplitude of the wiggle"),
+} | _MANOEUVRE
 
-_MANOEUVRE = {name: POINTING[name] for name in ("satellite_index", "axis_index", "sign", "start", "stop")}
-
-
-def _equations(unit: str) -> dict:
-    """Schema of the observation equations of one observable, unit "m", "m s-1" or "m s-2"."""
-    return {
-        "time_kbr": {"dims": "time_kbr"},
-        "observed": {"dims": "time_kbr", "units": unit, "long_name": "ranging minus orbit"},
-        "column": {
-            "dims": "time_kbr parameter",
-            "units": {"m": "1", "m s-1": "s-1", "m s-2": "s-2"}[unit],
-            "long_name": "derivative by the phase centres",
-        },
-        "published_column": {
-            "dims": "time_kbr parameter",
-            "units": {"m": "1", "m s-1": "s-1", "m s-2": "s-2"}[unit],
-            "long_name": "the same by local cubic polynomials of the attitude",
-        },
-        "lever": {
-            "dims": "time_kbr order lever",
-            "units": "m",
-            "long_name": "range per radian of pointing error (z and y of both) and its time derivatives, 1/s each",
-        },
-        "arc": {"dims": "time_kbr", "long_name": "manoeuvre, -1 quiet, -2 neither", "dtype": "i2"},
-        "segment": {"dims": "time_kbr", "long_name": "number of the stretch without a phase break", "dtype": "i4"},
-    } | _MANOEUVRE
-
-
-OBSERVABLE = {name: _equations(unit) for name, unit in zip(OBSERVABLES, UNITS, strict=True)}
+OBSERVABLE = {
+    "time_kbr": TIME_KBR,
+    "observed": _v("time_kbr", LOCAL, "ranging minus orbit"),
+    "column": _v("time_kbr parameter", f"{LOCAL} per m", "derivative by the phase centres"),
+    "published_column": _v("time_kbr parameter", f"{LOCAL} per m", "the same by local cubic polynomials"),
+    "lever": _v(
+        "time_kbr derivative arm", "m s-order", "range per radian of pointing error, z and y of both, and time derivatives"
+    ),
+    "arc": _v("time_kbr", "1", "manoeuvre, -1 quiet, -2 neither", "i2"),
+    "segment": _v("time_kbr", "1", "number of the stretch without a phase break", "i4"),
+} | _MANOEUVRE
 
 NOISE = {
-    "reflection": {"dims": "lag", "units": "1", "long_name": "reflection coefficients of the range"},
-    "variance": {"dims": "order", "units": "m2", "long_name": "prediction-error variance"},
-    "frequency": {"dims": "frequency", "units": "Hz", "long_name": "frequency"},
-    "density": {"dims": "frequency", "units": "m2 Hz-1", "long_name": "one-sided density of quiet ranging minus orbit"},
-    "model": {"dims": "frequency", "units": "m2 Hz-1", "long_name": "one-sided density of the model"},
-    "seconds": {"dims": "", "units": "s", "long_name": "length of the quiet data"},
-    "pointing_power": {
-        "dims": "corner",
-        "units": "rad2 Hz-1",
-        "long_name": "one-sided density of the star camera noise below each corner, seen in the manoeuvres",
-    },
-    "corner": {"dims": "corner", "units": "Hz", "long_name": "corner frequency; the last one stands for white"},
-    "in_manoeuvres": {"dims": "frequency", "units": "m2 Hz-1", "long_name": "one-sided density in the manoeuvres"},
+    "reflection": _v("lag", "1", "reflection coefficients of the range"),
+    "variance": _v("order", "m2", "prediction-error variance"),
+    "frequency": _v("frequency", "Hz", "frequency"),
+    "density": _v("frequency", "m2 Hz-1", "one-sided density of quiet ranging minus orbit"),
+    "model": _v("frequency", "m2 Hz-1", "one-sided density of the model"),
+    "in_manoeuvres": _v("frequency", "m2 Hz-1", "one-sided density of the residual in the manoeuvres"),
+    "seconds": _v("", "s", "length of the quiet data"),
+    "corner": _v("corner", "Hz", "corner frequency; the last one stands for white"),
+    "pointing_power": _v("corner", "rad2 Hz-1", "one-sided density of the star camera noise below each corner"),
 }
 
+_ESTIMATE = {
+    "centre": _v("subset estimator parameter", "m", CENTRE, frame="b"),
+    "covariance": _v("subset estimator parameter parameter_2", "m2", "covariance", frame="b"),
+    "formal_sigma": _v("subset estimator parameter", "m", "as usual least squares would print it", frame="b"),
+    "condition": _v("subset", "1", "condition number of the design"),
+    "sigma0": _v("subset estimator", "1", "noise in the manoeuvres over the noise assumed"),
+    "kept": _v("subset", "1", "mean robust weight"),
+    "arc_value": _v("manoeuvre", "m", "y or z from one manoeuvre, the others held"),
+    "arc_sigma": _v("manoeuvre", "m", "its standard deviation"),
+    "arcs_chi2": _v("", "1", "disagreement of the manoeuvres"),
+    "arcs_dof": _v("", "1", "degrees of freedom", "i8"),
+}
 
-def _solution(unit: str) -> dict:
-    """Schema of a solution from one observable."""
-    return (
-        {
-            "time_kbr": {"dims": "time_kbr"},
-            "frequency": {"dims": "frequency", "units": "Hz", "long_name": "frequency"},
-            "centre": {
-                "dims": "subset estimator parameter",
-                "units": "m",
-                "frame": "b",
-                "long_name": "centre of mass to phase centre",
-            },
-            "covariance": {
-                "dims": "subset estimator parameter parameter_2",
-                "units": "m2",
-                "frame": "b",
-                "long_name": "covariance",
-            },
-            "formal_sigma": {
-                "dims": "subset estimator parameter",
-                "units": "m",
-                "frame": "b",
-                "long_name": "as usual least squares would print it",
-            },
-            "condition": {"dims": "subset", "units": "1", "long_name": "condition number of the design"},
-            "sigma0": {
-                "dims": "subset estimator",
-                "units": "1",
-                "long_name": "noise in the manoeuvres over quiet noise",
-            },
-            "kept": {"dims": "subset", "units": "1", "long_name": "mean robust weight"},
-            "arc_value": {"dims": "manoeuvre", "units": "m", "long_name": "y or z from one manoeuvre, others held"},
-            "arc_sigma": {"dims": "manoeuvre", "units": "m", "long_name": "its standard deviation"},
-            "arcs_chi2": {"dims": "", "units": "1", "long_name": "disagreement of the manoeuvres"},
-            "arcs_dof": {"dims": "", "long_name": "degrees of freedom", "dtype": "i8"},
-        }
-        | _residuals(unit)
-        | _MANOEUVRE
-    )
-
-
-def _residuals(unit: str) -> dict:
-    """What a solution keeps of its observations, to look at."""
-    return {
-        "detrended": {"dims": "time_kbr", "units": unit, "long_name": "ranging minus orbit, detrended"},
-        "modelled": {"dims": "time_kbr", "units": unit, "long_name": "phase centres, detrended"},
-        "arc": {"dims": "time_kbr", "long_name": "manoeuvre", "dtype": "i2"},
-        "spectrum_observed": {"dims": "frequency", "units": f"({unit})2 Hz-1", "long_name": "density, detrended"},
-        "spectrum_residual": {"dims": "frequency", "units": f"({unit})2 Hz-1", "long_name": "density, residual"},
+SOLVE = (
+    _ESTIMATE
+    | _MANOEUVRE
+    | {
+        "time_kbr": TIME_KBR,
+        "frequency": _v("frequency", "Hz", "frequency"),
+        "detrended": _v("time_kbr", LOCAL, "ranging minus orbit, slow part removed"),
+        "modelled": _v("time_kbr", LOCAL, "phase centres, slow part removed"),
+        "arc": _v("time_kbr", "1", "manoeuvre", "i2"),
+        "spectrum_observed": _v("frequency", f"({LOCAL})2 Hz-1", "one-sided density, slow part removed"),
+        "spectrum_residual": _v("frequency", f"({LOCAL})2 Hz-1", "one-sided density of the residual"),
     }
+)
 
+COMBINE = (
+    {name: stated | {"dims": f"observable {stated['dims']}".strip()} for name, stated in _ESTIMATE.items()}
+    | _MANOEUVRE
+    | {
+        "determined": _v("observable subset parameter", "1", "1 determined", "u1"),
+        "shift": _v("observable subset parameter", "m", "sub-set minus all, least squares"),
+        "predicted_shift": _v("observable subset parameter", "m", "tan of the offset angle times the shift of x"),
+    }
+)
 
-SOLVE = {name: _solution(unit) for name, unit in zip(OBSERVABLES, UNITS, strict=True)}
+ROUTINE = {
+    "centre": _v("parameter", "m", f"{CENTRE}, from quiet ranging", frame="b"),
+    "sigma": _v("parameter", "m", "its standard deviation, infinite where nothing is known", frame="b"),
+    "singular": _v("parameter", "1", "singular values of the columns without their mean, rms"),
+    "correction_centre": _v("satellite axis", "m", f"{CENTRE}, behind the file's antenna correction", frame="b"),
+    "correction_sigma": _v("satellite axis", "m", "its standard deviation if the misfit is white", frame="b"),
+    "correction_rms": _v("", "m", "misfit of the records that keep their weight"),
+    "correction_kept": _v("", "1", "share of the records that do"),
+}
 
-COMBINE = {
-    "centre": {
-        "dims": "observable subset estimator parameter",
-        "units": "m",
-        "frame": "b",
-        "long_name": "centre of mass to phase centre",
-    },
-    "covariance": {
-        "dims": "observable subset estimator parameter parameter_2",
-        "units": "m2",
-        "frame": "b",
-        "long_name": "covariance",
-    },
-    "formal_sigma": {
-        "dims": "observable subset estimator parameter",
-        "units": "m",
-        "frame": "b",
-        "long_name": "as usual least squares would print it",
-    },
-    "determined": {"dims": "observable subset parameter", "long_name": "1 determined", "dtype": "u1"},
-    "condition": {"dims": "observable subset", "units": "1", "long_name": "condition number of the design"},
-    "sigma0": {
-        "dims": "observable subset estimator",
-        "units": "1",
-        "long_name": "noise in the manoeuvres over quiet noise",
-    },
-    "kept": {"dims": "observable subset", "units": "1", "long_name": "mean robust weight"},
-    "arc_value": {"dims": "observable manoeuvre", "units": "m", "long_name": "y or z from one manoeuvre, others held"},
-    "arc_sigma": {"dims": "observable manoeuvre", "units": "m", "long_name": "its standard deviation"},
-    "arcs_chi2": {"dims": "observable", "units": "1", "long_name": "disagreement of the manoeuvres"},
-    "arcs_dof": {"dims": "observable", "long_name": "degrees of freedom", "dtype": "i8"},
-    "shift": {
-        "dims": "observable subset parameter",
-        "units": "m",
-        "long_name": "one-sided set minus all, least squares",
-    },
-    "predicted_shift": {
-        "dims": "observable subset parameter",
-        "units": "m",
-        "long_name": "tan of the offset angle times the shift of x",
-    },
-} | _MANOEUVRE
+REPORT = {
+    "centre": _v("satellite axis", "m", f"{CENTRE}, NaN where not determined", frame="b"),
+    "sigma": _v("satellite axis", "m", "its standard deviation", frame="b"),
+}

@@ -52,7 +52,7 @@ def solve(
         parts = published.arcs(equations, derivative, published_trim_s)
         band = None
     else:
-        parts = whitened.arcs(equations, measured, derivative, orbit_degree)
+        parts = whitened.arcs(equations, measured, whitened.of_manoeuvres(equations), derivative, orbit_degree)
         band = (tuple(band_hz), float(measured.attrs["step_s"]))
     numbers = [int(equations["arc"].values[part.index[0]]) for part in parts]
     sign = equations["sign"].values[numbers] if numbers else np.zeros(0)
@@ -61,8 +61,10 @@ def solve(
     values |= _by_arc(equations, parts, numbers, values, nominal)
     values |= _series(equations, parts, values["centre"][0, 0], derivative, orbit_degree)
     values |= {name: equations[name].values for name in MANOEUVRE}
-    attrs = {"observable": variant, "method": method} | {n: equations.attrs[n] for n in ("satellites", "ranging")}
-    return build(SOLVE[variant], values, title=f"Phase centres from {variant}", **attrs)
+    attrs = {"observable": variant, "method": method, "unit": equations.attrs["unit"]} | {
+        n: equations.attrs[n] for n in ("satellites", "ranging")
+    }
+    return build(SOLVE, values, title=f"Phase centres from {variant}", **attrs)
 
 
 def _subset(name, parts, sign, nominal, settings):

@@ -29,25 +29,26 @@ class Arc:
     basis: np.ndarray
 
 
-def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: int) -> list[Arc]:
-    """All manoeuvres whose epochs outnumber the unknowns.
+def arcs(
+    equations: xr.Dataset, measured: xr.Dataset, indices: list[np.ndarray], derivative: int, degree: int
+) -> list[Arc]:
+    """All stretches of observations whose epochs outnumber the unknowns.
 
     Parameters
     ----------
     equations : Dataset, "kbr_phase_centre.observable"
     measured : Dataset, "kbr_phase_centre.noise"
+    indices : places of the observations of each stretch
     derivative : 0, 1 or 2
     degree : of the polynomial that takes up slow orbit errors of the range; lower by one for each derivative
     """
     step = float(measured.attrs["step_s"])
-    time, number = equations["time_kbr"].values, equations["arc"].values
-    longest = float((equations["stop"] - equations["start"]).max()) if equations.sizes["manoeuvre"] else 0.0
+    time, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
+    longest = max((float(time[index[-1]] - time[index[0]]) for index in indices if index.size), default=0.0)
     lags = covariance.lags(measured, derivative, int(longest / step) + 3)
-    lever = equations["lever"].values
     found = []
-    for k in range(equations.sizes["manoeuvre"]):
-        index = np.flatnonzero(number == k)
-        nuisance = slow_columns(time[index], equations["segment"].values[index], degree - derivative, derivative)
+    for index in indices:
+        nuisance = slow_columns(time[index], segment[index], degree - derivative, derivative)
         if index.size <= nuisance.shape[1] + 10:
             continue
         data = np.column_stack([equations["observed"].values[index], equations["column"].values[index], nuisance])
@@ -56,6 +57,30 @@ def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: i
         basis = estimation.orthonormal(white[:, 7:])
         clean = white[:, :7] - basis @ (basis.T @ white[:, :7])
         found.append(Arc(index, clean[:, 0], clean[:, 1:], basis))
+    return found
+
+
+def of_manoeuvres(equations: xr.Dataset) -> list[np.ndarray]:
+    """Places of the observations of each manoeuvre."""
+    number = equations["arc"].values
+    return [np.flatnonzero(number == k) for k in range(equations.sizes["manoeuvre"])]
+
+
+def of_quiet(equations: xr.Dataset, length_s: float) -> list[np.ndarray]:
+    """Places of the observations of quiet stretches of about the given length, gaps of a minute at most.
+
+    Parameters
+    ----------
+    equations : Dataset, "kbr_phase_centre.observable"
+    length_s : s
+    """
+    quiet, time = np.flatnonzero(equations["arc"].values == -1), equations["time_kbr"].values
+    new = (np.diff(time[quiet]) > 60) | (np.diff(equations["segment"].values[quiet]) != 0)
+    found = []
+    for whole in np.split(quiet, np.flatnonzero(new) + 1):
+        span = time[whole[-1]] - time[whole[0]] if whole.size else 0.0
+        if span > length_s / 2:
+            found += np.array_split(whole, max(int(round(span / length_s)), 1))
     return found
 
 

@@ -1,0 +1,129 @@
+"""Antenna phase centres: from Level-1 files of a pair to reported vectors."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+from flows.engine import flow
+from gravcal.data import catalog
+from tasks import common, kbr_phase_centre
+from tasks.stage import read
+
+OBSERVABLES = ("range", "range_rate", "range_acceleration")
+#: Letters of a pair and of its common products, by any letter that may be given.
+PAIRS = {letter: pair for pair in ("AB", "CD") for letter in (*pair, pair)} | {"X": "AB", "Y": "CD"}
+COMMON = {"AB": "X", "CD": "Y"}
+#: Level-1 products read, most wanted first.
+RANGING = ("KBR1B", "LRI1B")
+ORBIT = ("GNI1B", "GNV1B")
+
+
+@flow(name="kbr_phase_centre")
+def calibrate(source, chosen):
+    """Phase centres of both satellites from the wiggles of one day."""
+    nominal = {"nominal_m": _nominal(source.satellite)}
+    aligned = kbr_phase_centre.align(*_files(source), **chosen.for_stage("align"))
+    pointed = kbr_phase_centre.pointing(aligned, **chosen.for_stage("pointing"), **nominal)
+    settings = chosen.for_stage("observable") | nominal
+    equations = [kbr_phase_centre.observable(aligned, pointed, variant=name, **settings) for name in OBSERVABLES]
+    quiet = kbr_phase_centre.noise(equations[0], **chosen.for_stage("noise"))
+    settings = chosen.for_stage("solve") | nominal
+    solved = [
+        kbr_phase_centre.solve(one, quiet, variant=name, **settings)
+        for name, one in zip(OBSERVABLES, equations, strict=True)
+    ]
+    combined = kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
+    described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **chosen.for_stage("routine"))
+    return kbr_phase_centre.report(combined, pointed, quiet, described, *solved, **_report_settings(source, chosen))
+
+
+@flow(name="kbr_phase_centre_detect")
+def detect(source, chosen):
+    """Wiggles of one day in the pointing angles."""
+    aligned = kbr_phase_centre.align(*_files(source), **chosen.for_stage("align"))
+    settings = chosen.for_stage("pointing") | {"nominal_m": _nominal(source.satellite)}
+    return kbr_phase_centre.pointing(aligned, **settings)
+
+
+def _files(source):
+    """Ranging, orbits and attitudes, read."""
+    wanted = [(RANGING, COMMON[source.satellite])]
+    wanted += [(products, letter) for products in (ORBIT, ("SCA1B",)) for letter in source.satellite]
+    return [common.ingest(source.file(*products, satellite=letter), event=source.event) for products, letter in wanted]
+
+
+def _nominal(letters):
+    """Phase centres of the catalogue."""
+    return tuple(tuple(float(v) for v in catalog.satellite(letter).com_to_antenna.value) for letter in letters)
+
+
+def _report_settings(source, chosen):
+    """What the report says beside the products: all settings and what was published."""
+    values = {name: entry.value for name, entry in chosen.entries.items()}
+    records = catalog.published("kbr_phase_centre")
+    printed = {
+        section: [
+            {"labels": dict(one.labels), "value": one.value, "sigma": one.sigma, "source": one.source}
+            for one in records[section]
+        ]
+        for section in ("ls", "robust", "subsets", "vkb1b")
+    }
+    return {"event": source.event, "settings": values, "published": printed}
+
+
+def source(*, event=None, data=None, satellite=None, date=None):
+    """Source of a catalogue event or of a folder; one satellite stands for its pair."""
+    letter = COMMON[PAIRS[satellite]] if satellite in PAIRS else satellite
+    found = common.source_of("kbr_phase_centre", RANGING, event=event, data=data, satellite=letter, date=date)
+    pair = PAIRS.get(found.satellite, found.satellite)
+    name = found.event if event is not None else f"grace-{pair.lower()}-{found.date}"
+    return common.Source(name, pair, found.date, found.folder)
+
+
+def document(ref):
+    """Result document of a report product, with the keys of everything it was made from."""
+    result = json.loads((ref.folder / "result.json").read_text())
+    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
+    return result
+
+
+def detected(ref):
+    """Document with the wiggles of a pointing product."""
+    found = read(ref)
+    letters, axes = found.attrs["satellites"], ("pitch", "yaw")
+    columns = [found[name].values for name in ("satellite_index", "axis_index", "sign", "start", "stop")]
+    rows = [
+        {"satellite": letters[k], "kind": ("", "+", "-")[s] + axes[a], "start": float(begin), "stop": float(end)}
+        for k, a, s, begin, end in zip(*columns, strict=True)
+    ]
+    return {"event": ref.event, "manoeuvres": rows}
+
+
+def simulate(out, *, seed, truth, effects, settings):
+    """Write the Level-1 files of an invented day; returns its truth, written to `truth` if that is given.
+
+    Parameters
+    ----------
+    out : folder
+    seed : source of everything random
+    truth : file for the truth, or None
+    effects : {"slug.parameter": value}
+    settings : {parameter of the simulation: text or value}
+    """
+    from gravcal.data import writers
+    from gravcal.simulation import kbr_phase_centre as simulation
+    from gravcal.simulation.injection import by_slug
+
+    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings(settings)
+    day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()
+    columns, invented = simulation.simulate(chosen.satellites, chosen, day, seed, by_slug(effects))
+    Path(out).mkdir(parents=True, exist_ok=True)
+    for (product, letter), values in columns.items():
+        writers.write(values, Path(out) / writers.file_name(product, chosen.date, letter))
+    invented |= {"satellite": chosen.satellites, "date": chosen.date}
+    if truth is not None:
+        Path(truth).parent.mkdir(parents=True, exist_ok=True)
+        Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
+    return invented

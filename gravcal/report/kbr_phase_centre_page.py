@@ -1,0 +1,124 @@
+"""Report page of a ranging calibration: one self-contained HTML text."""
+
+from gravcal.report import kbr_phase_centre_figures as figures
+from gravcal.report import kbr_phase_centre_tables as tables
+from gravcal.report.figures import image
+from gravcal.report.pages import render
+from gravcal.report.plain import gps_text
+
+MOODS = {True: "good", False: "bad", None: ""}
+CAPTIONS = {
+    "angles": (
+        "pointing angles",
+        "Pointing of the line of sight in both satellites: left the record, wiggles shaded; right the first "
+        "wiggle of each.",
+    ),
+    "series": (
+        "ranging minus orbit",
+        "Ranging minus orbit and the fitted phase centres in one pitch and one yaw wiggle, slow part removed from "
+        "both; below, shifted down, their difference.",
+    ),
+    "spectra": (
+        "spectra",
+        "Density of ranging minus orbit in the wiggles, before and after the fit; dotted: 4 and 8 mHz, the wiggle "
+        "and its second harmonic.",
+    ),
+    "estimates": (
+        "estimates",
+        "y and z of both satellites: every observable by least squares and with robust weights, then each wiggle "
+        "alone; error bars one standard deviation, band the adopted value.",
+    ),
+    "noise": (
+        "noise",
+        "Noise of the range: quiet data, their model, and the residual in the wiggles, where the star camera adds its "
+        "error times the tilt of the antenna.",
+    ),
+}
+
+
+def page(document, products, published, files):
+    """Page of one event.
+
+    Parameters
+    ----------
+    document : dict of `gravcal.report.kbr_phase_centre.document`
+    products : "pointing", "noise" and a list of three "solve" Datasets
+    published : {section: list of printed records}
+    files : {name: text} delivered beside the page
+
+    Returns
+    -------
+    html : str
+    """
+    pointed, measured, solved = products
+    delivered = "satellites" in document
+    sections = _sections(document, pointed, measured, solved, published) if delivered else []
+    if not delivered:
+        sections = [_section("Pointing", [], [_figure("angles", figures.angles, pointed)])]
+    sections.append(_section("Without wiggles", [tables.routine(document)], [], [document["routine_pointing"]["text"]]))
+    good = document["verdict"].get("accuracy_met")
+    return render(
+        "kbr_phase_centre.html",
+        document=document,
+        verdict=tables.true_units(document["verdict"]["text"]),
+        mood=MOODS[good],
+        subtitle=_subtitle(document),
+        sections=_numbered(sections),
+        settings=[(name, str(value)) for name, value in sorted(document["settings"].items())],
+        provenance=sorted(document["provenance"]["products"].items()),
+        lines=files.get("result.soe"),
+    )
+
+
+def _subtitle(document):
+    """What was looked at."""
+    span = " to ".join(gps_text(document["record"][name]) for name in ("start", "stop"))
+    letters = " and ".join(document["pair"])
+    return (
+        f"Record {span} GPS, satellites {letters}, {document['ranging']}, {len(document['manoeuvres'])} wiggles. "
+        f"Vectors from centre of mass to phase centre, in SRF."
+    )
+
+
+def _sections(document, pointed, measured, solved, published):
+    """Sections of an event with wiggles."""
+    return [
+        _section(
+            "Result",
+            [tables.result(document, published, estimator) for estimator in ("ls", "robust")],
+            [_figure("estimates", figures.estimates, document)],
+            document["trust"] + [one["text"] for one in document["indistinguishable_from_calibration"]],
+        ),
+        _section("Sub-sets and geometry", [tables.subsets(document, published), tables.geometry(document)], []),
+        _section(
+            "Wiggles",
+            [tables.manoeuvres(document)],
+            [_figure("angles", figures.angles, pointed), _figure("series", figures.series, solved)],
+        ),
+        _section(
+            "Noise",
+            [tables.noise(document)],
+            [_figure("spectra", figures.spectra, solved), _figure("noise", figures.noise, measured)],
+        ),
+        _section("Against published vectors", [tables.vectors(document, published)], []),
+    ]
+
+
+def _section(title, own_tables, own_figures, notes=()):
+    kept = [one for one in own_tables if one]
+    return {"title": title, "tables": kept, "figures": own_figures, "notes": [tables.true_units(n) for n in notes]}
+
+
+def _figure(name, draw, *given):
+    title, caption = CAPTIONS[name]
+    return {"image": image(draw, *given), "source": "", "title": title, "caption": caption}
+
+
+def _numbered(sections):
+    """Sections whose figures are numbered in order."""
+    number = 0
+    for section in sections:
+        for one in section["figures"]:
+            number += one["image"] is not None
+            one["number"] = number
+    return sections
