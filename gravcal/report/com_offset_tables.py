@@ -55,6 +55,7 @@ def combined(document, published):
         rows,
         source=key_of(document, "combine"),
         strong=names.index(adopted) if adopted else None,
+        wide=bool(known),
     )
 
 
