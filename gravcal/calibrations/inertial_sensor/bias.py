@@ -94,7 +94,7 @@ def bias(
         )
     values = estimates(solved, sensor) | _segments(solved)
     values |= spectra(bins, solved, sensor, k_z_before, limits)
-    return build(schemas.BIAS, values, method=method, source="swing" if swing else "assumed")
+    return build(schemas.BIAS, values, method=method, factors_from="swing" if swing else "assumed")
 
 
 def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:

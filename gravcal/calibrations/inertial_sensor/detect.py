@@ -14,7 +14,7 @@ from gravcal.methods.noise import runs
 STEP = 2.0  # s, of the attitude looked at
 SHOWN = 60.0  # s, of the rates kept
 WINDOW = 28.0  # s, of the running rms, about one period of a swing
-EARLY = 10.0  # s, by which a running rms shows a swing before it begins
+EARLY = 8.0  # s, by which a running rms shows a swing before it begins
 
 
 def detect(

@@ -25,7 +25,7 @@ ALIGN = {
     "time": _of("time"),
     "volts": _of("time electrode", "V", "actuation voltages, spikes and gaps bridged"),
     "recorded": _of("time electrode", "V", "actuation voltages as recorded"),
-    "flag": _of("time electrode", None, "0 as recorded, 1 spike, 2 missing", dtype="u1"),
+    "flag": _of("time electrode", "1", "0 as recorded, 1 spike, 2 missing", dtype="u1"),
     "time_att": _of("time_att"),
     "quaternion": _of("time_att q", "1", "scalar first"),
     "position_i": _of("time axis", "m", "position of the centre of mass", "i"),
@@ -43,7 +43,7 @@ SCALE = {
     "k_sigma": _of("arm axis", "m s-2 V-1", "with the error of the angular factors", "b"),
     "k_sigma_total": _of("arm axis", "m s-2 V-1", "with the error of mass, inertia and arm too", "b"),
     "arm_x": _of("arm", "m", "arm about x"),
-    "chosen_arm": _of("", None, "index of the arm used", dtype="i4"),
+    "chosen_arm": _of("", "1", "index of the arm used", dtype="i4"),
     "ratio_relative_sigma": _of("axis", "1", "relative error of J / (M l)"),
     "time_bin": _of("time_bin"),
     "residual_b": _sensor("time_bin axis", "rad", "measured minus predicted attitude"),
@@ -58,7 +58,7 @@ SCALE = {
     "tracker_sigma": _of("axis", "rad", "noise of one star-tracker sample"),
     "voltage_density": _of("axis", "V Hz-1/2", "noise of the angular readouts"),
     "chi2": _of("", "1", "squared whitened residuals"),
-    "dof": _of("", None, "degrees of freedom", dtype="i4"),
+    "dof": _of("", "1", "degrees of freedom", dtype="i4"),
 }
 
 OFFSET = {
@@ -73,7 +73,7 @@ OFFSET = {
     "filter_sigma": _sensor("time_bin axis", "m", "its standard deviation"),
     "noise_density": _of("axis", "V Hz-1/2", "noise of the linear readouts, mean over the band"),
     "chi2": _of("", "1", "squared whitened residuals"),
-    "dof": _of("", None, "degrees of freedom", dtype="i4"),
+    "dof": _of("", "1", "degrees of freedom", dtype="i4"),
 }
 
 SEGMENT = {
@@ -91,7 +91,7 @@ BIAS = {
     "bias_sigma_total": _sensor("axis", "m s-2", "with the error of the scale factors"),
     "bias_volt": _of("axis", "V", "minus the constant of the linear readout"),
     "bias_volt_sigma": _of("axis", "V", "standard deviation"),
-    "separable": _of("axis", None, "1 where rolling tells the bias from other constants", dtype="u1"),
+    "separable": _of("axis", "1", "1 where rolling tells the bias from other constants", dtype="u1"),
     "statistical_sigma": _sensor("axis", "m s-2", "from the scatter of the segments"),
     "offset_sigma": _sensor("axis", "m s-2", "from the error of the offset"),
     "wander": _sensor("axis", "m s-2", "slow change from segment to segment"),
@@ -99,7 +99,7 @@ BIAS = {
     "time_segment": _of("time_segment"),
     "segment_bias": _sensor("time_segment axis", "m s-2", "bias of each segment"),
     "segment_sigma": _sensor("time_segment axis", "m s-2", "formal standard deviation"),
-    "used": _of("time_segment", None, "1 uniform and complete", dtype="u1"),
+    "used": _of("time_segment", "1", "1 uniform and complete", dtype="u1"),
     "uniformity": _of("time_segment", "1", "relative standard deviation of the roll rate"),
     "frequency": _of("frequency", "Hz", "frequency"),
     "density": _of("calibrated frequency", "m s-2 Hz-1/2", "amplitude spectrum of z: old k_z, new k_z, and corrected"),
