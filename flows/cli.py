@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_campaign, cli_store
+from flows import cli_campaign, cli_catalogue, cli_store
 from flows import cli_output as output
 from flows.engine import single_threaded
 
@@ -96,6 +96,9 @@ def detect(
     date: Date = None,
     settings: Settings = None,
     json: Json = None,
+    save: Annotated[
+        bool, typer.Option("--save", help="store the event in your own catalogue, GRAVCAL_CATALOG")
+    ] = False,
 ) -> None:
     """Find the manoeuvres in the data of an event or folder."""
     from flows import command
@@ -105,6 +108,8 @@ def detect(
     document = command.detect(calibration, source, chosen)
     output.write_json(document, json)
     output.manoeuvres(document, json)
+    if save:
+        output.say(f"stored as event {cli_catalogue.save_event(calibration, source, document)}")
     raise typer.Exit(0 if document["manoeuvres"] else 3)
 
 
@@ -153,6 +158,8 @@ def report(
 
 
 app.command()(cli_campaign.campaign)
+app.command()(cli_catalogue.effects)
+app.command()(cli_catalogue.series)
 app.add_typer(cli_store.products, name="products")
 app.command()(cli_store.history)
 app.command()(cli_store.rebuild)

@@ -68,6 +68,29 @@ def source(*, event=None, data=None, satellite=None, date=None):
     return common.source_of("com_offset", ("ACC1A",), event=event, data=data, satellite=satellite, date=date)
 
 
+def level_one_files(source):
+    """Level-1 files of an event."""
+    return [source.file(*names) for names in PRODUCTS.values()]
+
+
+def series(satellite):
+    """Rows and page of all events of a satellite in the store, beside the published ones.
+
+    Parameters
+    ----------
+    satellite : letter
+    """
+    from gravcal.data import location
+    from gravcal.report.com_offset_history import history
+
+    paths = sorted((location.folder() / "latest").glob(f"*-{satellite.lower()}-*/com_offset.report/result.json"))
+    documents = [json.loads(path.read_text()) for path in paths]
+    named = catalog.satellite(satellite).name
+    printed = [r for r in catalog.published("com_offset")["history"] if any(e.startswith(named) for e in r.events)]
+    rows, _, page = history(documents, catalog.trims(satellite), printed)
+    return rows, page
+
+
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
     result = json.loads((ref.folder / "result.json").read_text())
