@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import xarray as xr
 
 from gravcal.effects import Context
 from gravcal.methods import crn
@@ -193,6 +194,24 @@ def _truth(letters, pair, centre, chosen, seeded):
         "misalignment_urad": list(chosen.misalignment_urad),
         "effects": {slug: dict(given) for slug, given in effects.items()},
     }
+
+
+def ingested(columns: Mapping) -> dict[tuple[str, str], xr.Dataset]:
+    """Simulated columns as the readers would return the files, {(product, letter): Dataset}.
+
+    Parameters
+    ----------
+    columns : as `simulate` returns them
+    """
+    found = {}
+    for (product, letter), values in columns.items():
+        second = np.asarray(values["gps_time"])
+        blank = np.zeros(second.size, dtype=np.uint8)
+        given = {"qualflg": blank, "flag": blank} | dict(values)
+        given |= {"time_second": second, "time_fraction": np.zeros(second.size), "time_tag": second.astype(float)}
+        attrs = {"product": product, "satellite": letter, "file": f"{product} of {letter}"}
+        found[product, letter] = xr.Dataset({n: ("record", v) for n, v in given.items()}, attrs=attrs)
+    return found
 
 
 def noiseless(chosen):

@@ -48,16 +48,30 @@ def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
     step = float(measured.attrs["step_s"])
     fitted = noises.NoiseModel(measured["reflection"].values, measured["variance"].values, step)
     frequency = np.linspace(0, 0.5 / step, pointing_noise.BINS + 1)
-    ranging = _transformed(fitted.density(frequency) * derivative_power(derivative, step), step)[:count]
-    density = measured["pointing_power"].values @ pointing_noise.shapes(step)
+    pointing = measured["pointing_power"].values @ pointing_noise.shapes(step)
+    return of_densities((fitted.density(frequency), pointing), step, derivative, count)
+
+
+def of_densities(densities, step_s: float, derivative: int, count: int) -> Lags:
+    """Covariances by lag from the densities of the range and of the pointing error as sampled.
+
+    Parameters
+    ----------
+    densities : (BINS + 1,) m2 Hz-1 and (BINS + 1,) rad2 Hz-1, one-sided, up to Nyquist
+    step_s : s
+    derivative : 0, 1 or 2
+    count : number of lags
+    """
+    ranging, pointing = densities
+    frequency = np.linspace(0, 0.5 / step_s, pointing_noise.BINS + 1)
+    by_lag = _transformed(ranging * derivative_power(derivative, step_s), step_s)[:count]
     pairs = {}
-    if density.any():
+    if np.any(pointing):
         for a in range(derivative + 1):
             for b in range(derivative + 1):
-                wave = density * (2 * np.pi * frequency) ** (a + b) * 1j ** (a - b)
-                full = _transformed(wave, step)
+                full = _transformed(pointing * (2 * np.pi * frequency) ** (a + b) * 1j ** (a - b), step_s)
                 pairs[a, b] = np.concatenate([full[-count + 1 :], full[:count]])
-    return Lags(ranging, pairs, derivative)
+    return Lags(by_lag, pairs, derivative)
 
 
 def _transformed(density, step):

@@ -60,7 +60,9 @@ OBSERVABLE = {
     "column": _v("time_kbr parameter", f"{LOCAL} per m", "derivative by the phase centres"),
     "published_column": _v("time_kbr parameter", f"{LOCAL} per m", "the same by local cubic polynomials"),
     "lever": _v(
-        "time_kbr derivative arm", "m s-order", "range per radian of pointing error, z and y of both, and time derivatives"
+        "time_kbr derivative arm",
+        "m s-order",
+        "range per radian of pointing error, z and y of both, and time derivatives",
     ),
     "arc": _v("time_kbr", "1", "manoeuvre, -1 quiet, -2 neither", "i2"),
     "segment": _v("time_kbr", "1", "number of the stretch without a phase break", "i4"),

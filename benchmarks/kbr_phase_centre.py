@@ -1,0 +1,110 @@
+"""Recovery study and speed of kbr_phase_centre: python -m benchmarks.kbr_phase_centre [campaigns] [key=value ...].
+
+Prints, over simulated campaigns in memory: error/sigma with its chi-square interval, bias, scatter against the
+Cramer-Rao bound and the accuracy figures; then the time of one campaign.
+"""
+
+import sys
+import time
+
+import numpy as np
+from scipy import stats
+from scipy.linalg import cholesky, solve_triangular
+
+from gravcal.calibrations.kbr_phase_centre import covariance, pointing_noise, whitened
+from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
+from gravcal.data import catalog
+from gravcal.simulation import kbr_phase_centre as simulation
+from tasks import kbr_phase_centre as stages
+
+DAY = 653011200.0 - 43200.0
+FILES = (("KBR1B", "Y"), ("GNI1B", "C"), ("GNI1B", "D"), ("SCA1B", "C"), ("SCA1B", "D"))
+ORBIT_HZ = 1 / 5670.0
+
+
+def process(columns, chosen):
+    """All products of one campaign in memory."""
+    observed = simulation.ingested(columns)
+    nominal = {"nominal_m": tuple(tuple(catalog.satellite(letter).com_to_antenna.value) for letter in "CD")}
+    aligned = stages.align(*(observed[name] for name in FILES), **chosen.for_stage("align"))
+    pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), **nominal)
+    settings = chosen.for_stage("observable") | nominal
+    equations = [stages.observable(aligned, pointed, variant=name, **settings) for name in OBSERVABLES]
+    quiet = stages.noise(equations[0], **chosen.for_stage("noise"))
+    settings = chosen.for_stage("solve") | nominal
+    solved = [
+        stages.solve(one, quiet, variant=name, **settings) for name, one in zip(OBSERVABLES, equations, strict=True)
+    ]
+    return equations, stages.combine(*solved, **chosen.for_stage("combine"))
+
+
+def bound(equations, invented):
+    """Cramer-Rao bound (6,) m: true noise, and per wiggle a bias, 1 and 2 cycles per revolution."""
+    step = 5.0
+    frequency = np.linspace(0, 0.5 / step, pointing_noise.BINS + 1)
+    ranging = invented.ranging_noise_m**2 * pointing_noise.passed(step).sum(axis=0)
+    keep = np.exp(-1 / invented.star_camera_slow_s)
+    slow = 2 * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * frequency))
+    pointing = slow * invented.star_camera_slow_rad**2 + 2 * invented.star_camera_white_rad**2
+    pointing = invented.noise_scale**2 * pointing * pointing_noise.passed(step)[0]
+    lags = covariance.of_densities((ranging, pointing), step, 0, 800)
+    time_, column, lever = (equations[n].values for n in ("time_kbr", "column", "lever"))
+    total = np.zeros((6, 6))
+    for index in whitened.of_manoeuvres(equations):
+        t = time_[index] - time_[index[0]]
+        factor = cholesky(covariance.matrix(lags, np.rint(t / step).astype(int), lever[index]), lower=True)
+        phase = 2 * np.pi * ORBIT_HZ * t
+        slow = [np.ones_like(t), np.cos(phase), np.sin(phase), np.cos(2 * phase), np.sin(2 * phase)]
+        white = solve_triangular(factor, np.column_stack([column[index], *slow]), lower=True)
+        basis = np.linalg.qr(white[:, 6:])[0]
+        clean = white[:, :6] - basis @ (basis.T @ white[:, :6])
+        total += clean.T @ clean
+    return np.sqrt(np.diag(np.linalg.inv(total)))
+
+
+def study(count, settings):
+    """Errors and sigmas (count, observable, estimator, parameter) in mm, bounds (count, parameter), seconds each."""
+    chosen = catalog.parameters("kbr_phase_centre")
+    invented = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0} | settings)
+    errors, sigmas, bounds, seconds = [], [], [], []
+    for seed in range(count):
+        columns, truth = simulation.simulate("CD", invented, DAY, 10_000 + seed, {})
+        begin = time.perf_counter()
+        equations, combined = process(columns, chosen)
+        seconds.append(time.perf_counter() - begin)
+        true = np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
+        errors.append(1e3 * combined["centre"].values[:, 0] - true)
+        variance = np.diagonal(combined["covariance"].values[:, 0], axis1=-2, axis2=-1)
+        sigmas.append(1e3 * np.sqrt(variance))
+        bounds.append(1e3 * bound(equations[0], invented))
+    return tuple(np.array(one) for one in (errors, sigmas, bounds, seconds))
+
+
+def main():
+    """Run the study and print its tables."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    settings = dict(text.split("=", 1) for text in sys.argv[2:])
+    errors, sigmas, bounds, seconds = study(count, settings)
+    z = errors / sigmas
+    tests = z[0].size
+    low, high = np.sqrt(stats.chi2.ppf([0.005 / tests, 1 - 0.005 / tests], count) / count)
+    print(f"{count} campaigns, {settings or 'default noise'}; error/sigma rms has to lie in {low:.3f} .. {high:.3f}")
+    print("observable          estimator  parameter  z rms   bias/sigma  scatter um  sigma um  scatter/bound")
+    for i, observable in enumerate(OBSERVABLES):
+        for k, estimator in enumerate(ESTIMATORS):
+            for p, name in enumerate(PARAMETERS):
+                own = errors[:, i, k, p]
+                scatter, mean = np.std(own, ddof=1), np.mean(z[:, i, k, p])
+                print(
+                    f"{observable:19} {estimator:10} {name:10} {np.sqrt(np.mean(z[:, i, k, p] ** 2)):.3f}   "
+                    f"{mean:+.3f}      {1e3 * scatter:8.3f}   {1e3 * sigmas[:, i, k, p].mean():8.3f}  "
+                    f"{scatter / bounds[:, p].mean():.3f}"
+                )
+    print(f"largest |bias/sigma| {np.abs(z.mean(axis=0)).max():.3f}; allowed 0.2 + {3 / np.sqrt(count):.3f}")
+    rms = np.sqrt((errors[:, :, 0] ** 2).mean(axis=0)).max(axis=0).reshape(2, 3).max(axis=0)
+    print(f"rms error, worst observable, least squares: x {rms[0]:.4f} mm, y {rms[1]:.5f} mm, z {rms[2]:.5f} mm")
+    print(f"seconds for one campaign in memory: median {np.median(seconds):.2f}, worst {seconds.max():.2f}")
+
+
+if __name__ == "__main__":
+    main()
