@@ -8,6 +8,7 @@ from pathlib import Path
 
 from flows.engine import flow
 from gravcal.data import catalog
+from gravcal.report import pages
 from tasks import com_offset, common
 from tasks.stage import read
 
@@ -50,10 +51,13 @@ def calibrate(source, chosen):
 
 
 def _report_settings(source, chosen):
-    """What the report says beside the products: all settings and what was published of the event."""
+    """What the report says beside the products: all settings, what was published of the event, the page's templates."""
     values = {name: entry.value for name, entry in chosen.entries.items()}
+    known = catalog.satellite(source.satellite).settings()
+    values |= {name: known[name] for name in ("roll_response", "roll_response_sigma") if name in known}
     printed = common.printed_of("com_offset", source.event)
-    return {"event": source.event, "satellite": source.satellite, "settings": values, "published": printed}
+    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    return named | {"settings": values, "published": printed}
 
 
 @flow(name="com_offset_detect")

@@ -163,6 +163,6 @@ def combine(*solved, method, determined_sigma_um, consistency_level):
     writes="com_offset.report",
     version=1,
 )
-def report(*products, event, satellite, settings, published):
+def report(*products, event, satellite, settings, published, templates):  # noqa: ARG001 - templates are in the key
     """Result document, page and line of the sequence-of-events file."""
     return report_science.report(*products, event=event, satellite=satellite, settings=settings, published=published)

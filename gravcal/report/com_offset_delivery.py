@@ -6,9 +6,8 @@ import json
 from types import SimpleNamespace
 
 import numpy as np
+import xarray as xr
 
-from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.schemas import REPORT
 from gravcal.data import product
 from gravcal.data.schemas import validate
 from gravcal.report import com_offset
@@ -61,4 +60,5 @@ def _dataset(document):
     block = document["variants"][name] if name else {}
     number = lambda key: [np.nan if v is None else 1e-6 * v for v in block.get(key, [None] * 3)]  # noqa: E731
     values = {key: number(f"{key}_um") for key in ("offset", "sigma", "sigma_total")}
-    return build(REPORT, values, status=document["status"], adopted=name or "none", event=document["event"])
+    attrs = {"status": document["status"], "adopted": name or "none", "event": document["event"]}
+    return xr.Dataset({key: ("axis", value) for key, value in values.items()}, attrs=attrs)

@@ -168,7 +168,7 @@ def attitude(smoothed):
 
 
 def roll_response(survey, settings):
-    """Slope of the measured roll acceleration on (m x B)_x, beside what the catalogue expects.
+    """Slope of the measured roll motion on (m x B)_x, beside what the catalogue expects.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def roll_response(survey, settings):
     slope = estimate(survey["slope"].values, survey["slope_sigma"].values)
     if slope["value"] is None:
         return None
-    seen = np.isfinite(survey["roll_torque"].values) & np.isfinite(survey["roll_acceleration"].values)
+    seen = np.isfinite(survey["roll_impulse"].values) & np.isfinite(survey["roll_rate"].values)
     known = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
     expected = None if None in known else estimate(*known)
     return slope | {"unit": survey["slope"].attrs["units"], "samples": int(seen.sum()), "expected": expected}

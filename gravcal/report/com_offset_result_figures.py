@@ -129,7 +129,7 @@ def _printed(panel, printed, name, row, place, count):
 
 
 def roll(survey):
-    """Roll acceleration of a record without manoeuvre beside the torquers' share.
+    """Roll rate of a record without manoeuvre beside the torquers' share, both with a quadratic drift removed.
 
     Parameters
     ----------
@@ -140,12 +140,16 @@ def roll(survey):
     if time.size == 0 or not np.isfinite(slope):
         return None
     figure, panels = grid(1, 1, 2.0)
-    measured, torque = survey["roll_acceleration"].values, survey["roll_torque"].values
+    drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, time.size), 2)
+    clean = [
+        y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0]
+        for y in (survey["roll_rate"].values, survey["roll_impulse"].values)
+    ]
     panel, since = panels[0, 0], time - time[0]
     dots = {"color": COLOURS["orange"], "marker": "o", "markersize": 2.5, "linewidth": 0.6}
-    panel.plot(since, 1e6 * (measured - measured.mean()), label="star camera", **dots)
-    panel.plot(since, 1e6 * slope * (torque - torque.mean()), color=COLOURS["black"], label="torquers")
-    panel.set_ylabel("$\\dot\\omega_x$ (µrad s$^{-2}$)")
+    panel.plot(since, 1e6 * clean[0], label="star camera", **dots)
+    panel.plot(since, 1e6 * slope * clean[1], color=COLOURS["black"], label="torquers")
+    panel.set_ylabel("$\\omega_x$ (µrad s$^{-1}$)")
     panel.set_xlabel("time (s)")
     legend(figure, panel, 2)
     return figure

@@ -143,48 +143,58 @@ def _command(state, target, target_rate, field, inertia, frequency, damping, lim
 
 
 @numba.njit(cache=True)
-def _fly(
-    bound, control, wave, wave_dipole, closed, commands, gas, added_dipole, added_torque, nodes, around, body, start
-):
+def _advance(state, h, start, rods, gas, added_dipole, added_torque, nodes, around, body, gm, slope, work):
+    """One Runge-Kutta step of fourth order, in place."""
+    position, field_i, mid = np.empty(3), np.empty(3), np.empty(7)
+    dipole, torque = np.empty(3), np.empty(3)
+    for stage in range(4):
+        u = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+        _at(start + u * h, nodes, around[:, :3], position)
+        _at(start + u * h, nodes, around[:, 3:6], field_i)
+        for c in range(3):
+            dipole[c] = rods[c] + (1 - u) * added_dipole[0, c] + u * added_dipole[1, c]
+            torque[c] = gas[c] + (1 - u) * added_torque[0, c] + u * added_torque[1, c]
+        for c in range(7):
+            mid[c] = state[c] + (u * h * slope[stage - 1, c] if stage > 0 else 0.0)
+        _slope(mid, dipole, torque, field_i, position, body[0], body[1], gm, slope[stage], work)
+    for c in range(7):
+        state[c] += h / 6 * (slope[0, c] + 2 * slope[1, c] + 2 * slope[2, c] + slope[3, c])
+    norm = np.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2 + state[3] ** 2)
+    for c in range(4):
+        state[c] /= norm
+
+
+@numba.njit(cache=True)
+def _decide(time, state, nodes, around, body, rods, gas):
+    """What the controller asks of rods and gas at an epoch, in place."""
+    field_i, target, rate, field = np.empty(3), np.empty(4), np.empty(3), np.empty(3)
+    _at(time, nodes, around[:, 3:6], field_i)
+    _at(time, nodes, around[:, 6:10], target)
+    _at(time, nodes, around[:, 10:13], rate)
+    _to_body(state[:4], field_i, field)
+    numbers = body[2]
+    _command(state, target, rate, field, body[0], numbers[0, 0], numbers[0, 1], numbers[0, 2], numbers[1, 0], rods, gas)
+
+
+@numba.njit(cache=True)
+def _fly(bound, control, wave, wave_dipole, closed, rods, gas, added_dipole, added_torque, nodes, around, body, start):
     n = bound.size - 1
-    inertia, inverse = body[0], body[1]
-    frequency, damping, limit, quantum, gm = body[2][0, 0], body[2][0, 1], body[2][0, 2], body[2][1, 0], body[2][1, 1]
     states = np.empty((n + 1, 7))
     states[0] = start
-    state = start.copy()
-    slope, work, mid = np.empty((4, 7)), np.empty((5, 3)), np.empty(7)
-    field_i, position, target, rate, field = np.empty(3), np.empty(3), np.empty(4), np.empty(3), np.empty(3)
-    held, push, dipole, torque = np.zeros(3), np.zeros(3), np.empty(3), np.empty(3)
-    share = (0.0, 0.5, 0.5, 1.0)
+    state, held, push = start.copy(), np.zeros(3), np.zeros(3)
+    slope, work, gm = np.empty((4, 7)), np.empty((5, 3)), body[2][1, 1]
     for k in range(n):
         if closed:
             if wave[k]:
                 held[:] = wave_dipole[k]
                 push[:] = 0.0
             elif control[k] or (k > 0 and wave[k - 1]):
-                _at(bound[k], nodes, around[:, 3:6], field_i)
-                _at(bound[k], nodes, around[:, 6:10], target)
-                _at(bound[k], nodes, around[:, 10:13], rate)
-                _to_body(state[:4], field_i, field)
-                _command(state, target, rate, field, inertia, frequency, damping, limit, quantum, held, push)
-            commands[k] = held
+                _decide(bound[k], state, nodes, around, body, held, push)
+            rods[k] = held
             gas[k] = push
         h = bound[k + 1] - bound[k]
-        for stage in range(4):
-            u = share[stage]
-            _at(bound[k] + u * h, nodes, around[:, :3], position)
-            _at(bound[k] + u * h, nodes, around[:, 3:6], field_i)
-            for c in range(3):
-                dipole[c] = commands[k, c] + (1 - u) * added_dipole[k, 0, c] + u * added_dipole[k, 1, c]
-                torque[c] = gas[k, c] + (1 - u) * added_torque[k, 0, c] + u * added_torque[k, 1, c]
-            for c in range(7):
-                mid[c] = state[c] + (u * h * slope[stage - 1, c] if stage > 0 else 0.0)
-            _slope(mid, dipole, torque, field_i, position, inertia, inverse, gm, slope[stage], work)
-        for c in range(7):
-            state[c] += h / 6 * (slope[0, c] + 2 * slope[1, c] + 2 * slope[2, c] + slope[3, c])
-        norm = np.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2 + state[3] ** 2)
-        for c in range(4):
-            state[c] /= norm
+        added = (added_dipole[k], added_torque[k])
+        _advance(state, h, bound[k], rods[k], gas[k], added[0], added[1], nodes, around, body, gm, slope, work)
         states[k + 1] = state
     return states
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -103,37 +103,35 @@ def read_instruments(epochs, motion, scene, satellite, chosen, injected, channel
 
 
 def _accelerometer(epochs, motion, scene, satellite, chosen, injected, channel, rng):
-    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
+    shared = {name: getattr(motion, name) for name in ("rate_b", "rate_dot_b", "gradient_b", "field_b")}
+    shared |= {"dipole_b": motion.command_b, "inertia_b": scene.inertia_b, "start": scene.start, "stop": scene.stop}
+    context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, **shared)
+    linear = _drag(epochs, motion, scene, chosen) + effect("accelerometer.offset").contribution(context, scene.offset)
+    context = replace(context, linear_b=linear)
+    linear = linear + channel(injected, "linear_b", context)
+    angular = motion.rate_dot_b + channel(injected, "angular_b", context)
+    read = {
+        "lin": _digitised(linear, "linear", "accelerometer", satellite, chosen, rng),
+        "ang": _digitised(angular, "angular", "angular", satellite, chosen, rng),
+    }
+    seconds, micro = np.divmod(epochs.acc_tag, 1_000_000)
+    columns = {f"{kind}_accl_{axis}": read[kind][:, i] for kind in read for i, axis in enumerate("xyz")}
+    return {"rcvtime_intg": seconds, "rcvtime_frac": micro} | columns
+
+
+def _drag(epochs, motion, scene, chosen):
+    """Non-gravitational acceleration (n, 3) in the body, against the flight and modulated along the orbit."""
     state = scene.orbit(epochs.acc)
     flight = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
     density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))
-    drag = np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * flight)
-    context = Context(
-        time=epochs.acc,
-        rate_b=motion.rate_b,
-        rate_dot_b=motion.rate_dot_b,
-        gradient_b=motion.gradient_b,
-        dipole_b=motion.command_b,
-        field_b=motion.field_b,
-        angular_b=motion.rate_dot_b,
-        inertia_b=scene.inertia_b,
-        start=scene.start,
-        stop=scene.stop,
-    )
-    linear = drag + effect("accelerometer.offset").contribution(context, scene.offset)
-    context = Context(**(context.__dict__ | {"linear_b": linear}))
-    linear = linear + channel(injected, "linear_b", context)
-    angular = motion.rate_dot_b + channel(injected, "angular_b", context)
-    step = satellite["accelerometer_interval"]
-    count = epochs.acc.size
-    linear = linear + sensors.accelerometer_noise(count, step, chosen, "linear", rng)
-    angular = angular + sensors.accelerometer_noise(count, step, chosen, "angular", rng)
-    linear = sensors.quantised(linear + satellite["accelerometer_bias"], np.array(satellite["accelerometer_step"]))
-    angular = sensors.quantised(angular + satellite["angular_bias"], np.array(satellite["angular_step"]))
-    names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
-    seconds, micro = np.divmod(epochs.acc_tag, 1_000_000)
-    values = np.concatenate([linear, angular], axis=1)
-    return {"rcvtime_intg": seconds, "rcvtime_frac": micro} | dict(zip(names, values.T, strict=True))
+    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
+    return np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * flight)
+
+
+def _digitised(true, kind, names, satellite, chosen, rng):
+    """Reading with noise and bias, in whole steps of the converter."""
+    noise = sensors.accelerometer_noise(len(true), satellite["accelerometer_interval"], chosen, kind, rng)
+    return sensors.quantised(true + noise + satellite[f"{names}_bias"], np.array(satellite[f"{names}_step"]))
 
 
 def _star_camera(epochs, motion, chosen, injected, channel, rng):

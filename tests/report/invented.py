@@ -144,12 +144,12 @@ def _wave(since, axis):
 
 
 def survey(rng):
-    """Roll acceleration that follows the torque."""
+    """Roll rate that follows the integrated torque."""
     torque = 1e-4 * np.sin(np.arange(40) / 5)
     values = {
         "time_sca": START[0] + np.arange(40),
-        "roll_acceleration": 0.0028 * torque + 1e-8 * rng.standard_normal(40),
-        "roll_torque": torque,
+        "roll_rate": 0.0028 * torque + 1e-8 * rng.standard_normal(40),
+        "roll_impulse": torque,
         "slope": 0.00281,
         "slope_sigma": 0.0002,
     }

@@ -31,22 +31,8 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     variant = settings["variant"]
     if settings["method"] == "published":
         return _published(smoothed, aligned, variant)
-    measured = _measured(smoothed, aligned)
-    magnetic = smoothed["magnetic_b"].values
-    catalogue = _axis_modes(magnetic, _relative_sigma(settings))
     scale, sigma = _angular_scale(smoothed)
-    empty = np.zeros((0, *magnetic.shape))
-    value, modes, shared, given = {
-        "mtq": lambda: (smoothed["rate_dot_mtq_b"].values, catalogue, 3, 3),
-        "acc": lambda: (measured, empty, 0, 0),
-        "acc_calibrated": lambda: (
-            measured * scale,
-            np.concatenate([_axis_modes(measured * scale, sigma / scale), catalogue]),
-            6,
-            3,
-        ),
-        "sca": lambda: (smoothed["rate_dot_sca_b"].values, smoothed["sca_modes"].values, 0, 0),
-    }[variant]()
+    value, modes, shared, given = _with_modes(smoothed, _measured(smoothed, aligned), scale, sigma, settings)
     index = np.arange(len(modes))
     values = {
         "time_acc": smoothed["time_acc"].values,
@@ -60,6 +46,20 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
         "scale_sigma": sigma,
     }
     return build(ANGULAR, values, variant=variant)
+
+
+def _with_modes(smoothed, measured, scale, sigma, settings):
+    """Angular acceleration, its modes, how many of them are shared and how many of those the catalogue's."""
+    variant, magnetic = settings["variant"], smoothed["magnetic_b"].values
+    catalogue = _axis_modes(magnetic, _relative_sigma(settings))
+    if variant == "mtq":
+        return smoothed["rate_dot_mtq_b"].values, catalogue, 3, 3
+    if variant == "acc":
+        return measured, np.zeros((0, *magnetic.shape)), 0, 0
+    if variant == "sca":
+        return smoothed["rate_dot_sca_b"].values, smoothed["sca_modes"].values, 0, 0
+    scaled = measured * scale
+    return scaled, np.concatenate([_axis_modes(scaled, sigma / scale), catalogue]), 6, 3
 
 
 def _published(smoothed, aligned, variant):

@@ -41,12 +41,12 @@ FIELD = {
 
 SURVEY = {
     "time_sca": {"dims": "time_sca"},
-    "roll_acceleration": {"dims": "time_sca", "units": "rad s-2", "frame": "b", "long_name": "roll, star camera"},
-    "roll_torque": {
+    "roll_rate": {"dims": "time_sca", "units": "rad s-1", "frame": "b", "long_name": "roll rate, star camera"},
+    "roll_impulse": {
         "dims": "time_sca",
-        "units": "mA T",
+        "units": "mA T s",
         "frame": "b",
-        "long_name": "roll, torquer current times field",
+        "long_name": "roll torque, torquer current times field, integrated",
     },
     "slope": {"dims": "", "units": "rad s-2 mA-1 T-1", "long_name": "dipole per current over roll inertia"},
     "slope_sigma": {"dims": "", "units": "rad s-2 mA-1 T-1", "long_name": "its standard deviation"},

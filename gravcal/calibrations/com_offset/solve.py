@@ -71,12 +71,10 @@ def _published(aligned, smoothed, angular):
         if inside.size < 200:
             continue
         time = smoothed["time_acc"].values[inside]
-        at = np.searchsorted(aligned["time_acc"].values, time)
-        linear = aligned["linear_b"].values[at]
-        good = (aligned["acc_flag"].values[at] == 0) & np.isfinite(linear).all(axis=1)
+        linear, marked = _reading(aligned, time)
         rates = smoothed["rate_b"].values[inside], angular["rate_dot_b"].values[inside]
         kept = published.components(int(where["kind"][i]), float(where["latitude"][i]))
-        offset[i], formal = published.solve_one(time, good, linear, rates, kept)
+        offset[i], formal = published.solve_one(time, ~marked, linear, rates, kept)
         information[i][np.ix_(kept, kept)] = estimation.stable_inverse(formal[np.ix_(kept, kept)])
     values = _values([None] * count, [], [], None, 0) | where
     values |= {"offset": offset, "information": information, "normal": information}
@@ -100,36 +98,39 @@ def _block(aligned, smoothed, angular, index, settings):
     if inside.size < 200:
         return None
     time = smoothed["time_acc"].values[inside]
-    at = np.searchsorted(aligned["time_acc"].values, time)
-    linear = aligned["linear_b"].values[at]
+    linear, marked = _reading(aligned, time)
     value, modes = angular["rate_dot_b"].values[inside], angular["mode"].values[:, inside]
-    good = (aligned["acc_flag"].values[at] == 0) & np.isfinite(linear).all(axis=1) & np.isfinite(value).all(axis=1)
-    edges = _ends(aligned, smoothed, index)
-    operator = operator_for(
-        time,
-        good,
-        max(edges[0], time[0]),
-        min(edges[1], time[-1]),
-        settings["lowpass_hz"],
-        settings["half_width_s"],
-        settings["step_s"],
-    )
+    good = ~marked & np.isfinite(value).all(axis=1)
+    operator = _operator(_ends(aligned, smoothed, index), time, good, settings)
     if operator.valid.sum() < 60:
         return None
     rate, gradient = smoothed["rate_b"].values[inside], smoothed["gradient_b"].values[inside]
-    design = _columns(time, rate, np.nan_to_num(value), gradient)
-    block = {
+    columns = lambda rate_dot: operator(_columns(time, rate, np.nan_to_num(rate_dot), gradient))  # noqa: E731
+    instruments = None
+    if angular.attrs["variant"] != "mtq":
+        wave = angular["ratio"].values * smoothed["magnetic_b"].values[inside]
+        instruments = columns(smoothed["smooth_b"].values[inside] + wave)
+    return {
         "operator": operator,
         "reading": operator(np.nan_to_num(linear - linear[good].mean(axis=0))),
-        "design": operator(design),
-        "instruments": None,
+        "design": columns(value),
+        "instruments": instruments,
         "modes": [operator(_columns(time, 0 * rate, m, 0 * gradient)) for m in modes],
-        "drift": estimation.polynomial(operator.time, settings["drift_degree"], operator.time[0], operator.time[-1]),
+        "drift": estimation.polynomial(operator.time, settings["drift_degree"], *operator.time[[0, -1]]),
     }
-    if angular.attrs["variant"] != "mtq":
-        clean = smoothed["smooth_b"].values[inside] + angular["ratio"].values * smoothed["magnetic_b"].values[inside]
-        block["instruments"] = operator(_columns(time, rate, clean, gradient))
-    return block
+
+
+def _reading(aligned, time):
+    """Linear acceleration (n, 3) at epochs of the record and which of them are not usable (n,)."""
+    at = np.searchsorted(aligned["time_acc"].values, time)
+    linear = aligned["linear_b"].values[at]
+    return linear, (aligned["acc_flag"].values[at] != 0) | ~np.isfinite(linear).all(axis=1)
+
+
+def _operator(ends, time, good, settings):
+    """Low-pass and resampling between the first and the last edge."""
+    filters = [settings[name] for name in ("lowpass_hz", "half_width_s", "step_s")]
+    return operator_for(time, good, max(ends[0], time[0]), min(ends[1], time[-1]), *filters)
 
 
 def _ends(aligned, smoothed, index):
