@@ -56,7 +56,7 @@ def scale(aligned, *, method, bin_s, quiet_margin_s, first_beta, arm_x_mm, k_y, 
 
 
 @stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=1)
-def offset(aligned, scaled, *, method, quiet_margin_s, drift_degree, noise_order, k_y_relative_sigma):
+def offset(aligned, scaled, *, method, quiet_margin_s, drift_degree, noise_order):
     """Centre of mass to test mass."""
     settings = {name: value for name, value in locals().items() if name not in ("aligned", "scaled")}
     return offset_science.offset(aligned, scaled, **settings)

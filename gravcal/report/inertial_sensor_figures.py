@@ -108,8 +108,8 @@ def filtering(aligned):
             panel.loglog(frequency, density, color=COLOURS[colour], linewidth=0.7, label=label)
         panel.set_title(name)
         panel.set_xlabel("frequency (Hz)")
-        panel.set_ylim(1e-9, None)
     panels[0, 0].set_ylabel("density (V Hz$^{-1/2}$)")
+    panels[0, 0].set_ylim(1e-9, 1e-1)
     legend(figure, panels[0, 0], 2)
     return figure
 

@@ -21,9 +21,7 @@ from gravcal.physics import sensing
 CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor nothing in orbit gives
 
 
-def offset(
-    aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, drift_degree, noise_order, k_y_relative_sigma
-) -> xr.Dataset:
+def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, drift_degree, noise_order) -> xr.Dataset:
     """Offset of one swing.
 
     Parameters
@@ -33,7 +31,6 @@ def offset(
     quiet_margin_s : s kept clear of the swing where the noise is measured
     drift_degree : of the polynomial that stands for bias, drag and radiation
     noise_order : of the autoregressive noise
-    k_y_relative_sigma : 1, error of the ground value of k_y
 
     Returns
     -------
@@ -42,7 +39,7 @@ def offset(
     record = prepare(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
     k = scaled.k.values[int(scaled.chosen_arm)]
     tensor = published_swing.offset_matrix if method == "published" else sensing.offset_tensor
-    relative = _relative(scaled, k_y_relative_sigma)
+    relative = _relative(scaled)
     fits = [offset_fit.fit(record, k, axes, tensor) for axes in CHOICES]
     moved = [offset_fit.shifts(record, k, axes, relative) for axes in CHOICES]
     shift = np.array([[one[name] for name in relative] for one in moved])
@@ -94,7 +91,7 @@ def _without_polynomial(block, degree):
     return out
 
 
-def _relative(scaled, k_y_relative_sigma):
+def _relative(scaled):
     """Relative errors that the offset inherits."""
     beta = scaled.beta_sigma.values / scaled.beta.values
     ratio = scaled.ratio_relative_sigma.values
@@ -103,7 +100,7 @@ def _relative(scaled, k_y_relative_sigma):
         "beta_y": beta[1],
         "ratio_x": ratio[0],
         "ratio_y": ratio[1],
-        "k_y": k_y_relative_sigma,
+        "k_y": float(scaled.k_sigma[0, 1] / scaled.k[0, 1]),
     }
 
 
