@@ -41,12 +41,12 @@ def process(columns, chosen):
 def bound(equations, invented):
     """Cramer-Rao bound (6,) m: true noise, and per wiggle a bias, 1 and 2 cycles per revolution."""
     step = 5.0
-    frequency = np.linspace(0, 0.5 / step, pointing_noise.BINS + 1)
+    frequency = pointing_noise.images(step)
     ranging = invented.ranging_noise_m**2 * pointing_noise.passed(step).sum(axis=0)
     keep = np.exp(-1 / invented.star_camera_slow_s)
     slow = 2 * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * frequency))
     pointing = slow * invented.star_camera_slow_rad**2 + 2 * invented.star_camera_white_rad**2
-    pointing = invented.noise_scale**2 * pointing * pointing_noise.passed(step)[0]
+    pointing = invented.noise_scale**2 * pointing * pointing_noise.passed(step)
     lags = covariance.of_densities((ranging, pointing), step, 0, 800)
     time_, column, lever = (equations[n].values for n in ("time_kbr", "column", "lever"))
     total = np.zeros((6, 6))

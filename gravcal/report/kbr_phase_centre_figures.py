@@ -43,26 +43,34 @@ def series(solved):
         return None
     figure, panels = grid(3, len(chosen), 4.6, margins={"hspace": 0.5, "wspace": 0.16})
     for row, one in enumerate(solved):
-        name = one.attrs["observable"]
-        unit, factor = UNITS[name]
         for column, k in enumerate(chosen):
-            own = one["arc"].values == k
-            time = one["time_kbr"].values[own]
-            seen, model = factor * one["detrended"].values[own], factor * one["modelled"].values[own]
-            panel = panels[row, column]
-            drop = 1.25 * np.ptp(model) if model.size else 0.0
-            panel.plot(time - time[0], seen, color=COLOURS["sky"], linewidth=1.6, label="ranging minus orbit")
-            panel.plot(time - time[0], model, color=COLOURS["black"], linewidth=0.6, label="phase centres")
-            panel.plot(
-                time - time[0], seen - model - drop, color=COLOURS["vermilion"], linewidth=0.5, label="difference"
-            )
-            letter = one.attrs["satellites"][int(one["satellite_index"].values[k])]
-            axis = ("pitch", "yaw")[int(one["axis_index"].values[k])]
-            panel.set_title(f"{NAMES[name]}, {unit}: {letter} {axis}")
+            _wiggle(panels[row, column], one, k)
     for panel in panels[-1]:
         panel.set_xlabel("s")
     legend(figure, panels[0, 0], 3)
     return figure
+
+
+def _wiggle(panel, one, k):
+    """One wiggle: data, model, and their difference magnified by a power of ten; lines open at gaps."""
+    name, own = one.attrs["observable"], one["arc"].values == k
+    unit, factor = UNITS[name]
+    time = one["time_kbr"].values[own]
+    seen, model = factor * one["detrended"].values[own], factor * one["modelled"].values[own]
+    if not time.size:
+        return
+    gaps = np.flatnonzero(np.diff(time) > 20) + 1
+    time, seen, model = (np.insert(v, gaps, np.nan) for v in (time - time[0], seen, model))
+    left, span = seen - model, np.nanmax(model) - np.nanmin(model)
+    power = 10 ** max(int(np.floor(np.log10(0.6 * span / max(np.nanmax(left) - np.nanmin(left), 1e-12)))), 0)
+    panel.plot(time, seen, color=COLOURS["sky"], linewidth=1.6, label="ranging minus orbit")
+    panel.plot(time, model, color=COLOURS["black"], linewidth=0.6, label="phase centres")
+    panel.plot(
+        time, power * left - 1.1 * span, color=COLOURS["vermilion"], linewidth=0.5, label="difference, magnified"
+    )
+    letter = one.attrs["satellites"][int(one["satellite_index"].values[k])]
+    axis = ("pitch", "yaw")[int(one["axis_index"].values[k])]
+    panel.set_title(f"{NAMES[name]}, {unit}: {letter} {axis}, difference × {power}")
 
 
 def spectra(solved):

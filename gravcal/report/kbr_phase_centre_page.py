@@ -16,7 +16,7 @@ CAPTIONS = {
     "series": (
         "ranging minus orbit",
         "Ranging minus orbit and the fitted phase centres in one pitch and one yaw wiggle, slow part removed from "
-        "both; below, shifted down, their difference.",
+        "both; below, shifted down, their difference, magnified as the title says.",
     ),
     "spectra": (
         "spectra",

@@ -48,28 +48,29 @@ def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
     step = float(measured.attrs["step_s"])
     fitted = noises.NoiseModel(measured["reflection"].values, measured["variance"].values, step)
     frequency = np.linspace(0, 0.5 / step, pointing_noise.BINS + 1)
-    pointing = measured["pointing_power"].values @ pointing_noise.shapes(step)
+    pointing = np.einsum("c,cim->im", measured["pointing_power"].values, pointing_noise.shapes(step))
     return of_densities((fitted.density(frequency), pointing), step, derivative, count)
 
 
 def of_densities(densities, step_s: float, derivative: int, count: int) -> Lags:
-    """Covariances by lag from the densities of the range and of the pointing error as sampled.
+    """Covariances by lag from the densities of the range and of the pointing error.
 
     Parameters
     ----------
-    densities : (BINS + 1,) m2 Hz-1 and (BINS + 1,) rad2 Hz-1, one-sided, up to Nyquist
+    densities : (m,) m2 Hz-1, as sampled, and (2, m) rad2 Hz-1, not folded, one-sided at `pointing_noise.images`
     step_s : s
     derivative : 0, 1 or 2
     count : number of lags
     """
     ranging, pointing = densities
-    frequency = np.linspace(0, 0.5 / step_s, pointing_noise.BINS + 1)
+    turn = 2 * np.pi * pointing_noise.images(step_s)
     by_lag = _transformed(ranging * derivative_power(derivative, step_s), step_s)[:count]
     pairs = {}
     if np.any(pointing):
         for a in range(derivative + 1):
             for b in range(derivative + 1):
-                full = _transformed(pointing * (2 * np.pi * frequency) ** (a + b) * 1j ** (a - b), step_s)
+                own, folded = pointing * turn ** (a + b)
+                full = _transformed(own * 1j ** (a - b) + folded * (-1j) ** (a - b), step_s)
                 pairs[a, b] = np.concatenate([full[-count + 1 :], full[:count]])
     return Lags(by_lag, pairs, derivative)
 
@@ -91,10 +92,9 @@ def derivative_power(derivative: int, step_s: float) -> np.ndarray:
     -------
     power : (BINS + 1,) s**-(2 derivative), up to Nyquist
     """
-    frequency = np.linspace(0, 0.5 / step_s, pointing_noise.BINS + 1)
     share = pointing_noise.passed(step_s) + 1e-12
-    images = np.maximum(np.stack([frequency, 1 / step_s - frequency]), FLOOR_HZ)
-    return (share * (2 * np.pi * images) ** (2 * derivative)).sum(axis=0) / share.sum(axis=0)
+    turn = 2 * np.pi * np.maximum(pointing_noise.images(step_s), FLOOR_HZ)
+    return (share * turn ** (2 * derivative)).sum(axis=0) / share.sum(axis=0)
 
 
 def matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:

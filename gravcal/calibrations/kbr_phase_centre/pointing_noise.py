@@ -19,27 +19,36 @@ BINS = 4096  # frequencies between zero and Nyquist
 FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the filter shapes the residual
 
 
-@lru_cache(maxsize=4)
-def passed(step_s: float) -> np.ndarray:
-    """Power gain of the CRN filter at BINS + 1 frequencies up to Nyquist, and at their images beyond it, (2, m).
+def images(step_s: float) -> np.ndarray:
+    """BINS + 1 frequencies up to Nyquist and those beyond it that sampling folds onto them, (2, m) Hz.
 
     Parameters
     ----------
     step_s : s, spacing of the ranging epochs
     """
     frequency = np.linspace(0, 0.5 / step_s, BINS + 1)
-    return np.stack([crn.gain(crn.Crn(), 0.5, 0, f) ** 2 for f in (frequency, 1 / step_s - frequency)])
+    return np.stack([frequency, 1 / step_s - frequency])
+
+
+@lru_cache(maxsize=4)
+def passed(step_s: float) -> np.ndarray:
+    """Power gain of the CRN filter at the frequencies of `images`, (2, m).
+
+    Parameters
+    ----------
+    step_s : s
+    """
+    return np.stack([crn.gain(crn.Crn(), 0.5, 0, f) ** 2 for f in images(step_s)])
 
 
 def shapes(step_s: float) -> np.ndarray:
-    """Densities of unit height below each corner, through the CRN filter, (corner, BINS + 1) up to Nyquist.
+    """Densities of unit height below each corner, through the CRN filter, at `images`, (corner, 2, m).
 
     Parameters
     ----------
-    step_s : s, spacing of the ranging epochs
+    step_s : s
     """
-    frequency = np.linspace(0, 0.5 / step_s, BINS + 1)
-    return passed(step_s).sum(axis=0) / (1 + (frequency / CORNERS[:, None]) ** 2)
+    return passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
 
 
 def none() -> np.ndarray:
@@ -106,7 +115,7 @@ def fit(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -
     length = max(piece.size for piece, _ in pieces)
     frequency = np.fft.rfftfreq(2 * length, step)
     power, model = np.zeros(frequency.size), np.zeros((frequency.size, CORNERS.size))
-    lags = [np.fft.irfft(shape, 2 * BINS)[:length] * 0.5 / step for shape in shapes(step)]
+    lags = [np.fft.irfft(shape.sum(axis=0), 2 * BINS)[:length] * 0.5 / step for shape in shapes(step)]
     for piece, lever in pieces:
         window = np.zeros(2 * length)
         window[: piece.size] = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)

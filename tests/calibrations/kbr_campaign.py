@@ -1,0 +1,60 @@
+"""Simulated ranging campaigns in memory, made once for all tests."""
+
+from functools import lru_cache
+from types import SimpleNamespace
+
+import numpy as np
+
+from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES
+from gravcal.data import catalog
+from gravcal.simulation import kbr_phase_centre as simulation
+from tasks import kbr_phase_centre as stages
+
+DAY = 652968000.0  # 2020-09-10 00:00:00 GPS
+NOMINAL = tuple(tuple(catalog.satellite(letter).com_to_antenna.value) for letter in "CD")
+STILL = (("pointing_rad", 0.0), ("pointing_mean_rad", 0.0), ("phase_centre_scatter_mm", 0.0))
+
+
+@lru_cache(maxsize=4)
+def simulated(seed=1, settings=(), noiseless=False, effects=()):
+    """Columns and truth; `settings` and `effects` as tuples of pairs."""
+    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0} | dict(settings))
+    if noiseless:
+        chosen = simulation.noiseless(chosen)
+    return simulation.simulate("CD", chosen, DAY, seed, {slug: dict(given) for slug, given in effects})
+
+
+def process(columns, orbit="GNI1B", **settings):
+    """All products of one campaign."""
+    chosen = catalog.parameters("kbr_phase_centre").with_settings(settings)
+    observed = simulation.ingested(columns)
+    files = [("KBR1B", "Y"), (orbit, "C"), (orbit, "D"), ("SCA1B", "C"), ("SCA1B", "D")]
+    aligned = stages.align(*(observed[name] for name in files), **chosen.for_stage("align"))
+    pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL)
+    given = chosen.for_stage("observable") | {"nominal_m": NOMINAL}
+    equations = [stages.observable(aligned, pointed, variant=name, **given) for name in OBSERVABLES]
+    quiet = stages.noise(equations[0], **chosen.for_stage("noise"))
+    given = chosen.for_stage("solve") | {"nominal_m": NOMINAL}
+    solved = [stages.solve(e, quiet, variant=name, **given) for name, e in zip(OBSERVABLES, equations, strict=True)]
+    combined = stages.combine(*solved, **chosen.for_stage("combine"))
+    return SimpleNamespace(
+        aligned=aligned, pointed=pointed, equations=equations, noise=quiet, solved=solved, combined=combined
+    )
+
+
+@lru_cache(maxsize=2)
+def campaign(seed=1):
+    """One campaign with the default noise: truth (6,) mm and products."""
+    columns, truth = simulated(seed)
+    return true_mm(truth), process(columns)
+
+
+def true_mm(truth):
+    """Phase centres of both satellites, (6,) mm."""
+    return np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
+
+
+def sigma_mm(combined, subset=0, estimator=0):
+    """Standard deviations (observable, 6) mm."""
+    covariance = combined["covariance"].values[:, subset, estimator]
+    return 1e3 * np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))

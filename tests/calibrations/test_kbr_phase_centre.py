@@ -1,0 +1,147 @@
+"""Phase centres: invented truth in, estimate out."""
+
+import numpy as np
+import pytest
+from kbr_campaign import STILL, campaign, process, sigma_mm, simulated, true_mm
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from gravcal.calibrations.kbr_phase_centre.schemas import SUBSETS
+
+Y_AND_Z = [1, 2, 4, 5]
+
+
+def estimate_mm(products, subset=0, estimator=0):
+    """Phase centres (observable, 6) mm."""
+    return 1e3 * products.combined["centre"].values[:, subset, estimator]
+
+
+def test_without_noise_every_observable_returns_the_truth():
+    """Recovery: no noise at all; what is left is a twentieth of the sigma that noise would give."""
+    columns, truth = simulated(2, noiseless=True)
+    error = estimate_mm(process(columns)) - true_mm(truth)
+    assert np.abs(error[:, [0, 3]]).max() < 1e-3
+    assert np.abs(error[:, Y_AND_Z]).max() < 5e-5
+
+
+def test_slow_orbit_errors_leave_no_trace():
+    """Recovery: 20 mm at 0, 1 and 2 cycles per revolution, the same noise: shifts stay below a third of a sigma."""
+    columns, _ = simulated(2, settings=(("orbit_error_m", 0.02),))
+    quiet, _ = simulated(2, settings=(("orbit_error_m", 0.0),))
+    with_error, without = process(columns), process(quiet)
+    shift = estimate_mm(with_error) - estimate_mm(without)
+    assert np.abs(shift / sigma_mm(without.combined)).max() < 0.33
+
+
+@pytest.mark.parametrize("estimator", [0, 1])
+def test_errors_are_those_of_the_reported_sigma(estimator):
+    """Recovery: 8 campaigns x 6 components; the observables share their noise. Chi-square interval of 48, 1 %."""
+    z = []
+    for seed in range(20, 28):
+        truth, products = campaign(seed)
+        z.append((estimate_mm(products, 0, estimator)[1] - truth) / sigma_mm(products.combined, 0, estimator)[1])
+    low, high = stats.chi2.ppf([0.0025, 0.9975], 48) / 48
+    assert low < np.mean(np.square(z)) < high
+
+
+def test_accuracy_is_that_asked_for():
+    """Recovery: 1 um/sqrt(Hz) and millimetres of slow orbit error: y, z below 0.02 mm and x below 0.5 mm, 5 sigma."""
+    truth, products = campaign()
+    sigma = sigma_mm(products.combined)
+    assert 5 * sigma[:, Y_AND_Z].max() < 0.02
+    assert 5 * sigma[:, [0, 3]].max() < 0.5
+    assert np.abs(estimate_mm(products) - truth)[:, Y_AND_Z].max() < 0.02
+
+
+def test_red_orbit_noise_widens_the_errors_honestly():
+    """Recovery: 0.2 mm/sqrt(Hz) at 1 mHz, f^-2.5: sigma grows, 4 campaigns x 6 stay in their interval, 0.5 %."""
+    z = []
+    for seed in range(60, 64):
+        columns, truth = simulated(seed, settings=(("orbit_red_m", 2e-4),))
+        products = process(columns)
+        z.append((estimate_mm(products)[1] - true_mm(truth)) / sigma_mm(products.combined)[1])
+    assert sigma_mm(products.combined)[1, 1] > 3e-3
+    low, high = stats.chi2.ppf([0.0025, 0.9975], 24) / 24
+    assert low < np.mean(np.square(z)) < high
+
+
+def test_phase_breaks_within_wiggles_do_no_harm():
+    """Recovery: twelve breaks of centimetres over the day, each with a gap: errors within 4.5 sigma."""
+    columns, truth = simulated(3, settings=(("phase_breaks", 12),))
+    products = process(columns)
+    assert len(np.unique(products.aligned["segment"])) == 13
+    z = (estimate_mm(products) - true_mm(truth)) / sigma_mm(products.combined)
+    assert np.abs(z).max() < 4.5
+
+
+def test_one_sided_sets_follow_the_tan_law():
+    """Recovery: sigma of y, z is tan(2 deg) that of x, and their shifts follow that of x; erratum K-2."""
+    _, products = campaign()
+    combined, row = products.combined, SUBSETS.index("positive")
+    sigma = sigma_mm(combined, row)
+    assert_allclose(sigma[:, [1, 2]].mean(axis=1) / sigma[:, 0], np.tan(np.radians(2)), rtol=0.06)
+    both = sigma_mm(combined)
+    assert np.all(both[:, 1] < 0.2 * sigma[:, 1])  # both signs: x no longer leaks
+    left = combined["shift"].values[:, row] - combined["predicted_shift"].values[:, row]
+    assert np.nanmax(np.abs(left[:, Y_AND_Z])) < 4.5e-6  # m; three sigma of what one side tells beyond x
+
+
+def test_holding_x_repairs_a_one_sided_set():
+    """Recovery: x held at the catalogue's, which here is the truth: y and z as sharp as one side allows."""
+    columns, truth = simulated(4, settings=(("phase_centre_scatter_mm", 0.0),))
+    products = process(columns)
+    row = SUBSETS.index("positive_x_fixed")
+    error = estimate_mm(products, row) - true_mm(truth)
+    sigma = sigma_mm(products.combined, row)
+    assert np.isnan(sigma[:, 0]).all()
+    assert sigma[:, Y_AND_Z].max() < 0.3 * sigma_mm(products.combined, SUBSETS.index("positive"))[:, Y_AND_Z].min()
+    assert np.abs(error[:, Y_AND_Z]).max() < 0.06  # tan(2 deg) times the 0.05 mm by which catalogue and truth differ
+
+
+def test_a_turned_star_camera_frame_moves_y_and_z():
+    """Analytic: 1.444 m times the angle: 100 urad about y move z by +0.144 mm, about z y by -0.144 mm."""
+    plain = estimate_mm(process(simulated(5, STILL, True)[0]))
+    turned = estimate_mm(process(simulated(5, (*STILL, ("misalignment_urad", "0,100,100")), True)[0]))
+    shift = (turned - plain)[1]
+    assert_allclose(shift[[1, 4]], -0.1444, rtol=0.01)
+    assert_allclose(shift[[2, 5]], 0.1444, rtol=0.01)
+
+
+def test_earth_fixed_orbits_give_the_same():
+    """Recovery: GNV1B instead of GNI1B, same noise: differences far below sigma."""
+    inertial = estimate_mm(campaign(1)[1])
+    columns, _ = simulated(1, settings=(("orbit_product", "GNV1B"),))
+    products = process(columns, orbit="GNV1B")
+    assert np.abs((estimate_mm(products) - inertial) / sigma_mm(products.combined)).max() < 0.02
+
+
+def test_a_satellite_without_wiggles_is_not_determined():
+    """Recovery: only C moves: x of D is unknown; C is as with all eight."""
+    settings = (("manoeuvres", "+pitch_a,-pitch_a,+yaw_a,-yaw_a"),)
+    columns, truth = simulated(6, settings)
+    products = process(columns)
+    determined = products.combined["determined"].values[:, 0]
+    assert determined[:, :3].all()
+    assert not determined[:, 3].any()
+    z = (estimate_mm(products) - true_mm(truth)) / sigma_mm(products.combined)
+    assert np.abs(z[:, :3]).max() < 4
+
+
+def test_multipath_in_the_angle_widens_the_errors():
+    """Recovery: a ripple of 20 um in pitch of C counts as noise of the wiggles: sigma more than doubles."""
+    effects = (("ranging.multipath", (("pitch_a", 2e-5),)),)
+    disturbed, clean = (sigma_mm(process(simulated(7, effects=e)[0]).combined) for e in (effects, ()))
+    assert np.all(disturbed > 2 * clean)
+
+
+def test_outliers_are_met_by_the_robust_estimate():
+    """Recovery: 1 % of the ranges off by 0.1 mm: the robust error is within its sigma, that of least squares wider."""
+    columns, truth = simulated(8)
+    ranging = dict(columns["KBR1B", "Y"])
+    rng = np.random.default_rng(8)
+    hit = rng.random(ranging["biased_range"].size) < 0.01
+    ranging["biased_range"] = ranging["biased_range"] + hit * 5e-5 * rng.standard_normal(hit.size)
+    products = process(columns | {("KBR1B", "Y"): ranging})
+    z = (estimate_mm(products, 0, 1) - true_mm(truth))[0] / sigma_mm(products.combined, 0, 1)[0]
+    assert np.abs(z).max() < 4.5
+    assert products.combined["kept"].values[0, 0] < 0.999

@@ -1,0 +1,118 @@
+"""The whole way: Level-1 files in, documents, vector files and page out."""
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from flows import engine, kbr_phase_centre
+from gravcal.data import catalog, vcm
+from gravcal.data.schemas import validate
+from gravcal.errors import ProductError
+from tasks.stage import read
+
+QUICK = {"phase_step_s": 1.0}
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """Folder with the files of a simulated campaign, and its truth."""
+    folder = tmp_path_factory.mktemp("campaign")
+    truth = kbr_phase_centre.simulate(folder, seed=1, truth=folder / "truth.json", effects={}, settings=QUICK)
+    return folder, truth
+
+
+def run(folder, **settings):
+    """Result document and report product."""
+    chosen = catalog.parameters("kbr_phase_centre").with_settings(settings)
+    source = kbr_phase_centre.source(data=folder)
+    ref = engine.run(kbr_phase_centre.calibrate, source, chosen, engine="inline")
+    return kbr_phase_centre.document(ref), ref
+
+
+def test_files_in_vectors_out(campaign):
+    """Recovery: the document is valid, its errors within 4.5 sigma; vector files and lines hold the adopted result."""
+    folder, truth = campaign
+    document, ref = run(folder)
+    validate(document)
+    assert document["status"] == "delivered"
+    assert document["event"] == "grace-cd-2020-09-10"
+    for letter in "CD":
+        for observable in ("range", "range_rate", "range_acceleration"):
+            for estimator in ("ls", "robust"):
+                found = document["satellites"][letter][observable][estimator]
+                error = np.array(found["phase_centre_mm"]) - truth["phase_centre_mm"][letter]
+                assert np.all(np.abs(error) < 4.5 * np.array(found["sigma_mm"]))
+        adopted = 1e-3 * np.array(document["adopted"]["satellites"][letter]["phase_centre_mm"])
+        time, vector = vcm.read_vector_file(ref.folder / f"VKB1B_2020-09-10_{letter}_04.txt")
+        assert_allclose(vector[0], adopted, rtol=1e-12)
+        assert time[0] == np.ceil(max(one["stop"] for one in document["manoeuvres"]))
+    lines = [vcm.read_vector_line(line) for line in (ref.folder / "result.soe").read_text().splitlines()]
+    assert [(one.satellite, one.name) for one in lines] == [("C", "VKB"), ("D", "VKB")]
+    assert json.loads((folder / "truth.json").read_text())["phase_centre_mm"] == truth["phase_centre_mm"]
+
+
+def test_the_page_holds_tables_and_figures(campaign):
+    """Contract: five figures, the printed tables beside the result, nothing fetched from elsewhere."""
+    _, ref = run(campaign[0])
+    page = (ref.folder / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 5
+    for text in ("Table 4", "Table 6", "1457.1 ± 3.2", "tan(offset)", "condition", "result for the sequence"):
+        assert text.lower() in page.lower()
+    assert "http" not in page.replace("http://www.w3.org", "")
+
+
+def test_a_second_run_and_a_plan_make_nothing(campaign):
+    """Contract: everything is in the store; another weight of robustness remakes solutions only."""
+    folder, _ = campaign
+    run(folder)
+    source = kbr_phase_centre.source(data=folder)
+    chosen = catalog.parameters("kbr_phase_centre")
+    steps, _ = engine.plan(kbr_phase_centre.calibrate, source, chosen)
+    assert {step.action for step in steps} == {"reuse"}
+    steps, _ = engine.plan(kbr_phase_centre.calibrate, source, chosen.with_settings({"robust_k1": 3.0}))
+    remade = {step.stage.rsplit(".", 1)[-1] for step in steps if step.action != "reuse"}
+    assert remade == {"range", "range_rate", "range_acceleration", "combine", "routine", "report"}
+    assert all("observable" not in step.stage for step in steps if step.action != "reuse")
+
+
+def test_detect_tells_the_wiggles(campaign):
+    """Contract: satellite, kind, start and stop of all eight."""
+    folder, truth = campaign
+    source = kbr_phase_centre.source(data=folder, satellite="C")
+    chosen = catalog.parameters("kbr_phase_centre")
+    ref = engine.run(kbr_phase_centre.detect, source, chosen, engine="inline")
+    found = kbr_phase_centre.detected(ref)["manoeuvres"]
+    assert [(m["satellite"], m["kind"]) for m in found] == [(m["satellite"], m["kind"]) for m in truth["manoeuvres"]]
+
+
+def test_the_published_method_says_that_it_is_for_comparison(campaign):
+    """Recovery: x of the range short by decimetres at most, and the page warns."""
+    document, ref = run(campaign[0], method="published")
+    x = document["satellites"]["C"]["range"]["ls"]["phase_centre_mm"][0]
+    assert x is None or 1250 < x < 1420
+    assert document["trust"][0].startswith("Method published")
+    assert read(ref).attrs["status"] == document["status"]
+
+
+def test_a_day_without_wiggles_says_so(tmp_path):
+    """Contract: status no_manoeuvre, no vectors; the page says what routine pointing can tell."""
+    settings = QUICK | {"manoeuvres": ","}
+    kbr_phase_centre.simulate(tmp_path, seed=2, truth=None, effects={}, settings=settings)
+    document, ref = run(tmp_path)
+    validate(document)
+    assert document["status"] == "no_manoeuvre"
+    assert not list(ref.folder.glob("VKB1B*"))
+    routine = document["routine_pointing"]
+    assert min(routine["C"]["sigma_mm"][0], routine["D"]["sigma_mm"][0]) > 20
+    assert "x is not determined" in (ref.folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_missing_file_is_named(campaign, tmp_path):
+    """Contract: without the attitude of D the message says product, satellite and day."""
+    for path in campaign[0].glob("*.txt"):
+        if not path.name.startswith("SCA1B") or "_D_" not in path.name:
+            (tmp_path / path.name).symlink_to(path)
+    with pytest.raises(ProductError, match="found no SCA1B of satellite D on 2020-09-10"):
+        run(tmp_path)

@@ -1,0 +1,36 @@
+"""Effects of the ranging."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.effects.base import Context
+from gravcal.effects.ranging import EFFECTS, RIPPLE
+
+BY_SLUG = {entry.slug: entry for entry in EFFECTS}
+TIME = np.arange(5.0)
+ANGLE = np.zeros((5, 2, 2))
+ANGLE[:, 0, 0] = RIPPLE * np.arange(5) / 4
+CONTEXT = Context(time=TIME, extra={"angle": ANGLE, "range": np.full(5, 2e5), "range_rate": np.full(5, 0.5)})
+
+
+@pytest.mark.parametrize(
+    ("slug", "given", "expected"),
+    [
+        ("ranging.multipath", {"pitch_a": 2e-6}, 2e-6 * np.array([0, 1, 0, -1, 0])),
+        ("ranging.phase_break", {"size": 0.01, "time": 2.5}, [0, 0, 0, 0.01, 0.01]),
+        ("ranging.delay", {"delay": 1e-3}, np.full(5, -5e-4)),
+        ("ranging.scale", {"excess": 1e-8}, np.full(5, 2e-3)),
+    ],
+)
+def test_an_effect_adds_what_its_law_says(slug, given, expected):
+    """Analytic: each law at numbers done by hand."""
+    effect = BY_SLUG[slug]
+    assert_allclose(effect.contribution(CONTEXT, effect.values(given)), expected, atol=1e-20)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.slug)
+def test_an_effect_at_its_neutral_values_adds_nothing(effect):
+    """Contract: neutral parameters vanish, and every parameter has unit, meaning and prior."""
+    assert np.all(effect.contribution(CONTEXT, effect.values({})) == 0)
+    assert all(one.unit and one.meaning and one.prior_sigma > 0 for one in effect.parameters)
