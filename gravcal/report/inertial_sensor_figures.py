@@ -91,20 +91,13 @@ def filtering(aligned):
     ----------
     aligned : Dataset, "inertial_sensor.align"
     """
-    from gravcal.calibrations.inertial_sensor import electrodes, published_swing
-    from gravcal.methods import crn
+    from gravcal.calibrations.inertial_sensor.published_swing import filtered_readouts
 
-    readout = _centred(electrodes.readouts(aligned.volts.values))
-    time = aligned.time.values
-    step = float(np.median(np.diff(time)))
-    good = np.ones(time.size, dtype=bool)
-    filtered = crn.operator(published_swing.FILTER, 0, good, (time[0], step), time[0] + step * np.arange(time.size))
-    after = filtered(readout)
-    inside = np.isfinite(after).all(axis=1)
+    step, before, after = filtered_readouts(aligned)
     figure, panels = grid(1, 3, 2.2, sharey=True, margins=WIDE | {"wspace": 0.1})
     for panel, column, name in zip(panels[0], (0, 3, 4), ("a$_x$", "angular x", "angular y"), strict=True):
-        for values, colour, label in ((readout, "grey", "before"), (after, "vermilion", "after CRN")):
-            frequency, density = _density(values[inside, column], step)
+        for values, colour, label in ((before, "grey", "before"), (after, "vermilion", "after CRN")):
+            frequency, density = _density(values[:, column], step)
             panel.loglog(frequency, density, color=COLOURS[colour], linewidth=0.7, label=label)
         panel.set_title(name)
         panel.set_xlabel("frequency (Hz)")

@@ -37,10 +37,10 @@ def actuation(published):
     ----------
     published : {section: records}
     """
-    from gravcal.calibrations.inertial_sensor.electrodes import READOUT, VOLTAGES
+    from gravcal.calibrations.inertial_sensor.linear_factors import COEFFICIENTS, VOLTAGES
 
     rows = []
-    for record, used in zip(published.get("actuation", ()), READOUT, strict=False):
+    for record, used in zip(published.get("actuation", ()), COEFFICIENTS, strict=False):
         same = np.array_equal(np.array(record["value"], dtype=float), used)
         rows.append([record["labels"]["scale_factor"], *(f"{c:g}" for c in used), "as printed" if same else "differs"])
     heads = ["factor", *(f"{name[0]}{name[2:]}" for name in VOLTAGES), ""]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.calibrations.inertial_sensor import electrodes, turning
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.physics import frames
+from gravcal.simulation import inertial_sensor_motion as motion
 from gravcal.simulation import inertial_sensor_truth as truths
 
 STEP_SENSOR, STEP_TRACKER, STEP_ORBIT = 0.1, 0.25, 1.0  # s, formats.md section 6
@@ -71,12 +72,12 @@ def _motion(fine, swing_start, path, chosen, rng):
     sway = rng.uniform(300.0, 900.0, 3)
     phase = rng.uniform(0, 2 * np.pi, 3)
     rate_dot = rate_dot + 2e-8 * np.sin(2 * np.pi * fine[:, None] / sway + phase)
-    rate = turning.running_integral(fine, rate_dot)
+    rate = motion.from_derivative(FINE, rate_dot)
     rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -truths.orbital_rate(chosen), 0.0])
     first = frames.quaternion_from_R_bi(truths.R_oi(path(fine[:1])))[0]
     pointing = frames.from_rotation_vector(5e-4 * rng.standard_normal(3))
     start = frames.quaternion_product(first, pointing)
-    return turning.attitude_from_rates(fine, rate, start), rate, rate_dot
+    return motion.attitude(FINE, rate, start), rate, rate_dot
 
 
 def read_volts(linear_b, angular_b, truth: truths.Truth, chosen, rng, drift_b=0.0) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gravcal.calibrations.inertial_sensor.electrodes import linear_over_angular
+from gravcal.effects.inertial_sensor import linear_over_angular
 from gravcal.physics.constants import DAY
 from gravcal.simulation import inertial_sensor as swings
 from gravcal.simulation import inertial_sensor_roll as rolls

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.calibrations.inertial_sensor import electrodes
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.physics import frames, gravity, sensing
 from gravcal.physics.constants import EARTH_RADIUS, GM
 from gravcal.simulation import orbit

@@ -6,9 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gravcal.calibrations.inertial_sensor import electrodes
+from gravcal.effects import inertial_sensor as electrodes
 
 ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every ratio of Table 4 follows the second
+
+COEFFICIENTS = electrodes.READOUT  # of the voltages in the six readouts
+VOLTAGES = electrodes.VOLTAGES
 
 
 def factor_of_axis(beta: np.ndarray, ratio: np.ndarray, k_y: float) -> np.ndarray:

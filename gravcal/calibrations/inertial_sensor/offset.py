@@ -8,12 +8,12 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.inertial_sensor import (
     cleaning,
-    electrodes,
     offset_fit,
     published_swing,
     schemas,
 )
 from gravcal.calibrations.inertial_sensor.scale import quiet_blocks
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.methods import estimation
 from gravcal.methods.noise import fit_noise
 from gravcal.physics import sensing

@@ -8,7 +8,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.inertial_sensor import cleaning, electrodes
+from gravcal.calibrations.inertial_sensor import cleaning
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.methods import crn, kalman
 from gravcal.physics import frames
 from gravcal.physics.sensing import rotation_tensor
@@ -44,6 +45,27 @@ def estimates(aligned: xr.Dataset, bin_s: float) -> dict:
     beta = np.array([pairs[0][0], pairs[1][0], pairs[1][0]])
     sigma = np.array([pairs[0][1], pairs[1][1], pairs[1][1]])
     return {"beta": beta, "beta_sigma": sigma}
+
+
+def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarray]:
+    """The six readouts before and after the CRN filter, for spectra.
+
+    Parameters
+    ----------
+    aligned : Dataset, "inertial_sensor.align"
+
+    Returns
+    -------
+    step : s; before, after : (n, 6) V, means taken off, where the filter is complete
+    """
+    time = aligned.time.values
+    step = float(np.median(np.diff(time)))
+    readout = electrodes.readouts(aligned.volts.values)
+    readout = readout - readout.mean(axis=0)
+    grid = time[0] + step * np.arange(time.size)
+    after = crn.operator(FILTER, 0, np.ones(time.size, dtype=bool), (time[0], step), grid)(readout)
+    inside = np.isfinite(after).all(axis=1)
+    return step, readout[inside], after[inside]
 
 
 def tracker_rate_dot(time: np.ndarray, quaternion: np.ndarray, edges: np.ndarray) -> np.ndarray:

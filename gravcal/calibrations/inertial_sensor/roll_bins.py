@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.calibrations.inertial_sensor import electrodes
 from gravcal.calibrations.inertial_sensor import roll_kernels as kernels
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.physics import frames, gravity
 
 SPIKE = 6.0  # standard deviations of a sample about the mean of its bin

@@ -8,13 +8,13 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.inertial_sensor import (
     cleaning,
-    electrodes,
     linear_factors,
     published_swing,
     schemas,
     swing_fit,
     swing_model,
 )
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
 from gravcal.methods import kalman
 from gravcal.physics import frames, gravity

@@ -1,4 +1,4 @@
-"""The six electrode voltages: what they read, how they push, how linear and angular factors hang together.
+"""The six electrode voltages of the inertial sensor: what they read and push, how linear and angular factors are tied.
 
 Errata T-4 and T-5: a voltage counted once contributes the force M k V; acting at the arm l it turns the test mass by
 l M k V / J. So beta = M l k / J, without the printed 1/2.
