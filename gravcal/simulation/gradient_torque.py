@@ -14,6 +14,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from gravcal.effects import Context
 from gravcal.effects.gradient import BY_SLUG
+from gravcal.errors import CatalogError
 from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, sensing
 from gravcal.physics.constants import EARTH_RADIUS
 from gravcal.simulation import orbit
@@ -73,7 +74,26 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
         "velocity": motion.state_i[:, 3:],
         "sensor_position": body["stated_position"],
     }
-    return columns, _truth(motion, body, drag, seed, chosen)
+    clean = {"linear": linear, "angular": angular, "q": motion.quaternion}
+    return columns, _truth(motion, body, drag, seed, chosen) | {"clean": columns | clean}
+
+
+def by_slug(effects):
+    """Effects of a command line, {"slug.parameter": value}, by slug; an unknown one is named.
+
+    Parameters
+    ----------
+    effects : mapping or None
+    """
+    found = {}
+    for name, value in (effects or {}).items():
+        slug, _, parameter = name.rpartition(".")
+        known = [p.name for p in BY_SLUG[slug].parameters] if slug in BY_SLUG else []
+        if parameter not in known:
+            there = [f"{s}.{p.name}" for s, effect in BY_SLUG.items() for p in effect.parameters]
+            raise CatalogError(f"effect {name!r}: expected one of {', '.join(there)}. Correct the name.", effect=name)
+        found.setdefault(slug, {})[parameter] = float(value)
+    return found
 
 
 def invented_drag(time, chosen, rng):

@@ -1,4 +1,4 @@
-"""Stage combine: errors, spectra and identifiability of all methods in one product, and the result document."""
+"""Stage combine: errors, spectra and identifiability of all methods in one product."""
 
 from __future__ import annotations
 
@@ -48,69 +48,6 @@ def combine(
     return build(COMBINE, values, title="Drag by all methods")
 
 
-def document(combined: xr.Dataset, keys: dict) -> dict:
-    """The parts of the result document that are this calibration's own.
-
-    Parameters
-    ----------
-    combined : Dataset, "gradient_torque.combine"
-    keys : {method: key of its drag product}
-    """
-    drag = {}
-    for index, name in enumerate(combined["method"].values):
-        one = combined.isel(method=index)
-        drag[str(name)] = {
-            "rms_error": _plain(one["error_rms"]),
-            "sigma_rms": _plain(one["sigma_rms"]),
-            "sigma_total_rms": _plain(one["sigma_total_rms"]),
-            "rms_error_without_noise": _plain(one["clean_error_rms"]),
-            "rms_error_bare_reading": _plain(one["bare_error_rms"]),
-            "error_over_sigma": _plain(one["error_over_sigma"]),
-            "series": keys[str(name)],
-        }
-    return {"drag": drag, "identifiability": _identifiability_document(combined)}
-
-
-def _identifiability_document(combined):
-    """Rank, null space and the table of knowledge."""
-    steps = [
-        {
-            "known": str(name),
-            "rank": int(rank),
-            "unknowns": int(unknowns),
-            "drag_sigma": [_plain(s) for s in sigma],
-        }
-        for name, rank, unknowns, sigma in zip(
-            combined["step"].values,
-            combined["step_rank"].values,
-            combined["step_unknowns"].values,
-            combined["step_sigma"].values,
-            strict=True,
-        )
-    ]
-    return {
-        "rank": int(combined["single_rank"]),
-        "unknowns": int(combined.sizes["unknown"]),
-        "null_space": {
-            "unknowns": [str(name) for name in combined["unknown"].values],
-            "units": "1e-6 s-2 for G, 1e-7 m s-2 for drag",
-            "vectors": combined["null_space"].values.tolist(),
-        },
-        "printed": {
-            "rank": int(combined["printed_rank"]),
-            "unknowns": 6,
-            "null": combined["printed_null"].values.tolist(),
-        },
-        "knowledge": steps,
-    }
-
-
-def _plain(value):
-    """A number, or None where it is not determined."""
-    number = float(value)
-    return number if np.isfinite(number) else None
-
-
 def _errors(drags, truth, step):
     """Errors and their spectra, method by method."""
     error = np.stack([drag["drag_b"].values - truth for drag in drags])
@@ -124,6 +61,7 @@ def _errors(drags, truth, step):
         "error_rms": _rms(error, (1, 2)),
         "error_rms_axis": _rms(error, 1),
         "bare_error_rms": _rms(bare + error, (1, 2)),
+        "correction_rms": _rms(bare, (1, 2)),
         "sigma_rms": np.sqrt(held.mean(axis=(1, 2))),
         "sigma_total_rms": np.sqrt(total.mean(axis=(1, 2))),
         "error_over_sigma": _rms(error / np.sqrt(held), (1, 2)),

@@ -109,6 +109,7 @@ def joint(sensor, motion, sigmas):
         ("smooth rotation, star camera", _prior(count, slice(8, 11), 1 / np.asarray(sigmas["motion"]))),
         ("centre of pressure", _prior(count, slice(0, 3), 1 / np.asarray(sigmas["pressure"]), shared=True)),
         ("slow torque", _steady(count, slice(11, 14), 1 / sigmas["torque"])),
+        ("place of the test mass to 1 um", _prior(count, slice(3, 6), np.full(3, 1e6), shared=True)),
     ]
     steps = []
     for name, added in knowledge:

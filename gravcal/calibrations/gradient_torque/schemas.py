@@ -50,11 +50,11 @@ GRADIENT = {
         "long_name": "of T r, from attitude and rates",
     },
     "attitude_chi2": {"dims": "method", "units": "1", "long_name": "star camera and angular accelerations"},
-    "attitude_dof": {"dims": "method", "long_name": "degrees of freedom", "dtype": "i8"},
+    "attitude_dof": {"dims": "method", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
 }
 
 TORQUE = {
-    "degree": {"dims": "degree", "long_name": "zonal degree", "dtype": "i4"},
+    "degree": {"dims": "degree", "units": "1", "long_name": "zonal degree", "dtype": "i4"},
     "frequency": {"dims": "frequency", "units": "Hz", "long_name": "frequency"},
     "amplitude": {
         "dims": "degree axis frequency",
@@ -130,6 +130,7 @@ COMBINE = {
     "error_rms_axis": {"dims": "method axis", "units": "m s-2", "frame": "b", "long_name": "against the truth"},
     "clean_error_rms": {"dims": "method", "units": "m s-2", "long_name": "the same from readings without noise"},
     "bare_error_rms": {"dims": "method", "units": "m s-2", "long_name": "of minus the reading"},
+    "correction_rms": {"dims": "method", "units": "m s-2", "long_name": "of the solution against minus the reading"},
     "sigma_rms": {"dims": "method", "units": "m s-2", "long_name": "standard deviation, places held"},
     "sigma_total_rms": {"dims": "method", "units": "m s-2", "long_name": "with the error of the places"},
     "error_over_sigma": {"dims": "method", "units": "1", "long_name": "rms; NaN without truth"},
@@ -139,16 +140,16 @@ COMBINE = {
     "clean_error_amplitude": {"dims": "method axis frequency", **_B, "long_name": "the same, without noise"},
     "bare_amplitude": {"dims": "method axis frequency", **_B, "long_name": "of minus the reading less the solution"},
     "step": {"dims": "step", "long_name": "what is known", "dtype": "str"},
-    "step_rank": {"dims": "step", "long_name": "rank of the joint system", "dtype": "i4"},
-    "step_unknowns": {"dims": "step", "long_name": "unknowns", "dtype": "i4"},
+    "step_rank": {"dims": "step", "units": "1", "long_name": "rank of the joint system", "dtype": "i4"},
+    "step_unknowns": {"dims": "step", "units": "1", "long_name": "unknowns", "dtype": "i4"},
     "step_sigma": {"dims": "step axis", **_B, "long_name": "of the drag in the middle; NaN where not determined"},
     "unknown": {"dims": "unknown", "long_name": "unknowns of one epoch", "dtype": "str"},
     "null_space": {"dims": "null unknown", "units": "1", "long_name": "combinations that one epoch does not see"},
-    "single_rank": {"dims": "", "long_name": "rank of one epoch, tensor and drag", "dtype": "i4"},
-    "printed_rank": {"dims": "", "long_name": "rank of the printed pair of equations", "dtype": "i4"},
+    "single_rank": {"dims": "", "units": "1", "long_name": "rank of one epoch, tensor and drag", "dtype": "i4"},
+    "printed_rank": {"dims": "", "units": "1", "long_name": "rank of the printed pair of equations", "dtype": "i4"},
     "printed_null": {"dims": "printed_unknown", "units": "1", "long_name": "what the printed pair does not see"},
 }
 
 REPORT = {
-    "delivered": {"dims": "", "long_name": "1 where the result could be formed", "dtype": "i1"},
+    "delivered": {"dims": "", "units": "1", "long_name": "1 where the result could be formed", "dtype": "i1"},
 }

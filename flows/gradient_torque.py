@@ -1,0 +1,139 @@
+"""Gravity-gradient torque and drag: from an SGRS file to the drag by each method, and what one sensor can tell."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from flows.engine import flow
+from gravcal.data import catalog
+from tasks import common, gradient_torque
+
+ORIGIN = datetime(2000, 1, 1, 12)
+GRADIENT = ("attitude_noise", "angular_noise_density", "test_mass", "test_mass_inertia")
+TORQUE = ("inertia", "test_mass", "test_mass_inertia", "angular_noise_density")
+DRAG = (
+    *("inertia", "mass", "centre_of_pressure", "centre_of_pressure_sigma", "test_mass", "test_mass_inertia"),
+    *("sensor_position_sigma", "linear_noise_density", "angular_noise_density"),
+)
+
+
+@flow(name="gradient_torque")
+def calibrate(source, chosen):
+    """Drag by two sensors and by one, as printed and as it should be."""
+    file, fields, truth_file = _files(source, chosen)
+    methods = _methods(file, chosen)
+    observed = gradient_torque.ingest(file, event=source.event)
+    stored = gradient_torque.field(fields, event=source.event, variant="")
+    modelled, drags = _solved(observed, stored, chosen, methods)
+    known = []
+    if truth_file is not None:
+        clean = gradient_torque.ingest(truth_file, event=source.event)
+        truth = gradient_torque.truth(truth_file, event=source.event, variant="")
+        known = [truth, *_solved(clean, stored, chosen, methods, ".clean")[1]]
+    torque = gradient_torque.torque(
+        modelled, observed, stored, satellite=_numbers(TORQUE), **chosen.for_stage("torque")
+    )
+    shared = {name: getattr(chosen, name) for name in ("single_sensor", "elongation")}
+    settings = chosen.for_stage("combine") | shared | {"methods": methods, "satellite": _numbers(DRAG)}
+    combined = gradient_torque.combine(modelled, *drags, *known, **settings)
+    values = {name: entry.value for name, entry in chosen.entries.items() if name != "truth"}
+    return gradient_torque.report(combined, torque, modelled, *drags, event=source.event, settings=values)
+
+
+def _solved(observed, stored, chosen, methods, suffix=""):
+    """Gradient and drags of one set of readings."""
+    numbers = {"satellite": _numbers(GRADIENT)}
+    variant = suffix.removeprefix(".")
+    modelled = gradient_torque.gradient(observed, stored, variant=variant, **numbers, **chosen.for_stage("gradient"))
+    settings = chosen.for_stage("drag") | {"satellite": _numbers(DRAG)}
+    return modelled, [gradient_torque.drag(modelled, variant=name + suffix, **settings) for name in methods]
+
+
+def _numbers(names):
+    """Numbers of the satellite that a stage takes."""
+    return common.settings_of(catalog.satellite("S").settings(), *names)
+
+
+def _files(source, chosen):
+    """SGRS file, gravity field, and truth if there is one."""
+    from gravcal.data import icgem, sgrs_files
+
+    file = sgrs_files.find(source.folder, source.date)
+    fields = sgrs_files.other_file(icgem.located(chosen.field), "GFC", source.date)
+    truth = sgrs_files.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date) if chosen.truth else None
+    return file, fields, truth
+
+
+def _methods(file, chosen):
+    """Methods that the file allows: two sensors need two, the printed one needs places without a zero."""
+    from gravcal.data import sgrs_files
+
+    places = sgrs_files.sensor_positions(file)
+    two = ["two_sensor"] if len(places) == 2 else []
+    place = places[min(chosen.single_sensor, len(places)) - 1]
+    return [*two, *(["one_sensor_published"] if np.abs(place).min() > 1e-9 else []), "one_sensor"]
+
+
+def source(*, event=None, data=None, satellite=None, date=None):
+    """Source of a folder with an SGRS file."""
+    if event is not None:
+        return common.source_of("gradient_torque", (), event=event)
+    from gravcal.data import sgrs_files
+
+    file = sgrs_files.find(data, date)
+    return common.Source(f"demo-s-{file.date}", satellite or "S", file.date, Path(data))
+
+
+def document(ref):
+    """Result document of a report product, with the keys of everything it was made from."""
+    result = json.loads((ref.folder / "result.json").read_text())
+    keys = common.product_keys(ref)
+    result["provenance"] |= {"key": ref.key, "products": keys}
+    for name, block in result["drag"].items():
+        block["series"] = keys.get(f"gradient_torque.drag.{name}", block["series"])
+    return result
+
+
+def simulate(out, *, seed, truth, effects, settings):
+    """Write an invented day; returns its truth, written to `truth` and beside it, as netCDF, the series.
+
+    Parameters
+    ----------
+    out : folder
+    seed : source of everything random
+    truth : file for the truth, or None
+    effects : {"slug.parameter": value}
+    settings : {parameter of the simulation: text or value}
+    """
+    from gravcal.data import icgem, sgrs_files
+    from gravcal.simulation import gradient_torque as simulation
+
+    chosen = catalog.parameters("simulate_gradient_torque").with_settings(settings)
+    field = icgem.read_field(icgem.located(chosen.field), chosen.field_degree)
+    day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
+    flown = (catalog.satellite(chosen.satellite).settings(), chosen, field, day, seed)
+    columns, invented = simulation.simulate(*flown, simulation.by_slug(effects), _nongravitational(chosen, day))
+    sgrs_files.write(Path(out) / sgrs_files.file_name(chosen.date), columns)
+    numbers = {name: value for name, value in invented.items() if not isinstance(value, (np.ndarray, dict))}
+    numbers |= {"satellite": chosen.satellite, "date": chosen.date}
+    if truth is not None:
+        series = Path(truth).with_suffix(".nc")
+        sgrs_files.write(series, invented["clean"] | {"drag": invented["drag"]})
+        Path(truth).write_text(json.dumps(numbers | {"series": series.name}, indent=1) + "\n")
+    return numbers
+
+
+def _nongravitational(chosen, day):
+    """Accelerations of an ACT1B file as a function of time, or None."""
+    if not chosen.nongravitational:
+        return None
+    from gravcal.data import archive, readers
+
+    read = readers.read(archive.from_name(Path(chosen.nongravitational).expanduser()))
+    since = read["time_tag"].values - read["time_tag"].values[0]
+    axes = [read[f"lin_accl_{axis}"].values for axis in "xyz"]
+    return lambda time: np.stack([np.interp(time - day, since, values) for values in axes], axis=1)

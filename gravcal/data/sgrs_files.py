@@ -1,0 +1,165 @@
+"""SGRS files: readings of one or two test masses with attitude and orbit, netCDF, one day each.
+
+Own definition of the project (formats.md, section 6), for no S-GRS data are public; times are GPS seconds past
+2000-01-01 12:00:00. A file of truth is the same without noise, with the drag beside it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from gravcal.data import netcdf, product
+from gravcal.data.archive import LevelOneFile
+from gravcal.data.refusal import refuse
+
+NAME = re.compile(r"(?P<product>SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>S)_(?P<release>\d{2})\.nc")
+REPAIR = "Write the file by formats.md, section 6."
+#: Variables: dimensions after time, unit, meaning.
+VARIABLES = {
+    "linear": (("time", "sensor", "axis"), "m s-2", "test mass relative to the spacecraft, in b"),
+    "angular": (("time", "sensor", "axis"), "rad s-2", "test mass relative to the spacecraft, in b"),
+    "q": (("time", "element"), "1", "attitude, scalar first, rotation from inertial to b"),
+    "position": (("time", "axis"), "m", "centre of mass, inertial"),
+    "velocity": (("time", "axis"), "m s-1", "centre of mass, inertial"),
+    "sensor_position": (("sensor", "axis"), "m", "centre of mass to test mass, in b"),
+}
+DRAG = {"drag": (("time", "axis"), "m s-2", "non-gravitational acceleration of the centre of mass, true, in b")}
+WIDTHS = {"axis": 3, "element": 4}
+
+
+def file_name(date: str) -> str:
+    """Name of the file of a day."""
+    return f"SGRS_{date}_S_01.nc"
+
+
+def find(folder, date: str | None = None) -> LevelOneFile:
+    """The SGRS file of a folder and its subfolders; of several days the one wanted.
+
+    Parameters
+    ----------
+    folder : path
+    date : YYYY-MM-DD, or None where there is only one
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        refuse(folder, "no folder", "a folder with an SGRS file", "Check --data.")
+    found = {}
+    for path in sorted(folder.rglob("*.nc")):
+        match = NAME.fullmatch(path.name)
+        if match and date in (None, match["date"]):
+            found[match["date"], match["release"]] = LevelOneFile(path, None, **match.groupdict())
+    if not found:
+        refuse(folder, f"no SGRS file{f' of {date}' if date else ''}", "SGRS_YYYY-MM-DD_S_01.nc", "Check --data.")
+    if len({day for day, _ in found}) > 1:
+        refuse(folder, f"SGRS files of {', '.join(sorted({d for d, _ in found}))}", "one day", "Give --date.")
+    return found[max(found)]
+
+
+def other_file(path, kind: str, date: str) -> LevelOneFile:
+    """A gravity field or a truth as a file that a stage can read.
+
+    Parameters
+    ----------
+    path : path; kind : "GFC" or "TRUTH"; date : YYYY-MM-DD of the day it is used for
+    """
+    return LevelOneFile(Path(path), None, kind, "S", date, "01")
+
+
+def read(file: LevelOneFile, truth: bool = False):
+    """Content of a file, checked.
+
+    Parameters
+    ----------
+    file : LevelOneFile
+    truth : the drag has to be there too
+
+    Returns
+    -------
+    observed : Dataset, "ingest"
+
+    Raises
+    ------
+    ProductError : not a netCDF file, a variable or unit is missing or wrong, time does not increase
+    """
+    try:
+        content = netcdf.from_bytes(Path(file.path).read_bytes())
+    except (OSError, RuntimeError, KeyError) as reason:
+        refuse(file.path, f"no readable netCDF file ({reason})", "an SGRS file", "Fetch the file again.")
+    wanted = VARIABLES | (DRAG if truth else {})
+    if "time" not in content:
+        refuse(file.path, "no variable time", "time in GPS seconds", REPAIR)
+    sizes = WIDTHS | {"time": content["time"].size, "sensor": _sensors(content, file)}
+    for name, (dims, unit, _) in wanted.items():
+        _check(content, file, name, (unit, tuple(sizes[dim] for dim in dims)))
+    _check_time(content["time"].values, file)
+    values = {name: (dims, content[name].values.astype(float)) for name, (dims, _, _) in wanted.items()}
+    return _labelled(values, content["time"].values.astype(float), wanted)
+
+
+def sensor_positions(file: LevelOneFile) -> np.ndarray:
+    """Places of the test masses, (1 or 2, 3) m, without reading the rest."""
+    import h5py
+
+    try:
+        with h5py.File(file.path, "r") as content:
+            return np.asarray(content["sensor_position"], dtype=float)
+    except (OSError, KeyError) as reason:
+        return refuse(file.path, f"no sensor_position ({reason})", "an SGRS file", REPAIR)
+
+
+def write(path, columns: Mapping) -> Path:
+    """Write a file; reading gives the same numbers, and the same numbers the same bytes.
+
+    Parameters
+    ----------
+    path : file
+    columns : {"time" (n,) s, and VARIABLES}; with "drag" it is a file of truth
+    """
+    wanted = VARIABLES | (DRAG if "drag" in columns else {})
+    values = {name: (dims, np.asarray(columns[name], dtype=float)) for name, (dims, _, _) in wanted.items()}
+    made = _labelled(values, np.asarray(columns["time"], dtype=float), wanted)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_bytes(netcdf.to_bytes(product.settled(made)))
+    return Path(path)
+
+
+def _labelled(values, time, wanted):
+    """Dataset with units and meanings."""
+    import xarray as xr
+
+    data = {n: (*entry, {"units": wanted[n][1], "long_name": wanted[n][2]}) for n, entry in values.items()}
+    attrs = {"satellite": "S-GRS", "product": "SGRS", "time_scale": "GPS"}
+    return xr.Dataset(data, {"time": ("time", time, product.TIME)}, attrs)
+
+
+def _sensors(content, file):
+    """Number of sensors, one or two."""
+    shape = content["sensor_position"].shape if "sensor_position" in content else (0,)
+    if shape[0] not in (1, 2):
+        refuse(file.path, f"{shape[0]} sensors", "sensor_position of one or two", REPAIR)
+    return shape[0]
+
+
+def _check(content, file, name, expected):
+    """A variable, its unit and shape."""
+    unit, shape = expected
+    if name not in content:
+        refuse(file.path, f"no variable {name}", f"{name} in {unit}", REPAIR)
+    found = str(content[name].attrs.get("units", "none"))
+    if found != unit:
+        refuse(file.path, f"{name} in {found}", f"{name} in {unit}", "Convert it, or correct its units.")
+    if content[name].shape != shape:
+        refuse(file.path, f"{name} of shape {content[name].shape}", str(shape), REPAIR)
+
+
+def _check_time(time, file):
+    """Epochs that increase."""
+    wrong = np.flatnonzero(~(np.diff(time) > 0))
+    if wrong.size or time.size < 2 or not np.isfinite(time).all():
+        where = int(wrong[0]) + 1 if wrong.size else 0
+        found = f"{time.size} epochs, number {where} not after the one before"
+        refuse(file.path, found, "finite, strictly increasing times", "Sort the records and drop repeated ones.")

@@ -1,0 +1,179 @@
+"""Report page of a gradient-torque event: one self-contained HTML text."""
+
+from __future__ import annotations
+
+from gravcal.report import gradient_torque_figures as figures
+from gravcal.report.figures import image
+from gravcal.report.gradient_torque import NAMES
+from gravcal.report.pages import render
+from gravcal.report.plain import gps_text
+
+TORQUE_NOTES = (
+    "Angular acceleration of the test mass relative to the satellite from one zonal term at a time. Degree 1 is empty: "
+    "the origin is the centre of mass, C10 = 0 (erratum S-9). The satellite alone makes the signal where the test mass "
+    "is a cube: its torque vanishes (erratum S-5); elongation lets it appear.",
+)
+KNOWLEDGE_NOTES = (
+    "One epoch gives six numbers for five elements of the gradient tensor and three of the drag: two combinations stay "
+    "unseen, and both contain the diagonal of the tensor, which enters no torque. The printed pair of equations has "
+    "rank 5 for 6 unknowns; quaternion inversion fills the gap with a relation that has no physical ground (erratum S-6).",
+    "Below, several epochs together, one piece of knowledge after the other, and the standard deviation of the drag in "
+    "the middle. The torque balance hardly moves it: it tells the centre of pressure, not the drag.",
+)
+
+
+def page(document, given):
+    """Page of one event.
+
+    Parameters
+    ----------
+    document : dict of `gravcal.report.gradient_torque.document`
+    given : {name: Dataset} of the products
+    """
+    sections = [_drag(document, given), _torque(document, given), _knowledge(document)]
+    count = 0
+    for section in sections:
+        for one in section["figures"]:
+            count += 1
+            one["number"] = count
+    return render(
+        "gradient_torque.html",
+        document=document,
+        verdict=document["verdict"]["text"].replace("m/s2", "m/s²"),
+        subtitle=_subtitle(given["gradient"]),
+        sections=sections,
+        settings=[(name, str(value)) for name, value in document["settings"].items()],
+        provenance=list(document["provenance"]["products"].items()),
+    )
+
+
+def _subtitle(modelled):
+    time, sensors = modelled["time"].values, modelled.sizes["sensor"]
+    chi2 = ", ".join(
+        f"{c / d:.3f}" for c, d in zip(modelled.attitude_chi2.values, modelled.attitude_dof.values, strict=True)
+    )
+    span = f"{gps_text(time[0])} to {gps_text(time[-1])} GPS, {time.size} epochs"
+    return f"{span}, {sensors} sensor{'s' * (sensors > 1)}. Attitude fit, chi-square over degrees of freedom: {chi2}."
+
+
+def _drag(document, given):
+    """Errors of the methods."""
+    drawn = [
+        _figure(
+            figures.errors,
+            (given["combine"],),
+            "combine",
+            "Errors of the methods in amplitude; with and without noise.",
+        ),
+        _figure(figures.series, (given,), "drag", "Drag of the one-sensor method, and how far the others are from it."),
+    ]
+    return _section("Drag", [_methods(document), _budget(document)], drawn)
+
+
+def _torque(document, given):
+    """Spectra by zonal degree."""
+    drawn = [
+        _figure(
+            figures.spectra,
+            (given["torque"],),
+            "torque",
+            "Amplitude by zonal degree, all axes together, against the sensor.",
+        ),
+        _figure(figures.degrees, (given["torque"],), "torque", "Rms by zonal degree and axis."),
+    ]
+    seen = [
+        str(n)
+        for n, yes in zip(document["torque"]["degrees"], document["torque"]["above_sensitivity"], strict=True)
+        if yes
+    ]
+    note = (
+        f"Degrees with a line above three times the sensor's noise: {', '.join(seen) or 'none'} (sensitivity assumed)."
+    )
+    return _section("Gravity-gradient torque", [], drawn, (*TORQUE_NOTES, note))
+
+
+def _knowledge(document):
+    """Identifiability."""
+    found = document["identifiability"]
+    heads = ["known", "rank", "unknowns", "σ drag x", "σ drag y", "σ drag z"]
+    rows = [[k["known"], k["rank"], k["unknowns"], *(_short(s) for s in k["drag_sigma"])] for k in found["knowledge"]]
+    steps = _table("Joint system of several epochs, m/s²", heads, rows, "gradient_torque.combine")
+    names = found["null_space"]["unknowns"]
+    null = [[f"{v:+.2f}" for v in vector] for vector in found["null_space"]["vectors"]]
+    units = found["null_space"]["units"]
+    caption = f"Combinations that one epoch does not see (rank {found['rank']} of {found['unknowns']}); {units}"
+    tables = [steps, _table(caption, names, null, "gradient_torque.combine")]
+    if "centre_of_pressure_m" in document:
+        tables.append(_pressure(document["centre_of_pressure_m"]))
+    return _section("What one sensor can tell", tables, [], KNOWLEDGE_NOTES)
+
+
+def _pressure(found):
+    rows = [
+        [axis, f"{value:+.4f}", f"{sigma:.4f}", f"{prior:.4f}"]
+        for axis, value, sigma, prior in zip("xyz", found["value"], found["sigma"], found["prior_sigma"], strict=True)
+    ]
+    return _table(
+        "Centre of pressure from the torque balance, m", ["axis", "value", "σ", "σ before"], rows, "drag.one_sensor"
+    )
+
+
+def _methods(document):
+    """Errors and standard deviations."""
+    keys = ("rms_error", "rms_error_without_noise", "rms_error_bare_reading", "sigma_rms", "sigma_total_rms")
+    heads = ["method", "error", "without noise", "bare reading", "σ", "σ with places", "error/σ"]
+    rows = [
+        [
+            NAMES[name],
+            *(_short(block[key]) for key in keys),
+            "–" if block["error_over_sigma"] is None else f"{block['error_over_sigma']:.3f}",
+        ]
+        for name, block in document["drag"].items()
+    ]
+    return _table(
+        "Drag, rms over time and axes, m/s² (errors need the truth of a simulation)",
+        heads,
+        rows,
+        "gradient_torque.combine",
+    )
+
+
+def _budget(document):
+    """Parts of the standard deviation."""
+    rows = [
+        [NAMES[name], source, *(_short(v) for v in values)]
+        for name, block in document["drag"].items()
+        for source, values in block["budget"].items()
+    ]
+    return _table(
+        "Standard deviation by cause, m/s²", ["method", "cause", "x", "y", "z"], rows, "gradient_torque.drag", (0, 1)
+    )
+
+
+def _table(caption, heads, rows, source, words=(0,)):
+    return {
+        "caption": caption,
+        "heads": heads,
+        "rows": rows,
+        "source": source,
+        "words": words,
+        "wide": False,
+        "strong": None,
+    }
+
+
+def _section(title, tables, drawn, notes=()):
+    return {"title": title, "tables": tables, "figures": [one for one in drawn if one["image"]], "notes": notes}
+
+
+def _figure(draw, given, name, caption):
+    return {
+        "image": image(draw, *given),
+        "title": caption.split(".")[0],
+        "caption": caption,
+        "source": f"gradient_torque.{name}",
+    }
+
+
+def _short(value):
+    return "–" if value is None else f"{value:.2e}"

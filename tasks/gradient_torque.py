@@ -1,0 +1,103 @@
+"""Stages of the gradient-torque calibration; the science is in `gravcal/calibrations/gradient_torque`."""
+
+from __future__ import annotations
+
+from gravcal.calibrations.gradient_torque import schemas
+from gravcal.data import product
+from tasks.stage import lazy, stage
+
+files = lazy("gravcal.data.sgrs_files")
+field_files = lazy("gravcal.data.icgem")
+reading_science = lazy("gravcal.calibrations.gradient_torque.reading")
+gradient_science = lazy("gravcal.calibrations.gradient_torque.gradient")
+torque_science = lazy("gravcal.calibrations.gradient_torque.torque")
+drag_science = lazy("gravcal.calibrations.gradient_torque.drag")
+combine_science = lazy("gravcal.calibrations.gradient_torque.combine")
+report_science = lazy("gravcal.report.gradient_torque")
+
+product.register("ingest", product.ANY)
+KINDS = {
+    "gradient_torque.field": schemas.FIELD,
+    "gradient_torque.truth": schemas.TRUTH,
+    "gradient_torque.gradient": schemas.GRADIENT,
+    "gradient_torque.torque": schemas.TORQUE,
+    "gradient_torque.drag": schemas.DRAG,
+    "gradient_torque.combine": schemas.COMBINE,
+    "gradient_torque.report": schemas.REPORT,
+}
+for _kind, _schema in KINDS.items():
+    product.register(_kind, _schema)
+
+
+@stage(reads=["file"], writes="ingest", version=1)
+def ingest(file):
+    """Readings, attitude and orbit of one SGRS file."""
+    return files.read(file)
+
+
+@stage(reads=["file"], writes="gradient_torque.field", version=1)
+def field(file):
+    """Gravity field of a .gfc file."""
+    return reading_science.field(field_files.read_field(file.path))
+
+
+@stage(reads=["file"], writes="gradient_torque.truth", version=1)
+def truth(file):
+    """True drag of a simulated day."""
+    return reading_science.truth(files.read(file, truth=True))
+
+
+@stage(reads=["ingest", "gradient_torque.field"], writes="gradient_torque.gradient", version=1)
+def gradient(observed, stored, *, field_degree, knot_step_s, gap_limit_s, single_sensor, elongation, satellite):
+    """Gravity gradient in b, and rates smoothed over time."""
+    settings = {name: value for name, value in locals().items() if name not in ("observed", "stored")}
+    return gradient_science.gradient(observed, stored, **settings)
+
+
+@stage(
+    reads=["gradient_torque.gradient", "ingest", "gradient_torque.field"], writes="gradient_torque.torque", version=1
+)
+def torque(modelled, observed, stored, *, lowest_degree, highest_degree, spectrum_step_s, elongation, satellite):
+    """Gravity-gradient torque by zonal degree."""
+    settings = {name: value for name, value in locals().items() if name not in ("modelled", "observed", "stored")}
+    return torque_science.torque(modelled, observed, stored, **settings)
+
+
+@stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=1)
+def drag(
+    modelled,
+    *,
+    variant,
+    single_sensor,
+    elongation,
+    gravity_sigma_scale,
+    torque_step_s,
+    torque_noise_order,
+    control_hz,
+    control_damping,
+    satellite,
+):
+    """Drag by one method."""
+    settings = {name: value for name, value in locals().items() if name != "modelled"}
+    return drag_science.drag(modelled, **settings)
+
+
+@stage(
+    reads=["gradient_torque.gradient", "gradient_torque.drag|gradient_torque.truth"],
+    writes="gradient_torque.combine",
+    version=1,
+)
+def combine(*products, methods, identifiability_epochs, identifiability_step_s, single_sensor, elongation, satellite):
+    """All methods compared, and what can be told apart."""
+    settings = {name: value for name, value in locals().items() if name != "products"}
+    return combine_science.combine(*products, **settings)
+
+
+@stage(
+    reads=["gradient_torque.combine", "gradient_torque.torque", "gradient_torque.gradient", "gradient_torque.drag"],
+    writes="gradient_torque.report",
+    version=1,
+)
+def report(*products, event, settings):
+    """Result document and page."""
+    return report_science.report(*products, event=event, settings=settings)
