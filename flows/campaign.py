@@ -139,13 +139,15 @@ def _run_waiting(campaign, waiting, listener):
 
 
 def in_threads(waiting, calibrate):
-    """Rows by number; threads only wait for the workers."""
+    """Rows by number; threads only wait for the workers. An interrupt leaves at once: closing the cluster ends them."""
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(2 * (os.cpu_count() or 1)) as pool:
-        return dict(
-            zip([number for number, _ in waiting], pool.map(calibrate, [one for _, one in waiting]), strict=True)
-        )
+    pool = ThreadPoolExecutor(2 * (os.cpu_count() or 1))
+    try:
+        rows = pool.map(calibrate, [source for _, source in waiting])
+        return dict(zip([number for number, _ in waiting], rows, strict=True))
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _is_done(campaign, source):

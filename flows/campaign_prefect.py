@@ -25,6 +25,7 @@ def run(campaign, waiting, calibrate):
         import prefect  # noqa: F401 - takes seconds, while the server comes up
 
         with prefect_server.running(begun) as url:
+            prefect_server.bury(url)
             return _flow_on(url, campaign, waiting, calibrate)
     except prefect_server.Unavailable as error:
         warn(f"Prefect's server is not available ({error}); running without it.")
@@ -53,7 +54,8 @@ def _flow_on(url, campaign, waiting, calibrate):
         runner = ThreadPoolTaskRunner(max_workers=2 * (os.cpu_count() or 1))
         name = f"campaign {campaign.calibration}"
         try:
-            return prefect.flow(events, name=name, task_runner=runner, persist_result=False)()
+            with prefect.tags(prefect_server.own_tag()):
+                return prefect.flow(events, name=name, task_runner=runner, persist_result=False)()
         finally:
             if known:
                 prefect_server.drain(url, known["run"], len(waiting))

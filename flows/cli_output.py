@@ -212,6 +212,10 @@ def _error(value, sigma, truth):
 
 def _where(ref):
     """Paths of the files beside a report product."""
-    for path in sorted(ref.folder.iterdir()):
+    from gravcal.data import location
+
+    link = location.folder() / "latest" / ref.event / ref.stage
+    folder = link if link.resolve() == ref.folder.resolve() else ref.folder
+    for path in sorted(folder.iterdir()):
         if path.name not in ("meta.json", "product.nc"):
             say(f"{path.suffix.lstrip('.').upper():5} {path}")

@@ -153,7 +153,7 @@ def report_files(event, out):
         near = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
         hint = f" Did you mean {', '.join(near)}?" if near else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
-    files = [path for folder in folders for path in sorted(folder.resolve().iterdir()) if path.name != "meta.json"]
+    files = [path for folder in folders for path in sorted(folder.iterdir()) if path.name != "meta.json"]
     if out is None:
         return files
     out.mkdir(parents=True, exist_ok=True)

@@ -96,7 +96,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     if engine == "prefect":
         from flows import prefect_engine
 
-        return prefect_engine.run(body, arguments, listener, server)
+        return prefect_engine.run(body, arguments, listener, server, steps)
     with stage.using(stage.inline, listener):
         return body(*arguments)
 

@@ -55,7 +55,7 @@ class Submitter:
                 pending.future.result()
 
 
-def run(body, arguments, listener=None, server=None):
+def run(body, arguments, listener=None, server=None, steps=()):
     """Result of a flow whose stages are Prefect tasks; without a server, of the same flow inline.
 
     Parameters
@@ -64,6 +64,7 @@ def run(body, arguments, listener=None, server=None):
     arguments : tuple, those of the flow
     listener : function of (call, state, ref), or None
     server : prefect_server.Server already begun, or None
+    steps : plan of the flow, shown beside the run
 
     Returns
     -------
@@ -74,24 +75,26 @@ def run(body, arguments, listener=None, server=None):
         import prefect  # noqa: F401 - takes seconds, while the server comes up
 
         with prefect_server.running(begun) as url:
-            return _flow_on(url, body, arguments, listener)
+            prefect_server.bury(url)
+            return _flow_on(url, body, arguments, Submitter(listener), steps)
     except prefect_server.Unavailable as error:
         warn(f"Prefect's server is not available ({error}); running without it.")
     with stage.using(stage.inline, listener):
         return body(*arguments)
 
 
-def _flow_on(url, body, arguments, listener):
+def _flow_on(url, body, arguments, engine, steps):
     """Run the flow on a server that answers, and wait until it knows of every task."""
     import prefect
     from prefect.context import get_run_context
     from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
     from prefect.task_runners import ThreadPoolTaskRunner
 
-    engine, known = Submitter(listener), {}
+    known = {}
 
     def stages():
         known["run"] = get_run_context().flow_run.id
+        _show_plan(steps)
         with stage.using(engine):
             ref = body(*arguments)
             engine.raise_first()
@@ -104,10 +107,20 @@ def _flow_on(url, body, arguments, listener):
             stages, name=body.flow_name, task_runner=runner, persist_result=False, validate_parameters=False
         )
         try:
-            return wrapped()
+            with prefect.tags(prefect_server.own_tag()):
+                return wrapped()
         finally:
             if known:
                 prefect_server.drain(url, known["run"], len(engine.pending))
+
+
+def _show_plan(steps):
+    """Table of the plan as an artifact of the run."""
+    from prefect.artifacts import create_table_artifact
+
+    rows = [{"stage": one.stage, "action": one.action, "why": "; ".join(one.reasons)} for one in steps]
+    if rows:
+        create_table_artifact(table=rows, key="plan", description=f"Plan of {steps[0].event}")
 
 
 def _task(call, listener):

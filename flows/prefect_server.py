@@ -10,6 +10,7 @@ import ctypes
 import fcntl
 import json
 import os
+import platform
 import signal
 import socket
 import subprocess
@@ -24,6 +25,7 @@ from gravcal.data import location
 HOST = "127.0.0.1"
 START_LIMIT_S = 180.0  # a first start took 11 s on a quiet machine, a minute on a busy one
 DRAIN_LIMIT_S = 20.0
+OWN = "gravcal-process-"
 ENDED = ["COMPLETED", "FAILED", "CRASHED", "CANCELLED"]
 SETTINGS = {
     "DO_NOT_TRACK": "1",
@@ -117,6 +119,23 @@ def drain(url, flow_run, expected):
     with contextlib.suppress(OSError):
         while ask(url, "/task_runs/count", question) < expected and time.monotonic() < limit:
             time.sleep(0.1)
+
+
+def own_tag():
+    """Tag of the runs of this process."""
+    return f"{OWN}{platform.node()}-{os.getpid()}"
+
+
+def bury(url):
+    """Mark runs as crashed whose process on this machine was killed: the server cannot know."""
+    question = {"flow_runs": {"state": {"type": {"any_": ["RUNNING"]}}}}
+    crashed = {"state": {"type": "CRASHED", "name": "Crashed", "message": "its process was killed"}, "force": True}
+    here = f"{OWN}{platform.node()}-"
+    with contextlib.suppress(OSError, ValueError):
+        for run in ask(url, "/flow_runs/filter", question):
+            pids = [tag.removeprefix(here) for tag in run["tags"] if tag.startswith(here)]
+            if pids and not Path(f"/proc/{pids[0]}").exists():
+                ask(url, f"/flow_runs/{run['id']}/set_state", crashed)
 
 
 def ask(url, path, question=None):

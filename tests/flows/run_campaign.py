@@ -46,9 +46,21 @@ def fresh(number):
     memory.clear()
 
 
+def serve_cluster():
+    """Be a cluster of two workers until standard input ends."""
+    from distributed import LocalCluster
+
+    with LocalCluster(2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50) as cluster:
+        sys.stdout.write(cluster.scheduler_address + "\n")
+        sys.stdout.flush()
+        sys.stdin.read()
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "kill":
         kill_at_random(sys.argv[2:])
+    elif sys.argv[1] == "cluster":
+        serve_cluster()
     else:
         from flows.cli import main
 

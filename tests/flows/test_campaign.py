@@ -3,8 +3,10 @@
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -87,6 +89,39 @@ def test_a_killed_worker_is_replaced_and_its_event_completed(environment, events
     assert mark.exists()
     assert code == 0
     assert summary["counts"] == {"delivered": 4}
+
+
+def test_an_existing_cluster_does_the_same_work(environment, events):
+    """Contract: --scheduler names a cluster; the code is the same, and the cluster lives on."""
+    command = [sys.executable, str(SCRIPT), "cluster"]
+    cluster = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+    address = cluster.stdout.readline().strip()
+    code, summary = campaign(environment, events, "--engine", "inline", "--scheduler", address)
+    assert (code, summary["counts"]) == (0, {"delivered": 4})
+    assert cluster.poll() is None
+    cluster.communicate("")
+    assert cluster.returncode == 0
+
+
+def test_an_interrupt_ends_a_campaign_at_once(environment, events, pipeline, tmp_path):
+    """Contract: Ctrl-C does not wait for the events that are being computed; what was made stays valid."""
+    mark = tmp_path / "begun"
+    lines = (
+        f"    import pathlib, time\n    pathlib.Path({str(mark)!r}).write_text('')\n    time.sleep(60)\n    values ="
+    )
+    first = pipeline.folder / "first.py"
+    first.write_text(first.read_text().replace("    values =", lines))
+    command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--engine", "inline"]
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    limit = time.monotonic() + 60
+    while not mark.exists() and time.monotonic() < limit:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    started = time.monotonic()
+    process.communicate()
+    assert time.monotonic() - started < 30
+    assert process.returncode != 0
+    assert housekeeping.verify() == []
 
 
 def test_a_campaign_is_one_prefect_flow_with_a_task_per_event(environment, events, pipeline, prefect_home):

@@ -14,19 +14,23 @@ sys.path.insert(0, sys.argv[1])
 from flows import engine, prefect_server
 from gravcal.data.archive import LevelOneFile
 from pathlib import Path
-states, seen = {}, []
+states, seen, plan = {}, [], []
 drain = prefect_server.drain
 def watch(url, run, expected):
     drain(url, run, expected)
     found = prefect_server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [str(run)]}}})
     states.update({one["name"].rpartition("-")[0]: one["state"]["name"] for one in found})
     seen.append(prefect_server.ask(url, f"/flow_runs/{run}")["name"])
+    wanted = {"artifacts": {"flow_run_id": {"any_": [str(run)]}}}
+    table = prefect_server.ask(url, "/artifacts/filter", wanted)[0]["data"]
+    plan.extend(row["action"] for row in json.loads(table))
 prefect_server.drain = watch
 chosen = {"event": "fake-1", "count": 4, "offset": 0.0, "gain_one": float(sys.argv[4]), "gain_other": 3.0}
 flow = importlib.import_module(sys.argv[2] + ".flow")
 file = LevelOneFile(Path(sys.argv[3]), None, "MAG1B", "C", "2020-02-01", "04")
 ref = engine.run(flow.calibrate, file, chosen, engine="prefect")
-print(json.dumps({"key": ref.key, "states": states, "prefect": "prefect" in sys.modules, "runs": len(seen)}))
+print(json.dumps({"key": ref.key, "states": states, "prefect": "prefect" in sys.modules, "runs": len(seen), "plan":
+plan}))
 """
 
 
@@ -53,6 +57,7 @@ def test_stages_are_tasks_and_products_there_end_as_cached(pipeline, prefect_hom
     assert again["key"] == first["key"]
     assert not again["prefect"]
     changed = run(pipeline, prefect_home, 5.0)
+    assert changed["plan"] == ["reuse", "run", "reuse", "may run"]
     names = {name.removeprefix(f"{pipeline.name}."): state for name, state in changed["states"].items()}
     assert names == {"start": "Cached", "scale.one": "Completed", "scale.other": "Cached", "join": "Completed"}
 
@@ -94,3 +99,24 @@ def test_one_thread_for_libraries(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     engine.single_threaded()
     assert {os.environ[name] for name in engine.ONE_THREAD} == {"1"}
+
+
+def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
+    """Contract: only those of this machine whose process is gone."""
+    import platform
+
+    here = f"{prefect_server.OWN}{platform.node()}-"
+    tags = {
+        "gone": f"{here}99999999",
+        "alive": f"{here}{os.getpid()}",
+        "foreign": f"{prefect_server.OWN}other-99999999",
+    }
+    asked = []
+
+    def answer(url, path, question=None):
+        asked.append(path)
+        return [{"id": name, "tags": [tag]} for name, tag in tags.items()] if path == "/flow_runs/filter" else {}
+
+    monkeypatch.setattr(prefect_server, "ask", answer)
+    prefect_server.bury("http://nowhere")
+    assert asked == ["/flow_runs/filter", "/flow_runs/gone/set_state"]
