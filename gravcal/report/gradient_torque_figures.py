@@ -30,7 +30,7 @@ def spectra(torque):
             panel.loglog(frequency, np.where(total[i] > 0, total[i], np.nan), color=COLOURS[colour], label=label)
         panel.axhline(noise, color=COLOURS["black"], linestyle="--", label="sensor")
         panel.set_title(f"zonal degrees {low} to {high}")
-        panel.set_ylim(1e-18, 1e-7)
+        panel.set_ylim(1e-18, 1e-5)
         panel.legend(ncols=2, loc="upper right")
     for panel in panels[1]:
         panel.set_xlabel("frequency, mHz")
@@ -74,7 +74,7 @@ def errors(combined):
     edges = np.geomspace(combined["frequency"].values[0], combined["frequency"].values[-1], 140)
     names = [str(name) for name in combined["method"].values]
     for panel, key, title in zip(panels[0], ("error", "clean_error"), ("with sensor noise", "without"), strict=True):
-        _binned(panel, combined, combined["drag_amplitude"].values, edges, ("black", "drag itself"))
+        _binned(panel, combined, combined["drag_amplitude"].values, edges, ("black", "drag as estimated"))
         for name, (colour, label) in (PRINTED | METHODS).items():
             if name in names:
                 values = combined[f"{key}_amplitude"].values[names.index(name)]

@@ -16,7 +16,7 @@ TORQUE_NOTES = (
 KNOWLEDGE_NOTES = (
     "One epoch gives six numbers for five elements of the gradient tensor and three of the drag: two combinations stay "
     "unseen, and both contain the diagonal of the tensor, which enters no torque. The printed pair of equations has "
-    "rank 5 for 6 unknowns; quaternion inversion fills the gap with a relation that has no physical ground (erratum S-6).",
+    "rank 5 for 6 unknowns; quaternion inversion fills the gap with a relation without physical ground (erratum S-6).",
     "Below, several epochs together, one piece of knowledge after the other, and the standard deviation of the drag in "
     "the middle. The torque balance hardly moves it: it tells the centre of pressure, not the drag.",
 )

@@ -70,28 +70,32 @@ def gradient(
         name: _smoothed(observed, frame, gradient_i, used, knot_step_s, (satellite, inertia))
         for name, used in uses.items()
     }
-    motion = {n: _motion_covariance(s, gradient_i, places[uses[n]].mean(axis=0)) for n, s in solved.items()}
-    best = solved["two_sensor"]
     values = {
         "time": time,
         "linear_b": observed["linear"].values,
         "angular_b": observed["angular"].values,
         "sensor_position_b": places,
-        "gradient_b": gravity.rotate_tensor(best.R_bi, gradient_i),
         "gradient_variance": gravity_field.error_covariance(field, np.linalg.norm(position, axis=1).mean()),
-        "up_b": np.matvec(best.R_bi, position / np.linalg.norm(position, axis=1, keepdims=True)),
-        "motion_covariance": np.stack([motion[name] for name in METHODS]),
+        "motion_covariance": np.stack(
+            [_motion_covariance(solved[name], gradient_i, places[uses[name]].mean(axis=0)) for name in METHODS]
+        ),
     }
-    for name, part in (
-        ("angle", "angle"),
-        ("angle_dot", "angle_dot"),
-        ("rate_b", "rate_b"),
-        ("rate_dot_b", "rate_dot_b"),
-    ):
-        values[name] = np.stack([getattr(solved[method], part) for method in METHODS])
-    values["attitude_chi2"] = np.stack([solved[method].chi2 for method in METHODS])
-    values["attitude_dof"] = np.stack([solved[method].dof for method in METHODS])
+    values |= _of_motion(solved, gradient_i, position)
     return build(GRADIENT, values, title="Gravity gradient and rates along the orbit", field=field.name)
+
+
+def _of_motion(solved, gradient_i, position):
+    """Variables that follow from the smoothed attitudes; the tensor from that of all sensors."""
+    best = solved["two_sensor"]
+    values = {
+        "gradient_b": gravity.rotate_tensor(best.R_bi, gradient_i),
+        "up_b": np.matvec(best.R_bi, position / np.linalg.norm(position, axis=1, keepdims=True)),
+    }
+    for name in ("angle", "angle_dot", "rate_b", "rate_dot_b"):
+        values[name] = np.stack([getattr(solved[method], name) for method in METHODS])
+    for name in ("chi2", "dof"):
+        values[f"attitude_{name}"] = np.stack([getattr(solved[method], name) for method in METHODS])
+    return values
 
 
 def cube_side(satellite: dict) -> float:

@@ -1,0 +1,42 @@
+"""Invented days of S-GRS for the tests, without files."""
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.gradient_torque import drag, gradient, reading
+from gravcal.data import catalog, icgem
+from gravcal.simulation import gradient_torque as simulation
+
+SATELLITE = catalog.satellite("S").settings()
+FIELD = icgem.read_field(icgem.shipped(), 20)
+DAY = 633830400.0
+SHORT = {"duration_s": 7200, "step_s": 5, "field_degree": 20}
+
+
+def observed(columns):
+    """Dataset as the reader of SGRS files gives it."""
+    dims = {"linear": ("time", "sensor", "axis"), "angular": ("time", "sensor", "axis"), "q": ("time", "element")}
+    dims |= {"position": ("time", "axis"), "velocity": ("time", "axis"), "sensor_position": ("sensor", "axis")}
+    return xr.Dataset({name: (d, columns[name]) for name, d in dims.items()}, {"time": columns["time"]})
+
+
+def fly(seed, effects=None, **settings):
+    """Columns and truth of an invented record."""
+    chosen = catalog.parameters("simulate_gradient_torque").with_settings(SHORT | settings)
+    return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, simulation.by_slug(effects))
+
+
+def solve(columns, methods=drag.VARIANTS, **settings):
+    """Products gradient and drag, by the stages' own functions."""
+    chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": 20} | settings)
+    modelled = gradient.gradient(
+        observed(columns), reading.field(FIELD), satellite=SATELLITE, **chosen.for_stage("gradient")
+    )
+    given = {"satellite": SATELLITE, **chosen.for_stage("drag")}
+    return modelled, {name: drag.drag(modelled, variant=name, **given) for name in methods}
+
+
+def ratio(found, truth, total=False):
+    """Errors over standard deviations, (n, 3)."""
+    covariance = found["covariance_total" if total else "covariance"].values
+    return (found["drag_b"].values - truth["drag"]) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
