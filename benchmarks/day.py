@@ -20,35 +20,33 @@ CLI = [sys.executable, "-m", "flows.cli"]
 
 def run(options) -> list[Figure]:
     """Simulate a full day of files, calibrate it, and calibrate it again."""
-    from flows import com_offset
-
     title("day: seven manoeuvres in a full day of Level-1 files (ACC1A 864,000 records)")
     with tempfile.TemporaryDirectory() as folder:
         files, start = Path(folder) / "level1", time.perf_counter()
-        com_offset.simulate(files, seed=options.seed, truth=None, effects={}, settings={"span": "day"})
+        arguments = ["simulate", "com_offset", "--out", str(files), "--seed", str(options.seed), "--set", "span=day"]
+        peak = _peak([*CLI, *arguments], os.environ)
         size = sum(path.stat().st_size for path in files.iterdir()) / 1e6
         say(f"simulated and written in {time.perf_counter() - start:.1f} s, {size:.0f} MB\n")
-        figures = _inside(files, max(options.rounds // 2, 2))
+        figures = show([at_most("peak memory of gravcal simulate, full day", peak, 2.0, " GiB")])
+        say()
+        figures += _inside(files, max(options.rounds // 2, 2))
         return figures + _outside(files, Path(folder) / "products", options.rounds)
 
 
 def _inside(files, rounds):
     """Stages of a run in a process of its own, several times."""
-    environment = os.environ | {"GRAVCAL_PRODUCTS": ""}
     command = [sys.executable, "-m", "benchmarks.whole_day", str(files)]
-    made = [json.loads(_output(command, environment)) for _ in range(rounds)]
+    made = [json.loads(_output(command, os.environ)) for _ in range(rounds)]
     _profile(made)
-    beyond = [[_beyond(document["runs"][k]) for document in made] for k in (0, 1)]
-    reading = [_reading(document["runs"][1]) for document in made]
-    peak = [document["peak_gib"] for document in made]
-    cpu = [document["runs"][1]["cpu"] for document in made]
+    beyond = [[_seconds(runs[k], reading=False) for runs in made] for k in (0, 1)]
+    processor = [_seconds(runs[1], reading=False, clock=2) for runs in made]
+    reading = [_seconds(runs[1], reading=True) for runs in made]
     return show(
         [
             Figure("reading: six Level-1 files to products", f"{watch.middle(reading):.3g} s", watch.span(reading)),
             at_most("beyond reading", watch.middle(beyond[1]), 2.0, " s", watch.span(beyond[1])),
+            Figure("  of it processor time", f"{watch.middle(processor):.3g} s", watch.span(processor)),
             Figure("  with loading of modules and kernels", f"{watch.middle(beyond[0]):.3g} s", watch.span(beyond[0])),
-            Figure("processor time, reading included", f"{watch.middle(cpu):.3g} s", watch.span(cpu)),
-            at_most("peak memory of the process", watch.middle(peak), 2.0, " GiB", watch.span(peak)),
         ],
         "min .. max",
     )
@@ -59,22 +57,17 @@ def _output(command, environment):
     return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
 
 
-def _reading(timed):
-    return sum(seconds for name, seconds in timed["stages"] if name.startswith("ingest"))
-
-
-def _beyond(timed):
-    """Everything after the plan that is not the reading of Level-1 files."""
-    return sum(seconds for name, seconds in timed["stages"] if not name.startswith("ingest"))
+def _seconds(stages, *, reading, clock=1):
+    """Sum over the stages that read Level-1 files, or over all others, the plan with its digests of files left out."""
+    return sum(row[clock] for row in stages if row[0] != "plan" and row[0].startswith("ingest") == reading)
 
 
 def _profile(made):
-    """Median seconds of each stage, with and without loading."""
-    rows = [("stage", "first in a process", "again")]
-    names = ["plan", *(name for name, _ in made[0]["runs"][0]["stages"])]
-    for i, name in enumerate(names):
-        both = [[d["runs"][k]["stages"][i - 1][1] if i else d["runs"][k]["plan"] for d in made] for k in (0, 1)]
-        rows.append((name, *(f"{watch.middle(b):.3f} s" for b in both)))
+    """Median seconds of each stage: first run of a process, second run, and the processor's part of that."""
+    rows = [("stage", "first in a process", "again", "processor")]
+    for i, (name, *_) in enumerate(made[0][0]):
+        columns = [[runs[k][i][clock] for runs in made] for k, clock in ((0, 1), (1, 1), (1, 2))]
+        rows.append((name, *(f"{watch.middle(c):.3f} s" for c in columns)))
     grid(rows)
     say()
 
