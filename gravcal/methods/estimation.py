@@ -30,6 +30,10 @@ class Score:
         """(p,) solution of this block alone."""
         return stable_inverse(self.normal) @ self.right
 
+    def with_prior(self, prior: np.ndarray) -> np.ndarray:
+        """(p,) solution of this block alone with a prior information (p, p) about zero."""
+        return stable_inverse(self.normal + prior) @ self.right
+
 
 def without(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Columns with their part along the nuisance columns removed.
@@ -119,7 +123,9 @@ class Combination:
     dof: int
 
 
-def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray]) -> Combination:
+def combine(
+    scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray], prior: np.ndarray | None = None
+) -> Combination:
     """Blocks joined by their estimating equations.
 
     Parameters
@@ -127,17 +133,19 @@ def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray]
     scores : one a block
     own : (k, p) changes of each block's estimate by one standard deviation of errors of that block alone
     shared : (m, p) the same for errors that act in all blocks together
+    prior : (p, p) information about zero, loose, so that what is not determined does not disturb the rest
 
     Returns
     -------
     combination : Combination
     """
     weight = [weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
-    normal = sum(w @ s.normal for w, s in zip(weight, scores, strict=True))
+    prior = np.zeros_like(scores[0].information) if prior is None else prior
+    normal = prior + sum(w @ s.normal for w, s in zip(weight, scores, strict=True))
     right = sum(w @ s.right for w, s in zip(weight, scores, strict=True))
     information = [_symmetric(w @ s.information) for w, s in zip(weight, scores, strict=True)]
     value = stable_inverse(normal) @ right
-    total = sum(information)
+    total = prior + sum(information)
     move = stable_inverse(total) @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
     residuals = [w @ (s.right - s.normal @ value) for w, s in zip(weight, scores, strict=True)]
     modes = [i @ m.T for i, m in zip(information, shared, strict=True)]

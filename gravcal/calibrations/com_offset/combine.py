@@ -9,6 +9,7 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS
 from gravcal.calibrations.com_offset.schemas import COMBINE
+from gravcal.calibrations.com_offset.solve import PRIOR
 from gravcal.methods import estimation
 
 
@@ -87,7 +88,7 @@ def _joint(solved):
     parts = [solved[n].values[seen] for n in ("right", "normal", "information")]
     scores = [estimation.Score(*part) for part in zip(*parts, strict=True)]
     shift = solved["mode_shift"].values[seen]
-    joined = estimation.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]))
+    joined = estimation.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]), PRIOR)
     measured, given = joined.shift[~catalogue], joined.shift[catalogue]
     total = joined.covariance + measured.T @ measured
     return {
