@@ -10,6 +10,7 @@ import numpy as np
 
 from flows.engine import flow
 from gravcal.data import catalog
+from gravcal.errors import CatalogError
 from tasks import common, gradient_torque
 
 ORIGIN = datetime(2000, 1, 1, 12)
@@ -86,6 +87,12 @@ def source(*, event=None, data=None, satellite=None, date=None):
 
     file = sgrs_files.find(data, date)
     return common.Source(f"demo-s-{file.date}", satellite or "S", file.date, Path(data))
+
+
+@flow(name="gradient_torque_detect")
+def detect(source, chosen):  # noqa: ARG001 - as for the other calibrations
+    """A record has no manoeuvres to find: all of it is used."""
+    raise CatalogError(f"{source.event}: gradient_torque uses the whole record, there is nothing to detect. Use run.")
 
 
 def document(ref):

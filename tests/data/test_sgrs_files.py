@@ -1,0 +1,90 @@
+"""SGRS files: written, found, read, refused."""
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from gravcal.data import sgrs_files
+from gravcal.errors import ProductError
+
+
+def columns(sensors=2, count=20):
+    """Any numbers of the right shapes."""
+    rng = np.random.default_rng(0)
+    return {
+        "time": 6e8 + np.arange(count),
+        "linear": rng.standard_normal((count, sensors, 3)),
+        "angular": rng.standard_normal((count, sensors, 3)),
+        "q": rng.standard_normal((count, 4)),
+        "position": rng.standard_normal((count, 3)),
+        "velocity": rng.standard_normal((count, 3)),
+        "sensor_position": rng.standard_normal((sensors, 3)),
+    }
+
+
+def written(tmp_path, **changed):
+    """A file of a day, found again."""
+    sgrs_files.write(tmp_path / sgrs_files.file_name("2020-02-01"), columns() | changed)
+    return sgrs_files.find(tmp_path)
+
+
+@pytest.mark.parametrize("sensors", [1, 2])
+def test_a_file_reads_back_exactly_and_twice_the_same_bytes(tmp_path, sensors):
+    """Contract: round trip of every variable with its unit; a file of truth holds the drag too."""
+    given = columns(sensors) | {"drag": np.ones((20, 3))}
+    first, second = (sgrs_files.write(tmp_path / name, given).read_bytes() for name in ("a.nc", "b.nc"))
+    assert first == second
+    read = sgrs_files.read(sgrs_files.other_file(tmp_path / "a.nc", "TRUTH", "2020-02-01"), truth=True)
+    for name, values in given.items():
+        assert_array_equal(read[name].values, values)
+    assert read["angular"].attrs["units"] == "rad s-2"
+
+
+def test_other_writers_are_read(tmp_path):
+    """Contract: netCDF-4 by xarray and h5netcdf, single precision."""
+    one = written(tmp_path)
+    read = sgrs_files.read(one).astype("f4").assign_coords(time=sgrs_files.read(one)["time"])
+    read.to_netcdf(tmp_path / "SGRS_2020-02-02_S_01.nc", engine="h5netcdf")
+    assert sgrs_files.read(sgrs_files.find(tmp_path, "2020-02-02"))["linear"].dtype == float
+    assert_array_equal(sgrs_files.sensor_positions(one), columns()["sensor_position"])
+    with pytest.raises(ProductError, match="Give --date"):
+        sgrs_files.find(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"time": 6e8 - np.arange(20)}, "not after the one before"),
+        (columns(3), "3 sensors"),
+        ({"q": np.zeros((20, 3))}, "q of shape"),
+    ],
+)
+def test_wrong_content_is_refused(tmp_path, changed, message):
+    """Contract: what was found and what was expected."""
+    with pytest.raises(ProductError, match=message):
+        sgrs_files.read(written(tmp_path, **changed))
+
+
+def test_wrong_units_missing_variables_and_other_files_are_refused(tmp_path):
+    """Contract: the remedy is named."""
+    one = written(tmp_path)
+    with h5py.File(one.path, "a") as file:
+        file["linear"].attrs["units"] = "mm s-2"
+    with pytest.raises(ProductError, match="linear in mm s-2"):
+        sgrs_files.read(one)
+    with h5py.File(one.path, "a") as file:
+        del file["linear"]
+    with pytest.raises(ProductError, match="no variable linear"):
+        sgrs_files.read(one)
+    with pytest.raises(ProductError, match="no variable drag|no variable linear"):
+        sgrs_files.read(one, truth=True)
+    one.path.write_text("not a file")
+    with pytest.raises(ProductError, match="no readable netCDF"):
+        sgrs_files.read(one)
+    with pytest.raises(ProductError, match="no sensor_position"):
+        sgrs_files.sensor_positions(one)
+    with pytest.raises(ProductError, match="no folder"):
+        sgrs_files.find(tmp_path / "none")
+    with pytest.raises(ProductError, match="no SGRS file of 2021-01-01"):
+        sgrs_files.find(tmp_path, "2021-01-01")

@@ -1,0 +1,92 @@
+"""From an SGRS file to document and page, through the store."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flows import engine
+from flows import gradient_torque as flow
+from gravcal.data import catalog, sgrs_files, writers
+from gravcal.data.schemas import validate
+from gravcal.errors import ProductError
+
+SHORT = {"duration_s": "3600", "step_s": "5", "field_degree": "12"}
+SETTINGS = {"field_degree": "12", "highest_degree": "6"}
+
+
+def invented(folder, **settings):
+    """Folder with a short record, and its truth."""
+    given = {"seed": 2, "truth": folder / "truth.json", "effects": None, "settings": SHORT | settings}
+    return flow.simulate(folder / "data", **given)
+
+
+def run(folder, **settings):
+    """Report product of the record of a folder."""
+    chosen = catalog.parameters("gradient_torque").with_settings(SETTINGS | settings)
+    source = flow.source(data=folder / "data")
+    return engine.run(flow.calibrate, source, chosen, engine="inline"), source, chosen
+
+
+def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
+    """Contract: schema, errors of each method where the truth is given, and nothing made twice."""
+    truth = invented(tmp_path)
+    ref, source, chosen = run(tmp_path, truth=str(tmp_path / "truth.nc"))
+    document = flow.document(ref)
+    validate(document)
+    assert truth["date"] == source.date
+    assert document["event"] == "demo-s-2020-02-01"
+    assert set(document["drag"]) == {"two_sensor", "one_sensor_published", "one_sensor"}
+    for name in ("two_sensor", "one_sensor"):
+        block = document["drag"][name]
+        assert 0.8 < block["rms_error"] / block["sigma_rms"] < 1.2
+        assert block["rms_error_without_noise"] < 0.1 * block["rms_error"]
+        assert block["series"] == document["provenance"]["products"][f"gradient_torque.drag.{name}"]
+    assert document["drag"]["one_sensor_published"]["rms_error"] > 1e-10
+    assert document["identifiability"]["rank"] == 6
+    assert "gains nothing" in document["verdict"]["text"]
+    page = (ref.folder / "report.html").read_text()
+    assert page.count("data:image/png") == 4
+    steps, again = engine.plan(flow.calibrate, source, chosen)
+    assert again == ref
+    assert {step.action for step in steps} == {"reuse"}
+    changed = chosen.with_settings({"gravity_sigma_scale": "2"})
+    steps, _ = engine.plan(flow.calibrate, source, changed)
+    made = {step.stage for step in steps if step.action == "run"}
+    assert any("drag" in name for name in made)
+    assert not any("gradient_torque.gradient" in name for name in made)
+
+
+def test_without_truth_and_with_one_sensor_errors_are_null(tmp_path):
+    """Contract: what is not known is null; one sensor has no two-sensor method."""
+    invented(tmp_path, sensors="1")
+    document = flow.document(run(tmp_path)[0])
+    validate(document)
+    assert set(document["drag"]) == {"one_sensor_published", "one_sensor"}
+    assert document["drag"]["one_sensor"]["rms_error"] is None
+    assert "differs from the solution" in document["verdict"]["text"]
+
+
+def test_without_a_known_control_law_the_pressure_is_left_out(tmp_path):
+    """Contract: places with a zero leave the printed method out, control_hz 0 the torque balance."""
+    invented(tmp_path, mounting_mm="0,0,0,0,0,0", sensors="1")
+    document = flow.document(run(tmp_path, control_hz="0")[0])
+    assert list(document["drag"]) == ["one_sensor"]
+    assert "centre_of_pressure_m" not in document
+
+
+def test_simulation_writes_truth_beside_and_takes_measured_accelerations(tmp_path):
+    """Contract: JSON with the name of its series; ACT1B columns become the drag."""
+    rows = 700
+    columns = {"gps_time": 633830400 + np.arange(rows)}
+    for axis, value in zip("xyz", (-3e-8, 1e-9, 2e-9), strict=True):
+        columns |= {f"lin_accl_{axis}": np.full(rows, value), f"ang_accl_{axis}": np.zeros(rows)}
+        columns[f"acl_{axis}_res"] = np.zeros(rows)
+    path = tmp_path / writers.file_name("ACT1B", "2020-02-01", "C")
+    writers.write(columns, path)
+    invented(tmp_path, nongravitational=str(path), duration_s="600")
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    series = sgrs_files.read(sgrs_files.other_file(tmp_path / truth["series"], "TRUTH", "2020-02-01"), truth=True)
+    np.testing.assert_allclose(series["drag"].values, [[-3e-8, 1e-9, 2e-9]] * 120)
+    with pytest.raises(ProductError, match="no such file"):
+        invented(tmp_path, field="absent.gfc")
