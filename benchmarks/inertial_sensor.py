@@ -1,0 +1,208 @@
+"""Recovery study and long roll of inertial_sensor: python -m benchmarks.inertial_sensor [swings] [rolls] [long DIR].
+
+Prints, over simulated swings and rolls in memory: error/sigma with its chi-square interval, bias, scatter against the
+Cramer-Rao bound, and the accuracy figures. With `long DIR`, the files of a roll of 1.6e6 s are written to DIR (1.3 GB,
+kept) and processed: wall time, processor time and largest memory.
+"""
+
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from gravcal.calibrations.inertial_sensor import align, bias, detect, offset, offset_fit, scale, swing_fit
+from gravcal.calibrations.inertial_sensor import roll_bins as bins
+from gravcal.calibrations.inertial_sensor import roll_segments as segments
+from gravcal.data import catalog
+from gravcal.methods.noise import NoiseModel
+from gravcal.simulation import inertial_sensor as swings
+from gravcal.simulation import inertial_sensor_roll as rolls
+from gravcal.simulation import inertial_sensor_truth as truths
+
+START = 706190400.0
+SWING = ("beta_x", "beta_y", "delay", "offset_x", "offset_y", "offset_z")
+OFFSET_SIGMA = np.array([19e-6, 15e-6, 19e-6])  # m, of the offset that a swing hands to the roll
+CALM = 0.05  # share of the noise in the motion from which the bound is computed; its square is what remains
+
+
+def geometry():
+    """Geometry of the catalogue without error: divisors are exact in the study."""
+    from flows.inertial_sensor import _geometry
+
+    return _geometry()
+
+
+def swing(seed, chosen, settings):
+    """Truth, aligned record and products of one swing."""
+    rng = np.random.default_rng(seed)
+    truth = truths.draw(catalog.satellite("T").settings(), chosen, rng)
+    record = swings.swing(chosen, START, truth, rng)
+    found = detect.detect(lambda: record["ATT"], **settings.for_stage("detect"))
+    readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
+    aligned = align.align(found, *readers, **settings.for_stage("align"))
+    scaled = scale.scale(aligned, geometry=geometry(), **settings.for_stage("scale"))
+    return truth, aligned, scaled, offset.offset(aligned, scaled, **settings.for_stage("offset"))
+
+
+def errors(truth, scaled, moved):
+    """Errors and sigmas (6,) in the order of SWING."""
+    error = np.concatenate(
+        [
+            scaled.beta.values[:2] - truth.beta[:2],
+            [float(scaled.delay) - truth.delay],
+            moved.offset.values[0] - truth.offset,
+        ]
+    )
+    sigma = np.sqrt(np.diag(moved.covariance.values[0]))
+    return error, np.concatenate([scaled.beta_sigma.values[:2], [float(scaled.delay_sigma)], sigma])
+
+
+def bound(seed, chosen, settings):
+    """Cramer-Rao bound (6,): motion without noise, true noise in the covariance."""
+    names = ("voltage_noise_v_rthz", "acceleration_noise_m_s2_rthz", "tracker_noise_rad", "spikes_per_hour")
+    calm = {name: CALM * getattr(chosen, name) for name in names}
+    truth, aligned, scaled, _ = swing(seed, chosen.with_settings(calm), settings)
+    step = settings.bin_s
+    volt = chosen.voltage_noise_v_rthz**2 / (2 * step)
+    still = scale.prepare(aligned, step, settings.quiet_margin_s, truth.inertia)
+    known = np.array([2.0, 2.0, 6.0]) * volt, np.full(3, chosen.tracker_noise_rad**2)
+    still = type(still)(**(still.__dict__ | {"voltage_variance": known[0], "tracker_variance": known[1]}))
+    fitted = swing_fit.fit(still, truth.beta[:2])
+    record = offset.prepare(aligned, scaled, settings.quiet_margin_s, settings.drift_degree, 0)
+    parasitic = chosen.acceleration_noise_m_s2_rthz**2 / (2 * step) / truth.k**2
+    noise = tuple(NoiseModel(np.zeros(0), np.array([v]), step) for v in np.array([6.0, 1.0, 2.0]) * volt + parasitic)
+    record = type(record)(**(record.__dict__ | {"noise": noise}))
+    moved = offset_fit.fit(record, truth.k)
+    return np.sqrt(np.concatenate([np.diag(fitted.covariance)[:3], np.diag(moved.covariance)]))
+
+
+def roll(seed, chosen, settings):
+    """Errors and sigmas of the bias of one roll: of the scatter alone, and with an offset that has its error."""
+    rng = np.random.default_rng(seed)
+    truth = truths.draw(catalog.satellite("T").settings(), chosen, rng)
+    flown = rolls.draw_roll(chosen, START, rng)
+    record = rolls.span(chosen, flown, (flown.start, flown.stop), truth, rng)
+    reduced = bins.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
+    limits = {"step_s": settings.step_s, "segment_s": settings.segment_s}
+    limits |= {"uniformity": settings.uniformity_limit, "share": settings.share_limit}
+    model = segments.Model(settings.trend_degree, settings.amplitude_degree)
+    used = truth.offset + OFFSET_SIGMA * rng.standard_normal(3)
+    zero, held = np.zeros((3, 3)), np.diag(OFFSET_SIGMA**2)
+    out = []
+    for place, covariance in ((truth.offset, zero), (used, held)):
+        solved = segments.solve(reduced, truth.k, place, model, limits)
+        found = bias.estimates(solved, bias.Sensor(truth.k, 0 * truth.k, place, covariance, covariance))
+        drift = np.stack([np.interp(solved.time, flown.knot, column) for column in flown.drift.T], axis=1)
+        true = truth.bias + drift[solved.used].mean(axis=0) - np.array([0.0, chosen.radiation_m_s2, 0.0])
+        out.append((found["bias"] - true, found["bias_sigma"], np.abs(truth.bias)))
+    return out, int(np.count_nonzero(solved.used))
+
+
+def line(name, ratio, extra=""):
+    """Statistics of error over sigma of one parameter."""
+    n = ratio.size
+    low, high = (np.sqrt(stats.chi2.ppf(p, n) / n) for p in (0.005 / 12, 1 - 0.005 / 12))
+    rms = np.sqrt(np.mean(ratio**2))
+    print(
+        f"{name:12s} error/sigma rms {rms:.3f} (allowed {low:.3f} to {high:.3f})  mean {ratio.mean():+.3f}{extra}",
+        flush=True,
+    )
+    return rms, (low, high)
+
+
+def study_swings(count, bounds=10, **changes):
+    """Print the study of the swings; the statistics by name."""
+    chosen = catalog.parameters("simulate_inertial_sensor").with_settings({"manoeuvre": "swing"} | changes)
+    settings = catalog.parameters("inertial_sensor")
+    rows = [swing(seed, chosen, settings) for seed in range(count)]
+    pairs = np.array([errors(truth, scaled, moved) for truth, _, scaled, moved in rows])
+    best = np.array([bound(seed, chosen, settings) for seed in range(min(bounds, count))])
+    least = np.sqrt(np.mean(best**2, axis=0))
+    size = np.abs([*rows[0][0].beta[:2], np.nan, *1e-6 * np.array(chosen.offset_um)])
+    out = {}
+    for i, name in enumerate(SWING):
+        error, sigma = pairs[:, 0, i], pairs[:, 1, i]
+        extra = (
+            f"  scatter/bound {np.sqrt(np.mean(error**2)) / least[i]:.3f}  sigma/bound {sigma.mean() / least[i]:.3f}"
+        )
+        extra += f"  sigma {sigma.mean():.3g}" + (f" = {100 * sigma.mean() / size[i]:.2f} %" if size[i] > 0 else "")
+        out[name] = (*line(name, error / sigma, extra), np.sqrt(np.mean(error**2)) / least[i], sigma.mean() / size[i])
+    worst = max(agreement(scaled) for _, _, scaled, _ in rows)
+    print(f"Kalman filter minus batch least squares at the end: at most {worst:.1e} sigma")
+    return out
+
+
+def agreement(scaled):
+    """Largest difference of filter and batch in standard deviations."""
+    return float(
+        np.max(np.abs(scaled.filter_value.values[-1] - scaled.batch_value.values) / scaled.filter_sigma.values[-1])
+    )
+
+
+def study_rolls(count, segments_each=20, **changes):
+    """Print the study of the rolls; the statistics by name."""
+    base = {"manoeuvre": "roll", "roll_s": 2500.0 * segments_each + 500.0}
+    chosen = catalog.parameters("simulate_inertial_sensor").with_settings(base | changes)
+    settings = catalog.parameters("inertial_sensor")
+    rows = [roll(seed, chosen, settings) for seed in range(count)]
+    out = {}
+    for number, kind in enumerate(("offset exact", "offset drawn")):
+        pairs = np.array([row[0][number] for row in rows])
+        for axis, letter in enumerate("xyz"):
+            error, sigma, size = pairs[:, :, axis].T
+            extra = f"  sigma {sigma.mean():.2e} m s-2 = {100 * np.mean(sigma / size):.5f} %, {kind}"
+            out[letter, kind] = (*line(f"bias_{letter}", error / sigma, extra), np.mean(sigma / size))
+    print(f"{sum(row[1] for row in rows)} segments used in {count} rolls; y is b - a, not separable")
+    return out
+
+
+def study_long(folder):
+    """Write a roll of 1.6e6 s, then detect, reduce and solve it; prints time and memory of the processing alone."""
+    from flows import inertial_sensor as flow
+
+    folder = Path(folder)
+    if not any(folder.glob("IS1*")):
+        flow.simulate(folder, seed=1, truth=None, effects={}, settings={"manoeuvre": "roll", "roll_s": "1.6e6"})
+        print("files written; run again to measure the processing alone")
+        return
+    process(folder)
+
+
+def process(folder):
+    """Detect, segment and bias of all files of a folder, without the store."""
+    from flows.inertial_sensor import _assumed
+    from gravcal.calibrations.inertial_sensor import segment
+    from gravcal.data import inertial_files
+
+    settings = catalog.parameters("inertial_sensor")
+    days = inertial_files.days(folder)
+    started, spent = time.perf_counter(), time.process_time()
+    found = detect.detect(*(inertial_files.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
+    files = [one for d in days.values() for one in d.values()]
+    reduced = segment.segment(found, inertial_files.loaders(files), **settings.for_stage("segment"))
+    solved = bias.bias(reduced, assumed=_assumed(settings), **settings.for_stage("bias"))
+    wall, processor = time.perf_counter() - started, time.process_time() - spent
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"1.6e6 s at 10 Hz, {int(solved.used.sum())} of {solved.used.size} segments used:")
+    print(f"wall {wall:.1f} s, processor {processor:.1f} s, largest memory {peak:.2f} GB (limits 30 s, 2 GB)")
+
+
+def main(arguments):
+    """Run what is asked for."""
+    from flows.engine import single_threaded
+
+    single_threaded()
+    if "long" in arguments:
+        study_long(arguments[arguments.index("long") + 1])
+        return
+    numbers = [int(a) for a in arguments if a.isdigit()] or [200, 50]
+    study_swings(numbers[0])
+    if len(numbers) > 1:
+        study_rolls(numbers[1])
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
