@@ -27,7 +27,7 @@ def process(columns, chosen):
     observed = simulation.ingested(columns)
     nominal = {"nominal_m": tuple(tuple(catalog.satellite(letter).com_to_antenna.value) for letter in "CD")}
     aligned = stages.align(*(observed[name] for name in FILES), **chosen.for_stage("align"))
-    pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), **nominal)
+    pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), **nominal, given=())
     settings = chosen.for_stage("observable") | nominal
     equations = [stages.observable(aligned, pointed, variant=name, **settings) for name in OBSERVABLES]
     quiet = stages.noise(equations[0], **chosen.for_stage("noise"))

@@ -24,8 +24,8 @@ ORBIT = ("GNI1B", "GNV1B")
 def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
     nominal = {"nominal_m": _nominal(source.satellite)}
-    aligned = kbr_phase_centre.align(*_files(source), **chosen.for_stage("align"))
-    pointed = kbr_phase_centre.pointing(aligned, **chosen.for_stage("pointing"), **nominal)
+    aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    pointed = kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
     settings = chosen.for_stage("observable") | nominal
     equations = [kbr_phase_centre.observable(aligned, pointed, variant=name, **settings) for name in OBSERVABLES]
     quiet = kbr_phase_centre.noise(equations[0], **chosen.for_stage("noise"))
@@ -42,16 +42,27 @@ def calibrate(source, chosen):
 @flow(name="kbr_phase_centre_detect")
 def detect(source, chosen):
     """Wiggles of one day in the pointing angles."""
-    aligned = kbr_phase_centre.align(*_files(source), **chosen.for_stage("align"))
-    settings = chosen.for_stage("pointing") | {"nominal_m": _nominal(source.satellite)}
-    return kbr_phase_centre.pointing(aligned, **settings)
+    aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    return kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
 
 
-def _files(source):
-    """Ranging, orbits and attitudes, read."""
-    wanted = [(RANGING, COMMON[source.satellite])]
+def _files(source, chosen):
+    """Ranging, orbits and attitudes, read; the other ranging where the wanted one is not there."""
+    ranging = sorted(RANGING, key=lambda name: name != chosen.ranging)
+    wanted = [(ranging, COMMON[source.satellite])]
     wanted += [(products, letter) for products in (ORBIT, ("SCA1B",)) for letter in source.satellite]
     return [common.ingest(source.file(*products, satellite=letter), event=source.event) for products, letter in wanted]
+
+
+def _pointing_settings(source, chosen):
+    """Settings of the pointing stage, with the manoeuvres that the catalogue holds for this event."""
+    known = {one.name: one for one in catalog.events(calibration="kbr_phase_centre")}.get(source.event)
+    given = []
+    for one in known.found if known else ():
+        axis = ("pitch", "yaw").index(one.kind.lstrip("+-"))
+        sign = {"+": 1, "-": -1}.get(one.kind[0], 0)
+        given += [(source.satellite.index(letter), axis, sign, one.start, one.stop) for letter in known.letters]
+    return chosen.for_stage("pointing") | {"nominal_m": _nominal(source.satellite), "given": tuple(given)}
 
 
 def _nominal(letters):

@@ -36,11 +36,12 @@ def align(*observed, gap_limit_s, break_limit_m):
 
 
 @stage(reads=["kbr_phase_centre.align"], writes="kbr_phase_centre.pointing", version=1)
-def pointing(aligned, *, nominal_m, period_s, offset_limit_deg, amplitude_limit_deg):
+def pointing(aligned, *, nominal_m, given, period_s, offset_limit_deg, amplitude_limit_deg):
     """Observation geometry, and the wiggles in the pointing angles."""
     return pointing_science.pointing(
         aligned,
         nominal_m=nominal_m,
+        given=given,
         period_s=period_s,
         offset_limit_deg=offset_limit_deg,
         amplitude_limit_deg=amplitude_limit_deg,

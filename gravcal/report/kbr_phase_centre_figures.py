@@ -87,10 +87,17 @@ def spectra(solved):
             panel.loglog(frequency, density, color=COLOURS[colour], label=label)
         for wiggle in (4e-3, 8e-3):
             panel.axvline(wiggle, color=COLOURS["grey"], linestyle=":", linewidth=0.8)
+        _plain_ticks(panel)
         panel.set_title(f"{NAMES[name]}, {unit}/√Hz")
         panel.set_xlabel("Hz")
     legend(figure, panels[0, 0], 2)
     return figure
+
+
+def _plain_ticks(panel):
+    """Log axes with a tick at each power of ten only."""
+    panel.xaxis.minorticks_off()
+    panel.yaxis.minorticks_off()
 
 
 def estimates(document):
@@ -142,6 +149,7 @@ def noise(measured):
         values = measured[key].values
         if np.any(values > 0):
             panel.loglog(frequency, 1e6 * np.sqrt(values), color=COLOURS[colour], label=label)
+    _plain_ticks(panel)
     panel.set_title("noise of ranging minus orbit, µm/√Hz")
     panel.set_xlabel("Hz")
     legend(figure, panel, 3)

@@ -30,7 +30,7 @@ def process(columns, orbit="GNI1B", **settings):
     observed = simulation.ingested(columns)
     files = [("KBR1B", "Y"), (orbit, "C"), (orbit, "D"), ("SCA1B", "C"), ("SCA1B", "D")]
     aligned = stages.align(*(observed[name] for name in files), **chosen.for_stage("align"))
-    pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL)
+    pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL, given=())
     given = chosen.for_stage("observable") | {"nominal_m": NOMINAL}
     equations = [stages.observable(aligned, pointed, variant=name, **given) for name in OBSERVABLES]
     quiet = stages.noise(equations[0], **chosen.for_stage("noise"))

@@ -28,7 +28,7 @@ def day():
     names += [f"SCA1B_2014-01-15_{x}_02.dat" for x in "AB"]
     chosen = catalog.parameters("kbr_phase_centre")
     aligned = stages.align(*(read(folder / name) for name in names), **chosen.for_stage("align"))
-    return aligned, stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL)
+    return aligned, stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL, given=())
 
 
 def with_correction(variant):

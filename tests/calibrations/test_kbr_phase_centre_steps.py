@@ -70,6 +70,16 @@ def test_routine_pointing_has_no_wiggle():
     assert pointing.wiggles(time[:500], angle[:500], 250.0, np.radians([0.5, 0.4]), (0, 0)) == []
 
 
+def test_a_manoeuvre_of_the_catalogue_is_measured():
+    """Analytic: given times and sign stay, offset and amplitude are those of the angle."""
+    time = np.arange(0.0, 6000.0)
+    angle = np.zeros((2, 6000, 2))
+    angle[1, :, 0] = np.radians(2 + np.sin(2 * np.pi * time / 250))
+    found = pointing.described(time, angle, (1, 0, 1, 1000.0, 4750.0), 250.0)
+    assert found[:5] == (1, 0, 1, 1000.0, 4750.0)
+    assert_allclose(np.degrees(found[5:]), [2, 1], rtol=1e-3)
+
+
 def test_quiet_data_keep_their_distance():
     """Analytic: inside the trimmed span 0, beyond the margin -1, between them -2."""
     time = np.array([0.0, 69.0, 71.0, 99.0, 151.0, 180.0, 249.0, 251.0, 331.0])
@@ -155,3 +165,13 @@ def test_noise_model_of_a_test_is_a_density():
     lags = covariance.of_densities((grid, np.zeros((2, grid.size))), 5.0, 0, 5)
     assert_allclose(lags.ranging, [1, 0, 0, 0, 0], atol=1e-12)
     assert DAY % 86400 == 43200
+
+
+def test_least_squares_without_negative_unknowns_is_that_of_scipy():
+    """Analytic: against scipy.optimize.nnls on drawn problems, to rounding."""
+    from scipy.optimize import nnls
+
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        design, observed = rng.random((30, 4)), rng.standard_normal(30)
+        assert_allclose(pointing_noise._not_negative(design, observed), nnls(design, observed)[0], atol=1e-12)

@@ -13,7 +13,7 @@ FOUND = ("satellite_index", "axis_index", "sign", "start", "stop", "offset", "am
 
 
 def pointing(
-    aligned: xr.Dataset, *, nominal_m, period_s: float, offset_limit_deg: float, amplitude_limit_deg: float
+    aligned: xr.Dataset, *, nominal_m, given, period_s: float, offset_limit_deg: float, amplitude_limit_deg: float
 ) -> xr.Dataset:
     """Observation geometry on whole seconds, and the sub-manoeuvres found in the pointing angles.
 
@@ -21,6 +21,7 @@ def pointing(
     ----------
     aligned : Dataset, "kbr_phase_centre.align"
     nominal_m : (2, 3) m, phase centres of the catalogue, for the part square in them
+    given : (k, 5) satellite, axis, sign, start and stop of the catalogue's manoeuvres; empty: look for them
     period_s : s, of the wiggle
     offset_limit_deg : deg, smallest mean angle that has a sign
     amplitude_limit_deg : deg, smallest amplitude of a wiggle
@@ -34,9 +35,9 @@ def pointing(
     line = geometry.lines_of_sight(position, quaternion)
     angle = geometry.angles(line)
     limits = (np.radians(offset_limit_deg), np.radians(amplitude_limit_deg))
-    found = [
-        w for k in (0, 1) for axis in (0, 1) for w in wiggles(time, angle[k, :, axis], period_s, limits, (k, axis))
-    ]
+    found = [described(time, angle, one, period_s) for one in given]
+    for k, axis in () if found else ((0, 0), (0, 1), (1, 0), (1, 1)):
+        found += wiggles(time, angle[k, :, axis], period_s, limits, (k, axis))
     found.sort(key=lambda w: w[3])
     columns = dict(zip(FOUND, np.array(found).reshape(-1, len(FOUND)).T, strict=True))
     values = columns | {
@@ -49,6 +50,26 @@ def pointing(
     }
     kept = {n: aligned.attrs[n] for n in ("satellites", "ranging", "orbit")}
     return build(POINTING, values, title="Pointing against the line of sight, and the wiggles in it", **kept)
+
+
+def described(time: np.ndarray, angle: np.ndarray, one, period: float) -> tuple:
+    """A manoeuvre of the catalogue with its offset and amplitude as measured.
+
+    Parameters
+    ----------
+    time : (n,) s
+    angle : (2, n, 2) rad, pitch and yaw of both satellites
+    one : satellite, axis, sign, start and stop
+    period : s
+    """
+    satellite, axis, sign, start, stop = one
+    own = angle[int(satellite), :, int(axis)]
+    inside = (time > start + period / 2) & (time < stop - period / 2) & np.isfinite(own)
+    if not inside.any():
+        return (satellite, axis, sign, start, stop, np.nan, np.nan)
+    wave = np.exp(-2j * np.pi * (time[inside] - start) / period)
+    offset = float(own[inside].mean())
+    return (satellite, axis, sign, start, stop, offset, float(2 * abs(np.mean((own[inside] - offset) * wave))))
 
 
 def wiggles(time, angle, period, limits, which):

@@ -7,6 +7,7 @@ In routine flight the line of sight lies along x and the lever arm is nil; at 2 
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 import xarray as xr
@@ -107,8 +108,6 @@ def fit(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -
     The covariance of g(t) phi(t) is on average mean(g(t) g(t + tau)) C(tau); its density is fitted to the excess of the
     periodograms with weights 1/density.
     """
-    from scipy.optimize import nnls
-
     if not pieces:
         return none()
     step = quiet.step_s
@@ -134,8 +133,23 @@ def fit(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -
     for _ in range(5):
         weight = 1 / (known + model @ found)
         size = np.linalg.norm(model * weight[:, None], axis=0)
-        found = nnls(model * weight[:, None] / size, (power - known) * weight)[0] / size
+        found = _not_negative(model * weight[:, None] / size, (power - known) * weight) / size
     return found
+
+
+def _not_negative(design, observed):
+    """Least squares without negative unknowns: the best of all sub-sets of the few columns."""
+    best, least = np.zeros(design.shape[1]), observed @ observed
+    for used in product((False, True), repeat=design.shape[1]):
+        part = design[:, np.array(used)]
+        if not any(used):
+            continue
+        value = np.linalg.lstsq(part, observed, rcond=None)[0]
+        misfit = np.sum((observed - part @ value) ** 2)
+        if np.all(value >= 0) and misfit < least:
+            best, least = np.zeros(design.shape[1]), misfit
+            best[np.array(used)] = value
+    return best
 
 
 def _density(lagged, length):
