@@ -6,7 +6,7 @@ import shutil
 import time
 from dataclasses import dataclass
 
-from gravcal.data import location, store
+from gravcal.data import disk, location, store
 from gravcal.errors import ProductError
 
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -166,9 +166,9 @@ def _remove(path):
     if not path.is_dir():
         path.unlink(missing_ok=True)
         return
-    aside = location.folder() / "tmp" / f"removed-0-{path.name[:12]}"
+    aside = disk.new_aside()
     try:
         path.rename(aside)
     except OSError as error:
-        raise store.unwritable(error, path.name[:12]) from error
+        raise disk.unwritable(error, path.name[:12]) from error
     shutil.rmtree(aside, ignore_errors=True)

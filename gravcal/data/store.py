@@ -21,12 +21,8 @@ import shutil
 import uuid
 from pathlib import Path
 
-from gravcal.data import location, memory
+from gravcal.data import disk, location, memory
 from gravcal.data.references import ProductRef
-from gravcal.errors import ProductError
-
-NAMES = ("objects", "latest", "tmp", "locks", "quarantine")
-_swept = set()
 
 
 def folder_of(key):
@@ -103,17 +99,17 @@ def put(key, recipe, made, facts):
     ProductError : disk full or store not writable; the store is as before
     """
     dataset, files = made
-    aside = location.folder() / "tmp" / f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
+    aside = disk.new_aside()
     try:
-        _prepare()
+        disk.prepare()
         aside.mkdir()
         record = _write_folder(aside, key, recipe, dataset, files) | facts
-        _write_flushed(aside / "meta.json", json.dumps(record, indent=1).encode())
-        _flush_folder(aside)
+        disk.write_flushed(aside / "meta.json", json.dumps(record, indent=1).encode())
+        disk.flush_folder(aside)
         ref = _publish(aside, key)
     except OSError as error:
         shutil.rmtree(aside, ignore_errors=True)
-        raise unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
+        raise disk.unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
     if ref.digest == record["digest"]:
         memory.keep(ref.path, dataset)
     return ref
@@ -136,11 +132,11 @@ def point(ref):
 def lock(key):
     """Hold the key: others who want to make the same product wait. The kernel releases it when a process dies."""
     try:
-        _prepare()
+        disk.prepare()
         path = location.folder() / "locks" / key
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError as error:
-        raise unwritable(error, key[:12]) from error
+        raise disk.unwritable(error, key[:12]) from error
     try:
         with contextlib.suppress(OSError):  # a file system without locks: the rename still protects
             fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -180,21 +176,7 @@ def set_aside(folder, reason):
     except FileNotFoundError:
         return
     except OSError as error:
-        raise unwritable(error, f"{folder.name[:12]} ({reason})") from error
-
-
-def unwritable(error, what):
-    """ProductError for a store that cannot take a product."""
-    root = location.folder()
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    remedy = "Free space there (gravcal products prune)" if full else "Give yourself the right to write there"
-    return ProductError(
-        f"product store {root}: {what} cannot be written ({error.strerror or error}). What was there before is "
-        f"unharmed. "
-        f"{remedy}, or name another folder in GRAVCAL_PRODUCTS.",
-        root=str(root),
-        errno=error.errno,
-    )
+        raise disk.unwritable(error, f"{folder.name[:12]} ({reason})") from error
 
 
 def _doubt(folder, record, key):
@@ -232,10 +214,10 @@ def _write_folder(aside, key, recipe, dataset, files):
     content = product.digest(dataset)
     labels = product.provenance(recipe, key, content, __version__)
     image = netcdf.to_bytes(dataset.assign_attrs(labels))
-    _write_flushed(aside / "product.nc", image)
+    disk.write_flushed(aside / "product.nc", image)
     extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name, text in extra.items():
-        _write_flushed(aside / Path(name).name, text)
+        disk.write_flushed(aside / Path(name).name, text)
     return {
         "key": key,
         "digest": content,
@@ -249,30 +231,13 @@ def _write_folder(aside, key, recipe, dataset, files):
     }
 
 
-def _write_flushed(path, image):
-    """Write a file down to the disk."""
-    with path.open("wb") as stream:
-        stream.write(image)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
-def _flush_folder(folder):
-    """Bring the entries of a folder down to the disk."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def _publish(aside, key):
     """Rename the finished folder to its place; a product that is there already and whole stays, and is returned."""
     folder = folder_of(key)
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:
         aside.rename(folder)
-        _flush_folder(folder.parent)
+        disk.flush_folder(folder.parent)
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
             raise
@@ -281,17 +246,3 @@ def _publish(aside, key):
         return _publish(aside, key)
     shutil.rmtree(aside, ignore_errors=True)
     return ref
-
-
-def _prepare():
-    """Create the folders of the store and, once per process, remove what dead processes left half-written."""
-    root = location.folder()
-    if root in _swept:
-        return
-    for name in NAMES:
-        (root / name).mkdir(parents=True, exist_ok=True)
-    for path in (root / "tmp").iterdir():
-        host, pid, _ = path.name.rsplit("-", 2)
-        if host == platform.node() and not Path(f"/proc/{pid}").exists():
-            shutil.rmtree(path, ignore_errors=True)
-    _swept.add(root)

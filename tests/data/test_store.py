@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gravcal.data import housekeeping, keys, memo, memory, product, store
+from gravcal.data import disk, housekeeping, keys, memo, memory, product, store
 from gravcal.errors import CatalogError, ProductError
 
 RECIPE = {"event": "e", "kind": "test.store", "variant": "", "version": 1, "settings": {}, "inputs": [], "code": ""}
@@ -93,7 +93,7 @@ def test_a_full_disk_is_a_clear_error_and_leaves_the_store_valid(monkeypatch, st
         path.write_bytes(image[: len(image) // 2])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(store, "_write_flushed", full)
+    monkeypatch.setattr(disk, "write_flushed", full)
     with pytest.raises(ProductError, match="No space left.*unharmed.*prune.*GRAVCAL_PRODUCTS"):
         put(version=2)
     assert list((store_folder / "tmp").iterdir()) == []

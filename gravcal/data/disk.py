@@ -1,0 +1,73 @@
+"""The disk below the store: folders, files written down to the disk, what dead processes left, and clear errors."""
+
+import errno
+import os
+import platform
+import shutil
+import uuid
+
+from gravcal.data import location
+from gravcal.errors import ProductError
+
+NAMES = ("objects", "latest", "tmp", "locks", "quarantine")
+_swept = set()
+
+
+def prepare():
+    """Create the folders of the store and, once per process, remove what dead processes left half-written."""
+    root = location.folder()
+    if root in _swept:
+        return
+    for name in NAMES:
+        (root / name).mkdir(parents=True, exist_ok=True)
+    for path in (root / "tmp").iterdir():
+        host, pid, _ = path.name.rsplit("-", 2)
+        if host == platform.node() and not _is_alive(int(pid)):
+            shutil.rmtree(path, ignore_errors=True)
+    _swept.add(root)
+
+
+def new_aside():
+    """Path for a folder that is being made or removed; swept when this process dies before it is done."""
+    return location.folder() / "tmp" / f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
+
+
+def write_flushed(path, image):
+    """Write a file down to the disk."""
+    with path.open("wb") as stream:
+        stream.write(image)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def flush_folder(folder):
+    """Bring the entries of a folder down to the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def unwritable(error, what):
+    """ProductError for a store that cannot take a product."""
+    root = location.folder()
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    remedy = "Free space there (gravcal products prune)" if full else "Give yourself the right to write there"
+    return ProductError(
+        f"product store {root}: {what} cannot be written ({error.strerror or error}). What was there before is "
+        f"unharmed. {remedy}, or name another folder in GRAVCAL_PRODUCTS.",
+        root=str(root),
+        errno=error.errno,
+    )
+
+
+def _is_alive(pid):
+    """Whether a process of this machine exists."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        return True
+    return True
