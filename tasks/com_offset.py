@@ -142,11 +142,10 @@ def solve(
 
 
 @stage(reads=["com_offset.solve"], writes="com_offset.combine", version=1)
-def combine(*solved, method, determined_sigma_um, consistency_level):
+def combine(*solved, method, determined_sigma_um, consistency_level, drag_sigma_m_s2, period_s):
     """Manoeuvres joined, and whether they and the angular accelerations agree."""
-    return combine_science.combine(
-        *solved, method=method, determined_sigma_um=determined_sigma_um, consistency_level=consistency_level
-    )
+    settings = {name: value for name, value in locals().items() if name != "solved"}
+    return combine_science.combine(*solved, **settings)
 
 
 @stage(

@@ -54,12 +54,12 @@ def _bias_step(context: Context, values):
 
 
 def _bias_drift(context: Context, values):
-    return (context.time - context.time[0])[:, None] * np.asarray(values)
+    return (context.time - context.epoch)[:, None] * np.asarray(values)
 
 
 def _tone(context: Context, values):
     frequency, x, y, z, phase = values
-    return np.sin(2 * np.pi * frequency * (context.time - context.time[0]) + phase)[:, None] * np.array([x, y, z])
+    return np.sin(2 * np.pi * frequency * (context.time - context.epoch) + phase)[:, None] * np.array([x, y, z])
 
 
 def _angular_scale(context: Context, values):
@@ -126,7 +126,7 @@ EFFECTS = (
         (
             Parameter("frequency", "Hz", "frequency", 0.1),
             *axes("", "m s-2", "amplitude along", 1e-10),
-            Parameter("phase", "rad", "phase at the first epoch", 1.0),
+            Parameter("phase", "rad", "phase at the reference epoch", 1.0),
         ),
         _tone,
         "disturbance of the platform",

@@ -33,6 +33,7 @@ class Parameter:
     meaning : what a positive value does
     prior_sigma : plausible one-sigma size, for injection and for regularised fits
     neutral : value at which the effect vanishes
+    lower : smallest value that has a meaning
     """
 
     name: str
@@ -40,6 +41,7 @@ class Parameter:
     meaning: str
     prior_sigma: float
     neutral: float = 0.0
+    lower: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class Context:
     linear_b, angular_b : (n, 3), reading so far
     inertia_b : (3, 3) kg m2
     start, stop : (k,) s, manoeuvres
+    epoch : s, from which drifts and phases count
     extra : anything else, by name
     """
 
@@ -70,6 +73,7 @@ class Context:
     inertia_b: np.ndarray | None = None
     start: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stop: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    epoch: float = 0.0
     extra: Mapping = field(default_factory=dict)
 
 
@@ -122,6 +126,11 @@ class Effect:
             unit[index] = 1.0
             if self.linear:
                 parts.append(self.contribution(context, unit))
+            elif (
+                at[index] - 1e-3 * parameter.prior_sigma < parameter.lower
+            ):  # at the end of its range: one plausible step
+                moved = self.contribution(context, at + parameter.prior_sigma * unit)
+                parts.append((moved - self.contribution(context, at)) / parameter.prior_sigma)
             else:
                 step = 1e-3 * parameter.prior_sigma * unit
                 difference = self.contribution(context, at + step) - self.contribution(context, at - step)

@@ -14,7 +14,7 @@ def _constant(context, values):
 
 
 def _ramp(context, values):
-    return values[0] * (context.time - context.time[0])
+    return values[0] * (context.time - context.epoch)
 
 
 def _delay(slug: str, channel: str, what: str) -> Effect:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from gravcal.effects.base import Context, Effect, Parameter, axes
@@ -19,17 +20,21 @@ def _misalignment(context: Context, values):
 
 def _lag(context: Context, values):
     """First-order lag: tau dm/dt = m_commanded - m, exact for a dipole constant between epochs."""
-    tau = values[0]
-    if tau <= 0:
+    if values[0] <= 0:
         return np.zeros_like(context.dipole_b)
-    decay = np.exp(-np.diff(context.time, prepend=context.time[0]) / tau)
-    lagged = np.empty_like(context.dipole_b)
-    state = context.dipole_b[0].copy()
-    for k, commanded in enumerate(context.dipole_b):
-        held = context.dipole_b[k - 1] if k else commanded
-        state = held + (state - held) * decay[k]
-        lagged[k] = state
-    return lagged - context.dipole_b
+    decay = np.exp(-np.diff(context.time, prepend=context.time[0]) / values[0])
+    commanded = np.ascontiguousarray(context.dipole_b, dtype=float)
+    return _lagged(commanded, decay) - commanded
+
+
+@numba.njit(cache=True)
+def _lagged(commanded, decay):
+    lagged = commanded.copy()
+    for k in range(1, commanded.shape[0]):
+        for axis in range(3):
+            held = commanded[k - 1, axis]
+            lagged[k, axis] = held + (lagged[k - 1, axis] - held) * decay[k]
+    return lagged
 
 
 def _saturation(context: Context, values):
@@ -71,7 +76,7 @@ EFFECTS = (
     Effect(
         "torque.dipole_lag",
         "dipole_b",
-        (Parameter("tau", "s", "time constant of the rods", 0.1),),
+        (Parameter("tau", "s", "time constant of the rods", 0.1, lower=0.0),),
         _lag,
         "inductance of a torque rod: first-order lag",
         linear=False,

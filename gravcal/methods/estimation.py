@@ -30,9 +30,9 @@ class Score:
         """(p,) solution of this block alone."""
         return stable_inverse(self.normal) @ self.right
 
-    def with_prior(self, prior: np.ndarray) -> np.ndarray:
-        """(p,) solution of this block alone with a prior information (p, p) about zero."""
-        return stable_inverse(self.normal + prior) @ self.right
+    def with_prior(self, prior: np.ndarray, about: np.ndarray) -> np.ndarray:
+        """(p,) distance of this block's solution from `about`, where a prior of information (p, p) stands."""
+        return stable_inverse(self.normal + prior) @ (self.right - self.normal @ about)
 
 
 def without(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:

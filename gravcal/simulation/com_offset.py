@@ -18,6 +18,10 @@ AREAS = {
     "pitch_high": {"lat_min": 60, "lat_max": 80},
     "roll_high": {"lat_min": 60, "lat_max": 80},
 }
+#: Sub-steps over which the contributions of dipole and torque effects are averaged.
+PARTS = 8
+#: Flown before and after what is written, so that readings with late or early tags exist.
+LEAD_S = 5.0
 RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
 
 
@@ -34,6 +38,7 @@ class Scene:
     offset : (3,) m, proof mass to centre of mass
     inertia_b : (3, 3) kg m2; dipole_per_current : (3,) A m2 mA-1, as true
     magnetometer_bias : (3,) T
+    mass : kg; drag_b : (3,) m s-2, mean drag in the body
     """
 
     orbit: object
@@ -45,6 +50,8 @@ class Scene:
     inertia_b: np.ndarray
     dipole_per_current: np.ndarray
     magnetometer_bias: np.ndarray
+    mass: float
+    drag_b: np.ndarray
 
 
 def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
@@ -75,7 +82,9 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     offset = (np.array(chosen.offset_um) + chosen.offset_scatter_um * rng.standard_normal(3)) * 1e-6
     bias = chosen.magnetometer_bias_t * rng.standard_normal(3)
     spans = _spans(start, stop, chosen, day)
-    return Scene(path, kinds, start, stop, spans, offset, *_divisors(satellite, chosen, rng), bias)
+    drag = np.array([-satellite["x_along_velocity"] * chosen.drag_m_s2, 0.0, 0.0])
+    divisors, mass = _divisors(satellite, chosen, rng), float(satellite["mass_at_launch"])
+    return Scene(path, kinds, start, stop, spans, offset, *divisors, bias, mass, drag)
 
 
 def _schedule(path, kinds, chosen, day):
@@ -183,7 +192,8 @@ def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
         satellite["torquer_current_step"] * float(np.mean(scene.dipole_per_current)),
         constants.GM,
     )
-    start = np.concatenate([around.target[1], around.target_rate_b[1]])
+    first = int(np.round(steps.bound[0] - around.time[0]))
+    start = np.concatenate([around.target[first], around.target_rate_b[first]])
     tilt = frames.from_rotation_vector(chosen.pointing_error_rad * rng.standard_normal(3))
     start[:4] = frames.quaternion_product(start[:4], tilt)
     slow = _slow_torque(steps.bound, chosen, rng)
@@ -198,7 +208,7 @@ def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
 
 def _surroundings(span, scene, satellite, generation):
     """Position, field and wanted attitude at 1 Hz, two seconds wider than the span."""
-    nodes = np.arange(np.floor(span[0]) - 2, np.ceil(span[1]) + 3)
+    nodes = np.arange(np.floor(span[0]) - 8, np.ceil(span[1]) + 8)
     state = scene.orbit(nodes)
     R_ei = earth.R_ei(nodes)
     field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), generation)
@@ -212,7 +222,7 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
     edges = [np.arange(a, b + half / 2, half) for a, b in zip(scene.start, scene.stop, strict=True)]
     edges = np.concatenate([e for e in edges if e[0] > span[0] and e[-1] < span[1]] or [np.zeros(0)])
     control = np.arange(span[0] + rng.uniform(0, 1), span[1], 1.0)
-    wanted = [epochs.acc, epochs.sca, epochs.mag, edges, control, np.arange(span[0] - 1, span[1] + 1.05, 0.1)]
+    wanted = [epochs.acc, epochs.sca, epochs.mag, edges, control, np.arange(span[0] - LEAD_S, span[1] + LEAD_S, 0.1)]
     bound = np.unique(np.concatenate(wanted))
     bound = bound[np.concatenate([[True], np.diff(bound) > 1e-7])]
     begin = bound[:-1]
@@ -236,28 +246,27 @@ def _slow_torque(bound, chosen, rng):
     return np.stack([values[:-1], values[1:]], axis=1)
 
 
-def _ends(array):
-    """(n + 1, 3) at bounds to (2 n, 3) at both ends of every step."""
-    return np.stack([array[:-1], array[1:]], axis=1).reshape(-1, array.shape[-1])
-
-
 def _with_effects(steps, around, body, start, slow, states, control, injected, scene):
     """Fly again with the injected dipole and torque effects, the controller's part as it was with them."""
+    parts = (np.arange(PARTS) + 0.5) / PARTS
+    inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
     for closed in (True, False):
         field_b = np.matvec(frames.R_bi_from_quaternion(states[:, :4]), _nodes(around, steps.bound, around.field_i))
         context = Context(
-            time=np.stack([steps.bound[:-1], steps.bound[1:]], axis=1).ravel(),
-            rate_b=_ends(states[:, 4:]),
-            dipole_b=np.repeat(control[0], 2, axis=0),
-            field_b=_ends(field_b),
+            time=inner,
+            rate_b=np.repeat(states[:-1, 4:], PARTS, axis=0),
+            dipole_b=np.repeat(control[0], PARTS, axis=0),
+            field_b=np.repeat(field_b[:-1], PARTS, axis=0),
             inertia_b=scene.inertia_b,
             start=scene.start,
             stop=scene.stop,
-            extra={"mass": 580.0, "non_gravitational_b": _ends(np.zeros_like(field_b) - [6e-8, 0, 0])},
+            epoch=scene.spans[0, 0],
+            extra={"mass": scene.mass, "non_gravitational_b": np.tile(scene.drag_b, (inner.size, 1))},
         )
-        dipole = channel(injected, "dipole_b", context).reshape(-1, 2, 3)
-        torque = slow + channel(injected, "torque_b", context).reshape(-1, 2, 3)
+        mean = lambda name, context=context: channel(injected, name, context).reshape(-1, PARTS, 3).mean(axis=1)  # noqa: E731
+        dipole, torque = (np.repeat(mean(name)[:, None], 2, axis=1) for name in ("dipole_b", "torque_b"))
         again = None if closed else control
+        torque = slow + torque
         states, control = attitude.fly(steps, around, body, start, (dipole, torque), again)
     return states, control, (dipole, torque)
 

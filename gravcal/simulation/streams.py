@@ -89,7 +89,10 @@ def draw_epochs(span, clock: Clock, injected, satellite, channel) -> Epochs:
     tag, gps = tag[inside], gps[inside]
     sca = np.arange(np.ceil(span[0]), span[1])
     mag = np.arange(np.ceil(2 * span[0]), np.floor(2 * span[1])) / 2 + MAG_FRACTION
-    late = {k: lambda t, k=k: channel(injected, f"{k}_delay", Context(time=t)) for k in ("acc", "sca", "mag")}
+    late = {
+        k: lambda t, k=k: channel(injected, f"{k}_delay", Context(time=t, epoch=clock.receiver[0]))
+        for k in ("acc", "sca", "mag")
+    }
     return Epochs(gps - late["acc"](gps), tag, sca - late["sca"](sca), sca, mag - late["mag"](mag), mag)
 
 
@@ -105,6 +108,7 @@ def read_instruments(epochs, motion, scene, satellite, chosen, injected, channel
 def _accelerometer(epochs, motion, scene, satellite, chosen, injected, channel, rng):
     shared = {name: getattr(motion, name) for name in ("rate_b", "rate_dot_b", "gradient_b", "field_b")}
     shared |= {"dipole_b": motion.command_b, "inertia_b": scene.inertia_b, "start": scene.start, "stop": scene.stop}
+    shared["epoch"] = scene.spans[0, 0]
     context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, **shared)
     linear = _drag(epochs, motion, scene, chosen) + effect("accelerometer.offset").contribution(context, scene.offset)
     context = replace(context, linear_b=linear)

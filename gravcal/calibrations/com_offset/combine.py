@@ -13,21 +13,24 @@ from gravcal.calibrations.com_offset.solve import PRIOR
 from gravcal.methods import estimation
 
 
-def combine(*solved: xr.Dataset, method: str, determined_sigma_um: float, consistency_level: float) -> xr.Dataset:
+def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     """One offset for each angular acceleration, with its covariance and two consistency tests.
 
     Parameters
     ----------
     solved : Dataset, "com_offset.solve", one for each angular acceleration, with its two mode labels
-    method : "gravcal", or "published" for the rows and errors of the source paper
-    determined_sigma_um : um, a component with a larger error is not determined
-    consistency_level : probability below which the manoeuvres or the angular accelerations do not agree
+    settings : method, "gravcal", or "published" for the rows and errors of the source paper;
+        determined_sigma_um, a component with a larger error is not determined;
+        consistency_level, probability below which manoeuvres or angular accelerations do not agree;
+        drag_sigma_m_s2 and period_s, a constant acceleration that turns with the swinging body looks like an offset
 
     Returns
     -------
     combined : Dataset, "com_offset.combine"
     """
-    limit = determined_sigma_um * 1e-6
+    limit = settings["determined_sigma_um"] * 1e-6
+    method = settings["method"]
+    turning = (settings["drag_sigma_m_s2"] * (settings["period_s"] / (2 * np.pi)) ** 2) ** 2 * np.eye(3)
     joint = {s.attrs["variant"]: _joint(s) if method == "gravcal" else _selected(s) for s in solved}
     names = [v for v in VARIANTS if v in joint]
     single = {s.attrs["variant"]: _per_manoeuvre(s) for s in solved}
@@ -36,7 +39,7 @@ def combine(*solved: xr.Dataset, method: str, determined_sigma_um: float, consis
     values = {
         "offset": [np.where(_determined(joint[v]["covariance"], limit), joint[v]["offset"], np.nan) for v in names],
         "covariance": [joint[v]["covariance"] for v in names],
-        "covariance_total": [joint[v]["covariance_total"] for v in names],
+        "covariance_total": [joint[v]["covariance_total"] + turning for v in names],
         "determined": [_determined(joint[v]["covariance"], limit) for v in names],
         "chi2": [joint[v]["chi2"] for v in names],
         "dof": [joint[v]["dof"] for v in names],
@@ -49,7 +52,7 @@ def combine(*solved: xr.Dataset, method: str, determined_sigma_um: float, consis
         "variants_dof": dof,
     }
     values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
-    attrs = {"method": method, "consistency_level": consistency_level, "direction": "proof_mass_to_com"}
+    attrs = {"method": method, "consistency_level": settings["consistency_level"], "direction": "proof_mass_to_com"}
     return build(COMBINE, values, variants=" ".join(names), **attrs)
 
 
@@ -108,7 +111,7 @@ def _per_manoeuvre(solved):
     covariances = []
     for information, shift in zip(solved["information"].values, solved["mode_shift"].values, strict=True):
         own = shift[~catalogue]
-        covariances.append(estimation.covariance(information) + own.T @ own)
+        covariances.append(estimation.covariance(information + PRIOR) + own.T @ own)
     return solved["offset"].values, np.array(covariances).reshape(-1, 3, 3)
 
 
@@ -144,9 +147,9 @@ def _between_variants(joint, limit):
 
 
 def _excess(covariance, noise, used):
-    """Covariance beyond the shared noise (3, 3), never negative, 1 % of the noise as floor; zero where not used."""
+    """Covariance beyond the shared noise (3, 3), never negative, 0.1 % of the noise as floor; zero where not used."""
     pick = np.ix_(used, used)
     size, vectors = np.linalg.eigh(covariance[pick] - noise[pick])
     result = np.zeros((3, 3))
-    result[pick] = (vectors * np.clip(size, 0, None)) @ vectors.T + 0.01 * noise[pick]
+    result[pick] = (vectors * np.clip(size, 0, None)) @ vectors.T + 0.001 * noise[pick]
     return result

@@ -226,7 +226,7 @@ def _estimate(white, score, joint):
         noisy = estimation.without(clean, estimation.without(drift, A))
         extra = float(np.sum((noisy @ joint) ** 2) / max(used.sum(), 1))
     return {
-        "offset": score.with_prior(PRIOR),
+        "offset": joint + score.with_prior(PRIOR, about=joint),
         "right": score.right / (1 + extra),
         "normal": score.normal / (1 + extra),
         "information": score.information / (1 + extra),
