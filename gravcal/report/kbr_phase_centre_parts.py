@@ -157,18 +157,22 @@ def _ratio(covariance, satellite):
 
 
 def noise(measured):
-    """Noise of the ranging and of the star cameras, at the wiggle and its second harmonic."""
+    """Noise of the ranging and of the star cameras, at the wiggle and its second harmonic; null where not measured."""
     frequency = measured["frequency"].values
-    at = {"4_mhz": 4e-3, "8_mhz": 8e-3}
-    amplitude = lambda name, f: number(1e6 * np.sqrt(np.interp(f, frequency, measured[name].values)))  # noqa: E731
     shape = 1 / (1 + (4e-3 / measured["corner"].values) ** 2)
     return {
         "source": measured.attrs["source_data"],
         "seconds": number(measured["seconds"]),
-        "quiet_um_rthz": {name: amplitude("model", f) for name, f in at.items()},
-        "manoeuvres_um_rthz": {name: amplitude("in_manoeuvres", f) for name, f in at.items()},
-        "star_camera_urad_rthz_4_mhz": number(1e6 * np.sqrt(measured["pointing_power"].values @ shape)),
+        "quiet_um_rthz": _amplitudes(frequency, measured["model"].values),
+        "manoeuvres_um_rthz": _amplitudes(frequency, measured["in_manoeuvres"].values),
+        "star_camera_urad_rthz_4_mhz": number(1e6 * np.sqrt(measured["pointing_power"].values @ shape)) or None,
     }
+
+
+def _amplitudes(frequency, density):
+    """Amplitude densities in micrometres at 4 and 8 mHz."""
+    at = {"4_mhz": 4e-3, "8_mhz": 8e-3}
+    return {name: number(1e6 * np.sqrt(np.interp(f, frequency, density))) or None for name, f in at.items()}
 
 
 def routine(described, pointed):

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from flows import engine, kbr_phase_centre
-from gravcal.data import catalog, vcm
+from gravcal.data import catalog, memory, vcm
 from gravcal.data.schemas import validate
 from gravcal.errors import ProductError
 from tasks.stage import read
@@ -23,6 +23,13 @@ def campaign(tmp_path_factory):
     return folder, truth
 
 
+@pytest.fixture
+def shared_store(campaign, monkeypatch):
+    """One store for the tests that only look at the campaign, so that it is processed once."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(campaign[0] / "products"))
+    memory.clear()
+
+
 def run(folder, **settings):
     """Result document and report product."""
     chosen = catalog.parameters("kbr_phase_centre").with_settings(settings)
@@ -31,6 +38,7 @@ def run(folder, **settings):
     return kbr_phase_centre.document(ref), ref
 
 
+@pytest.mark.usefixtures("shared_store")
 def test_files_in_vectors_out(campaign):
     """Recovery: the document is valid, its errors within 4.5 sigma; vector files and lines hold the adopted result."""
     folder, truth = campaign
@@ -53,6 +61,7 @@ def test_files_in_vectors_out(campaign):
     assert json.loads((folder / "truth.json").read_text())["phase_centre_mm"] == truth["phase_centre_mm"]
 
 
+@pytest.mark.usefixtures("shared_store")
 def test_the_page_holds_tables_and_figures(campaign):
     """Contract: five figures, the printed tables beside the result, nothing fetched from elsewhere."""
     _, ref = run(campaign[0])
@@ -63,6 +72,7 @@ def test_the_page_holds_tables_and_figures(campaign):
     assert "http" not in page.replace("http://www.w3.org", "")
 
 
+@pytest.mark.usefixtures("shared_store")
 def test_a_second_run_and_a_plan_make_nothing(campaign):
     """Contract: everything is in the store; another weight of robustness remakes solutions only."""
     folder, _ = campaign
@@ -77,6 +87,7 @@ def test_a_second_run_and_a_plan_make_nothing(campaign):
     assert all("observable" not in step.stage for step in steps if step.action != "reuse")
 
 
+@pytest.mark.usefixtures("shared_store")
 def test_detect_tells_the_wiggles(campaign):
     """Contract: satellite, kind, start and stop of all eight."""
     folder, truth = campaign
@@ -87,6 +98,7 @@ def test_detect_tells_the_wiggles(campaign):
     assert [(m["satellite"], m["kind"]) for m in found] == [(m["satellite"], m["kind"]) for m in truth["manoeuvres"]]
 
 
+@pytest.mark.usefixtures("shared_store")
 def test_the_published_method_says_that_it_is_for_comparison(campaign):
     """Recovery: x of the range short by decimetres at most, and the page warns."""
     document, ref = run(campaign[0], method="published")
@@ -104,6 +116,7 @@ def test_a_day_without_wiggles_says_so(tmp_path):
     validate(document)
     assert document["status"] == "no_manoeuvre"
     assert not list(ref.folder.glob("VKB1B*"))
+    assert document["noise"]["manoeuvres_um_rthz"] == {"4_mhz": None, "8_mhz": None}
     routine = document["routine_pointing"]
     assert min(routine["C"]["sigma_mm"][0], routine["D"]["sigma_mm"][0]) > 20
     assert "x is not determined" in (ref.folder / "report.html").read_text(encoding="utf-8")
@@ -116,3 +129,12 @@ def test_a_missing_file_is_named(campaign, tmp_path):
             (tmp_path / path.name).symlink_to(path)
     with pytest.raises(ProductError, match="found no SCA1B of satellite D on 2020-09-10"):
         run(tmp_path)
+
+
+def test_an_event_of_the_catalogue_stands_for_its_pair(tmp_path, monkeypatch):
+    """Contract: the event of one satellite needs the files of both, of its own day."""
+    monkeypatch.setenv("GRAVCAL_DATA", str(tmp_path))
+    source = kbr_phase_centre.source(event="grace-d-2020-09-28")
+    assert (source.event, source.satellite, source.date) == ("grace-d-2020-09-28", "CD", "2020-09-28")
+    with pytest.raises(ProductError, match="found no KBR1B or LRI1B of satellite Y on 2020-09-28"):
+        engine.run(kbr_phase_centre.calibrate, source, catalog.parameters("kbr_phase_centre"), engine="inline")
