@@ -11,6 +11,7 @@ from gravcal.data import product, store
 from gravcal.errors import ProductError
 from tasks.stage import lazy, stage
 
+archive = lazy("gravcal.data.archive")
 readers = lazy("gravcal.data.readers")
 
 product.register("ingest", product.ANY)
@@ -43,9 +44,10 @@ class Source:
         """
         letter = satellite or self.satellite
         for name in products:
-            for found in readers.inventory(self.folder):
-                if (found.product, found.satellite, found.date) == (name, letter, self.date):
-                    return readers.find(self.folder, name, letter, self.date)
+            if any(
+                (f.product, f.satellite, f.date) == (name, letter, self.date) for f in archive.inventory(self.folder)
+            ):
+                return archive.find(self.folder, name, letter, self.date)
         raise ProductError(
             f"{self.folder}: found no {' or '.join(products)} of satellite {letter} on {self.date}, expected one. "
             f"Put the file or its daily archive there, or give another --data, --satellite or --date.",
@@ -71,7 +73,7 @@ def source_of(calibration: str, products, *, event=None, data=None, satellite=No
         raise ProductError(
             f"{folder}: found no folder, expected one with Level-1 files. Check --data.", folder=str(folder)
         )
-    found = [f for f in readers.inventory(folder) if f.product in products]
+    found = [f for f in archive.inventory(folder) if f.product in products]
     letters = sorted({f.satellite for f in found})
     dates = sorted({f.date for f in found if satellite in (None, f.satellite)})
     satellite = satellite or _only(folder, letters, "satellite", "--satellite")

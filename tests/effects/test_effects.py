@@ -181,7 +181,7 @@ def test_signs_are_as_stated(slug):
         "angular_b": [1e-5, 2e-5, 3e-5],
     }
     scene = Context(**{name: np.array([value]) for name, value in fields.items()})
-    scene = replace(scene, extra={"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]])})
+    scene = replace(scene, epoch=1.0, extra={"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]])})
     given, expected = SIGNS[slug]
     entry = effect(slug)
     if slug == "accelerometer.misalignment":  # axes turned by +v read R^T a = a - v x a
