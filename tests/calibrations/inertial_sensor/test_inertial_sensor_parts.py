@@ -1,0 +1,145 @@
+"""Parts of the inertial-sensor calibration: integration, cleaning, means, segments."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.calibrations.inertial_sensor import align, cleaning, linear_factors, published_swing, robust_mean, turning
+from gravcal.calibrations.inertial_sensor import roll_bins as bins
+from gravcal.calibrations.inertial_sensor import roll_segments as segments
+from gravcal.physics import frames, sensing
+
+
+def test_a_constant_rate_turns_about_its_axis():
+    """Analytic: rate w for t turns by w t."""
+    time = np.linspace(0, 100, 1001)
+    rate = np.broadcast_to([1e-3, -2e-3, 5e-4], (1001, 3))
+    reached = turning.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
+    assert_allclose(frames.rotation_vector(reached[-1]), 100 * rate[0], atol=1e-13)  # rounding
+
+
+def test_integration_agrees_with_the_derivative_of_the_attitude():
+    """Analytic: differencing the attitude gives the rate back to the second order of the step."""
+    time = np.arange(0, 60, 0.1)
+    rate = 1e-4 * np.stack([np.sin(time / 4), np.cos(time / 5), 0 * time], axis=1) + [0, -1e-3, 0]
+    q = turning.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
+    turn = frames.attitude_error(q[2:], q[:-2]) / 0.2
+    assert_allclose(turn, rate[1:-1], atol=1e-4 * (0.1 / 4) ** 2)  # h^2 w''/6 of the difference
+
+
+def test_a_small_change_of_rates_moves_the_attitude_to_first_order():
+    """Analytic: linear response against two integrations."""
+    time = np.arange(0, 200, 0.1)
+    rate = np.stack([1e-4 * np.sin(time / 4), -1e-3 + 0 * time, 1e-4 * np.cos(time / 5)], axis=1)
+    change = 1e-7 * np.stack([np.cos(time / 7), np.sin(time / 3), 1 + 0 * time], axis=1)
+    start = [1.0, 0, 0, 0]
+    q, moved = (turning.attitude_from_rates(time, w, start) for w in (rate, rate + change))
+    linear = turning.angle_from_rate_change(time, frames.R_bi_from_quaternion(q), change[:, :, None])[:, :, 0]
+    assert_allclose(frames.attitude_error(moved, q), linear, atol=2e-9)  # square of 2e-5 rad
+
+
+def test_a_spike_is_found_and_bridged():
+    """Analytic: one sample of forty sigma, on a ramp of a tenth of a sigma a sample."""
+    time = np.arange(200) * 0.01
+    values = np.stack([time, -time], axis=1) * 0.1 + 0.01 * np.random.default_rng(1).standard_normal((200, 2))
+    values[77, 0] += 0.4
+    spike = cleaning.spikes(values, 5, 8.0)
+    assert np.flatnonzero(spike.any(axis=1)).tolist() == [77]
+    assert abs(cleaning.repaired(time, values, spike)[77, 0] - 0.1 * time[77]) < 0.04  # four sigma of a sample
+
+
+def test_third_differences_measure_white_noise_on_a_smooth_motion():
+    """Recovery: standard deviation of 1e-5 on a swing of 3e-4, to 5 %."""
+    time = np.arange(4000) * 0.25
+    noise = 1e-5 * np.random.default_rng(2).standard_normal((4000, 3))
+    variance = cleaning.scatter_of_third_differences(3e-4 * np.sin(0.23 * time)[:, None] + noise)
+    assert_allclose(np.sqrt(variance), 1e-5, rtol=0.05)  # three standard errors
+
+
+def test_a_gap_stays_a_gap_on_the_grid():
+    """Analytic: three samples missing are three missing values."""
+    time = np.delete(np.arange(100) * 0.1, [40, 41, 42])
+    out = align.on_grid(time, time[:, None], np.arange(100) * 0.1)
+    assert np.flatnonzero(~np.isfinite(out[:, 0])).tolist() == [40, 41, 42]
+    assert_allclose(out[50, 0], 5.0, atol=1e-12)
+
+
+def test_means_leave_spikes_and_missing_samples_out():
+    """Analytic: a bin with a spike and a NaN has the mean of the rest."""
+    time = np.arange(1000) * 0.1
+    values = np.random.default_rng(3).standard_normal((1000, 2))
+    expected = values[100:200].copy()
+    values[150, 0], values[160, 1] = 1e3, np.nan
+    mean, count = bins.clipped_means(time, values, np.arange(0, 101, 10.0))
+    assert_allclose(mean[1, 0], np.delete(expected[:, 0], 50).mean(), rtol=1e-9)
+    assert_allclose(mean[1, 1], np.delete(expected[:, 1], 60).mean(), rtol=1e-9)
+    assert count[1].tolist() == [99, 99]
+
+
+def test_the_orbit_frame_is_that_of_the_sensor_in_normal_pointing():
+    """Analytic: x outward, z along the flight, y = z x x."""
+    R_oi = bins.orbit_frame(np.array([[7e6, 0, 0, 0, 7.5e3, 0]]))[0]
+    assert_allclose(R_oi @ [1, 0, 0], [1, 0, 0], atol=1e-15)
+    assert_allclose(R_oi @ [0, 1, 0], [0, 0, 1], atol=1e-15)
+    assert_allclose(np.cross(R_oi[2], R_oi[0]), R_oi[1], atol=1e-15)
+
+
+def test_a_segment_gives_back_its_constant():
+    """Analytic: constant, quadratic trend and rolling accelerations with cubic amplitudes, no noise."""
+    u = np.linspace(-1, 1, 250)
+    phase = 0.0098 * 10 * np.arange(250)
+    c, s, o, e = np.cos(phase), np.sin(phase), 0 * phase, 0 * phase + 1
+    R_bo = np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3)
+    reading = -3e-6 + 1e-9 * u + 2e-9 * (1.5 * u**2 - 0.5) + 5e-8 * (1 + u**3) * R_bo[:, 2, 2] + 3e-9 * R_bo[:, 2, 0]
+    constant, _, residual = segments.solve_axis(2, reading[:, None], R_bo, segments.Model(2, 3))
+    assert_allclose(constant, -3e-6, rtol=1e-9)  # rounding
+    assert np.abs(residual).max() < 1e-18
+
+
+def test_rolling_leaves_a_constant_offset_term():
+    """Published: Omega^2 p of erratum T-10 with the offset of Table 5: 1.1e-8 and 6.8e-8 m s-2 for 724 s."""
+    rate = np.broadcast_to([0.0, 2 * np.pi / 724, 0.0], (100, 3))
+    tensor = segments.offset_terms(rate, np.zeros((100, 3, 3)), 10.0)
+    felt = np.abs(tensor.mean(axis=0) @ [-140.02e-6, 627.75e-6, -896.46e-6])
+    assert_allclose(felt, [1.1e-8, 0.0, 6.8e-8], atol=0.06e-8)  # printed digits
+
+
+def test_segments_stop_at_a_gap():
+    """Analytic: 30 bins, a gap, 25 bins give 3 + 2 segments of 10."""
+    time = np.concatenate([np.arange(30), 100 + np.arange(25)]) * 10.0
+    assert [part.start for part in segments.cut(time, 10.0, 100.0)] == [0, 10, 20, 30, 40]
+
+
+def test_a_robust_mean_ignores_an_outlier():
+    """Recovery: four hundred values and one far away; error below half a standard error."""
+    values = np.random.default_rng(4).standard_normal(400)
+    plain = robust_mean.robust_mean(values)
+    moved = robust_mean.robust_mean(np.append(values, 1e3))
+    assert abs(moved.value - plain.value) < 0.5 / np.sqrt(400)
+    assert 0.85 < plain.sigma * np.sqrt(400) < 1.15  # three standard errors of the scatter of neighbours
+
+
+def test_both_arms_are_carried():
+    """Analytic: k_z by 8.00 mm is 10.45/8.00 of the other, k_x and k_y do not move, k_y keeps its ground error."""
+    geometry = {"mass": 0.072, "inertia": [1.944e-5, 1.0328e-5, 1.0328e-5], "arm": [8e-3, 10.45e-3, 10.45e-3]}
+    geometry |= {"mass_sigma": 0.0022, "inertia_sigma": [2.4e-7, 1.3e-7, 1.3e-7], "arm_sigma": [5e-6] * 3}
+    beta, sigma = np.array([4.42e-3, 4.08e-2, 4.08e-2]), np.array([1e-5, 1e-4, 1e-4])
+    found = linear_factors.linear_factors(beta, sigma, geometry, (2.7e-4, 3e-5), published=False)
+    assert_allclose(found["k"][0] / found["k"][1], [1, 1, 10.45 / 8.0], rtol=1e-12)
+    assert_allclose(found["k_sigma"][1, 2] / found["k"][1, 2], sigma[0] / beta[0], rtol=1e-12)  # T-6: unchanged
+    assert_allclose(found["k_sigma"][1, 1], 3e-5, rtol=1e-12)
+
+
+def test_the_printed_matrix_differs_in_one_element():
+    """Published: element (3,1) of eq. 13 has -wd_y misprinted as +wd_y (erratum T-1)."""
+    w, wd = np.array([1e-4, -1e-3, 2e-4]), np.array([1e-5, 2e-5, 3e-6])
+    difference = published_swing.offset_matrix(w, wd, None) - sensing.rotation_tensor(w, wd)
+    expected = np.zeros((3, 3))
+    expected[2, 0] = 2 * wd[1]
+    assert_allclose(difference, expected, atol=1e-20)
+
+
+@pytest.mark.parametrize("size", [0, 2])
+def test_too_few_segments_have_no_error(size):
+    """Analytic: fewer than three values say nothing about their scatter."""
+    assert np.isnan(robust_mean.robust_mean(np.ones(size)).sigma)

@@ -1,0 +1,58 @@
+"""Electrodes of the inertial sensor: printed factors, their ratios, the combinations of Table 3."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.data import catalog
+from gravcal.effects import inertial_sensor as electrodes
+
+AREA, GAP, ARM = [2.395e-4, 2.054e-4, 2.056e-4], [6.20e-5, 7.70e-5, 7.50e-5], [10.45e-3] * 3
+INERTIA = [1.9440e-5, 1.0328e-5, 1.0328e-5]
+
+
+def test_the_electrode_list_gives_the_printed_nominal_factors():
+    """Published: 10.3390/rs15153817, Table 4, nominal, with V_P and M of erratum T-4: within its 0.5 %."""
+    listed = electrodes.electrode_list(AREA, GAP, ARM)
+    found = electrodes.factors(electrodes.actuation(listed, 0.0698, INERTIA, 34.15))
+    printed = {r.labels["factor"]: r.value[0] for r in catalog.published("inertial_sensor")["scale_factors"]}
+    names = ("k_x", "k_y", "k_z", "beta_x", "beta_y", "beta_z")
+    assert_allclose(found, [printed[name] for name in names], rtol=5e-3)
+
+
+def test_the_combinations_follow_from_the_electrodes():
+    """Published: Table 3 is the pattern of the actuation matrix, factor by factor."""
+    matrix = electrodes.actuation(electrodes.electrode_list(AREA, GAP, ARM), 0.072, INERTIA, 34.0)
+    assert_allclose(matrix, electrodes.factors(matrix)[:, None] * electrodes.READOUT, rtol=1e-12, atol=1e-18)
+    printed = [r.value for r in catalog.published("inertial_sensor")["actuation"]]
+    assert_allclose(electrodes.READOUT, np.array(printed, dtype=float), atol=0)
+
+
+@pytest.mark.parametrize(("axis", "linear"), [(0, 2), (1, 0), (2, 0)])
+def test_an_angular_factor_is_the_linear_one_times_arm_and_mass_over_inertia(axis, linear):
+    """Analytic: beta = M l k / J without 1/2, from forces and torques of single electrodes (erratum T-4)."""
+    mass = 0.072
+    found = electrodes.factors(electrodes.actuation(electrodes.electrode_list(AREA, GAP, ARM), mass, INERTIA, 34.0))
+    ratio = electrodes.linear_over_angular(mass, INERTIA, ARM)
+    assert_allclose(found[linear], ratio[axis] * found[3 + axis], rtol=1e-12)
+    assert electrodes.TIED[axis] == linear
+
+
+def test_the_printed_ratio_is_twice_too_large():
+    """Published: eqs. 8-10 with their 1/2 double k (erratum T-4)."""
+    right, printed = (
+        form(0.072, INERTIA, ARM) for form in (electrodes.linear_over_angular, electrodes.published_linear_over_angular)
+    )
+    assert_allclose(printed, 2 * right, rtol=1e-15)
+
+
+def test_the_calibrated_ratio_follows_the_longer_arm():
+    """Published: beta_x 4.42e-3 gives k_z 1.14e-4 with 10.45 mm and 1.49e-4 with 8.00 mm (erratum T-5)."""
+    both = [4.42e-3 * electrodes.linear_over_angular(0.072, INERTIA, [arm, 1, 1])[0] for arm in (10.45e-3, 8.00e-3)]
+    assert_allclose(both, [1.14e-4, 1.49e-4], atol=0.5e-6)  # last printed digit
+
+
+def test_voltages_and_readouts_are_inverse():
+    """Analytic: six combinations of six voltages determine them."""
+    volts = np.random.default_rng(1).standard_normal((5, 6))
+    assert_allclose(electrodes.volts(electrodes.readouts(volts)), volts, rtol=1e-12)
