@@ -37,6 +37,7 @@ def context(seed=1, count=COUNT):
         inertia_b=np.diag([110.0, 580.0, 650.0]),
         start=np.array([time[0] + 1.0, time[0] + 60.0]),
         stop=np.array([time[0] + 40.0, time[0] + 99.0]),
+        epoch=time[0],
         extra=extra,
     )
 

@@ -79,7 +79,7 @@ def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel], 
     longest : s, beyond which it is not looked for
     """
     valid = operator.valid
-    weight = np.array([1 / n.variance[0] for n in noise])
+    weight = np.array([1 / n.variance[0] if n.variance[0] > 0 else 0.0 for n in noise])
     clean = np.zeros((2, *y.shape))
     for k, series in enumerate((y, model)):
         clean[k][valid] = without(drift[valid], series[valid])
