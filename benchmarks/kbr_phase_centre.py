@@ -43,6 +43,9 @@ def bound(equations, invented):
     step = 5.0
     frequency = pointing_noise.images(step)
     ranging = invented.ranging_noise_m**2 * pointing_noise.passed(step).sum(axis=0)
+    if invented.orbit_red_m > 0:
+        steep = np.maximum(frequency / 1e-3, 0.3) ** -invented.orbit_red_slope
+        ranging = ranging + (2 * (invented.orbit_red_m * steep) ** 2 * pointing_noise.passed(step)).sum(axis=0)
     keep = np.exp(-1 / invented.star_camera_slow_s)
     slow = 2 * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * frequency))
     pointing = slow * invented.star_camera_slow_rad**2 + 2 * invented.star_camera_white_rad**2

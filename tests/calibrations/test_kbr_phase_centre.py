@@ -154,3 +154,11 @@ def test_ranging_every_two_seconds_works_too():
     z = (estimate_mm(products)[0] - true_mm(truth))[2] / sigma_mm(products.combined)[0, 2]
     assert abs(z) < 4.5
     assert sigma_mm(products.combined)[0, 2] < 3e-3
+
+
+def test_orbits_as_noisy_as_measured_give_the_accuracy_of_the_paper():
+    """Published: 10.3390/rs14143395, Sec. 4.2: y, z 0.138 mm, x 2.5 mm; noise of GRACE on 2014-01-15; factor 2.5."""
+    columns, _ = simulated(70, settings=(("orbit_red_m", 2.5e-3), ("orbit_red_slope", 1.73)))
+    sigma = sigma_mm(process(columns).combined)
+    assert_allclose(np.log(sigma[:, Y_AND_Z] / 0.138), 0, atol=np.log(2.5))
+    assert_allclose(np.log(sigma[:, [0, 3]] / 2.5), 0, atol=np.log(2.5))

@@ -75,6 +75,7 @@ def test_routine_pointing_holds_no_wiggle_and_does_not_determine_x():
     quiet = stages.noise(equations, **chosen.for_stage("noise"))
     described = stages.routine(aligned, pointed, equations, quiet, **chosen.for_stage("routine"))
     sigma = described["sigma"].values
+    assert_allclose(np.interp(4e-3, quiet["frequency"], 1e3 * np.sqrt(quiet["model"])), 0.32, atol=0.02)  # mm/sqrt(Hz)
     assert np.all(sigma[[0, 3]] > 0.02)
     assert np.all(sigma[[1, 2, 4, 5]] < 5e-3)
     left = described["centre"].values[[1, 2, 4, 5]] - np.array(NOMINAL)[:, 1:].ravel()
