@@ -30,9 +30,18 @@ class Score:
         """(p,) solution of this block alone."""
         return stable_inverse(self.normal) @ self.right
 
-    def with_prior(self, prior: np.ndarray, about: np.ndarray) -> np.ndarray:
-        """(p,) distance of this block's solution from `about`, where a prior of information (p, p) stands."""
-        return stable_inverse(self.normal + prior) @ (self.right - self.normal @ about)
+    def determined(self, about: np.ndarray, limit: float) -> np.ndarray:
+        """(p,) solution of this block alone in the directions it determines, the others held.
+
+        Parameters
+        ----------
+        about : (p,) where the other directions are held
+        limit : largest standard deviation of a direction that is solved for
+        """
+        size, vectors = np.linalg.eigh(self.information)
+        used = vectors[:, size > limit**-2]
+        inner = used.T @ self.normal @ used
+        return about + used @ stable_inverse(inner) @ used.T @ (self.right - self.normal @ about)
 
 
 def without(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -16,6 +16,8 @@ from gravcal.methods.noise import NoiseModel, fit_noise, whiten
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2
+#: A direction in which one manoeuvre knows the offset worse than this is held at the value of all of them.
+DIRECTION_LIMIT_M = 1e-4
 
 
 def solve(
@@ -226,7 +228,7 @@ def _estimate(white, score, joint):
         noisy = estimation.without(clean, estimation.without(drift, A))
         extra = float(np.sum((noisy @ joint) ** 2) / max(used.sum(), 1))
     return {
-        "offset": joint + score.with_prior(PRIOR, about=joint),
+        "offset": score.determined(joint, DIRECTION_LIMIT_M),
         "right": score.right / (1 + extra),
         "normal": score.normal / (1 + extra),
         "information": score.information / (1 + extra),
