@@ -19,7 +19,7 @@ ORIGIN = datetime(2000, 1, 1, 12)
 def calibrate(source, chosen):
     """Scale factors and offset from a swing, bias from a roll."""
     days = _days(source)
-    found = inertial_sensor.detect(*(d["ATT"] for d in days.values()), event=source.event, **chosen.for_stage("detect"))
+    found = _detected(days, source, chosen)
     seen = read(found)
     parts = {"detect": found}
     if seen.sizes["swing"]:
@@ -79,8 +79,13 @@ def _report_settings(source, chosen):
 @flow(name="inertial_sensor_detect")
 def detect(source, chosen):
     """Swings and rolls of the files."""
-    attitudes = (files["ATT"] for files in _days(source).values())
-    return inertial_sensor.detect(*attitudes, event=source.event, **chosen.for_stage("detect"))
+    return _detected(_days(source), source, chosen)
+
+
+def _detected(days, source, chosen):
+    """Swings and rolls of all days in one product."""
+    attitudes = (files["ATT"] for files in days.values())
+    return inertial_sensor.detect(*attitudes, event=source.event, variant="", **chosen.for_stage("detect"))
 
 
 def source(*, event=None, data=None, satellite=None, date=None):
