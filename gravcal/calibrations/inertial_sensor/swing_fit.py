@@ -65,7 +65,7 @@ def fit(swing: model.Swing, first: np.ndarray, iterations: int = 12) -> Fit:
         value, covariance = _step(system)
         size = np.max(np.abs(value) / np.sqrt(np.diag(covariance)))
         if number > 3 and size < 1e-3:
-            return _result(swing, unknowns, motion, system, covariance)
+            return _result(swing, unknowns, motion, system, (value, covariance))
         unknowns = unknowns.moved(value)
     raise EstimationError(
         f"swing from {swing.time[0]:.1f} s: the fit still moves by {size:.1e} standard deviations after {iterations} "
@@ -128,16 +128,17 @@ def _step(system):
     return covariance @ (design.T @ observed), covariance
 
 
-def _result(swing, unknowns, motion, system, covariance):
-    """Fit record at the solution."""
+def _result(swing, unknowns, motion, system, solved):
+    """Fit record at the solution of the last linear system, which the recursive filter solves too."""
     design = solve_triangular(system.lower, system.design, lower=True)
     white = solve_triangular(system.lower, system.residual, lower=True)
     residual = np.full(system.valid.size, np.nan)
     residual[system.valid] = system.residual
     dof = white.size - design.shape[1]
     shape = (system.count.size, 3)
+    value, covariance = solved
     return Fit(
-        unknowns,
+        unknowns.moved(value),
         covariance,
         float(white @ white),
         dof,

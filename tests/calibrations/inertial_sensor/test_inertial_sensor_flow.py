@@ -67,7 +67,7 @@ def test_files_in_document_out(delivered):
     offset = swing["com_to_test_mass_um"]
     assert within(offset["value"], offset["sigma"], truth["com_to_test_mass_um"])
     assert within(swing["delay_s"]["value"], swing["delay_s"]["sigma"], truth["delay_s"])
-    assert swing["filter_minus_batch"]["sigmas"] < 1e-3
+    assert swing["filter_minus_batch"]["sigmas"] < 1e-5  # start 1e5 times wider than the result
     assert document["event"] == "taiji-t-2022-05-18"
 
 
