@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gravcal.calibrations.com_offset import discovery_drivers as drivers
-from gravcal.calibrations.com_offset import discovery_noise, motion
+from gravcal.calibrations.com_offset import discovery_noise, discovery_timing, motion
 from gravcal.calibrations.com_offset.discovery_scene import Scene, field_b, scenes, turned
 from gravcal.calibrations.com_offset.noise import models_of
 from gravcal.effects import Context, catalogue
@@ -16,8 +16,8 @@ from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, whiten
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
-#: Values at which the effects that are not proportional to their parameters are differentiated.
-LAGS_S = (0.05, 0.2, 1.0)
+LAGS_S = (0.05, 0.2, 1.0)  # where the lag is differentiated
+FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
 #: Baseline parameters, or searched for along the time axis by the engine.
 NOT_HERE = ("accelerometer.offset", "accelerometer.bias_step", "accelerometer.stray_tone")
 
@@ -83,7 +83,7 @@ def view(aligned, field, smoothed, measured, solved, **settings) -> tuple[list[d
     }
     views = [_view(s, aligned, field, smoothed, noise, offset) for s in scenes(aligned, field, smoothed, settings)]
     blocks = [_block(v, aligned, smoothed, settings) for v in views]
-    blocks.append(_timing_block(smoothed))
+    blocks.append(discovery_timing.block(smoothed))
     found = _candidates(views, aligned, smoothed)
     return blocks, found
 
@@ -176,8 +176,9 @@ def _own(view, settings):
             columns.append({channel: np.einsum("nk,ac->nakc", shape, eye).reshape(time.size, 3, -1)})
     columns += [{"attitude": scene.own_attitude}, {"linear": scene.operator(_swung_drag(view.context))}]
     width = float(np.median(np.diff(scene.time)))
-    at = scene.window.arc, scene.true, view.context.field_b
-    slope = (_wave(*at, scene.shift + 0.02, width) - _wave(*at, scene.shift - 0.02, width)) / 0.04
+    rest = scene.true, view.context.field_b, width
+    ends = [motion.magnetic_acceleration(scene.window.arc, scene.shift + d, *rest) for d in (-0.02, 0.02)]
+    slope = (ends[1] - ends[0]) / 0.04
     columns.append(_felt(view, _edge_by_edge(scene, slope)))
     return _merged(columns)
 
@@ -196,10 +197,6 @@ def _edge_by_edge(scene, slope):
     edges = arc.edges[change > 0.5 * change.max()] + scene.shift
     nearest = np.argmin(np.abs(scene.true[:, None] - edges), axis=1)
     return slope[:, :, None] * (nearest[:, None] == np.arange(edges.size))[:, None, :]
-
-
-def _wave(arc, time, field, shift, width):
-    return motion.magnetic_acceleration(arc, shift, time, field, width)
 
 
 def _felt(view, alpha):
@@ -221,53 +218,15 @@ def _merged(columns):
     return merged
 
 
-def _timing_block(smoothed):
-    """Edges of the accelerometer less those of the star camera, and their delay against the telemetry."""
-    late, sigma = smoothed["acc_shift"].values - smoothed["sca_shift"].values, smoothed["acc_shift_sigma"].values
-    sigma = np.hypot(sigma, smoothed["sca_shift_sigma"].values)
-    rows = np.append(late, float(smoothed["acc_delay"]))
-    spread = np.append(sigma, float(smoothed["acc_delay_sigma"]))
-    used = np.isfinite(rows) & np.isfinite(spread) & (spread > 0)
-    count = rows.size
-    return {
-        "label": "timing",
-        "observed": np.where(used, rows / np.where(used, spread, 1), 0.0),
-        "shared": np.zeros((count, 3)),
-        "own": np.zeros((count, 0)),
-        "channel": np.array(["timing"] * count),
-        "axis": np.zeros(count, dtype=int),
-        "time": np.arange(count, dtype=float),
-    }
-
-
-def _timing_columns(slug, smoothed, starts):
-    """Columns of a delay in the timing block, by what each instrument's tags do."""
-    sigma = np.hypot(smoothed["acc_shift_sigma"].values, smoothed["sca_shift_sigma"].values)
-    spread = np.append(sigma, float(smoothed["acc_delay_sigma"]))
-    count = sigma.size
-    middle = starts - starts[0]
-    column = {
-        "timing.accelerometer_delay": np.append(np.ones(count), 1.0),
-        "timing.star_camera_delay": np.append(-np.ones(count), 0.0),
-        "timing.magnetometer_delay": np.append(np.zeros(count), -1.0),
-        "timing.clock_drift": np.append(middle, middle.mean()),
-        "torque.dipole_lag": np.append(np.zeros(count), 1.0),
-    }.get(slug)
-    if column is None:
-        return None
-    used = np.isfinite(spread) & (spread > 0)
-    return np.where(used, column / np.where(used, spread, 1), 0.0)[:, None]
-
-
 def _candidates(views, aligned, smoothed):
     """Every effect of the catalogue that a channel here can show, then the drivers."""
     found = []
     for slug, entry in catalogue().items():
-        if slug in NOT_HERE:
+        if slug in NOT_HERE or slug.partition(".")[0] not in FAMILIES:
             continue
         for at in LAGS_S if slug == "torque.dipole_lag" else (None,):
             columns = [_columns(v, entry, aligned, at) for v in views]
-            timing = _timing_columns(slug, smoothed, aligned["start"].values)
+            timing = discovery_timing.columns(slug, smoothed, aligned["start"].values)
             if all(c is None for c in columns) and timing is None:
                 continue
             units = [p.unit for p in entry.parameters]

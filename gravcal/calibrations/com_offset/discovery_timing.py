@@ -1,0 +1,56 @@
+"""Edge times of the instruments as one block of discovery: delays of their tags."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+
+def block(smoothed: xr.Dataset) -> dict:
+    """Edges of the accelerometer less those of the star camera, and their delay against the telemetry.
+
+    Parameters
+    ----------
+    smoothed : Dataset, "com_offset.attitude"
+    """
+    late, sigma = smoothed["acc_shift"].values - smoothed["sca_shift"].values, smoothed["acc_shift_sigma"].values
+    sigma = np.hypot(sigma, smoothed["sca_shift_sigma"].values)
+    rows = np.append(late, float(smoothed["acc_delay"]))
+    spread = np.append(sigma, float(smoothed["acc_delay_sigma"]))
+    used = np.isfinite(rows) & np.isfinite(spread) & (spread > 0)
+    count = rows.size
+    return {
+        "label": "timing",
+        "observed": np.where(used, rows / np.where(used, spread, 1), 0.0),
+        "shared": np.zeros((count, 3)),
+        "own": np.zeros((count, 0)),
+        "channel": np.array(["timing"] * count),
+        "axis": np.zeros(count, dtype=int),
+        "time": np.arange(count, dtype=float),
+    }
+
+
+def columns(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray | None:
+    """Column of an effect in the timing block, by what each instrument's tags do; None where it does nothing.
+
+    Parameters
+    ----------
+    slug : of the effect
+    smoothed : Dataset, "com_offset.attitude"
+    starts : (k,) s, of the manoeuvres
+    """
+    sigma = np.hypot(smoothed["acc_shift_sigma"].values, smoothed["sca_shift_sigma"].values)
+    spread = np.append(sigma, float(smoothed["acc_delay_sigma"]))
+    count = sigma.size
+    middle = starts - starts[0]
+    column = {
+        "timing.accelerometer_delay": np.append(np.ones(count), 1.0),
+        "timing.star_camera_delay": np.append(-np.ones(count), 0.0),
+        "timing.magnetometer_delay": np.append(np.zeros(count), -1.0),
+        "timing.clock_drift": np.append(middle, middle.mean()),
+        "torque.dipole_lag": np.append(np.zeros(count), 1.0),
+    }.get(slug)
+    if column is None:
+        return None
+    used = np.isfinite(spread) & (spread > 0)
+    return np.where(used, column / np.where(used, spread, 1), 0.0)[:, None]
