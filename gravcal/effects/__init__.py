@@ -5,7 +5,7 @@ The simulator injects an effect, the estimator fits it, discovery proposes it; `
 
 from __future__ import annotations
 
-from gravcal.effects import accelerometer, attitude, timing, torque
+from gravcal.effects import accelerometer, attitude, ranging, timing, torque
 from gravcal.effects.base import CHANNELS, Context, Effect, Parameter
 
 __all__ = ["CHANNELS", "Context", "Effect", "Parameter", "catalogue", "effect"]
@@ -13,7 +13,8 @@ __all__ = ["CHANNELS", "Context", "Effect", "Parameter", "catalogue", "effect"]
 
 def catalogue() -> dict[str, Effect]:
     """Every effect by slug."""
-    known = (*timing.EFFECTS, *torque.EFFECTS, *accelerometer.EFFECTS, *attitude.EFFECTS)
+    families = (timing, torque, accelerometer, attitude, ranging)
+    known = [entry for family in families for entry in family.EFFECTS]
     return {entry.slug: entry for entry in known}
 
 

@@ -18,6 +18,7 @@ CHANNELS = {
     "current_b": "A",  # telemetered torquer current
     "acc_delay": "s",  # tag minus true time of the accelerometer
     "sca_delay": "s",  # tag minus true time of the star camera
+    "range": "m",  # ranging between two satellites
     "mag_delay": "s",  # tag minus true time of the magnetometer and torquer telemetry
 }
 

@@ -4,7 +4,15 @@ import hashlib
 from functools import lru_cache
 from importlib import resources
 
-TEMPLATES = ("report.css", "parts.html", "com_offset.html", "com_offset_history.html")
+TEMPLATES = (
+    "report.css",
+    "parts.html",
+    "com_offset.html",
+    "com_offset_history.html",
+    "kbr_phase_centre.html",
+    "inertial_sensor.html",
+    "gradient_torque.html",
+)
 
 
 def render(template, **content):
