@@ -13,6 +13,8 @@ NAMES = {
     "field": ("benchmarks.speed", "field"),
     "simulate": ("benchmarks.speed", "simulate"),
     "day": ("benchmarks.day", "run"),
+    "campaign": ("benchmarks.campaign", "run"),
+    "others": ("benchmarks.others", "run"),
 }
 
 
@@ -26,7 +28,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
     options = parser.parse_args()
-    options.rounds = options.rounds or (3 if options.quick else 7)
+    options.rounds = options.rounds or (2 if options.quick else 7)
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f"no benchmark {', '.join(unknown)}; there is {', '.join(NAMES)}")

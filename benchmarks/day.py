@@ -27,16 +27,30 @@ def run(options) -> list[Figure]:
         peak = _peak([*CLI, *arguments], os.environ)
         size = sum(path.stat().st_size for path in files.iterdir()) / 1e6
         say(f"simulated and written in {time.perf_counter() - start:.1f} s, {size:.0f} MB\n")
-        figures = show([at_most("peak memory of gravcal simulate, full day", peak, 2.0, " GiB")])
-        say()
-        figures += _inside(files, max(options.rounds // 2, 2))
-        return figures + _outside(files, Path(folder) / "products", options.rounds)
+        store = os.environ | {"GRAVCAL_PRODUCTS": str(Path(folder) / "products")}
+        figures = _memory_of(peak, [*CLI, "run", "com_offset", "--data", str(files)], store)
+        figures += _inside(files, max(options.rounds // 2, 1))
+        return figures + _again([*CLI, "run", "com_offset", "--data", str(files)], store, options.rounds)
+
+
+def _memory_of(simulated, command, store):
+    """Peak memory of simulating and of the first run, which leaves its products in the store."""
+    start = time.perf_counter()
+    peak = _peak([*command, "--engine", "inline"], store)
+    figures = [
+        at_most("peak memory of gravcal simulate", simulated, 2.0, " GiB"),
+        at_most("peak memory of gravcal run, empty store", peak, 2.0, " GiB"),
+        Figure("its wall time", f"{time.perf_counter() - start:.3g} s"),
+    ]
+    show(figures)
+    say()
+    return figures
 
 
 def _inside(files, rounds):
     """Stages of a run in a process of its own, several times."""
     command = [sys.executable, "-m", "benchmarks.whole_day", str(files)]
-    made = [json.loads(_output(command, os.environ)) for _ in range(rounds)]
+    made = [json.loads(output(command, os.environ)) for _ in range(rounds)]
     _profile(made)
     beyond = [[_seconds(runs[k], reading=False) for runs in made] for k in (0, 1)]
     processor = [_seconds(runs[1], reading=False, clock=2) for runs in made]
@@ -52,8 +66,14 @@ def _inside(files, rounds):
     )
 
 
-def _output(command, environment):
-    """Standard output of a command."""
+def output(command, environment):
+    """Standard output of a command.
+
+    Parameters
+    ----------
+    command : list of str
+    environment : mapping
+    """
     return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
 
 
@@ -72,30 +92,32 @@ def _profile(made):
     say()
 
 
-def _outside(files, store, rounds):
-    """The command line: first run with its peak memory, later runs against start-up alone."""
-    environment = os.environ | {"GRAVCAL_PRODUCTS": str(store)}
-    command = [*CLI, "run", "com_offset", "--data", str(files)]
-    start = time.perf_counter()
-    peak = _peak([*command, "--engine", "inline"], environment)
-    cold = time.perf_counter() - start
-    work = {
-        "again": lambda: _output(command, environment),
-        "help": lambda: _output([*CLI, "--help"], environment),
-    }
-    spent = watch.interleaved(work, rounds)
-    extra = [a - b for a, b in zip(spent["again"], spent["help"], strict=True)]
+def _again(command, store, rounds):
+    """The command line with nothing to do, against start-up alone, in turn."""
+    spent = watch.interleaved(
+        {"again": lambda: _timed(command, store), "help": lambda: _timed([*CLI, "--help"], store)}, rounds, collect=True
+    )
+    wall, processor = ([a[i] - b[i] for a, b in zip(spent["again"], spent["help"], strict=True)] for i in (0, 1))
+    again, start = ([run[0] for run in spent[name]] for name in ("again", "help"))
     say()
     return show(
         [
-            Figure("gravcal run, empty store", f"{cold:.3g} s"),
-            at_most("its peak memory, all its processes", peak, 2.0, " GiB"),
-            Figure("gravcal run, nothing to do", f"{watch.middle(spent['again']):.3g} s", watch.span(spent["again"])),
-            Figure("gravcal --help, start-up", f"{watch.middle(spent['help']):.3g} s", watch.span(spent["help"])),
-            at_most("nothing to do beyond start-up", watch.middle(extra), 1.0, " s", watch.span(extra)),
+            Figure("gravcal run, nothing to do", f"{watch.middle(again):.3g} s", watch.span(again)),
+            Figure("gravcal --help, start-up", f"{watch.middle(start):.3g} s", watch.span(start)),
+            at_most("nothing to do beyond start-up", watch.middle(wall), 1.0, " s", watch.span(wall)),
+            Figure("  of it processor time", f"{watch.middle(processor):.3g} s", watch.span(processor)),
         ],
         "min .. max",
     )
+
+
+def _timed(command, environment):
+    """Wall and processor seconds of a command and what it started."""
+    before, start = os.times(), time.perf_counter()
+    output(command, environment)
+    wall, after = time.perf_counter() - start, os.times()
+    used = (after.children_user + after.children_system) - (before.children_user + before.children_system)
+    return wall, used
 
 
 def _peak(command, environment):

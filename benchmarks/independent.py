@@ -16,7 +16,7 @@ EFFECT = {"acc": "acc_delay_s", "sca": "sca_delay_s"}
 
 def run(options) -> list[Figure]:
     """Study of the second simulator through files and the inline flow."""
-    count = options.runs or (8 if options.quick else 40)
+    count = options.runs or (4 if options.quick else 40)
     seeds = range(options.seed, options.seed + count)
     title(f"independent: com_offset, {count} events of the second simulator, seeds {seeds[0]} to {seeds[-1]}")
     say("Level-1 files of seven windows, read and run through the flow; its own orbit, field, attitude and noise")

@@ -18,7 +18,7 @@ FAMILY = 12 + 12 + 2 + 5 + 4  # rms, scatter, delays, consistency, residuals
 
 def run(options) -> list[Figure]:
     """Study of the first simulator, in memory."""
-    count = options.runs or (24 if options.quick else 200)
+    count = options.runs or (12 if options.quick else 200)
     seeds = range(options.seed, options.seed + count)
     title(f"recovery: com_offset, {count} simulated events, seeds {seeds[0]} to {seeds[-1]}")
     say(f"seven manoeuvres, offset 60 um and delays {DELAY_SIGMA_S} s (sigma) drawn for each event, divisors exact")

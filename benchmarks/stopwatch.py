@@ -7,14 +7,15 @@ import time
 from collections.abc import Callable, Mapping
 
 
-def interleaved(work: Mapping[str, Callable[[], object]], rounds: int, warm: bool = True) -> dict[str, list[float]]:
-    """Seconds of each piece of work, measured A B C A B C ...
+def interleaved(work: Mapping[str, Callable], rounds: int, *, warm: bool = True, collect: bool = False) -> dict:
+    """Seconds of each piece of work by name, measured A B C A B C ...
 
     Parameters
     ----------
     work : callables by name
     rounds : how often each is timed
     warm : run each once before, not counted
+    collect : keep what the work returns instead of its seconds
     """
     if warm:
         for run in work.values():
@@ -23,8 +24,8 @@ def interleaved(work: Mapping[str, Callable[[], object]], rounds: int, warm: boo
     for _ in range(rounds):
         for name, run in work.items():
             start = time.perf_counter()
-            run()
-            spent[name].append(time.perf_counter() - start)
+            found = run()
+            spent[name].append(found if collect else time.perf_counter() - start)
     return spent
 
 
