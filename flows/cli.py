@@ -35,7 +35,8 @@ FOLDER = "folder with Level-1 files or daily archives"
 LETTERS = "C|D|CD|A|B|AB|T|S"
 DOCUMENT = "write the result document ('-': standard output)"
 
-Calibration = Annotated[str, typer.Argument(metavar="CALIBRATION", help="com_offset")]
+KINDS = "com_offset, kbr_phase_centre, inertial_sensor or gradient_torque"
+Calibration = Annotated[str, typer.Argument(metavar="CALIBRATION", help=KINDS)]
 EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT)]
 Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help=FOLDER)]
 Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, help="which satellite of the folder")]

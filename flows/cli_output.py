@@ -39,6 +39,7 @@ def result(document, ref, json_path):
         return
     say(f"{document['event']}: {document['status']}")
     _offsets(document, None)
+    _verdict(document)
     _where(ref)
 
 
@@ -48,6 +49,7 @@ def comparison(document, truth, ref, json_path):
         return
     say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
     _offsets(document, truth.get("offset_um"))
+    _verdict(document)
     _where(ref)
 
 
@@ -198,6 +200,22 @@ def _offsets(document, truth):
     if rows:
         errors = [f"error/sigma {axis}" for axis in AXES] if truth else []
         table(["variant", *[f"{axis} +- sigma (um)" for axis in AXES], *errors], rows)
+
+
+def _verdict(document):
+    """What the errors hold, the verdict, and a warning where the processing is the published one."""
+    name = (document.get("adopted") or {}).get("variant")
+    block = (document.get("variants") or {}).get(name, {})
+    total = block.get("sigma_total_um") or []
+    if total and None not in total:
+        parts = ", ".join(f"{axis} {sigma:.1f}" for axis, sigma in zip(AXES, total, strict=True))
+        say(f"sigma: noise as measured; with inertia and dipole per current of the catalogue {parts} um ({name})")
+    if document.get("method", "gravcal") != "gravcal":
+        say(f"method: {document['method']}, for comparison only")
+    verdict = document.get("verdict")
+    text = verdict.get("text") if isinstance(verdict, dict) else verdict
+    if text:
+        say(text)
 
 
 def _value(value, sigma):

@@ -126,10 +126,10 @@ def simulate(out, *, seed, truth, effects, settings):
     from gravcal.simulation import com_offset as simulation
     from gravcal.simulation.injection import by_slug
 
-    chosen = catalog.parameters("simulate_com_offset").with_settings(settings)
+    chosen = catalog.parameters("simulate_com_offset").with_settings(settings or {})
     satellite = catalog.satellite(chosen.satellite).settings()
     day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()
-    columns, invented = simulation.simulate(satellite, chosen, day, seed, by_slug(effects))
+    columns, invented = simulation.simulate(satellite, chosen, day, seed, by_slug(effects or {}))
     Path(out).mkdir(parents=True, exist_ok=True)
     for product, values in columns.items():
         writers.write(values, Path(out) / writers.file_name(product, chosen.date, chosen.satellite))
