@@ -1,4 +1,4 @@
-"""An event as discovery sees it: whitened residuals of each manoeuvre, baseline columns, columns of every candidate."""
+"""An event as discovery sees it: whitened residuals, baseline columns, columns of every candidate."""
 
 from __future__ import annotations
 
@@ -121,14 +121,13 @@ def _block(view, aligned, smoothed, settings):
     op = scene.operator
     linear = aligned["linear_b"].values[scene.rows]
     angular = aligned["angular_b"].values[scene.rows]
-    middle = len(linear) // 2
     manoeuvre = smoothed["sca_manoeuvre"].values == scene.index
     residual = np.zeros((scene.sca_time.size, 3))
     residual[scene.sca_good] = smoothed["sca_residual_b"].values[manoeuvre]
     scale = np.nan_to_num(smoothed["torque_scale"].values[scene.index], nan=1.0)
     observed = {
-        "linear": op(np.nan_to_num(linear - linear[middle]) - context.linear_b)[..., None],
-        "angular": op(np.nan_to_num(angular - angular[middle]) - context.rate_dot_b)[..., None],
+        "linear": op(np.nan_to_num(linear - linear[len(linear) // 2]) - context.linear_b)[..., None],
+        "angular": op(np.nan_to_num(angular - angular[len(angular) // 2]) - context.rate_dot_b)[..., None],
         "attitude": (residual + scene.scale_attitude @ (scale - 1))[..., None],
         "magnetometer": view.magnetometer[1][..., None],
     }
@@ -276,8 +275,8 @@ def _turning(view, entry, aligned, at):
         return moved @ inverse.T
 
     signal = _felt(view, np.moveaxis(alpha(view.context), 1, 2))
-    signal["attitude"] = turned(view.scene, lambda time: alpha(_context_at(view, aligned, time)))
-    return view.rows(signal)
+    attitude = turned(view.scene, lambda time: alpha(_context_at(view, aligned, time)))
+    return view.rows(signal | {"attitude": attitude})
 
 
 def _derivative(entry, context, at):
