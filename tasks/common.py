@@ -129,16 +129,16 @@ def product_keys(ref) -> dict[str, str]:
     ----------
     ref : ProductRef
     """
-    record = store.read_record(ref.folder)
-    found = {}
-    for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
-        if "key" not in part:
-            continue
-        name = f"{label['kind']}.{label['variant']}" if label["variant"] else label["kind"]
-        found[name] = part["key"]
-        below = store.find(part["key"])
-        if below is not None:
-            found |= product_keys(below)
+    found, waiting = {}, [ref]
+    while waiting:
+        record = store.read_record(waiting.pop().folder)
+        for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
+            if "key" not in part or part["key"] in found.values():
+                continue
+            name = f"{label['kind']}.{label['variant']}" if label["variant"] else label["kind"]
+            found[name] = part["key"]
+            below = store.find(part["key"])
+            waiting += [] if below is None else [below]
     return dict(sorted(found.items()))
 
 

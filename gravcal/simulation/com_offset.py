@@ -222,7 +222,9 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
     edges = [np.arange(a, b + half / 2, half) for a, b in zip(scene.start, scene.stop, strict=True)]
     edges = np.concatenate([e for e in edges if e[0] > span[0] and e[-1] < span[1]] or [np.zeros(0)])
     control = np.arange(span[0] + rng.uniform(0, 1), span[1], 1.0)
-    wanted = [epochs.acc, epochs.sca, epochs.mag, edges, control, np.arange(span[0] - LEAD_S, span[1] + LEAD_S, 0.1)]
+    lead = np.arange(span[0] - LEAD_S, epochs.acc[0], 0.1)
+    tail = np.arange(epochs.acc[-1], span[1] + LEAD_S, 0.1)
+    wanted = [epochs.acc, epochs.sca, epochs.mag, edges, control, lead, tail]
     bound = np.unique(np.concatenate(wanted))
     bound = bound[np.concatenate([[True], np.diff(bound) > 1e-7])]
     begin = bound[:-1]
