@@ -1,0 +1,101 @@
+"""The centre-of-mass flow on measured records of one day: nothing to calibrate, and the figures of that day."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from flows import cli
+from gravcal.data import catalog, store
+from gravcal.data.schemas import validate
+from tasks.stage import read
+
+pytestmark = pytest.mark.measured
+FOLDER = Path(__file__).parents[2] / "shared" / "data" / "gracefo-2023-06-01"
+MIDNIGHT = 738849600.0  # s GPS, 2023-06-01 00:00:00
+#: nT in SRF at midnight, from the README of the data: IGRF and magnetometer.
+FIGURES = {
+    "C": ((12849, 7110, -32103), (12328, 7118, -31842)),
+    "D": ((-13913, -6919, -30971), (-12779, -6760, -31384)),
+}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Exit code, document and field product of both satellites, by letter."""
+    if not FOLDER.is_dir():
+        pytest.skip(f"no measured data at {FOLDER}")
+    root, found = tmp_path_factory.mktemp("measured"), {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GRAVCAL_PRODUCTS", str(root / "store"))
+        for letter in FIGURES:
+            path = root / f"{letter}.json"
+            options = ("--data", FOLDER, "--satellite", letter, "--date", "2023-06-01", "--engine", "inline")
+            patch.setattr(sys, "argv", ["gravcal", "run", "com_offset", *map(str, options), "--json", str(path)])
+            with pytest.raises(SystemExit) as ended:
+                cli.main()
+            document = json.loads(path.read_text())
+            field = read(store.find(document["provenance"]["products"]["com_offset.field"])).load()
+            found[letter] = (ended.value.code, document, field)
+    return found
+
+
+@pytest.mark.parametrize("letter", sorted(FIGURES))
+def test_no_manoeuvre_is_said_so(results, letter):
+    """Contract: exit code 3, status no_manoeuvre, a valid document without an offset."""
+    code, document, _ = results[letter]
+    assert code == 3
+    assert document["status"] == "no_manoeuvre"
+    assert document["manoeuvres"] == []
+    assert "variants" not in document
+    validate(document)
+
+
+@pytest.mark.parametrize("letter", sorted(FIGURES))
+def test_the_field_at_midnight_is_the_printed_one(results, letter):
+    """Published: IGRF-14 in the body to the printed nanotesla, carried from the first samples back to midnight."""
+    _, document, field = results[letter]
+    assert document["field_check"]["model"] == "IGRF-14"
+    time = field["time_mag"].values[:20] - MIDNIGHT
+    at_midnight = [np.polyval(np.polyfit(time, 1e9 * field["model_b"].values[:20, c], 2), 0.0) for c in range(3)]
+    assert_allclose(at_midnight, FIGURES[letter][0], atol=0.6)  # half a nanotesla of rounding
+
+
+@pytest.mark.parametrize("letter", sorted(FIGURES))
+def test_the_magnetometer_at_midnight_is_the_printed_one(results, letter):
+    """Published: first reading of MAG1B in SRF, same axes, same signs."""
+    field = results[letter][2]
+    assert_allclose(1e9 * field["measured_b"].values[0], FIGURES[letter][1], atol=0.5)  # rounding
+
+
+@pytest.mark.parametrize("letter", sorted(FIGURES))
+def test_bias_and_rms_are_those_of_the_difference(results, letter):
+    """Published: bias over 50 s lies near the difference at midnight, and rms^2 = bias^2 + scatter^2 of some nT."""
+    check = results[letter][1]["field_check"]
+    bias, rms = np.array(check["bias_nt"]), np.array(check["rms_nt"])
+    assert_allclose(bias, np.subtract(FIGURES[letter][1], FIGURES[letter][0]), atol=25)  # nT of change in 50 s
+    scatter = np.sqrt(rms**2 - bias**2)
+    assert np.all(scatter < 15)
+    assert np.all(np.array(check["max_nt"]) >= rms)
+    assert check["samples"] == 100
+
+
+def test_roll_answers_the_torque_as_published(results):
+    """Published: slope of roll acceleration on torque of C over 50 s, 0.0028 +- 0.0003 rad s-2 per mA T."""
+    found = results["C"][1]["roll_response"]
+    assert found["value"] == pytest.approx(0.0028, abs=3e-4)
+    assert 0 < found["sigma"] < 1e-3
+    satellite = catalog.satellite("C").settings()
+    assumed = satellite["dipole_per_current"][0] / satellite["inertia"][0][0]
+    assert abs(found["value"] - assumed) < 3 * found["sigma"]
+
+
+@pytest.mark.parametrize("letter", sorted(FIGURES))
+def test_the_attitude_is_followed_to_the_noise_of_the_star_cameras(results, letter):
+    """Contract: residuals of the fitted dynamics over 100 s of control stay below 5 urad on every axis."""
+    attitude = results[letter][1]["attitude"]
+    assert max(attitude["rms_urad"]) < 5
+    assert attitude["samples"] > 90
