@@ -106,7 +106,7 @@ def read_volts(linear_b, angular_b, truth: truths.Truth, chosen, rng, drift_b=0.
     volts = electrodes.volts(combined)
     volts += chosen.voltage_noise_v_rthz * half_band * rng.standard_normal((count, 6))
     hit = rng.random(count) < chosen.spikes_per_hour / 3600 * STEP_SENSOR
-    volts[hit, 0] += chosen.spike_volt * rng.choice([-1.0, 1.0], np.count_nonzero(hit))
+    volts[hit, 0] += chosen.spike_v * rng.choice([-1.0, 1.0], np.count_nonzero(hit))
     return volts
 
 
