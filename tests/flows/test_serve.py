@@ -1,0 +1,208 @@
+"""Serving: a real server of the process itself, a run by the clock and one when data arrive, what their pages show."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+import yaml
+
+from flows import prefect_server, serve, watch
+from gravcal.errors import CatalogError
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = Path(__file__).parent / "run_campaign.py"
+LIMIT_S = 240.0  # a first start of Prefect on a busy machine
+EVERYWHERE = """
+import os, sys
+import flows
+sys.path.insert(0, os.environ["FAKE_CODE"])
+flows.__path__.append(os.environ["FAKE_FLOWS"])
+"""
+
+
+@pytest.fixture
+def events(fakecal, pipeline):
+    """Return a folder with one event."""
+    folder = fakecal / "events"
+    add(folder, pipeline, 1)
+    return folder
+
+
+def add(folder, pipeline, number):
+    """Let the data of another event arrive."""
+    (folder / str(number)).mkdir(parents=True)
+    (folder / str(number) / pipeline.raw.name).write_text("a" * number)
+
+
+@pytest.fixture
+def environment(fakecal, pipeline, prefect_home):
+    """Return the environment in which the processes of the runs find the invented calibration."""
+    site = fakecal / "site"
+    site.mkdir()
+    (site / "sitecustomize.py").write_text(EVERYWHERE)
+    known = {"FAKE_CODE": str(pipeline.folder.parent), "FAKE_FLOWS": str(fakecal / "extra"), "PYTHONPATH": str(site)}
+    known |= {"PREFECT_HOME": str(prefect_home), "PREFECT_RUNNER_POLL_FREQUENCY": "1"}
+    return {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | known
+
+
+@pytest.fixture
+def _prefect(monkeypatch, prefect_home):
+    """Let this process import Prefect with a home that exists; its settings end with the test."""
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home))
+    for name, value in prefect_server.SETTINGS.items():
+        monkeypatch.setenv(name, value)
+
+
+@pytest.fixture
+def served(environment, events):
+    """Return the address of the server of a gravcal that serves, and end it."""
+    options = ["fakecal", "--watch", str(events), "--every", "0.5", "--workers", "0", "--cron", "30 4 * * *"]
+    command = [sys.executable, str(SCRIPT), "serve", *options]
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    address = process.stdout.readline().split()[1:]
+    assert address, process.stderr.read()
+    yield f"{address[0]}/api"
+    process.send_signal(signal.SIGTERM)
+    try:
+        _, errors = process.communicate(timeout=60)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 0
+    assert errors == ""
+    with pytest.raises(OSError, match="refused"):
+        prefect_server.ask(f"{address[0]}/api", "/health")
+
+
+def finished(url, count):
+    """Wait for so many runs that ended by themselves; newest first."""
+    limit = time.monotonic() + LIMIT_S
+    question = {"flow_runs": {"state": {"type": {"any_": prefect_server.ENDED}}}, "sort": "END_TIME_DESC"}
+    while time.monotonic() < limit:
+        runs = prefect_server.ask(url, "/flow_runs/filter", question | {"flow_runs": {**question["flow_runs"], **OURS}})
+        if len(runs) >= count:
+            return runs
+        time.sleep(0.3)
+    raise AssertionError(f"{len(runs)} runs ended, expected {count}")
+
+
+OURS = {"deployment_id": {"is_null_": False}}
+
+
+def states(url, run):
+    """Name of the state of each task of a run, once the server knows them all."""
+    prefect_server.drain(url, run["id"], 1)
+    found = prefect_server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [run["id"]]}}})
+    return {one["name"].rpartition("-")[0]: one["state"]["name"] for one in found}
+
+
+def artifacts(url, run):
+    """Content of the artifacts of a run by key."""
+    found = prefect_server.ask(url, "/artifacts/filter", {"artifacts": {"flow_run_id": {"any_": [run["id"]]}}})
+    return {one["key"]: one["data"] for one in found}
+
+
+def test_new_data_and_the_clock_start_campaigns(served, events, pipeline):
+    """Contract: what is in the folder is processed, then what arrives, then all on demand; the page says it all."""
+    first = finished(served, 1)[0]
+    assert first["state"]["name"] == "Delivered", first["state"]
+    assert states(served, first) == {"fake-1": "Delivered"}
+    table = json.loads(artifacts(served, first)["fakecal-offsets"])
+    assert [(row["event"], row["status"], row["made"]) for row in table] == [("fake-1", "delivered", 2)]
+    (events / "2").mkdir()
+    (events / "2" / "SCA1B_2020-02-01_C_04.txt").write_text("not what is wanted")
+    second = finished(served, 2)[0]
+    assert (second["state"]["type"], second["state"]["message"]) == ("FAILED", "delivered: 1, failed: 1")
+    assert states(served, second) == {"fake-1": "Delivered", "fake-2": "Failed"}
+    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/reprocess-all")
+    assert [one["schedule"]["cron"] for one in deployment["schedules"] if one["active"]] == ["30 4 * * *"]
+    prefect_server.ask(served, f"/deployments/{deployment['id']}/create_flow_run", {})
+    third = finished(served, 3)[0]
+    assert third["deployment_id"] == deployment["id"]
+    assert json.loads(artifacts(served, third)["fakecal-offsets"])[0]["made"] == 0
+
+
+def test_a_folder_is_new_when_it_changed_and_came_to_rest(tmp_path):
+    """Contract: not while a file grows; parts of downloads and other files do not count; an error is tried again."""
+    ended, calls, looks = threading.Event(), [], []
+    file = tmp_path / "MAG1B_2020-02-01_C_04.txt"
+
+    class Ticks:
+        def wait(self, _):
+            looks.append(1)
+            if len(looks) <= 4:
+                file.write_text("a" * len(looks))
+            (tmp_path / ".gracefo.tgz.part").write_text("b" * len(looks))
+            return len(looks) > 9
+
+    def changed():
+        calls.append(len(looks))
+        if len(calls) == 1:
+            raise OSError("no answer")
+
+    watch.loop(tmp_path, 0.0, Ticks(), changed)
+    assert calls == [5, 6]
+    assert not ended.is_set()
+
+
+@pytest.mark.usefixtures("_prefect")
+def test_no_time_of_the_clock_is_refused():
+    """Contract: before a server is started."""
+    nothing = serve.Served("whenever", None, 1.0, None, {})
+    with pytest.raises(CatalogError, match="whenever"):
+        serve.serve(nothing, print)
+
+
+def test_reports_are_served_and_nothing_else(store_folder):
+    """Contract: pages of the store, on this machine; no lists, nothing outside."""
+    with serve.reports() as address:
+        page = store_folder / "objects" / "ab" / "key" / "report.html"
+        page.parent.mkdir(parents=True)
+        page.write_text("<p>said</p>")
+        (store_folder / "secret.txt").write_text("no")
+        with urllib.request.urlopen(f"{address}/ab/key/report.html", timeout=10) as answer:
+            assert answer.read() == b"<p>said</p>"
+        for path in ("ab/key/", "../secret.txt", "%2e%2e/secret.txt"):
+            with pytest.raises(urllib.error.HTTPError) as caught:
+                urllib.request.urlopen(f"{address}/{path}", timeout=10)
+            caught.value.close()
+
+
+@pytest.mark.usefixtures("_prefect")
+def test_the_row_of_an_event_shows_its_adopted_offset_and_links_its_report(monkeypatch, store_folder):
+    """Contract: three components with sigma; what is not determined stays empty; the link leads to the served page."""
+    from flows import scheduled
+
+    block = {"offset_um": [1.0, None, -3.0], "sigma_um": [0.5, None, 0.25]}
+    document = {"adopted": {"variant": "mtq"}, "variants": {"mtq": block}}
+    row = scheduled._table_row({"event": "one", "status": "delivered", "document": document})
+    assert (row["variant"], row["x"], row["y"], row["z"]) == ("mtq", "1.00 +- 0.50", "", "-3.00 +- 0.25")
+    folder = store_folder / "objects" / "ab" / "key"
+    folder.mkdir(parents=True)
+    (folder / "report.html").write_text("")
+    assert list(scheduled._links({"report": str(folder)})) == [(folder / "report.html").as_uri()]
+    monkeypatch.setenv(scheduled.REPORTS, "http://127.0.0.1:1")
+    assert list(scheduled._links({"report": str(folder)})) == ["http://127.0.0.1:1/ab/key/report.html"]
+
+
+@pytest.mark.usefixtures("_prefect")
+def test_the_file_of_deployments_names_flows_that_exist():
+    """Contract: prefect.yaml, for a server and a process pool that are there."""
+    import importlib
+
+    known = yaml.safe_load((ROOT / "prefect.yaml").read_text())
+    assert [one["name"] for one in known["deployments"]] == ["reprocess-all", "new-data"]
+    for one in known["deployments"]:
+        module, _, name = one["entrypoint"].rpartition(".")
+        flow = getattr(importlib.import_module(module), name)
+        assert set(one["parameters"]) <= set(flow.parameters.properties)
+        assert one["work_pool"]["name"] == "gravcal"
