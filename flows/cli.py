@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_campaign, cli_catalogue, cli_fetch, cli_store
+from flows import cli_campaign, cli_catalogue, cli_fetch, cli_serve, cli_store
 from flows import cli_output as output
 from flows.engine import single_threaded
 
@@ -160,6 +160,7 @@ def report(
 
 app.command()(cli_campaign.campaign)
 app.command()(cli_fetch.fetch)
+app.command()(cli_serve.serve)
 app.command()(cli_catalogue.effects)
 app.command()(cli_catalogue.series)
 app.add_typer(cli_store.products, name="products")
