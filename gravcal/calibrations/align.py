@@ -133,6 +133,13 @@ def _spans(detected, acc, sca, mag, orbit, margin, survey):
     if detected.sizes["manoeuvre"]:
         return np.stack([detected["start"].values - margin, detected["stop"].values + margin], axis=1)
     times = [d["time_tag"].values for d in (acc, sca, mag, orbit)]
+    if any(t.size == 0 for t in times):
+        empty = [
+            d.attrs.get("file", d.attrs.get("product", "")) for d in (acc, sca, mag, orbit) if not d.sizes["record"]
+        ]
+        raise EstimationError(
+            f"{', '.join(empty)}: found no record, expected those of a day. Fetch the file again.", files=empty
+        )
     first = np.floor(max(float(np.nanmin(t)) for t in times))
     last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
     return np.array([[first, min(last, first + survey)]])

@@ -153,8 +153,10 @@ def combine(
     normal = prior + sum(w @ s.normal for w, s in zip(weight, scores, strict=True))
     right = sum(w @ s.right for w, s in zip(weight, scores, strict=True))
     information = [_symmetric(w @ s.information) for w, s in zip(weight, scores, strict=True)]
-    value = stable_inverse(normal) @ right
     total = prior + sum(information)
+    size, vectors = np.linalg.eigh(sum(information))
+    used = vectors[:, size > 10 * np.abs(np.diag(prior)).max()]  # a noisy normal matrix may cancel the prior elsewhere
+    value = used @ stable_inverse(used.T @ normal @ used) @ used.T @ right
     move = stable_inverse(total) @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
     residuals = [w @ (s.right - s.normal @ value) for w, s in zip(weight, scores, strict=True)]
     modes = [i @ m.T for i, m in zip(information, shared, strict=True)]
