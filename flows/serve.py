@@ -40,6 +40,8 @@ def serve(served, said):
     ProductError : the server does not start
     """
     prefect_server.set_environment()
+    with contextlib.suppress(OSError):  # begin() says it better
+        Path(os.environ["PREFECT_HOME"]).expanduser().mkdir(parents=True, exist_ok=True)
     schedule = _schedule(served.cron)
     from prefect.settings import PREFECT_API_URL, temporary_settings
 
