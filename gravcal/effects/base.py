@@ -20,6 +20,8 @@ CHANNELS = {
     "sca_delay": "s",  # tag minus true time of the star camera
     "range": "m",  # ranging between two satellites
     "mag_delay": "s",  # tag minus true time of the magnetometer and torquer telemetry
+    "impulse_b": "N m s",  # angular impulse of each thruster firing
+    "thr_delay": "s",  # tag minus true time of the thruster telemetry
 }
 
 

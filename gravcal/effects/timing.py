@@ -26,6 +26,7 @@ EFFECTS = (
     _delay("timing.accelerometer_delay", "acc_delay", "accelerometer"),
     _delay("timing.star_camera_delay", "sca_delay", "star camera"),
     _delay("timing.magnetometer_delay", "mag_delay", "magnetometer and torquer telemetry"),
+    _delay("timing.thruster_delay", "thr_delay", "thruster telemetry"),
     Effect(
         "timing.clock_drift",
         "acc_delay",

@@ -60,6 +60,11 @@ def _eddy(context: Context, values):
     return -values[0] * np.cross(context.field_b, np.cross(context.rate_b, context.field_b))
 
 
+def _firings(context: Context, values):
+    """Angular impulse of each firing, as a share of the nominal one; the epochs of the context are the firings."""
+    return context.extra["nominal_impulse_b"] * values
+
+
 _DIPOLE = "t = m x B, CoM paper eq. 18"
 
 EFFECTS = (
@@ -110,5 +115,12 @@ EFFECTS = (
         (Parameter("coefficient", "N m s T-2", "damping", 500.0),),
         _eddy,
         "induction in the structure",
+    ),
+    Effect(
+        "torque.thruster_firings",
+        "impulse_b",
+        axes("share", "1", "impulse of the attitude thrusters, in units of the nominal one, about", 1.0),
+        _firings,
+        "lever arm x force x time on of THR1B; thruster table of the JPL reader, release of 2010-03-31",
     ),
 )

@@ -24,6 +24,7 @@ def context(seed=1, count=COUNT):
     square = 27.5 * np.sign(np.sin(2 * np.pi * (time - time[0] - 3.3) / 12))[:, None] * np.array([1.0, 0.02, -0.01])
     extra = {"mass": 580.0, "non_gravitational_b": 6e-8 * rng.standard_normal((count, 3))}
     extra |= {"angle": 0.03 * rng.standard_normal((count, 2, 2))}
+    extra |= {"nominal_impulse_b": 1e-3 * rng.standard_normal((count, 3))}
     extra |= {"range": 2e5 + 100 * rng.standard_normal(count), "range_rate": rng.standard_normal(count)}
     return Context(
         time=time,
@@ -156,6 +157,7 @@ SIGNS = {
     "torque.constant": ({"z": 1e-6}, [0, 0, 1e-6]),
     "torque.aerodynamic": ({"arm_x": 0.01}, [0, -580 * 0.01 * 3e-8, 580 * 0.01 * 2e-8]),
     "torque.eddy_current": ({"coefficient": 100.0}, [-100 * 1e-3 * 16e-10, 0, 0]),
+    "torque.thruster_firings": ({"share_z": 0.5}, [0, 0, 4e-4]),
     "accelerometer.scale": ({"y": 0.1}, [0, 2e-8, 0]),
     "accelerometer.misalignment": ({"angle_z": 0.01}, [2e-9, -1e-9, 0]),
     "accelerometer.quadratic": ({"x": 10.0}, [1e-13, 0, 0]),
@@ -182,7 +184,8 @@ def test_signs_are_as_stated(slug):
         "angular_b": [1e-5, 2e-5, 3e-5],
     }
     scene = Context(**{name: np.array([value]) for name, value in fields.items()})
-    scene = replace(scene, epoch=1.0, extra={"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]])})
+    extra = {"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]])}
+    scene = replace(scene, epoch=1.0, extra=extra | {"nominal_impulse_b": np.array([[1e-4, 2e-4, 8e-4]])})
     given, expected = SIGNS[slug]
     entry = effect(slug)
     if slug == "accelerometer.misalignment":  # axes turned by +v read R^T a = a - v x a
