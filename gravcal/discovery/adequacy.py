@@ -1,68 +1,113 @@
-"""Is the model adequate: whitened residuals against unit noise, per channel, block and band."""
+"""Is the model adequate: whitened residuals against noise drawn through the same projection.
+
+Four families of tests, each corrected for its number: power per channel, block and band; every candidate; every line;
+every step. The smallest of all is set against its own distribution under noise, so that the probability is uniform
+on data without error, whatever the tests have in common.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import gamma
 
-from gravcal.discovery.blocks import Block
+from gravcal.discovery import attribution, residuals, scan
+from gravcal.discovery.problem import Problem
 
 BANDS = 4
-DRAWS = 60
+DRAWS = 199
 
 
-def table(blocks: list[Block], cleaned, rng) -> list[dict]:
-    """Power of the residual in each band against its own distribution for pure noise.
+@dataclass(frozen=True)
+class Test:
+    """Outcome.
 
-    Mean and variance under noise come from draws through the same projection; a gamma law with these two moments.
+    Attributes
+    ----------
+    p : probability of so small a minimum on clean data
+    rows : {"block", "channel", "band", "ratio", "p"}, power against expected noise
+    scans : list of Scan of the residual
+    rest : (n,) residual of each block
+    """
+
+    p: float
+    rows: list[dict]
+    scans: list[scan.Scan]
+    rest: list[np.ndarray]
+
+
+def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Test:
+    """Test a baseline.
 
     Parameters
     ----------
-    blocks : list of Block
-    cleaned : of `scan.residuals`
-    rng : source of randomness
-
-    Returns
-    -------
-    rows : {"block", "channel", "band", "ratio", "p"}
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    noise : (n, draws) a block, of `residuals.drawn`
     """
-    rows = []
-    for block, (rest, basis) in zip(blocks, cleaned, strict=True):
-        noise = rng.standard_normal((block.observed.size, DRAWS))
-        noise -= basis @ (basis.T @ noise)
+    both = [np.concatenate([m, n], axis=1) for m, n in zip(residuals.measured(problem), noise, strict=True)]
+    rest = residuals.projected(problem, baseline, both)
+    rows, smallest = _bands(problem.blocks, rest)
+    channels = sorted({c for b in problem.blocks for c in b.channel})
+    scans = [scan.lines(problem, baseline, rest, c) for c in channels]
+    scans = [s for s in [*scans, scan.steps(problem, baseline, rest)] if s.at.size]
+    families = [smallest, _candidates(problem, baseline, rest), *(_scanned(s) for s in scans)]
+    least = np.min([f for f in families if f is not None], axis=0)
+    own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
+    return Test(_rank(least), rows, own, [r[:, 0] for r in rest])
+
+
+def _rank(least):
+    """Rank of the first among all, or the corrected probability itself where it lies far below every draw."""
+    rank = (1 + np.sum(least[1:] <= least[0])) / least.size
+    return float(min(rank, np.exp(least[0]) * 10) if rank <= 1 / least.size else rank)
+
+
+def _candidates(problem, baseline, rest):
+    """Log of the smallest probability over candidates, corrected, for each column of the residual."""
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    right = sum(c.T @ r for c, r in zip(problem.columns, rest, strict=True))
+    log_p = []
+    for place in problem.places:
+        factor = attribution.spread(gram, place, problem.size)
+        if factor.shape[0]:
+            gain = np.sum((factor @ right[place]) ** 2, axis=0)
+            log_p.append(chi2_distribution.logsf(gain, factor.shape[0]))
+    return np.min(log_p, axis=0) + np.log(len(log_p)) if log_p else None
+
+
+def _scanned(found):
+    log_p = chi2_distribution.logsf(found.gain, np.maximum(found.dof, 1)[:, None])
+    return log_p.min(axis=0) + np.log(found.at.size)
+
+
+def _bands(blocks, rest):
+    """Rows for the first column, and log of the corrected smallest probability for every column."""
+    rows, log_p = [], []
+    for block, values in zip(blocks, rest, strict=True):
         for channel in dict.fromkeys(block.channel):
-            power, expected = (_bands(block, channel, v) for v in (rest[:, None], noise))
-            mean, spread = expected.mean(axis=1), _spread(block, channel)
+            power, freedom = _power(block, channel, values)
             for band in range(power.shape[0]):
-                shape = mean[band] ** 2 / max(spread[band], 1e-300)
-                p = float(gamma.sf(power[band, 0], shape, scale=mean[band] / shape)) if mean[band] > 0 else 1.0
-                one = {"block": block.label, "channel": channel, "band": band, "p": p}
-                rows.append(one | {"ratio": float(power[band, 0] / mean[band]) if mean[band] > 0 else 0.0})
-    return rows
+                mean = power[band, 1:].mean()
+                if mean <= 0:
+                    continue
+                shape = mean**2 / freedom[band]
+                log_p.append(gamma.logsf(power[band], shape, scale=mean / shape))
+                one = {"block": block.label, "channel": str(channel), "band": band, "p": float(np.exp(log_p[-1][0]))}
+                rows.append(one | {"ratio": float(power[band, 0] / mean)})
+    return rows, (np.min(log_p, axis=0) + np.log(len(log_p)) if log_p else None)
 
 
-def _spread(block, channel):
-    """Variance of the power in each band for unit white noise."""
-    spread = np.zeros(BANDS)
-    for axis in range(3):
-        count = int(np.sum((block.channel == channel) & (block.axis == axis)))
-        if count >= 8 * BANDS:
-            spread += [2 * 2 * 2 * b.size / 2 for b in np.array_split(np.arange(count // 2 + 1), BANDS)]
-    return spread
-
-
-def _bands(block, channel, values):
-    """Sum over axes of the squared spectrum in each band, (bands, m); unit white noise gives two a frequency."""
-    total = np.zeros((BANDS, values.shape[1]))
+def _power(block, channel, values):
+    """Power in each band, summed over axes (bands, d), and its variance for unit white noise (bands,)."""
+    total, spread = np.zeros((BANDS, values.shape[1])), np.zeros(BANDS)
     for axis in range(3):
         rows = (block.channel == channel) & (block.axis == axis)
         if rows.sum() >= 8 * BANDS:
             spectrum = 2 * np.abs(np.fft.rfft(values[rows], axis=0)) ** 2 / rows.sum()
-            total += [b.sum(axis=0) for b in np.array_split(spectrum, BANDS)]
-    return total
-
-
-def smallest(rows: list[dict]) -> float:
-    """Smallest probability corrected for the number of tests (Sidak), 1 without tests."""
-    p = [r["p"] for r in rows if r["ratio"] > 0]
-    return float(-np.expm1(len(p) * np.log1p(-min(p)))) if p and min(p) < 1 else 1.0
+            parts = np.array_split(spectrum, BANDS)
+            total += [p.sum(axis=0) for p in parts]
+            spread += [4 * p.shape[0] for p in parts]
+    return total, spread

@@ -21,6 +21,7 @@ class Ratio:
     gain : reduction of chi-square; dof : independent parameters
     log_p : natural logarithm of the probability of a larger gain by chance
     value, covariance : (q,), (q, q) of its parameters
+    determined : (q,) whether the data fix a parameter by itself
     """
 
     gain: float
@@ -28,6 +29,19 @@ class Ratio:
     log_p: float
     value: np.ndarray
     covariance: np.ndarray
+    determined: np.ndarray
+
+
+def inverse_of(inner: np.ndarray) -> np.ndarray:
+    """Inverse of products of columns of any units, singular directions left out.
+
+    Parameters
+    ----------
+    inner : (p, p)
+    """
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    outer = np.outer(scale, scale)
+    return np.linalg.pinv(inner / outer, rcond=1e-12, hermitian=True) / outer
 
 
 def projected(gram: np.ndarray, baseline: np.ndarray) -> np.ndarray:
@@ -38,11 +52,23 @@ def projected(gram: np.ndarray, baseline: np.ndarray) -> np.ndarray:
     gram : (m, m)
     baseline : (p,) indices
     """
-    inner = gram[np.ix_(baseline, baseline)]
-    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    inverse = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
     cross = gram[:, baseline]
-    return gram - cross @ inverse @ cross.T
+    return gram - cross @ inverse_of(gram[np.ix_(baseline, baseline)]) @ cross.T
+
+
+def spread(gram: np.ndarray, place: slice, size: np.ndarray) -> np.ndarray:
+    """Matrix W (r, q) with gain = |W b|^2 for products b of the candidate's columns with the residual.
+
+    Parameters
+    ----------
+    gram : (m, m), baseline projected out
+    place : columns of the candidate
+    size : (m,) norm of the columns before any projection
+    """
+    scale = np.where(size[place] > 0, size[place], 1.0)
+    values, vectors = np.linalg.eigh(gram[place, place] / np.outer(scale, scale))
+    seen = values > SEEN**2
+    return (vectors[:, seen] / np.sqrt(values[seen])).T / scale
 
 
 def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
@@ -54,17 +80,14 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
     place : columns of the candidate
     size : (m,) norm of the columns before any projection
     """
-    scale = np.where(size[place] > 0, size[place], 1.0)
-    values, vectors = np.linalg.eigh(gram[place, place] / np.outer(scale, scale))
-    seen = values > SEEN**2
-    right = vectors[:, seen].T @ (gram[place, 0] / scale)
-    gain = float(np.sum(right**2 / values[seen])) if seen.any() else 0.0
-    step = vectors[:, seen] / values[seen]
-    value = step @ right / scale
-    covariance = step @ vectors[:, seen].T / np.outer(scale, scale)
-    dof = int(seen.sum())
+    factor = spread(gram, place, size)
+    part = factor @ gram[place, 0]
+    gain, dof = float(part @ part), factor.shape[0]
     log_p = float(chi2_distribution.logsf(gain, dof)) if dof else 0.0
-    return Ratio(gain, dof, log_p, value, covariance)
+    covariance = factor.T @ factor
+    scale = np.where(size[place] > 0, size[place], 1.0)
+    inside = np.linalg.pinv(factor * scale) @ (factor * scale) if dof else np.zeros((scale.size,) * 2)
+    return Ratio(gain, dof, log_p, factor.T @ part, covariance, np.diag(inside) > 1 - 1e-3)
 
 
 def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size: np.ndarray) -> float:
@@ -78,29 +101,24 @@ def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size:
     size : (m,) norm of the columns before any projection
     """
     whole = float(value @ gram[true, true] @ value)
-    scale = np.where(size[other] > 0, size[other], 1.0)
-    values, vectors = np.linalg.eigh(gram[other, other] / np.outer(scale, scale))
-    seen = values > SEEN**2
-    right = vectors[:, seen].T @ (gram[other, true] @ value / scale)
-    return whole - float(np.sum(right**2 / values[seen]))
+    part = spread(gram, other, size) @ (gram[other, true] @ value)
+    return whole - float(part @ part)
 
 
-def held_out(grams: np.ndarray, baseline: np.ndarray, place: slice) -> float:
+def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> float:
     """Gain in chi-square of each block predicted from all others, summed over blocks.
 
     Parameters
     ----------
     grams : (b, m, m), own columns projected out
     baseline : (p,) indices of shared columns
-    place : columns of the candidate
+    index : (q,) indices of the candidate's columns
     """
-    total = grams.sum(axis=0)
-    index = np.arange(place.start, place.stop)
-    gain = 0.0
+    total, gain = grams.sum(axis=0), 0.0
+    both = np.concatenate([baseline, index])
     for one in grams:
         others = total - one
-        before, after = _solved(others, baseline), _solved(others, np.concatenate([baseline, index]))
-        gain += _cost(one, baseline, before) - _cost(one, np.concatenate([baseline, index]), after)
+        gain += _cost(one, baseline, _solved(others, baseline)) - _cost(one, both, _solved(others, both))
     return float(gain)
 
 
@@ -113,3 +131,30 @@ def _solved(gram, index):
 
 def _cost(gram, index, value):
     return gram[0, 0] - 2 * value @ gram[index, 0] + value @ gram[np.ix_(index, index)] @ value
+
+
+def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int]:
+    """Gain, and parameters more, of a cause with its own value in every block over one value for all.
+
+    Parameters
+    ----------
+    grams : (b, m, m), own columns projected out
+    baseline : (p,) indices of shared columns
+    place : columns of the candidate
+    size : (m,) norm of the columns before any projection
+    """
+    index = np.arange(place.start, place.stop)
+    present = [g for g in grams if np.any(np.diag(g)[index] > 0)]
+    width, first = index.size, 1 + baseline.size
+    wide = np.zeros((first + width * len(present),) * 2)
+    fixed = np.append(0, baseline)
+    wide[:first, :first] = grams.sum(axis=0)[np.ix_(fixed, fixed)]
+    for k, one in enumerate(present):
+        at = slice(first + k * width, first + (k + 1) * width)
+        wide[at, at] = one[np.ix_(index, index)]
+        wide[:first, at] = one[np.ix_(fixed, index)]
+        wide[at, :first] = wide[:first, at].T
+    scale = np.concatenate([np.ones(first), *(np.sqrt(np.diag(g)[index]) for g in present)])
+    apart = ratio(projected(wide, np.arange(1, first)), slice(first, wide.shape[0]), scale)
+    joint = ratio(projected(grams.sum(axis=0), baseline), place, size)
+    return apart.gain - joint.gain, apart.dof - joint.dof

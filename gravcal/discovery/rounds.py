@@ -1,16 +1,18 @@
-"""The rounds: name the best cause, check it on held-out data, add it, begin again."""
+"""The rounds: name the best cause, check it on held-out data, add it, begin again; then look at every name anew."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, scan
-from gravcal.discovery.blocks import Block, Candidate, reduce
+from gravcal.discovery import adequacy, attribution, residuals, trials
+from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.problem import Problem, prepare
 
-#: What a parameter costs when causes with different numbers of parameters are compared (Akaike).
-COST = 2.0
+#: Extra chi-square per gained chi-square, and its probability, at which the blocks do not agree on one value.
+DISAGREE = (0.15, 1e-4)
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,8 @@ class Choice:
     tie : expected chi-square below which two causes are tied
     rounds : at most
     step_cause : slug of a step; tone_causes : {channel: slug}
+    segment_s : s, stretch of time that is left out for causes of a single block
+    quiet : {channel: quiet samples an axis that its noise was measured from}
     """
 
     level: float
@@ -30,6 +34,8 @@ class Choice:
     rounds: int
     step_cause: str
     tone_causes: dict[str, str]
+    segment_s: float = 15.0
+    quiet: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -39,10 +45,12 @@ class Finding:
     Attributes
     ----------
     cause, form, tied : name, shape, causes that fit as well
-    names, units, value, sigma : parameters
-    gain, dof, log_p : of the likelihood ratio
+    names, units, value, sigma : parameters of the cause, NaN where the data do not determine one
+    index : of the candidate in the baseline, whose form may have fewer parameters
+    gain, dof : of the likelihood ratio with all other findings in the baseline
     significance : probability corrected for everything that was tried
     heldout : chi-square gained on data left out; kind : "manoeuvres" or "blocks"
+    at : epoch s or frequency Hz of a step or a line
     """
 
     cause: str
@@ -52,12 +60,13 @@ class Finding:
     units: list[str]
     value: np.ndarray
     sigma: np.ndarray
+    index: int
     gain: float
     dof: int
-    log_p: float
     significance: float
     heldout: float
     kind: str
+    at: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -67,22 +76,25 @@ class Result:
     Attributes
     ----------
     findings : list of Finding
-    before, after : rows of adequacy; p_before, p_after : corrected probabilities over adequacy and candidates
-    chi2_before, chi2_after, dof : of all blocks
-    shared_before, shared_after, sigma_before, sigma_after : (p,) corrections of the shared parameters
-    lost : candidates that the baseline hides, with the share of their size that is left
+    before, after : adequacy of the baseline and of the extended model
+    chi2 : before, after; dof
+    shared, sigma : (p,) corrections of the shared parameters before, after, and their errors
+    covariance : (p, p) before, after
+    problem : Problem, with everything accepted; baseline : (p,) indices of columns of the extended model
+    first : list of Trial of the first round, best first
     """
 
     findings: list[Finding]
-    before: list[dict]
-    after: list[dict]
-    p_before: float
-    p_after: float
+    before: adequacy.Test
+    after: adequacy.Test
     chi2: tuple[float, float]
     dof: int
     shared: tuple[np.ndarray, np.ndarray]
     sigma: tuple[np.ndarray, np.ndarray]
-    lost: dict[str, float] = field(default_factory=dict)
+    covariance: tuple[np.ndarray, np.ndarray]
+    problem: Problem
+    baseline: np.ndarray
+    first: list[trials.Trial]
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
@@ -95,204 +107,149 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     choice : Choice
     rng : source of randomness, for the distribution of the adequacy under noise
     """
-    findings, first = [], None
-    accepted = np.zeros(0, dtype=int)
-    for _ in range(choice.rounds + 1):
-        reduced = reduce(blocks, candidates)
-        state = _state(blocks, reduced, accepted, rng)
-        tests = _tests(blocks, candidates, reduced, accepted, state, choice)
-        first = first or (state, tests)
-        found = _best(tests, choice) if len(findings) < choice.rounds else None
+    problem = prepare(blocks, candidates)
+    noise = residuals.drawn(problem, adequacy.DRAWS, choice.quiet, rng)
+    before = adequacy.test(problem, baseline_of(problem, ()), noise)
+    chosen, first = [], None
+    for _ in range(choice.rounds):
+        rows = trials.tried(problem, baseline_of(problem, [k for k, _ in chosen]), choice, [k for k, _ in chosen])
+        first = first or sorted(rows, key=lambda t: t.log_p)
+        problem, found = _best(problem, [k for k, _ in chosen], rows, choice)
         if found is None:
             break
-        found, blocks, accepted = _accepted(found, blocks, candidates, reduced, accepted, state)
-        findings.append(found)
-    return _result(findings, first, (state, tests))
+        problem, chosen = _revised(problem, [*chosen, found], choice)
+    chosen = _renamed(problem, chosen, choice)
+    baseline = baseline_of(problem, [k for k, _ in chosen])
+    findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
+    after = adequacy.test(problem, baseline, noise) if chosen else before
+    return _result(problem, findings, (before, after), baseline, first)
 
 
-def _state(blocks, reduced, accepted, rng):
-    """Baseline of a round: shared and accepted columns, projected Gram matrix, residuals, adequacy."""
-    baseline = np.concatenate([np.arange(reduced.shared.start, reduced.shared.stop), accepted])
-    total = reduced.gram.sum(axis=0)
-    gram = attribution.projected(total, baseline)
-    cleaned = scan.residuals(blocks)
-    value, covariance = _solution(total, baseline)
-    width = reduced.shared.stop - reduced.shared.start
-    rows = adequacy.table(blocks, cleaned, rng)
-    sigma = np.sqrt(np.diag(covariance))[:width]
-    dof = int(reduced.samples.sum() - baseline.size)
-    shared = {"value": value[:width], "sigma": sigma, "chi2": float(gram[0, 0]), "dof": dof}
-    return shared | {"baseline": baseline, "gram": gram, "cleaned": cleaned, "adequacy": rows}
+def baseline_of(problem: Problem, indices) -> np.ndarray:
+    """Indices of the shared columns and of those of some candidates.
+
+    Parameters
+    ----------
+    problem : Problem
+    indices : of candidates
+    """
+    shared = np.arange(problem.shared.start, problem.shared.stop)
+    parts = [np.arange(problem.places[k].start, problem.places[k].stop) for k in indices]
+    return np.concatenate([shared, *parts]).astype(int)
 
 
-def _solution(total, baseline):
-    from gravcal.methods.estimation import stable_inverse
+def _best(problem, used, rows, choice):
+    """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
+    rows = [t for t in rows if t.significance < choice.level]
+    for trial in _ranked(rows, choice.tie)[:12]:
+        grown, index = trials.with_candidate(problem, trial)
+        gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
+        if gain > 0:
+            return grown, (index, trial)
+    return problem, None
 
-    inverse = stable_inverse(total[np.ix_(baseline, baseline)])
-    return inverse @ total[baseline, 0], inverse
+
+def _ranked(rows, tie):
+    """Best first; a listed cause goes before one in no list that is not clearly better."""
+    rows = sorted(rows, key=lambda t: -t.score)
+    listed = [t for t in rows if not t.cause.startswith("unknown:")]
+    if listed and listed[0].score > rows[0].score - tie:
+        return listed + [t for t in rows if t.cause.startswith("unknown:")]
+    return rows
 
 
-def _tests(blocks, candidates, reduced, accepted, state, choice):
-    """Everything that is tried in a round, as dicts with log_p, gain, dof, and how many tests there are."""
-    rows = []
-    for k, (candidate, place) in enumerate(zip(candidates, reduced.places, strict=True)):
-        if place.start in accepted:
+def _revised(problem, chosen, choice):
+    """Every name tried again with all the others in the baseline; one that does not pass any more goes."""
+    if len(chosen) < 2:
+        return problem, chosen
+    for _ in range(2):
+        before = [k for k, _ in chosen]
+        for position in range(len(chosen)):
+            others = [k for i, (k, _) in enumerate(chosen) if i != position]
+            rows = trials.tried(problem, baseline_of(problem, others), choice, others)
+            problem, found = _best(problem, others, rows, choice)
+            chosen = [*chosen[:position], found, *chosen[position + 1 :]]
+            chosen = [c for c in chosen if c is not None]
+            if found is None:
+                break
+        if [k for k, _ in chosen] == before:
+            break
+    return problem, chosen
+
+
+def _renamed(problem, chosen, choice):
+    """A listed cause on whose value the blocks do not agree gives way to the best one in no list."""
+    for position, (index, _) in enumerate(chosen):
+        others = [k for i, (k, _) in enumerate(chosen) if i != position]
+        if not problem.candidates[index].listed or _agreed(problem, others, index):
             continue
-        ratio = attribution.ratio(state["gram"], place, reduced.size)
-        if ratio.dof:
-            held = attribution.held_out(reduced.gram, state["baseline"], place) if ratio.log_p < -8 else 0.0
-            rows.append({"kind": "candidate", "index": k, "ratio": ratio, "cause": candidate.cause, "heldout": held})
-    listed = [{"kind": r["kind"], **_flat(r)} for r in rows]
-    steps = scan.steps(blocks, state["cleaned"])
-    for log_p, block, epoch, gain in steps[:1]:
-        one = {"kind": "step", "block": block, "epoch": epoch, "cause": choice.step_cause}
-        listed.append(one | {"log_p": log_p, "gain": gain, "dof": 3, "heldout": gain})
-    count = len(listed) + len(steps)
-    for channel in choice.tone_causes:
-        found = scan.lines(blocks, state["cleaned"], channel)
-        count += len(found)
-        for log_p, frequency, gain, dof in found[:1]:
-            one = {"kind": "tone", "channel": channel, "frequency": frequency, "cause": choice.tone_causes[channel]}
-            listed.append(one | {"log_p": log_p, "gain": gain, "dof": dof, "heldout": gain})
-    tied = {"candidates": candidates, "reduced": reduced, "state": state}
-    return {"rows": listed, "count": count, **tied}
+        rows = trials.tried(problem, baseline_of(problem, others), choice, others)
+        rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level]
+        if rows:
+            best = max(rows, key=lambda t: t.score)
+            chosen = [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
+    return chosen
 
 
-def _flat(row):
-    ratio = row["ratio"]
-    same = {k: row[k] for k in ("index", "cause", "heldout", "ratio")}
-    return same | {"log_p": ratio.log_p, "gain": ratio.gain, "dof": ratio.dof}
+def _agreed(problem, others, index):
+    """Whether all blocks agree on the value of a cause."""
+    from scipy.stats import chi2 as chi2_distribution
+
+    baseline, place = baseline_of(problem, others), problem.places[index]
+    extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
+    gain = attribution.ratio(attribution.projected(problem.gram.sum(axis=0), baseline), place, problem.size).gain
+    share, level = DISAGREE
+    return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level
 
 
-def _corrected(log_p, count):
-    """Sidak: probability that the smallest of `count` is as small by chance."""
-    return float(-np.expm1(count * np.log1p(-min(np.exp(log_p), 1 - 1e-16))))
+def _finding(problem, chosen, position, choice):
+    """Finding with all others in the baseline."""
+    index, trial = chosen[position]
+    others = [k for i, (k, _) in enumerate(chosen) if i != position]
+    baseline, candidate = baseline_of(problem, others), problem.candidates[index]
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    ratio = attribution.ratio(gram, problem.places[index], problem.size)
+    gain, kind = trials.held_out(problem, baseline, index, choice.segment_s)
+    tied = _tied(problem, gram, index, ratio, choice.tie) if candidate.listed else []
+    names, units, value, sigma = _parameters(problem, gram, index)
+    numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
+    words = {"cause": candidate.cause, "form": candidate.form, "tied": tied, "names": names, "units": units}
+    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, kind=kind, at=trial.at)
 
 
-def _best(tests, choice):
-    """Winner of a round with the causes tied with it, None if nothing passes."""
-    passing = [r for r in tests["rows"] if _corrected(r["log_p"], tests["count"]) < choice.level and r["heldout"] > 0]
-    if not passing:
-        return None
-    score = lambda r: r["gain"] - COST * r["dof"]  # noqa: E731
-    listed = [r for r in passing if not r["cause"].startswith("unknown:")]
-    best = max(passing, key=score)
-    if listed and score(max(listed, key=score)) > score(best) - choice.tie:
-        best = max(listed, key=score)
-    tied = _tied(best, tests, choice) if best["kind"] == "candidate" else []
-    return best | {"tied": tied, "significance": _corrected(best["log_p"], tests["count"])}
+def _parameters(problem, gram, index):
+    """Every parameter of a cause from its widest form, NaN where the data do not determine it."""
+    candidate = problem.candidates[index]
+    forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed]
+    wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names)]
+    wide = [k for k in wide if problem.candidates[k].local == candidate.local] or [index]
+    widest = max(wide, key=lambda k: len(problem.candidates[k].names))
+    ratio = attribution.ratio(gram, problem.places[widest], problem.size)
+    known = np.where(ratio.determined, 1.0, np.nan)
+    entry = problem.candidates[widest]
+    return entry.names, entry.units, ratio.value * known, np.sqrt(np.diag(ratio.covariance)) * known
 
 
-def _tied(best, tests, choice):
-    """Other listed causes whose refit leaves less than the tie limit of expected chi-square."""
-    reduced, gram = tests["reduced"], tests["state"]["gram"]
-    true, value = reduced.places[best["index"]], best["ratio"].value
-    tied = []
-    for row in tests["rows"]:
-        if row["kind"] != "candidate" or row["cause"] == best["cause"] or row["cause"].startswith("unknown:"):
+def _tied(problem, gram, index, ratio, tie):
+    """Other listed causes whose refit leaves less than the limit of expected chi-square."""
+    true, tied = problem.places[index], set()
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        if candidate.cause == problem.candidates[index].cause or not candidate.listed or candidate.cause in tied:
             continue
-        other = reduced.places[row["index"]]
-        expected = attribution.misfit(gram, true, value, other, reduced.size)
-        noise = max(best["dof"] - row["dof"], 0)
-        if expected - noise < choice.tie:
-            tied.append(row["cause"])
-    return sorted(set(tied))
+        if attribution.misfit(gram, true, ratio.value, place, problem.size) - ratio.dof < tie:
+            tied.add(candidate.cause)
+    return sorted(tied)
 
 
-def _accepted(best, blocks, candidates, reduced, accepted, state):  # noqa: ARG001 - state is for figures
-    """Finding, blocks and indices with the winner in the baseline."""
-    common = {k: best[k] for k in ("cause", "gain", "dof", "log_p", "significance", "heldout")}
-    if best["kind"] == "candidate":
-        candidate = candidates[best["index"]]
-        ratio = best["ratio"]
-        numbers = {"value": ratio.value, "sigma": np.sqrt(np.diag(ratio.covariance))}
-        named = {"names": candidate.names, "units": candidate.units, "form": candidate.form}
-        finding = Finding(**common, **named, **numbers, tied=best["tied"], kind="manoeuvres")
-        blocks = [
-            b if c is None else replace(b, shared=np.concatenate([b.shared, c], axis=1))
-            for b, c in zip(blocks, candidate.columns, strict=True)
-        ]
-        blocks = _same_width(blocks)
-        return finding, blocks, accepted
-    return _local(best, blocks, common), _with_local(best, blocks), accepted
-
-
-def _same_width(blocks):
-    """Shared columns padded with zeros where a cause does not act."""
-    width = max(b.shared.shape[1] for b in blocks)
-    pad = lambda b: np.pad(b.shared, ((0, 0), (0, width - b.shared.shape[1])))  # noqa: E731
-    return [replace(b, shared=pad(b)) for b in blocks]
-
-
-def _local(best, blocks, common):
-    if best["kind"] == "tone":
-        value = np.array([best["frequency"]])
-        return Finding(
-            **common, form=f"{best['channel']} reading", tied=[], names=["frequency"], units=["Hz"], value=value,
-            sigma=np.zeros(1), kind="blocks",
-        )  # fmt: skip
-    block = blocks[best["block"]]
-    value, sigma = _step_size(block, best["epoch"])
-    names, units = ["x", "y", "z", "time"], ["m s-2"] * 3 + ["s"]
-    value, sigma = np.append(value, best["epoch"]), np.append(sigma, 3.0)
-    return Finding(
-        **common, form=block.label, tied=[], names=names, units=units, value=value, sigma=sigma, kind="blocks"
-    )
-
-
-def _step_size(block, epoch):
-    from gravcal.methods.estimation import stable_inverse, without
-
-    clean = without(np.concatenate([block.own, block.shared], axis=1), block.local[epoch])
-    inverse = stable_inverse(clean.T @ clean)
-    return inverse @ clean.T @ block.observed, np.sqrt(np.diag(inverse))
-
-
-def _with_local(best, blocks):
-    """Blocks with a step or a tone among their own columns."""
-    changed = list(blocks)
-    for i, block in enumerate(blocks):
-        if best["kind"] == "tone":
-            columns = scan.sine_columns(block, best["channel"], best["frequency"])
-        elif i == best["block"]:
-            columns = block.local[best["epoch"]]
-        else:
-            continue
-        changed[i] = replace(block, own=np.concatenate([block.own, columns], axis=1))
-    return changed
-
-
-def _result(findings, first, last):
-    """Numbers before and after."""
-    (state, tests), (end, remaining) = first, last
-    width = len(state["value"])
-    return Result(
-        findings=findings,
-        before=state["adequacy"],
-        after=end["adequacy"],
-        p_before=_overall(state, tests),
-        p_after=_overall(end, remaining),
-        chi2=(state["chi2"], end["chi2"]),
-        dof=state["dof"],
-        shared=(state["value"], end["value"][:width]),
-        sigma=(state["sigma"], end["sigma"][:width]),
-        lost=_lost(tests),
-    )
-
-
-def _overall(state, tests):
-    """Corrected minimum over the adequacy rows and over everything tried."""
-    smallest = _corrected(min(r["log_p"] for r in tests["rows"]), tests["count"])
-    p = min(adequacy.smallest(state["adequacy"]), smallest)
-    return float(1 - (1 - p) ** 2)
-
-
-def _lost(tests):
-    """Largest share of its size that each listed cause keeps beside the baseline, where that is little."""
-    reduced, gram, shares = tests["reduced"], tests["state"]["gram"], {}
-    for candidate, place in zip(tests["candidates"], reduced.places, strict=True):
-        size = reduced.size[place]
-        if candidate.listed and np.any(size > 0):
-            left = np.sqrt(np.clip(np.diag(gram)[place], 0, None))
-            shares[candidate.cause] = float(np.max(left / np.where(size > 0, size, np.inf)))
-    return {k: v for k, v in shares.items() if v < 0.02}
+def _result(problem, findings, tests, baseline, first):
+    total, width = problem.gram.sum(axis=0), problem.shared.stop - 1
+    ends = []
+    for fixed in (baseline_of(problem, ()), baseline):
+        covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])
+        chi2 = float(attribution.projected(total, fixed)[0, 0])
+        ends.append(((covariance @ total[fixed, 0])[:width], covariance[:width, :width], chi2))
+    value, covariance, chi2 = (tuple(e) for e in zip(*ends, strict=True))
+    sigma = tuple(np.sqrt(np.diag(c)) for c in covariance)
+    numbers = {"chi2": chi2, "dof": int(problem.samples.sum()) - width, "shared": value, "sigma": sigma}
+    more = {"covariance": covariance, "problem": problem, "baseline": baseline, "first": first or []}
+    return Result(findings, *tests, **numbers, **more)

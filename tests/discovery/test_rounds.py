@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from gravcal.discovery.blocks import Block, Candidate, basis_of, reduce
+from gravcal.discovery.blocks import Block, Candidate, basis_of
+from gravcal.discovery.problem import prepare
 from gravcal.discovery.rounds import Choice, search
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
@@ -43,7 +44,7 @@ def test_noise_names_nothing():
 def test_probability_of_adequacy_is_uniform_on_noise():
     """Recovery: Kolmogorov-Smirnov distance of 60 draws below its 0.1 % point, 1.95 / sqrt(60)."""
     rng = np.random.default_rng(12)
-    p = np.sort([search(*made(rng), CHOICE, rng).p_before for _ in range(60)])
+    p = np.sort([search(*made(rng), CHOICE, rng).before.p for _ in range(60)])
     distance = np.max(np.abs(p - (np.arange(60) + 0.5) / 60)) + 0.5 / 60
     assert distance < 1.95 / np.sqrt(60)
 
@@ -52,7 +53,7 @@ def test_own_columns_are_gone_from_the_products():
     """Analytic: a candidate that equals an own column keeps nothing."""
     blocks, _ = made(np.random.default_rng(3))
     copy = Candidate("case.copy", "", ["size"], ["1"], [b.own[:, :1] for b in blocks])
-    reduced = reduce(blocks, [copy])
+    reduced = prepare(blocks, [copy])
     assert np.all(np.abs(reduced.gram[:, -1, -1]) < 1e-18 * 300**2)  # rounding
 
 

@@ -1,0 +1,118 @@
+"""All columns of all blocks with each block's own columns projected out, and their products."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gravcal.discovery.blocks import Block, Candidate, basis_of
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What the rounds work on.
+
+    Attributes
+    ----------
+    blocks, candidates : as handed over; causes found along the time or frequency axis are appended to the candidates
+    bases : (n, r) a block, orthonormal basis of its own columns
+    columns : (n, m) a block: observed, shared, candidates; own columns projected out
+    gram : (b, m, m) products of these columns
+    places : slice of each candidate; shared : slice
+    size : (m,) norm before any projection
+    samples : (b,) rows that carry weight, less own columns
+    """
+
+    blocks: list[Block]
+    candidates: list[Candidate]
+    bases: list[np.ndarray]
+    columns: list[np.ndarray]
+    gram: np.ndarray
+    places: list[slice]
+    size: np.ndarray
+    samples: np.ndarray
+
+    @property
+    def shared(self) -> slice:
+        """Place of the shared columns."""
+        return slice(1, 1 + self.blocks[0].shared.shape[1])
+
+
+def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
+    """Problem of blocks and candidates.
+
+    Parameters
+    ----------
+    blocks : list of Block
+    candidates : list of Candidate
+    """
+    width = blocks[0].shared.shape[1]
+    ends = np.cumsum([1 + width, *(len(c.names) for c in candidates)])
+    places = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    size, bases, projected = np.zeros(ends[-1]), [], []
+    for i, block in enumerate(blocks):
+        columns = _side_by_side(block, [c.columns[i] for c in candidates], places, int(ends[-1]))
+        size += np.einsum("nm,nm->m", columns, columns)
+        bases.append(basis_of(block.own))
+        columns -= bases[-1] @ (bases[-1].T @ columns)
+        projected.append(columns)
+    gram = np.stack([c.T @ c for c in projected])
+    samples = np.array([_used(b) - q.shape[1] for b, q in zip(blocks, bases, strict=True)], dtype=float)
+    return Problem(blocks, list(candidates), bases, projected, gram, places, np.sqrt(size), samples)
+
+
+def _side_by_side(block, parts, places, width):
+    columns = np.zeros((block.observed.size, width))
+    columns[:, 0] = block.observed
+    columns[:, 1 : 1 + block.shared.shape[1]] = block.shared
+    for place, part in zip(places, parts, strict=True):
+        if part is not None:
+            columns[:, place] = part
+    return columns
+
+
+def _used(block):
+    return int(np.sum(np.any(np.column_stack([block.observed, block.own]) != 0, axis=1)))
+
+
+def extended(problem: Problem, candidate: Candidate) -> Problem:
+    """Problem with one more candidate.
+
+    Parameters
+    ----------
+    problem : Problem
+    candidate : Candidate
+    """
+    count = len(candidate.names)
+    place = slice(problem.size.size, problem.size.size + count)
+    size, columns = np.zeros(count), []
+    for block, basis, old, part in zip(
+        problem.blocks, problem.bases, problem.columns, candidate.columns, strict=True
+    ):
+        new = np.zeros((block.observed.size, count)) if part is None else np.array(part, dtype=float)
+        size += np.einsum("nm,nm->m", new, new)
+        columns.append(np.concatenate([old, new - basis @ (basis.T @ new)], axis=1))
+    gram = np.zeros((len(columns), place.stop, place.stop))
+    for i, both in enumerate(columns):
+        gram[i, : place.start, : place.start] = problem.gram[i]
+        gram[i, :, place] = both.T @ both[:, place]
+        gram[i, place] = gram[i, :, place].T
+    more = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
+    return replace(problem, columns=columns, gram=gram, size=np.append(problem.size, np.sqrt(size)), **more)
+
+
+def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:
+    """Products of a block's columns in alternate stretches of time, (2, m, m): observed, wanted, own.
+
+    Parameters
+    ----------
+    problem : Problem
+    index : of the block
+    segment_s : s, length of a stretch
+    wanted : (w,) indices of columns
+    """
+    block = problem.blocks[index]
+    columns = np.concatenate([problem.columns[index][:, np.append(0, wanted)], problem.bases[index]], axis=1)
+    first = np.floor((block.time - block.time.min()) / segment_s) % 2 == 0
+    return np.stack([columns[rows].T @ columns[rows] for rows in (first, ~first)])

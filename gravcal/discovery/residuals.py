@@ -1,0 +1,79 @@
+"""Residuals of a baseline, measured or drawn as pure noise, through one and the same projection."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gravcal.discovery import attribution
+from gravcal.discovery.problem import Problem
+
+
+def projected(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> list[np.ndarray]:
+    """Signals (n, d) a block less the best fit of own and baseline columns.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    noise : (n, d) a block, whitened
+    """
+    rest = [e - q @ (q.T @ e) for e, q in zip(noise, problem.bases, strict=True)]
+    right = sum(c[:, baseline].T @ r for c, r in zip(problem.columns, rest, strict=True))
+    value = inverse_of_baseline(problem, baseline) @ right
+    return [r - c[:, baseline] @ value for c, r in zip(problem.columns, rest, strict=True)]
+
+
+def inverse_of_baseline(problem: Problem, baseline: np.ndarray) -> np.ndarray:
+    """Covariance (p, p) of the baseline parameters.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns
+    """
+    return attribution.inverse_of(problem.gram.sum(axis=0)[np.ix_(baseline, baseline)])
+
+
+def measured(problem: Problem) -> list[np.ndarray]:
+    """Observed rows (n, 1) of every block.
+
+    Parameters
+    ----------
+    problem : Problem
+    """
+    return [c[:, :1] for c in problem.columns]
+
+
+def drawn(problem: Problem, count: int, quiet: Mapping[str, float], rng: np.random.Generator) -> list[np.ndarray]:
+    """Noise (n, count) of every block, with the error of the noise model that it was whitened with.
+
+    Parameters
+    ----------
+    problem : Problem
+    count : number of draws
+    quiet : {channel: quiet samples an axis that its noise was measured from}
+    rng : source of randomness
+    """
+    channels = sorted({c for b in problem.blocks for c in b.channel})
+    error = {c: np.sqrt(2 / quiet[c]) if quiet.get(c) else 0.0 for c in channels}
+    scale = {(c, a): 1 + error[c] / 2 * rng.standard_normal(count) for c in channels for a in range(3)}
+    rows = []
+    for block in problem.blocks:
+        noise = rng.standard_normal((block.observed.size, count), dtype=np.float32)
+        noise[~weighted(block)] = 0.0
+        for (channel, axis), factor in scale.items():
+            noise[(block.channel == channel) & (block.axis == axis)] *= factor.astype(np.float32)
+        rows.append(noise)
+    return rows
+
+
+def weighted(block) -> np.ndarray:
+    """Rows (n,) that carry weight.
+
+    Parameters
+    ----------
+    block : Block
+    """
+    return (block.observed != 0) | np.any(block.own != 0, axis=1) | np.any(block.shared != 0, axis=1)

@@ -1,0 +1,163 @@
+"""Everything that is tried in a round: candidates, lines and steps, with probabilities corrected for their number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+
+from gravcal.discovery import attribution, residuals, scan
+from gravcal.discovery.blocks import Candidate
+from gravcal.discovery.problem import Problem, extended, halves
+
+#: Share of the family-wise level that each kind of trial may spend.
+SHARES = {"listed": 0.5, "unknown": 0.2, "line": 0.2, "step": 0.1}
+#: What a parameter costs when causes with different numbers of parameters are compared (Akaike).
+COST = 2.0
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One thing that was tried.
+
+    Attributes
+    ----------
+    kind : key of SHARES
+    cause, form : names
+    index : of the candidate; -1 for a line or step that is none yet
+    gain, dof, log_p : of its likelihood ratio
+    significance : probability of as much by chance anywhere, corrected for everything that was tried
+    channel, place, at : of a line or step, see `scan.Scan`
+    """
+
+    kind: str
+    cause: str
+    form: str
+    index: int
+    gain: float
+    dof: int
+    log_p: float
+    significance: float
+    channel: str = ""
+    place: int = -1
+    at: float = np.nan
+
+    @property
+    def score(self) -> float:
+        """Gain less what the parameters cost."""
+        return self.gain - COST * self.dof
+
+
+def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial]:
+    """Trials beside a baseline.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    choice : rounds.Choice
+    used : indices of candidates that are in the baseline
+    """
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    rows = []
+    for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
+        if k in used:
+            continue
+        found = attribution.ratio(gram, place, problem.size)
+        if found.dof:
+            kind = "listed" if candidate.listed else "unknown"
+            rows.append((kind, candidate.cause, candidate.form, k, found.gain, found.dof, found.log_p))
+    trials = [Trial(*row, significance=1.0) for row in rows]
+    trials += _along(problem, baseline, choice)
+    return _corrected(trials)
+
+
+def _along(problem, baseline, choice):
+    """Lines and steps."""
+    rest = residuals.projected(problem, baseline, residuals.measured(problem))
+    found = [scan.lines(problem, baseline, rest, c) for c in choice.tone_causes]
+    found.append(scan.steps(problem, baseline, rest))
+    trials = []
+    for one in found:
+        gain = one.gain[:, 0] if one.at.size else np.zeros(0)
+        log_p = chi2_distribution.logsf(gain, np.maximum(one.dof, 1))
+        cause = choice.step_cause if one.kind == "step" else choice.tone_causes[one.channel]
+        for k in range(one.at.size):
+            numbers = (float(gain[k]), int(one.dof[k]), float(log_p[k]), 1.0)
+            where = (one.channel, int(one.place[k]), float(one.at[k]))
+            trials.append(Trial(one.kind, cause, f"{one.channel} reading", -1, *numbers, *where))
+    return trials
+
+
+def _corrected(trials):
+    """Probabilities corrected for the number of trials of a kind and its share of the level."""
+    from dataclasses import replace
+
+    count = {kind: max(sum(t.kind == kind for t in trials), 1) for kind in SHARES}
+    times = {kind: np.log(count[kind] / share) for kind, share in SHARES.items()}
+    return [replace(t, significance=float(min(1.0, np.exp(t.log_p + times[t.kind])))) for t in trials]
+
+
+def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
+    """Problem that holds the trial as a candidate, and its index.
+
+    Parameters
+    ----------
+    problem : Problem
+    trial : Trial
+    """
+    if trial.index >= 0:
+        return problem, trial.index
+    make = _step if trial.kind == "step" else _line
+    return extended(problem, make(problem, trial)), len(problem.candidates)
+
+
+def _step(problem, trial):
+    columns = [b.local[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
+    form = f"{problem.blocks[trial.place].label}, time {trial.at:.0f} s"
+    return Candidate(trial.cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns)
+
+
+def _line(problem, trial):
+    axes = [trial.place] if trial.place >= 0 else [0, 1, 2]
+    columns, names = [], []
+    for i, block in enumerate(problem.blocks):
+        part = scan.sine_columns(block, trial.channel, trial.at, axes)
+        apart = [np.zeros((b.observed.size, part.shape[1])) for b in problem.blocks]
+        apart[i] = part
+        columns.append(apart)
+        names += [f"{p}_{'xyz'[a]}_{i}" for a in axes for p in ("cosine", "sine")]
+    merged = [np.concatenate([c[j] for c in columns], axis=1) for j in range(len(problem.blocks))]
+    used = np.sum([np.sum(m**2, axis=0) for m in merged], axis=0) > 0
+    merged = [m[:, used] for m in merged]
+    names = [n for n, u in zip(names, used, strict=True) if u]
+    return Candidate(trial.cause, f"{trial.channel} reading, {trial.at:.4f} Hz", names, ["1"] * len(names), merged)
+
+
+def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:
+    """Chi-square gained on data left out, and which: "manoeuvres" or "blocks" of time.
+
+    What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
+    fitted in every second stretch of time and tested on the others.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    index : of the candidate
+    segment_s : s, length of a stretch
+    """
+    place = problem.places[index]
+    where = np.arange(place.start, place.stop)
+    size = np.einsum("bqq->bq", problem.gram[:, where][:, :, where])
+    together = np.sum(size > 1e-6 * size.max(axis=0), axis=0)
+    if np.all(together > 1):
+        return attribution.held_out(problem.gram, baseline, where), "manoeuvres"
+    gain = 0.0
+    for i in np.flatnonzero(size.max(axis=1) > 0):
+        mine = where[size[i] > 0]
+        parts = halves(problem, int(i), segment_s, np.concatenate([baseline, mine]))
+        fixed = np.concatenate([1 + np.arange(baseline.size), np.arange(1 + baseline.size + mine.size, parts.shape[1])])
+        gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(mine.size))
+    return float(gain), "blocks"
