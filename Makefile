@@ -28,7 +28,7 @@ bench: $(STAMP)  ## recovery study and speed ratios; long
 
 lock:  ## resolve requirements.lock anew; needs uv
 	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 \
-	  --extra test --extra bench pyproject.toml -o requirements.lock
+	  --extra test --extra bench --extra browse --extra docs pyproject.toml -o requirements.lock
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info
