@@ -87,9 +87,7 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
     count = len(candidate.names)
     place = slice(problem.size.size, problem.size.size + count)
     size, columns = np.zeros(count), []
-    for block, basis, old, part in zip(
-        problem.blocks, problem.bases, problem.columns, candidate.columns, strict=True
-    ):
+    for block, basis, old, part in zip(problem.blocks, problem.bases, problem.columns, candidate.columns, strict=True):
         new = np.zeros((block.observed.size, count)) if part is None else np.array(part, dtype=float)
         size += np.einsum("nm,nm->m", new, new)
         columns.append(np.concatenate([old, new - basis @ (basis.T @ new)], axis=1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from gravcal.effects.base import Context, Effect, Parameter, axes
@@ -62,10 +63,56 @@ def _tone(context: Context, values):
     return np.sin(2 * np.pi * frequency * (context.time - context.epoch) + phase)[:, None] * np.array([x, y, z])
 
 
+def _crosstalk(context: Context, values):
+    """Each of two axes reads the same share of the other; the antisymmetric part is a misalignment."""
+    xy, xz, yz = values
+    return context.linear_b @ np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+
+
+def _temperature(context: Context, values):
+    """Reading that follows sunlight through a first-order lag."""
+    return context.extra["warmth"][:, None] * np.asarray(values)
+
+
+def _flexible(context: Context, values):
+    """Ringing of an appendage driven by the torquers: x'' + 2 z w x' + w^2 x = w^2 u, reading c (x - u), u = |m|."""
+    frequency, damping, *size = values
+    return ringing(context.time, context.dipole_b.sum(axis=1), frequency, damping)[:, None] * np.array(size)
+
+
+@numba.njit(cache=True)
+def ringing(time, drive, frequency, damping):
+    """Oscillator less its drive, (n,) unit of the drive; the drive is held from epoch to epoch, at rest at first.
+
+    Parameters
+    ----------
+    time : (n,) s
+    drive : (n,) any unit
+    frequency, damping : Hz, 1, less than critical
+    """
+    out = np.zeros(time.size)
+    own = 2 * np.pi * max(frequency, 1e-9)
+    decay, swing = damping * own, own * np.sqrt(1 - damping**2)
+    x, v = 0.0, 0.0
+    for k in range(1, time.size):
+        step, target = time[k] - time[k - 1], drive[k - 1]
+        c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
+        away = x - target
+        x = target + fade * (away * c + (v + decay * away) / swing * s)
+        v = fade * (v * c - (decay * v + own**2 * away) / swing * s)
+        out[k] = x - drive[k]
+    return out
+
+
+def _angular_misalignment(context: Context, values):
+    return np.cross(context.angular_b, values)
+
+
 def _angular_scale(context: Context, values):
     return context.angular_b * values
 
 
+_BOTH = ("xy", "xz", "yz")
 _PAIRS = tuple(f"{a}_from_{b}" for a in "xyz" for b in "xyz")
 
 EFFECTS = (
@@ -138,5 +185,45 @@ EFFECTS = (
         axes("", "1", "relative excess of the angular scale about", 0.05),
         _angular_scale,
         "CoM paper eq. 31",
+    ),
+    Effect(
+        "accelerometer.angular_misalignment",
+        "angular_b",
+        axes("angle", "rad", "angular sensor turned about", 2e-3),
+        _angular_misalignment,
+        "reading",
+    ),
+    Effect(
+        "accelerometer.angular_current_leak",
+        "angular_b",
+        tuple(Parameter(n, "rad s-2 A-1 m-2", f"reading about {n[0]} per dipole along {n[-1]}", 1e-8) for n in _PAIRS),
+        _current_leak,
+        "coupling of the torquer currents into the electronics",
+    ),
+    Effect(
+        "accelerometer.cross_talk",
+        "linear_b",
+        tuple(Parameter(n, "1", f"share of {n[0]} read by {n[1]} and of {n[1]} by {n[0]}", 1e-2) for n in _BOTH),
+        _crosstalk,
+        "electrode cross-talk",
+    ),
+    Effect(
+        "accelerometer.temperature",
+        "linear_b",
+        axes("", "m s-2", "change from long night to long day of", 1e-9),
+        _temperature,
+        "reading against sunlight with a lag of 600 s",
+    ),
+    Effect(
+        "accelerometer.flexible_mode",
+        "linear_b",
+        (
+            Parameter("frequency", "Hz", "own frequency", 0.01, neutral=0.5, lower=0.0),
+            Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),
+            *axes("", "m s-2 A-1 m-2", "ringing per dipole of", 1e-11),
+        ),
+        _flexible,
+        "appendage driven by the torque steps",
+        linear=False,
     ),
 )

@@ -23,6 +23,11 @@ def _current_leak(context: Context, values):
     return context.dipole_b @ np.asarray(values).reshape(3, 3).T
 
 
+def _external(context: Context, values):
+    """Uniform field along the moment of the main dipole, as that of a ring current."""
+    return values[0] * context.extra["axis_b"]
+
+
 _PAIRS = tuple(f"{a}_from_{b}" for a in "xyz" for b in "xyz")
 
 EFFECTS = (
@@ -44,5 +49,12 @@ EFFECTS = (
         tuple(Parameter(n, "T A-1 m-2", f"reading of {n[0]} per dipole along {n[-1]}", 1e-8) for n in _PAIRS),
         _current_leak,
         "stray field of the rods",
+    ),
+    Effect(
+        "magnetometer.external_field",
+        "field_b",
+        (Parameter("strength", "T", "uniform field along the moment of the main dipole", 3e-8),),
+        _external,
+        "ring current, of the order of the Dst index",
     ),
 )

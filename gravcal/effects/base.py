@@ -62,7 +62,8 @@ class Context:
     inertia_b : (3, 3) kg m2
     start, stop : (k,) s, manoeuvres
     epoch : s, from which drifts and phases count
-    extra : anything else, by name
+    extra : anything else, by name: mass (kg), non_gravitational_b and radiation_b (n, 3) m s-2, warmth (n,) 1 as of
+        `surroundings.warmth`, axis_b (n, 3) 1 as of `surroundings.dipole_axis_i`; families add their own
     """
 
     time: np.ndarray

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from gravcal.effects.base import Context, Effect, Parameter, axes
+from gravcal.physics.dynamics import gravity_gradient_torque
 
 
 def _gain(context: Context, values):
@@ -53,6 +54,29 @@ def _constant(context: Context, values):
 def _aerodynamic(context: Context, values):
     """Lever arm of the centre of pressure times the non-gravitational force: t = m r x a."""
     return context.extra["mass"] * np.cross(values, context.extra["non_gravitational_b"])
+
+
+def _inertia(context: Context, values):
+    """Moments larger than known by a share e answer the torquers less: t = -e/(1 + e) m x B about each axis."""
+    return -np.asarray(values) / (1 + np.asarray(values)) * np.cross(context.dipole_b, context.field_b)
+
+
+def _products(context: Context, values):
+    """Products of inertia that the model has not: t = -P J^-1 (m x B)."""
+    xy, xz, yz = values
+    matrix = np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+    alpha = np.linalg.solve(context.inertia_b, np.cross(context.dipole_b, context.field_b).T).T
+    return -np.matvec(matrix, alpha)
+
+
+def _gravity_gradient(context: Context, values):
+    """Excess of the gravity-gradient torque, vex(J G - G J)."""
+    return np.asarray(values) * gravity_gradient_torque(context.inertia_b, context.gradient_b)
+
+
+def _radiation(context: Context, values):
+    """Lever arm of the centre of radiation pressure times its force: t = m r x a."""
+    return context.extra["mass"] * np.cross(values, context.extra["radiation_b"])
 
 
 def _eddy(context: Context, values):
@@ -108,6 +132,35 @@ EFFECTS = (
         axes("arm", "m", "centre of mass to centre of pressure along", 0.02),
         _aerodynamic,
         "S-GRS paper eq. 11",
+    ),
+    Effect(
+        "torque.inertia",
+        "torque_b",
+        axes("", "1", "relative excess of the principal moment about", 0.05),
+        _inertia,
+        "Euler's equation, CoM paper eq. 17; no inertia is published",
+        linear=False,
+    ),
+    Effect(
+        "torque.inertia_products",
+        "torque_b",
+        tuple(Parameter(n, "kg m2", f"product of inertia J_{n}", 5.0) for n in ("xy", "xz", "yz")),
+        _products,
+        "Euler's equation, CoM paper eq. 17",
+    ),
+    Effect(
+        "torque.gravity_gradient",
+        "torque_b",
+        axes("", "1", "relative excess of the gravity-gradient torque about", 0.05),
+        _gravity_gradient,
+        "S-GRS paper eq. 1; equations.md (M2)",
+    ),
+    Effect(
+        "torque.radiation",
+        "torque_b",
+        axes("arm", "m", "centre of mass to centre of radiation pressure along", 0.05),
+        _radiation,
+        "S-GRS paper eq. 11, with the force of sunlight",
     ),
     Effect(
         "torque.eddy_current",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gravcal.effects import Context, effect
-from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic
+from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic, surroundings
 from gravcal.simulation import attitude, orbit, streams
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
@@ -39,6 +39,7 @@ class Scene:
     inertia_b : (3, 3) kg m2; dipole_per_current : (3,) A m2 mA-1, as true
     magnetometer_bias : (3,) T
     mass : kg; drag_b : (3,) m s-2, mean drag in the body
+    begin : s, from which on the orbit is known
     """
 
     orbit: object
@@ -52,6 +53,7 @@ class Scene:
     magnetometer_bias: np.ndarray
     mass: float
     drag_b: np.ndarray
+    begin: float
 
 
 def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
@@ -84,7 +86,7 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     spans = _spans(start, stop, chosen, day)
     drag = np.array([-satellite["x_along_velocity"] * chosen.drag_m_s2, 0.0, 0.0])
     divisors, mass = _divisors(satellite, chosen, rng), float(satellite["mass_at_launch"])
-    return Scene(path, kinds, start, stop, spans, offset, *divisors, bias, mass, drag)
+    return Scene(path, kinds, start, stop, spans, offset, *divisors, bias, mass, drag, day - 60)
 
 
 def _schedule(path, kinds, chosen, day):
@@ -253,7 +255,12 @@ def _with_effects(steps, around, body, start, slow, states, control, injected, s
     parts = (np.arange(PARTS) + 0.5) / PARTS
     inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
     for closed in (True, False):
-        field_b = np.matvec(frames.R_bi_from_quaternion(states[:, :4]), _nodes(around, steps.bound, around.field_i))
+        R_bi = frames.R_bi_from_quaternion(states[:, :4])
+        field_b = np.matvec(R_bi, _nodes(around, steps.bound, around.field_i))
+        extra = surroundings.extras(
+            steps.bound[:-1], around.time, around.position_i, R_bi[:-1], scene.mass, scene.drag_b
+        )
+        gradient_b = R_bi @ gravity.gradient_i(_nodes(around, steps.bound, around.position_i)) @ np.swapaxes(R_bi, 1, 2)
         context = Context(
             time=inner,
             rate_b=np.repeat(states[:-1, 4:], PARTS, axis=0),
@@ -263,7 +270,8 @@ def _with_effects(steps, around, body, start, slow, states, control, injected, s
             start=scene.start,
             stop=scene.stop,
             epoch=scene.spans[0, 0],
-            extra={"mass": scene.mass, "non_gravitational_b": np.tile(scene.drag_b, (inner.size, 1))},
+            gradient_b=np.repeat(gradient_b[:-1], PARTS, axis=0),
+            extra={k: v if np.ndim(v) == 0 else np.repeat(v, PARTS, axis=0) for k, v in extra.items()},
         )
         mean = lambda name, context=context: channel(injected, name, context).reshape(-1, PARTS, 3).mean(axis=1)  # noqa: E731
         dipole, torque = (np.repeat(mean(name)[:, None], 2, axis=1) for name in ("dipole_b", "torque_b"))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gravcal.effects import Context, effect
-from gravcal.physics import constants, earth, frames
+from gravcal.physics import constants, earth, frames, surroundings
 from gravcal.simulation import sensors
 
 MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the real file of 2023-06-01
@@ -109,7 +109,8 @@ def _accelerometer(epochs, motion, scene, satellite, chosen, injected, channel, 
     shared = {name: getattr(motion, name) for name in ("rate_b", "rate_dot_b", "gradient_b", "field_b")}
     shared |= {"dipole_b": motion.command_b, "inertia_b": scene.inertia_b, "start": scene.start, "stop": scene.stop}
     shared["epoch"] = scene.spans[0, 0]
-    context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, **shared)
+    extra = _extras(epochs.acc, motion, scene) if injected else {}
+    context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, extra=extra, **shared)
     linear = _drag(epochs, motion, scene, chosen) + effect("accelerometer.offset").contribution(context, scene.offset)
     context = replace(context, linear_b=linear)
     linear = linear + channel(injected, "linear_b", context)
@@ -121,6 +122,14 @@ def _accelerometer(epochs, motion, scene, satellite, chosen, injected, channel, 
     seconds, micro = np.divmod(epochs.acc_tag, 1_000_000)
     columns = {f"{kind}_accl_{axis}": read[kind][:, i] for kind in read for i, axis in enumerate("xyz")}
     return {"rcvtime_intg": seconds, "rcvtime_frac": micro} | columns
+
+
+def _extras(time, motion, scene):
+    """What slow disturbances follow."""
+    orbit = np.arange(max(time[0] - 3 * surroundings.WARMING_S, scene.begin), time[-1] + 10, 5.0)
+    position_i = scene.orbit(orbit)[:, :3]
+    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
+    return surroundings.extras(time, orbit, position_i, R_bi, scene.mass, scene.drag_b)
 
 
 def _drag(epochs, motion, scene, chosen):
@@ -147,7 +156,8 @@ def _star_camera(epochs, motion, chosen, injected, channel, rng):
 
 
 def _magnetometer(epochs, motion, scene, satellite, chosen, injected, channel, rng):
-    context = Context(time=epochs.mag, field_b=motion.field_b, dipole_b=motion.command_b)
+    extra = _extras(epochs.mag, motion, scene) if injected else {}
+    context = Context(time=epochs.mag, field_b=motion.field_b, dipole_b=motion.command_b, extra=extra)
     noise = chosen.noise_scale * np.array(satellite["magnetometer_noise"]) * rng.standard_normal((epochs.mag.size, 3))
     field = motion.field_b + channel(injected, "field_b", context) + scene.magnetometer_bias + noise
     held = np.maximum(np.arange(epochs.mag.size) - np.arange(epochs.mag.size) % 2, 0)

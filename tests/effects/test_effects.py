@@ -25,6 +25,8 @@ def context(seed=1, count=COUNT):
     extra = {"mass": 580.0, "non_gravitational_b": 6e-8 * rng.standard_normal((count, 3))}
     extra |= {"angle": 0.03 * rng.standard_normal((count, 2, 2))}
     extra |= {"nominal_impulse_b": 1e-3 * rng.standard_normal((count, 3))}
+    extra |= {"radiation_b": 3e-8 * rng.standard_normal((count, 3)), "warmth": rng.uniform(0, 1, count)}
+    extra |= {"axis_b": rng.standard_normal((count, 3))}
     extra |= {"range": 2e5 + 100 * rng.standard_normal(count), "range_rate": rng.standard_normal(count)}
     return Context(
         time=time,
@@ -49,7 +51,7 @@ def generic(entry, scene):
     for i, p in enumerate(entry.parameters):
         if p.name == "time":
             values[i] = scene.time[COUNT // 2] + 1e-2
-        if p.name in ("limit", "tau"):
+        if p.name in ("limit", "tau", "damping"):
             values[i] = abs(values[i]) * 5
     return values
 

@@ -1,0 +1,118 @@
+"""Sunlight, warmth and the axis of the geomagnetic dipole along an orbit: what slow disturbances follow."""
+
+from __future__ import annotations
+
+import erfa
+import numpy as np
+
+from gravcal.physics import earth
+from gravcal.physics.constants import EARTH_RADIUS
+
+#: Time constant of the temperature that effects follow, s; assumed, between that of a sensor head and of a panel.
+WARMING_S = 600.0
+#: Acceleration by sunlight, m s-2; assumed, 3.5 m2 of a 580 kg satellite that absorbs.
+PUSH = 3e-8
+#: Node spacing, s.
+STEP_S = 10.0
+
+
+def sun_i(time_gps):
+    """Direction of the Sun from the Earth.
+
+    Parameters
+    ----------
+    time_gps : (n,) GPS seconds
+
+    Returns
+    -------
+    sun_i : (n, 3) 1, celestial frame; 0.01 deg, aberration not applied
+    """
+    first, second = earth.gps_to_tt(np.atleast_1d(time_gps))
+    heliocentric, _ = erfa.epv00(first, second)
+    return -heliocentric["p"] / np.linalg.norm(heliocentric["p"], axis=-1, keepdims=True)
+
+
+def sunlit(position_i, sun):
+    """Whether a satellite is outside the cylinder of the Earth's shadow.
+
+    Parameters
+    ----------
+    position_i : (n, 3) m
+    sun : (n, 3) 1
+
+    Returns
+    -------
+    lit : (n,) bool
+    """
+    along = np.sum(position_i * sun, axis=-1)
+    across = np.linalg.norm(position_i - along[..., None] * sun, axis=-1)
+    return (along > 0) | (across > EARTH_RADIUS)
+
+
+def warmth(time, time_orbit, position_i, lag_s=WARMING_S):
+    """Sunlight through a first-order lag, 0 after a long night and 1 after a long day.
+
+    Parameters
+    ----------
+    time : (n,) s
+    time_orbit, position_i : (k,) s, (k, 3) m, covering the times; before the first epoch the mean is taken
+    lag_s : s
+
+    Returns
+    -------
+    warmth : (n,) 1
+    """
+    nodes = np.arange(time_orbit[0], time_orbit[-1] + STEP_S, STEP_S)
+    position = np.stack([np.interp(nodes, time_orbit, c) for c in np.asarray(position_i).T], axis=1)
+    light = sunlit(position, sun_i(nodes)).astype(float)
+    keep, state, values = np.exp(-STEP_S / lag_s), light.mean(), np.empty(nodes.size)
+    for k, one in enumerate(light):
+        values[k] = state
+        state = one + (state - one) * keep
+    return np.interp(time, nodes, values)
+
+
+def dipole_axis_i(time_gps):
+    """Direction of the geomagnetic dipole moment, that of IGRF at 2015, in the celestial frame.
+
+    Parameters
+    ----------
+    time_gps : (n,) GPS seconds
+
+    Returns
+    -------
+    axis_i : (n, 3) 1; the moment points south
+    """
+    colatitude, longitude = np.radians([9.69, -72.63])
+    north = np.sin(colatitude) * np.cos(longitude), np.sin(colatitude) * np.sin(longitude), np.cos(colatitude)
+    return np.matvec(np.swapaxes(earth.R_ei(np.atleast_1d(time_gps)), -1, -2), -np.array(north))
+
+
+def extras(time, time_orbit, position_i, R_bi, mass, force_b):
+    """What slow disturbances follow, as effects look for it.
+
+    Parameters
+    ----------
+    time : (n,) s
+    time_orbit, position_i : (k,) s, (k, 3) m
+    R_bi : (n, 3, 3)
+    mass : kg
+    force_b : (3,) m s-2, mean drag per mass
+
+    Returns
+    -------
+    extras : mass; non_gravitational_b, radiation_b (n, 3) m s-2; warmth (n,) 1; axis_b (n, 3) 1
+
+    Notes
+    -----
+    Radiation of `PUSH` m s-2 away from the Sun while it is up; the size is assumed, the shape is what matters.
+    """
+    nodes = np.array([time[0], time[-1]])
+    position = np.stack([np.interp(time, time_orbit, c) for c in np.asarray(position_i).T], axis=1)
+    ends = sun_i(nodes), dipole_axis_i(nodes)
+    share = ((time - nodes[0]) / max(nodes[1] - nodes[0], 1e-9))[:, None]
+    sun, axis = (e[0] + share * (e[1] - e[0]) for e in ends)
+    push = -PUSH * sunlit(position, sun)[:, None] * sun
+    drag = np.broadcast_to(force_b, (time.size, 3))
+    turned = {"radiation_b": np.matvec(R_bi, push), "axis_b": np.matvec(R_bi, axis)}
+    return turned | {"mass": mass, "non_gravitational_b": drag, "warmth": warmth(time, time_orbit, position_i)}
