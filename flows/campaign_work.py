@@ -6,6 +6,7 @@ import time
 import traceback
 
 from flows.engine import single_threaded
+from gravcal.data import journal
 from gravcal.errors import GravcalError
 from tasks import stage
 
@@ -57,7 +58,8 @@ def _attempt(calibration, source, chosen):
     event = command.name_of(source)
     try:
         module = importlib.import_module(f"flows.{calibration}")
-        ref = module.calibrate(source, chosen)
+        with journal.recorded(module.calibrate.flow_name, event) as note, stage.using(stage.inline, note):
+            ref = module.calibrate(source, chosen)
         document = module.document(ref)
         return {"event": event, "status": document["status"], "report": str(ref.folder), "document": document}
     except GravcalError as error:

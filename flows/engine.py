@@ -12,7 +12,7 @@ import os
 import sys
 from dataclasses import dataclass
 
-from gravcal.data import explain, keys, store
+from gravcal.data import explain, journal, keys, store
 from gravcal.data.references import ProductRef
 from gravcal.errors import GravcalError
 from tasks import stage
@@ -93,12 +93,30 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     steps, ref = plan(body, *arguments)
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"
-    if engine == "prefect":
-        from flows import prefect_engine
+    with journal.recorded(body.flow_name, _event(arguments)) as note:
+        heard = _both(note, listener)
+        if engine == "prefect":
+            from flows import prefect_engine
 
-        return prefect_engine.run(body, arguments, listener, server, steps)
-    with stage.using(stage.inline, listener):
-        return body(*arguments)
+            return prefect_engine.run(body, arguments, heard, server, steps)
+        with stage.using(stage.inline, heard):
+            return body(*arguments)
+
+
+def _event(arguments):
+    """Event that the first argument of a flow names, or None."""
+    return getattr(arguments[0], "event", None) if arguments else None
+
+
+def _both(first, second):
+    """Listener that tells two; the second may be None."""
+
+    def listener(*heard):
+        first(*heard)
+        if second:
+            second(*heard)
+
+    return listener
 
 
 class Planner:

@@ -1,0 +1,52 @@
+"""The record of the last run of each event."""
+
+import pytest
+
+from flows import engine
+from gravcal.data import journal
+
+
+def run(pipeline, **changes):
+    """Run the invented flow through the engine, inline."""
+    return engine.run(pipeline.module("flow").calibrate, pipeline.file(), pipeline.chosen | changes, engine="inline")
+
+
+def states(pipeline):
+    """State of each stage in the last run."""
+    record = journal.last("fake-1", pipeline.name)
+    return {stage.removeprefix(f"{pipeline.name}."): one["state"] for stage, one in record["stages"].items()}
+
+
+def test_a_run_says_what_it_made_and_what_it_reused(pipeline):
+    """Contract: made at first; with another gain only what depends on it; then nothing."""
+    run(pipeline)
+    assert states(pipeline) == dict.fromkeys(("start", "scale.one", "scale.other", "join"), "made")
+    run(pipeline, gain_one=2.0)
+    assert states(pipeline) == {"start": "reused", "scale.one": "made", "scale.other": "reused", "join": "made"}
+    run(pipeline, gain_one=2.0)
+    assert set(states(pipeline).values()) == {"reused"}
+
+
+def test_a_failed_run_is_recorded_with_its_reason(pipeline):
+    """Contract: the stages that were done, status and error; the error goes on."""
+    run(pipeline)
+    pipeline.replace("second.py", "return first.assign", "raise ValueError('no mean')\n    return first.assign")
+    with pytest.raises(ValueError, match="no mean"):
+        run(pipeline)
+    record = journal.last("fake-1", pipeline.name)
+    assert (record["status"], record["error"]) == ("failed", "ValueError: no mean")
+    assert "join" not in states(pipeline)
+    assert [one["event"] for one in journal.runs()] == ["fake-1"]
+
+
+def test_a_store_that_cannot_be_written_and_a_broken_record_are_no_error(store_folder):
+    """Contract: the journal never stops a run, and reads only whole records."""
+    store_folder.mkdir()
+    (store_folder / "runs").write_text("a file where the folder would be")
+    with journal.recorded("flow", "event"):
+        pass
+    assert journal.last("event", "flow") is None
+    (store_folder / "runs").unlink()
+    (store_folder / "runs").mkdir()
+    (store_folder / "runs" / "event.flow.json").write_text("{")
+    assert journal.runs() == []
