@@ -1,9 +1,12 @@
 """Level-1 files in a folder: loose, compressed, or members of the daily archives, read without extracting."""
 
 import gzip
+import os
 import re
 import tarfile
+import time
 import zlib
+from collections import OrderedDict
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
@@ -18,6 +21,9 @@ FORMS = ("dat", "txt", "asc")
 ARCHIVES = (".tgz", ".tar.gz", ".tar")
 TOGETHER = {"A": "X", "B": "X", "AB": "X", "C": "Y", "D": "Y", "CD": "Y"}
 FETCH_AGAIN = "Fetch the file again from the official archive."
+SETTLED_NS = 2_000_000_000  # a folder that changed just before it was listed may change again unnoticed
+LISTINGS = 256  # folders whose listing is kept
+_listed = OrderedDict()
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,7 @@ def _safe(path, item):
 
 
 @lru_cache(maxsize=64)
-def _members(path, size, modified_ns):  # noqa: ARG001 - the last two make the cache honest
+def _members(path, size, changed_ns):  # noqa: ARG001 - the last two make the cache honest
     try:
         with tarfile.open(path, "r:*") as archive:
             return tuple(_safe(path, item).name for item in archive if not item.isdir())
@@ -116,20 +122,74 @@ def inventory(folder) -> list[LevelOneFile]:
     ------
     ProductError : no such folder, a damaged archive, or a member whose path leaves the folder
     """
+    return list(_listing(folder).files)
+
+
+def holds(folder, product, satellite, date) -> bool:
+    """Whether a folder has a Level-1 file of exactly this product, satellite letter and day."""
+    return (product, satellite, str(date)) in _listing(folder).index
+
+
+@dataclass(frozen=True)
+class _Listing:
+    """Files of a folder, by preference and by (product, satellite, date), and what tells that it changed."""
+
+    files: tuple
+    index: dict
+    seen: dict
+
+
+def _listing(folder):
+    """Files of a folder; listed again when one of its folders or archives changed."""
     folder = Path(folder)
+    known = _listed.get(folder)
+    if known is not None and known.seen == {path: _stamp(path) for path in known.seen}:
+        return known
+    made = _list(folder)
+    newest = max(stamp[1] for stamp in made.seen.values())
+    _listed.pop(folder, None)
+    if newest < time.time_ns() - SETTLED_NS:
+        _listed[folder] = made
+    while len(_listed) > LISTINGS:
+        _listed.popitem(last=False)
+    return made
+
+
+def _list(folder):
+    """Look into a folder, its subfolders and archives."""
     if not folder.exists():
         refuse(folder, "nothing there", "a folder of Level-1 files", "Check the path.")
-    paths = sorted(p for p in folder.rglob("*") if p.is_file()) if folder.is_dir() else [folder]
+    folders, paths = _walk(folder) if folder.is_dir() else ([], [folder])
+    seen = {path: _stamp(path) for path in [*folders, *filter(is_archive, paths)] or paths}
     files = []
     for path in paths:
-        if path.name.startswith("._"):
-            continue
         if is_archive(path):
-            state = path.stat()
-            files += [from_name(path, name) for name in _members(path, state.st_size, state.st_mtime_ns)]
+            files += [from_name(path, name) for name in _members(path, *seen[path])]
         else:
             files.append(from_name(path))
-    return sorted((f for f in files if f), key=_preference)
+    files = sorted((f for f in files if f), key=_preference)
+    index = {}
+    for file in files:
+        index.setdefault((file.product, file.satellite, file.date), []).append(file)
+    return _Listing(tuple(files), index, seen)
+
+
+def _walk(folder):
+    """Folders below a folder, itself among them, and the files that may hold Level-1 data."""
+    folders, paths = [], []
+    for root, _, names in os.walk(folder):
+        folders.append(Path(root))
+        paths += [Path(root) / name for name in names if is_archive(name) or NAME.fullmatch(name)]
+    return folders, sorted(path for path in paths if not path.name.startswith("._") and path.is_file())
+
+
+def _stamp(path):
+    """Size and time of change of a folder or archive, (-1, 0) when it is gone."""
+    try:
+        status = path.stat()
+    except OSError:
+        return -1, 0
+    return status.st_size, status.st_ctime_ns
 
 
 def _preference(file):
@@ -152,12 +212,17 @@ def find(folder, product, satellite=None, date=None) -> LevelOneFile:
     ------
     ProductError : nothing fits, or several days or satellites fit
     """
-    files = [f for f in inventory(folder) if f.product == product]
+    listing = _listing(folder)
     wanted = (satellite, TOGETHER.get(satellite))
-    fitting = [f for f in files if satellite is None or f.satellite in wanted]
-    fitting = [f for f in fitting if date is None or f.date == str(date)]
+    if satellite and date:
+        fitting = [f for letter in wanted for f in listing.index.get((product, letter, str(date)), ())]
+    else:
+        fitting = [f for f in listing.files if f.product == product]
+        fitting = [f for f in fitting if satellite is None or f.satellite in wanted]
+        fitting = [f for f in fitting if date is None or f.date == str(date)]
     what = " ".join(str(x) for x in (product, satellite, date) if x)
     if not fitting:
+        files = [f for f in listing.files if f.product == product]
         there = sorted({f"{f.product} {f.satellite} {f.date}" for f in files}) or "no file of this product"
         refuse(
             folder, there, what, "Add the missing file, or choose another folder, satellite or day.", product=product

@@ -21,14 +21,29 @@ def why(recipe, modules):
     record = store.read_record(location.folder() / "latest" / recipe["event"] / stage)
     if record is None:
         return ["never made"]
-    old = record["recipe"]
-    reasons = list(_differences(old["settings"], recipe["settings"], ""))
-    if old["version"] != recipe["version"]:
-        reasons.append(f"version {old['version']} -> {recipe['version']}")
-    reasons += _input_reasons(old["inputs"], recipe["inputs"])
-    if old["code"] != recipe["code"]:
-        reasons.append(f"code changed: {', '.join(changed(record, {'modules': modules}))}")
-    return reasons
+    return compared(record, {"recipe": recipe, "modules": modules}, otherwise=())
+
+
+def compared(old_record, new_record, otherwise=("event or variant",)):
+    """What differs between two products of one stage.
+
+    Parameters
+    ----------
+    old_record, new_record : dict, records of the products
+    otherwise : reasons given where none is found
+
+    Returns
+    -------
+    reasons : list of str, such as "lowpass_hz: 0.5 -> 0.7"
+    """
+    old, new = old_record["recipe"], new_record["recipe"]
+    reasons = list(_differences(old["settings"], new["settings"], ""))
+    if old["version"] != new["version"]:
+        reasons.append(f"version {old['version']} -> {new['version']}")
+    reasons += _input_reasons(old["inputs"], new["inputs"])
+    if old["code"] != new["code"]:
+        reasons.append(f"code changed: {', '.join(changed(old_record, new_record))}")
+    return reasons or list(otherwise)
 
 
 def _differences(old, new, name):

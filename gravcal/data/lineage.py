@@ -1,10 +1,13 @@
 """Where a product comes from: its inputs, theirs, down to the raw files; and making it again from there."""
 
 import importlib
+import os
 from pathlib import Path
 
-from gravcal.data import housekeeping, store
+from gravcal.data import location, store
 from gravcal.errors import ProductError
+
+AUXILIARY = ("GFC", "TRUTH")  # files that are read beside the Level-1 files of an event
 
 
 def tree(entry):
@@ -40,21 +43,37 @@ def raw_files(key, known=None):
 
 
 def level_one_folders(calibration):
-    """Folders, satellites and dates from which the events of the store were made.
+    """Where the files were from which the events of the store were made.
+
+    Parameters
+    ----------
+    calibration : str
 
     Returns
     -------
-    sources : list of (Path, str, str)
+    sources : list of (event, Path, satellite, date); date is None for an event of several days
     """
-    sources = {}
-    for entry in housekeeping.entries():
-        if not entry.ref.kind.startswith(f"{calibration}."):
-            continue
-        for file in raw_files(entry.ref.key):
-            path = Path(file["path"])
-            if len(file["satellite"]) == 1 and file["satellite"] not in "XY":
-                sources[entry.ref.event, path.parent, file["date"]] = file["satellite"]
-    return [(folder, satellite, date) for (_, folder, date), satellite in sources.items()]
+    made = {}
+    for link in sorted((location.folder() / "latest").glob(f"*/{calibration}.*")):
+        made.setdefault(link.parent.name, []).append(link)
+    found = [(event, _event_files(links)) for event, links in made.items()]
+    return [(event, *_whereabouts(files)) for event, files in found if files]
+
+
+def _event_files(links):
+    """Level-1 files of an event: those below its report, or below all it has."""
+    reports = [link for link in links if link.name.endswith(".report")]
+    keys = [link.readlink().name for link in reports or links if link.is_symlink()]
+    files = [file for key in keys for file in raw_files(key)]
+    return [file for file in files if file["product"] not in AUXILIARY]
+
+
+def _whereabouts(files):
+    """Folder, satellite and date of the Level-1 files of an event."""
+    folder = Path(os.path.commonpath([Path(file["path"]).parent for file in files]))
+    dates = sorted({file["date"] for file in files})
+    letters = sorted({file["satellite"] for file in files} - set("XY")) or [files[0]["satellite"]]
+    return folder, letters[0], dates[0] if len(dates) == 1 else None
 
 
 def stage_of(record):

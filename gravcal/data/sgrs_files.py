@@ -44,19 +44,21 @@ def find(folder, date: str | None = None) -> LevelOneFile:
     folder : path
     date : YYYY-MM-DD, or None where there is only one
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        refuse(folder, "no folder", "a folder with an SGRS file", "Check --data.")
-    found = {}
-    for path in sorted(folder.rglob("*.nc")):
-        match = NAME.fullmatch(path.name)
-        if match and date in (None, match["date"]):
-            found[match["date"], match["release"]] = LevelOneFile(path, None, **match.groupdict())
+    found = {(file.date, file.release): file for file in inventory(folder) if date in (None, file.date)}
     if not found:
         refuse(folder, f"no SGRS file{f' of {date}' if date else ''}", "SGRS_YYYY-MM-DD_S_01.nc", "Check --data.")
     if len({day for day, _ in found}) > 1:
         refuse(folder, f"SGRS files of {', '.join(sorted({d for d, _ in found}))}", "one day", "Give --date.")
     return found[max(found)]
+
+
+def inventory(folder) -> list[LevelOneFile]:
+    """All SGRS files of a folder and its subfolders."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        refuse(folder, "no folder", "a folder with an SGRS file", "Check --data.")
+    matches = [(path, NAME.fullmatch(path.name)) for path in sorted(folder.rglob("*.nc"))]
+    return [LevelOneFile(path, None, **match.groupdict()) for path, match in matches if match]
 
 
 def other_file(path, kind: str, date: str) -> LevelOneFile:

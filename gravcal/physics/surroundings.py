@@ -62,9 +62,11 @@ def warmth(time, time_orbit, position_i, lag_s=WARMING_S):
     -------
     warmth : (n,) 1
     """
-    nodes = np.arange(time_orbit[0], time_orbit[-1] + STEP_S, STEP_S)
+    nodes = np.arange(max(time_orbit[0], time[0] - 4 * lag_s), time[-1] + STEP_S, STEP_S)
     position = np.stack([np.interp(nodes, time_orbit, c) for c in np.asarray(position_i).T], axis=1)
-    light = sunlit(position, sun_i(nodes)).astype(float)
+    sun = sun_i(nodes[[0, -1]])
+    along = ((nodes - nodes[0]) / max(nodes[-1] - nodes[0], 1.0))[:, None]
+    light = sunlit(position, sun[0] + along * (sun[1] - sun[0])).astype(float)
     keep, state, values = np.exp(-STEP_S / lag_s), light.mean(), np.empty(nodes.size)
     for k, one in enumerate(light):
         values[k] = state

@@ -12,8 +12,8 @@ from gravcal.methods.resampling import lowpass_resampler
 from gravcal.physics import frames
 
 
-def angular(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> list[NoiseModel]:
-    """Angular accelerometer in quiet data, the torque of the control currents removed.
+def angular(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
+    """Angular accelerometer in quiet data, the torque of the control currents removed; and samples an axis.
 
     Parameters
     ----------
@@ -28,9 +28,9 @@ def angular(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> list[Nois
     pieces = [_piece(aligned, field, slice(*np.searchsorted(time, s)), good, settings) for s in spans]
     pieces = [p for p in pieces if p is not None]
     removed = len(pieces) * (settings["angular_drift_degree"] + 1)
-    return [
-        fit_noise([p[:, a] for p in pieces], settings["noise_order"], settings["step_s"], removed) for a in range(3)
-    ]
+    order, step = settings["noise_order"], settings["step_s"]
+    count = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
+    return [fit_noise([p[:, a] for p in pieces], order, step, removed) for a in range(3)], count
 
 
 def _piece(aligned, field, inside, good, settings):
@@ -87,8 +87,8 @@ def attitude(smoothed: xr.Dataset, settings: dict) -> list[NoiseModel]:
     return [fit_noise([s[:, a] for s in segments], order, 1.0, removed) for a in range(3)]
 
 
-def magnetometer(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> list[NoiseModel]:
-    """Magnetometer minus IGRF at 1 Hz in quiet data, slow part removed.
+def magnetometer(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
+    """Magnetometer minus IGRF at 1 Hz in quiet data, slow part removed; and samples an axis.
 
     Parameters
     ----------
@@ -106,7 +106,8 @@ def magnetometer(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> list
         cleaned[valid] = estimation.without(drift, values[valid])
         pieces.append(cleaned)
     order, removed = settings["attitude_noise_order"], len(pieces) * (settings["drift_degree"] + 1)
-    return [fit_noise([p[:, a] for p in pieces], order, 1.0, removed) for a in range(3)] if pieces else []
+    count = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
+    return [fit_noise([p[:, a] for p in pieces], order, 1.0, removed) for a in range(3)] if pieces else [], count
 
 
 def at_one_hertz(field: xr.Dataset, begin: float, end: float):

@@ -106,18 +106,31 @@ def _quaternion(aligned, time):
     return frames.interpolate(known_time, aligned["quaternion"].values[known], at)
 
 
-def field_b(aligned: xr.Dataset, scene: Scene, time: np.ndarray) -> np.ndarray:
-    """Field in the body (n, 3) T along the measured attitude.
+def attitude_at(scene: Scene, time: np.ndarray) -> np.ndarray:
+    """Measured attitude (n, 4) at any epochs of the arc.
 
     Parameters
     ----------
-    aligned : Dataset, "align"
     scene : Scene
     time : (n,) s
     """
+    known = scene.window.time[1:][scene.window.good[1:]]
+    quaternion = scene.window.quaternion[1:][scene.window.good[1:]]
+    return frames.interpolate(known, quaternion, np.clip(time, known[0], known[-1]))
+
+
+def field_at(scene: Scene, time: np.ndarray, R_bi: np.ndarray) -> np.ndarray:
+    """Field in the body (n, 3) T.
+
+    Parameters
+    ----------
+    scene : Scene
+    time : (n,) s
+    R_bi : (n, 3, 3)
+    """
     arc = scene.window.arc
     inertial = np.stack([np.interp(time, arc.field_time, c) for c in arc.field_i.T], axis=1)
-    return np.matvec(frames.R_bi_from_quaternion(_quaternion(aligned, time)), inertial)
+    return np.matvec(R_bi, inertial)
 
 
 def turned(scene: Scene, basis) -> np.ndarray:

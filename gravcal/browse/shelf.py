@@ -1,0 +1,183 @@
+"""What lies in the store, for the pages: nothing is written, set aside or made again by looking."""
+
+import json
+from dataclasses import dataclass
+
+from gravcal.data import explain, housekeeping, journal, location, store
+
+_known = {}  # folder -> record; a product is never changed, so its record is read once
+
+
+@dataclass(frozen=True)
+class Node:
+    """One product in the chain of an event, or a stage that failed (then without entry)."""
+
+    stage: str
+    key: str
+    state: str
+    entry: object
+    inputs: tuple[str, ...]
+
+
+def entries():
+    """All products, those replaced by newer ones included.
+
+    Returns
+    -------
+    entries : list of housekeeping.Entry, by event, time and stage
+    """
+    newest = housekeeping.linked_keys()
+    found = []
+    for folder in housekeeping.folders():
+        record = _record(folder)
+        if record is not None:
+            found.append(housekeeping.Entry(store.reference(record, folder), record, folder.name in newest))
+    return sorted(found, key=lambda entry: (entry.ref.event, entry.record.get("made", ""), entry.ref.stage))
+
+
+def entry(key):
+    """Product with this key, or None; anything that is not a key of the store is None."""
+    if not housekeeping.KEY.fullmatch(key):
+        return None
+    folder = store.folder_of(key)
+    if not _inside(folder / "product.nc"):
+        return None
+    record = _record(folder)
+    newest = key in housekeeping.linked_keys()
+    return housekeeping.Entry(store.reference(record, folder), record, newest) if record else None
+
+
+def file(found, name):
+    """Path of a file that belongs to a product, or None: only names its record lists, and only inside the store."""
+    if name not in found.record.get("files", {}) and name != "product.nc":
+        return None
+    path = found.ref.folder / name
+    return path if _inside(path) else None
+
+
+def document(found):
+    """Result document of a report product, or None."""
+    path = file(found, "result.json")
+    try:
+        return json.loads(path.read_bytes()) if path else None
+    except (OSError, ValueError):
+        return None
+
+
+def results():
+    """Every event with what is known of its result, the newest first.
+
+    Returns
+    -------
+    rows : list of dict: event, calibration, state, mood, said, made, products, report (Entry or None), run, document
+    """
+    everything = [one for one in entries() if one.newest]
+    runs = {(run["event"], run["flow"]): run for run in journal.runs()}
+    names = {(one.ref.event, one.ref.kind.partition(".")[0]) for one in everything if one.ref.kind != "ingest"}
+    rows = [_result(event, calibration, everything, runs) for event, calibration in sorted(names | set(_failed(runs)))]
+    return sorted(rows, key=lambda row: row["made"], reverse=True)
+
+
+def chain(event):
+    """Stages of an event: the newest product of each, what they were made of, and where the last run failed.
+
+    Parameters
+    ----------
+    event : str
+
+    Returns
+    -------
+    nodes : list of Node
+    """
+    runs = [run for run in journal.runs() if run["event"] == event]
+    states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
+    keys = {name: one["key"] for run in runs for name, one in run["stages"].items()}
+    waiting = [one for one in entries() if one.newest and one.ref.event == event]
+    nodes = {}
+    while waiting:
+        one = waiting.pop()
+        below = [entry(key) for key in _inputs(one)]
+        waiting += [part for part in below if part and part.ref.key not in nodes]
+        state = states.get(one.ref.stage, "stored") if keys.get(one.ref.stage) == one.ref.key else "stored"
+        nodes[one.ref.key] = Node(one.ref.stage, one.ref.key, state, one, tuple(_inputs(one)))
+    failed = [Node(run["failed"], "", "failed", None, ()) for run in runs if run.get("failed")]
+    return sorted(nodes.values(), key=lambda node: node.stage) + failed
+
+
+def relatives(found):
+    """Other products of the same stage: of the same event with other settings or inputs, and of other events.
+
+    Returns
+    -------
+    rows : list of (Entry, list of str), what differs, newest first
+    """
+    others = [one for one in entries() if one.ref.stage == found.ref.stage and one.ref.key != found.ref.key]
+    own = [one for one in others if one.ref.event == found.ref.event]
+    strange = [one for one in others if one.ref.event != found.ref.event and one.newest]
+    rows = [(one, explain.compared(one.record, found.record)) for one in own]
+    return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in strange[::-1]]
+
+
+def siblings(found):
+    """Newest products of the same kind and event with another variant."""
+    return [
+        one
+        for one in entries()
+        if one.newest and (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind) and one.ref != found.ref
+    ]
+
+
+def _record(folder):
+    """Record of a product folder whose file is there, or None."""
+    if folder not in _known:
+        record = store.read_record(folder)
+        if record is None or record["key"] != folder.name:
+            return None
+        _known[folder] = record
+    return _known[folder] if (folder / "product.nc").is_file() else None
+
+
+def _inside(path):
+    """Whether a path, links followed, is a file of the store."""
+    try:
+        return path.is_file() and path.resolve().is_relative_to((location.folder() / "objects").resolve())
+    except OSError:
+        return False
+
+
+def _inputs(one):
+    """Keys of the products that one was made of."""
+    return [part["key"] for part in one.record.get("from", []) if "key" in part]
+
+
+def _failed(runs):
+    """Events and flows whose last run failed."""
+    return [where for where, run in runs.items() if run["status"] == "failed"]
+
+
+def _result(event, calibration, everything, runs):
+    """Row of one event and calibration."""
+    own = [one for one in everything if one.ref.event == event]
+    own = [one for one in own if one.ref.kind.startswith(f"{calibration}.") or one.ref.kind == "ingest"]
+    report = next((one for one in own if one.ref.stage == f"{calibration}.report"), None)
+    run = runs.get((event, calibration))
+    found = document(report) if report else None
+    state, mood, said = _state(found, run)
+    made = max([one.record.get("made", "") for one in own] + ([run["started"]] if run else []))
+    names = {"event": event, "calibration": calibration, "state": state, "mood": mood, "said": said, "made": made}
+    return names | {"products": len(own), "report": report, "run": run, "document": found}
+
+
+def _state(document, run):
+    """State in words, its mood, and the verdict or reason."""
+    if run and run["status"] == "failed":
+        return "failed", "bad", run.get("error", "")
+    if document is None:
+        return "no report", "plain", "stages are in the store, a report is not"
+    verdict = document.get("verdict")
+    said = verdict.get("text", "") if isinstance(verdict, dict) else str(verdict or "")
+    if document.get("status") != "delivered":
+        return str(document.get("status", "")).replace("_", " "), "plain", said
+    marks = [verdict.get(name) for name in ("accuracy_met", "consistent")] if isinstance(verdict, dict) else []
+    mood = "bad" if False in marks else "good" if True in marks else "plain"
+    return "delivered", mood, said

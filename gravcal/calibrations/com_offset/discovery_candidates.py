@@ -1,0 +1,159 @@
+"""Columns of every effect of the catalogue that an event can show, in every form that is tried."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gravcal.calibrations.com_offset import discovery_drivers, discovery_timing
+from gravcal.calibrations.com_offset.discovery_view import View, turning
+from gravcal.effects import Context, catalogue
+from gravcal.effects.accelerometer import ringing
+from gravcal.effects.base import Effect
+
+FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
+#: Baseline parameters, searched for along the time or frequency axis, or of records that are not read here.
+NOT_HERE = (
+    "accelerometer.offset",
+    "accelerometer.bias_step",
+    "accelerometer.stray_tone",
+    "torque.thruster_firings",
+    "timing.thruster_delay",
+)
+LAGS_S = (0.05, 0.2, 0.5, 1.0, 2.0)  # where the lag is differentiated
+MODES_HZ = np.arange(0.10, 0.80, 0.02)
+DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
+#: Channel of an effect -> channel of the view.
+READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", "field_b": "magnetometer"}
+
+
+def candidates(views: list[View], smoothed, starts) -> list[dict]:
+    """Effects of the catalogue, then regressors made of the measured channels.
+
+    Parameters
+    ----------
+    views : list of View
+    smoothed : Dataset, "com_offset.attitude"
+    starts : (k,) s, of the manoeuvres
+
+    Returns
+    -------
+    candidates : fields of `gravcal.discovery.blocks.Candidate`, one column set a view and one for the edge times
+    """
+    entries = [e for s, e in catalogue().items() if s.partition(".")[0] in FAMILIES and s not in NOT_HERE]
+    shapes = [shape for entry in entries for shape in _shapes(entry)]
+    shapes += discovery_drivers.shapes(views[0]) if views else []
+    tables = [_table(view, shapes) for view in views]
+    found = []
+    for k, shape in enumerate(shapes):
+        columns = [t[k] for t in tables]
+        timing = discovery_timing.columns(shape["cause"], smoothed, starts)
+        timing = None if timing is None or shape["form"].startswith("manoeuvre") else timing
+        if any(c is not None for c in columns) or timing is not None:
+            fixed = {n: shape[n] for n in ("cause", "form", "names", "units", "prior")}
+            found += _split(fixed | {"columns": [*columns, timing]})
+    return found
+
+
+def _shapes(entry: Effect) -> list[dict]:
+    """Forms of an effect: {"cause", "form", "names", "units", "prior", "signal"}, signal: View -> signal or None."""
+    names, units = [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
+    plain = {"cause": entry.slug, "form": "", "names": names, "units": units}
+    plain["prior"] = [p.prior_sigma for p in entry.parameters]
+    if entry.slug == "torque.dipole_lag":
+        return [plain | {"form": f"tau {t:g} s", "signal": _torque(_lagged(entry, t))} for t in LAGS_S]
+    if entry.slug == "torque.saturation":
+        return [plain | {"signal": _torque(_clipped)}]
+    if entry.slug == "accelerometer.flexible_mode":
+        axes = {"names": names[2:], "units": units[2:], "prior": plain["prior"][2:]}
+        return [plain | axes | {"form": f"{f:.2f} Hz", "signal": _ringing(f)} for f in MODES_HZ]
+    if entry.channel in ("dipole_b", "torque_b"):
+        return [plain | {"signal": _torque(_torque_of(entry))}]
+    return [plain | {"signal": _reading(entry)}]
+
+
+def _split(whole: dict) -> list[dict]:
+    """The effect with all its parameters, then with each alone."""
+    if len(whole["names"]) == 1 or whole["cause"].startswith("unknown:") or whole["form"].endswith("Hz"):
+        return [whole]
+    found = [whole]
+    for k, name in enumerate(whole["names"]):
+        columns = [c if c is None else c[:, k : k + 1] for c in whole["columns"]]
+        one = {"names": [name], "units": [whole["units"][k]], "prior": [whole["prior"][k]], "columns": columns}
+        found.append(whole | one | {"form": f"{whole['form']} {name} alone".strip()})
+    return found
+
+
+def _table(view: View, shapes: list[dict]) -> list[np.ndarray | None]:
+    """Whitened rows of every shape in one manoeuvre, all through the operators at once."""
+    signals = [shape["signal"](view) for shape in shapes]
+    table: list[np.ndarray | None] = [None] * len(signals)
+    groups: dict[tuple, list[int]] = {}
+    for k, signal in enumerate(signals):
+        if signal is not None:
+            groups.setdefault(tuple(sorted(signal)), []).append(k)
+    for channels, members in groups.items():
+        joined = {c: np.concatenate([signals[k][c] for k in members], axis=2) for c in channels}
+        widths = [signals[k][channels[0]].shape[2] for k in members]
+        parts = np.split(view.rows(joined), np.cumsum(widths)[:-1], axis=1)
+        for k, part in zip(members, parts, strict=True):
+            table[k] = part
+    return table
+
+
+def _reading(entry):
+    """Signal of an effect that is added to a reading; None where the channel is not observed."""
+
+    def signal(view):
+        if entry.channel not in READ:
+            return None
+        channel = READ[entry.channel]
+        if channel == "magnetometer":
+            time = view.magnetometer[0]
+            return {channel: entry.columns(view.at(time))} if time.size else None
+        context = Context(time=view.scene.sca_time) if channel == "attitude" else view.context
+        return {channel: entry.columns(context)}
+
+    return signal
+
+
+def _torque(torque_of):
+    return lambda view: turning(view, torque_of)
+
+
+def _torque_of(entry):
+    """Context -> torque (n, 3, q) N m per parameter."""
+
+    def torque(context):
+        values = entry.columns(context)
+        if entry.channel == "torque_b":
+            return values
+        return np.moveaxis(np.cross(np.moveaxis(values, 2, 1), context.field_b[:, None, :]), 1, 2)
+
+    return torque
+
+
+def _lagged(entry, tau):
+    """Torque per second of lag, by its secant at tau."""
+
+    def torque(context):
+        return np.cross(entry.contribution(context, np.array([tau])) / tau, context.field_b)[..., None]
+
+    return torque
+
+
+def _clipped(context):
+    """Torque per dipole missing at full dipole: what saturation takes from the square wave."""
+    largest = np.abs(context.dipole_b).max()
+    missing = np.where(np.abs(context.dipole_b) > 0.5 * largest, np.sign(context.dipole_b), 0.0)
+    return np.cross(missing, context.field_b)[..., None]
+
+
+def _ringing(frequency):
+    """Linear reading per ringing dipole on each axis."""
+
+    def signal(view):
+        c = view.context
+        wave = ringing(c.time, c.dipole_b.sum(axis=1), frequency, DAMPING)
+        return {"linear": wave[:, None, None] * np.eye(3)}
+
+    return signal
