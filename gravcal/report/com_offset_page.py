@@ -5,7 +5,6 @@ import functools
 from gravcal.report import com_offset_figures as figures
 from gravcal.report import com_offset_result_figures as results
 from gravcal.report import com_offset_tables as tables
-from gravcal.report.figures import image
 from gravcal.report.pages import render
 from gravcal.report.plain import AXES, gps_text
 from gravcal.report.words import key_of, plus_minus
@@ -209,9 +208,10 @@ def _section(title, own_tables, own_figures, notes=()):
 
 
 def _figure(drawing, source, title, caption):
-    """Figure with its caption; without image where a product is missing."""
-    shown = None if any(item is None for item in drawing) else image(*drawing)
-    return {"image": shown, "source": source, "title": title, "caption": caption}
+    """Figure with its caption; without drawing where a product is missing."""
+    draw, *given = drawing
+    shown = None if any(item is None for item in given) else draw(*given)
+    return {"drawing": shown, "source": source, "title": title, "caption": caption}
 
 
 def _numbered(sections):
@@ -219,7 +219,7 @@ def _numbered(sections):
     number = 0
     for section in sections:
         for one in section["figures"]:
-            number += one["image"] is not None
+            number += one["drawing"] is not None
             one["number"] = number
     return sections
 

@@ -1,10 +1,23 @@
 """Figures of what a centre-of-mass event gives: residual spectra, and the estimates of every manoeuvre."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from gravcal.report.com_offset_figures import VARIANT_STYLE
-from gravcal.report.figures import COLOURS, grid, legend
+from gravcal.report.drawing import Look, Panel, band, bars, boxes, dots, level, limits, line
+from gravcal.report.drawing_frame import drawn, framed, legend
+from gravcal.report.drawing_looks import VARIANT_LOOK
+from gravcal.report.figures import COLOURS
 from gravcal.report.plain import AXES
+
+SPECTRA = {
+    "modelled signal": Look(COLOURS["sky"]),
+    "residual": Look(COLOURS["vermilion"], 0.8),
+    "noise as measured": Look(COLOURS["black"], 1.3),
+}
+BANDS = {"total error": (COLOURS["yellow"], 0.30), "adopted": (COLOURS["orange"], 0.45)}
+ROLL = {"star camera": Look(COLOURS["orange"], 0.6, shape="circle", size=3.0), "torquers": Look(COLOURS["black"])}
+SPREAD = 0.24  # of the angular accelerations about the place of their manoeuvre
 
 
 def spectra(solved):
@@ -18,24 +31,21 @@ def spectra(solved):
     pieces = _pieces(solved)
     if not pieces:
         return None
-    figure, panels = grid(1, 3, 2.5, sharex=True, sharey=True, margins={"wspace": 0.08, "right": 0.985})
     frequency, residual = _density(reading - model, pieces)
     _, signal = _density(model, pieces)
     stated = np.sqrt(solved["noise_density"].values)
-    for column, axis in enumerate(AXES):
-        panel = panels[0, column]
-        panel.loglog(frequency, signal[:, column], color=COLOURS["sky"], linewidth=0.9, label="modelled signal")
-        panel.loglog(frequency, residual[:, column], color=COLOURS["vermilion"], linewidth=0.8, label="residual")
-        noise = {"color": COLOURS["black"], "linewidth": 1.2, "label": "noise as measured"}
-        panel.loglog(solved["frequency"].values, stated[column], **noise)
-        panel.set_title(f"$f_{axis}$")
-        panel.set_xlabel("frequency (Hz)")
-        panel.set_xlim(frequency[1], 1.0)
     low = np.nanmin([np.nanmin(stated), np.nanpercentile(residual, 5)])
-    panels[0, 0].set_ylim(low / 5, 3 * np.nanmax(signal))
-    panels[0, 0].set_ylabel("density (m s$^{-2}$ Hz$^{-1/2}$)")
-    legend(figure, panels[0, 0], 3)
-    return figure
+    y = (float(low / 5), float(3 * np.nanmax(signal)))
+    parts, label = [legend(SPECTRA)], {"y_label": "density (m s⁻² / √Hz)"}
+    for column, box in enumerate(boxes(1, 3, 250, across=14)[0]):
+        panel = Panel(box, (float(frequency[1]), 1.0), y, log=True)
+        series = (frequency, signal[:, column]), (frequency, residual[:, column])
+        series += ((solved["frequency"].values, stated[column]),)
+        marks = [line(panel, *one, look) for one, look in zip(series, SPECTRA.values(), strict=True)]
+        words = {"title": f"f_{AXES[column]}", "x_label": "frequency (Hz)", "y_numbers": column == 0}
+        parts.append(framed(panel, *marks, **words, **label))
+        label = {}
+    return drawn(250, "spectra", *parts)
 
 
 def _pieces(solved):
@@ -63,69 +73,67 @@ def estimates(document, printed):
     document : dict of the event
     printed : {(manoeuvre index, variant): Published}
     """
-    manoeuvres, adopted = document["manoeuvres"], document["adopted"]["variant"]
-    figure, panels = grid(3, 1, 4.6, sharex=True, margins={"hspace": 0.12})
+    manoeuvres = document["manoeuvres"]
+    adopted = document["variants"].get(document["adopted"]["variant"])
     names = list(document["variants"])
-    place = dict(zip(names, np.linspace(-0.24, 0.24, len(names)), strict=True))
-    for row, axis in enumerate(AXES):
-        panel = panels[row, 0]
-        _band(panel, document["variants"].get(adopted), row)
-        for name in names:
-            _points(panel, manoeuvres, name, row, place[name])
-            _printed(panel, printed, name, row, place[name], len(manoeuvres))
-        panel.set_ylabel(f"{axis} (µm)")
-        panel.grid(axis="x", visible=False)
+    looks = {name: replace(VARIANT_LOOK[name], width=0.9, dash=()) for name in names}
+    parts, titled = [legend(BANDS | looks)], {"title": "offset, proof mass to CoM"}
     labels = [f"{i} {one['kind']}\n{one['latitude_class'] or ''}" for i, one in enumerate(manoeuvres, start=1)]
-    panels[-1, 0].set_xticks(range(len(manoeuvres)), labels)
-    panels[-1, 0].set_xlim(-0.6, len(manoeuvres) - 0.4)
-    panels[0, 0].set_title("offset, proof mass to CoM")
-    legend(figure, panels[0, 0], 6)
-    return figure
+    x = (-0.6, len(manoeuvres) - 0.4)
+    for row, (box,) in enumerate(boxes(3, 1, 460, down=14, bottom=34)):
+        series = {name: _points(manoeuvres, name, row) for name in names}
+        known = {name: _printed(printed, name, row, len(manoeuvres)) for name in names}
+        ends = [value + sign * sigma for value, sigma in series.values() for sign in (-1, 1)]
+        panel = Panel(box, x, limits(*ends, *known.values(), _adopted(adopted, row)))
+        marks = [_band(panel, adopted, row)]
+        for name, shift in zip(names, np.linspace(-SPREAD, SPREAD, len(names)), strict=True):
+            marks += _estimates(panel, np.arange(len(manoeuvres)) + shift, series[name], known[name], looks[name])
+        numbers = dict(enumerate(labels)) if row == 2 else dict.fromkeys(range(len(labels)), "")
+        parts.append(framed(panel, *marks, y_label=f"{AXES[row]} (µm)", x_numbers=numbers, **titled))
+        titled = {}
+    return drawn(460, "estimates", *parts)
+
+
+def _adopted(block, row):
+    """Ends of the band of the adopted offset."""
+    if block is None or block["offset_um"][row] is None:
+        return []
+    return [block["offset_um"][row] + sign * block["sigma_total_um"][row] for sign in (-1, 1)]
 
 
 def _band(panel, block, row):
     """Adopted offset with one and with the total standard deviation."""
     if block is None or block["offset_um"][row] is None:
-        return
+        return ""
     value, sigma, total = (block[name][row] for name in ("offset_um", "sigma_um", "sigma_total_um"))
-    panel.axhspan(value - total, value + total, color=COLOURS["yellow"], alpha=0.30, linewidth=0, label="total error")
-    panel.axhspan(value - sigma, value + sigma, color=COLOURS["orange"], alpha=0.45, linewidth=0, label="adopted")
-    panel.axhline(value, color=COLOURS["orange"], linewidth=0.6)
+    strips = [
+        band(panel, value - half, value + half, *look)
+        for half, look in zip((total, sigma), BANDS.values(), strict=True)
+    ]
+    return "".join(strips) + level(panel, value, Look(COLOURS["orange"], 0.6))
 
 
-def _points(panel, manoeuvres, name, row, place):
-    """Estimates of one angular acceleration."""
-    values = [one["variants"][name] for one in manoeuvres]
-    known = [i for i, block in enumerate(values) if block["offset_um"][row] is not None]
-    look = VARIANT_STYLE[name]
-    panel.errorbar(
-        [i + place for i in known],
-        [values[i]["offset_um"][row] for i in known],
-        yerr=[values[i]["sigma_um"][row] for i in known],
-        linestyle="none",
-        marker=look["marker"],
-        color=look["color"],
-        markersize=3.2,
-        elinewidth=0.9,
-        capsize=1.5,
-        label=name,
-    )
+def _points(manoeuvres, name, row):
+    """Estimates of one angular acceleration and their errors, NaN where not determined."""
+    blocks = [one["variants"][name] for one in manoeuvres]
+    return tuple(np.array([block[key][row] for block in blocks], dtype=float) for key in ("offset_um", "sigma_um"))
 
 
-def _printed(panel, printed, name, row, place, count):
-    """Printed values of the same manoeuvres, hollow."""
-    known = [(i, printed[i, name]) for i in range(count) if (i, name) in printed]
-    known = [(i, one) for i, one in known if one.value[row] is not None]
-    panel.plot(
-        [i + place for i, _ in known],
-        [one.value[row] for _, one in known],
-        linestyle="none",
-        marker=VARIANT_STYLE[name]["marker"],
-        markerfacecolor="none",
-        markeredgecolor=VARIANT_STYLE[name]["color"],
-        markersize=5.5,
-        markeredgewidth=0.6,
-    )
+def _printed(printed, name, row, count):
+    """Printed values of the same manoeuvres, NaN where there is none."""
+    known = [printed.get((i, name)) for i in range(count)]
+    return np.array([None if one is None else one.value[row] for one in known], dtype=float)
+
+
+def _estimates(panel, place, series, known, look):
+    """Marks of one angular acceleration: error bars, points, hollow ones for what was printed."""
+    value, sigma = series
+    hollow = replace(look, hollow=True, size=1.6 * look.size)
+    return [
+        bars(panel, place, value - sigma, value + sigma, look),
+        dots(panel, place, value, look),
+        dots(panel, place, known, hollow),
+    ]
 
 
 def roll(survey):
@@ -139,17 +147,14 @@ def roll(survey):
     slope = float(survey["slope"].values)
     if time.size == 0 or not np.isfinite(slope):
         return None
-    figure, panels = grid(1, 1, 2.0)
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, time.size), 2)
-    clean = [
+    rate, impulse = (
         y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0]
         for y in (survey["roll_rate"].values, survey["roll_impulse"].values)
-    ]
-    panel, since = panels[0, 0], time - time[0]
-    dots = {"color": COLOURS["orange"], "marker": "o", "markersize": 2.5, "linewidth": 0.6}
-    panel.plot(since, 1e6 * clean[0], label="star camera", **dots)
-    panel.plot(since, 1e6 * slope * clean[1], color=COLOURS["black"], label="torquers")
-    panel.set_ylabel("$\\omega_x$ (µrad s$^{-1}$)")
-    panel.set_xlabel("time (s)")
-    legend(figure, panel, 2)
-    return figure
+    )
+    since, seen, made = time - time[0], 1e6 * rate, 1e6 * slope * impulse
+    panel = Panel(boxes(1, 1, 200)[0][0], limits(since, margin=0.03), limits(seen, made))
+    marks = [line(panel, since, seen, ROLL["star camera"]), dots(panel, since, seen, ROLL["star camera"])]
+    marks.append(line(panel, since, made, ROLL["torquers"]))
+    words = {"y_label": "ω_x (µrad s⁻¹)", "x_label": "time (s)"}
+    return drawn(200, "roll", legend(ROLL), framed(panel, *marks, **words))

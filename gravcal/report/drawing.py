@@ -12,7 +12,6 @@ import numpy as np
 WIDTH = 700
 FINE = 10
 FAR = 100_000  # beyond every panel, in steps of the fine grid
-SOLID, DASHED, DOTTED, DASH_DOT = (), (4.0, 1.8), (1.0, 1.8), (5.0, 1.6, 1.0, 1.6)
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Look:
 
     colour: str
     width: float = 0.9
-    dash: tuple[float, ...] = SOLID
+    dash: tuple[float, ...] = ()
     shape: str = ""
     size: float = 4.0
     hollow: bool = False

@@ -12,7 +12,7 @@ from gravcal.report.drawing import FINE, WIDTH, Look, Panel, marked
 
 INK, FAINT, NUMBERS = "#1a1a1a", "#e4e4e4", 9.6
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
-CHARACTER = 5.7  # mean width at the size of the numbers
+WIDE, NARROW = "mwMW", "iljtfrI.,:;'() "  # letters far from the mean width
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -36,16 +36,18 @@ def framed(panel: Panel, *marks: str, **words) -> str:
     ----------
     panel : Panel
     marks : SVG text of `gravcal.report.drawing`
-    words : "title", "x_label", "y_label"; "x_numbers", whether they are written, or {value: text} to be written
+    words : "title", "x_label", "y_label"; "x_numbers", whether they are written, or {value: text} to be written;
+        "y_numbers", whether they are written
     """
     left, top, width, height = panel.box
-    across, down = _scale(panel, words.get("x_numbers", True)), _y_scale(panel)
+    across, down = _scale(panel, words.get("x_numbers", True)), _y_scale(panel, words.get("y_numbers", True))
     x_at = {round(left + width * _part(v, panel.x, panel.log), 1): t for v, t in across.items()}
     y_at = {round(top + height * (1 - _part(v, panel.y, panel.log)), 1): t for v, t in down.items()}
     named = isinstance(words.get("x_numbers"), dict)
     grid = "".join(f"M{left:g} {y:g}h{width:g}" for y in y_at)
     grid += "" if named else "".join(f"M{x:g} {top:g}v{height:g}" for x in x_at)
     ticks = "".join(f"M{x:g} {top + height:g}v2.5" for x in x_at) + "".join(f"M{left:g} {y:g}h-2.5" for y in y_at)
+    ticks += _small_ticks(panel) if panel.log else ""
     inside = f'x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}" viewBox="0 0 {FINE * width:g} '
     return (
         f'<path d="{grid}" stroke="{FAINT}" stroke-width=".5"/>'
@@ -54,6 +56,15 @@ def framed(panel: Panel, *marks: str, **words) -> str:
         + _numbers(panel, x_at, y_at)
         + _words(panel, words)
     )
+
+
+def _small_ticks(panel):
+    """Ticks of a logarithmic panel between the powers of ten."""
+    left, top, width, height = panel.box
+    wanted = [d * f for d in 10.0 ** np.arange(-20, 20) for f in range(2, 10)]
+    across = [left + width * _part(v, panel.x, True) for v in wanted if panel.x[0] <= v <= panel.x[1]]
+    down = [top + height * (1 - _part(v, panel.y, True)) for v in wanted if panel.y[0] <= v <= panel.y[1]]
+    return "".join(f"M{x:.1f} {top + height:g}v1.5" for x in across) + "".join(f"M{left:g} {y:.1f}h-1.5" for y in down)
 
 
 def _part(value, ends, log):
@@ -67,29 +78,36 @@ def _scale(panel, numbers):
     """Texts of the lower scale by value; empty ones where they are not written."""
     if isinstance(numbers, dict):
         return numbers
-    found = decades(*panel.x) if panel.log else round_numbers(*panel.x, max(2, int(panel.box[2] / 55)))
+    found = decades(*panel.x) if panel.log else round_numbers(*panel.x, max(2, int(panel.box[2] / 45)))
     return found if numbers else dict.fromkeys(found, "")
 
 
-def _y_scale(panel):
-    """Texts of the left scale by value."""
-    return decades(*panel.y) if panel.log else round_numbers(*panel.y, max(2, int(panel.box[3] / 24)))
+def _y_scale(panel, numbers):
+    """Texts of the left scale by value; empty ones where they are not written."""
+    found = decades(*panel.y) if panel.log else round_numbers(*panel.y, max(2, int(panel.box[3] / 18)))
+    return found if numbers else dict.fromkeys(found, "")
 
 
 def round_numbers(low: float, high: float, count: int) -> dict[float, str]:
-    """At most about so many round numbers between two values, with their texts.
+    """About so many round numbers between two values, with their texts.
 
     Parameters
     ----------
     low, high : values
-    count : number of steps
+    count : how many are wanted
     """
-    raw = (high - low) / count
-    size = 10.0 ** math.floor(math.log10(raw))
-    step = next(s * size for s in STEPS if s * size >= raw * (1 - 1e-9))
-    decimals = max(0, -math.floor(math.log10(step) + 1e-9) + (abs(step / size - 2.5) < 1e-6))
-    wanted = np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1) * step
-    return {float(v): f"{v + 0.0:.{decimals}f}".replace("-", "−") for v in wanted}
+    size = 10.0 ** math.floor(math.log10((high - low) / count))
+    found = [(s, *_whole(low, high, s * size)) for s in STEPS]
+    share, first, last = min(found, key=lambda one: (abs(one[2] - one[1] + 1 - count), one[1] - one[2]))
+    step = share * size
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9) + (share == 2.5))
+    texts = (f"{k * step + 0.0:.{decimals}f}".replace("-", "−") for k in range(first, last + 1))
+    return dict(zip((k * step for k in range(first, last + 1)), texts, strict=True))
+
+
+def _whole(low, high, step):
+    """First and last multiple of a step between two values."""
+    return math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
 
 
 def decades(low: float, high: float) -> dict[float, str]:
@@ -108,7 +126,7 @@ def _numbers(panel, x_at, y_at):
     """Numbers of both scales."""
     left, top, _, height = panel.box
     below = [_stacked(x, top + height + 12, t) for x, t in x_at.items() if t]
-    beside = [f'<text x="{left - 5:g}" y="{y + 3.4:.1f}" text-anchor="end">{t}</text>' for y, t in y_at.items()]
+    beside = [f'<text x="{left - 5:g}" y="{y + 3.4:.1f}" text-anchor="end">{t}</text>' for y, t in y_at.items() if t]
     return f'<g font-size="{NUMBERS}">{"".join(below + beside)}</g>'
 
 
@@ -155,7 +173,7 @@ def legend(entries: dict[str, Look | tuple[str, float]], top: float = 12.0) -> s
     """
     right, parts = WIDTH - 8.0, []
     for name, look in reversed(entries.items()):
-        right -= CHARACTER * len(name)
+        right -= sum(8.8 if c in WIDE else 3.9 if c in NARROW else 5.9 for c in name)
         parts.append(f'<text x="{right:.1f}" y="{top + 3.4:g}">{html.escape(name)}</text>')
         parts.append(_sample(look, right - 24, top))
         right -= 38

@@ -1,12 +1,14 @@
 """Figures of the reports."""
 
 import warnings
+from xml.etree import ElementTree
 
 import pytest
 
 from gravcal.report import com_offset_figures as figures
 from gravcal.report import com_offset_result_figures as results
-from gravcal.report.figures import COLOURS, image
+from gravcal.report.drawing_looks import VARIANT_LOOK
+from gravcal.report.figures import COLOURS
 
 
 def by_variant(products, name):
@@ -31,29 +33,31 @@ def drawings(products, document):
 
 @pytest.mark.parametrize("name", ["field", "torquers", "attitude", "angular", "linear", "spectra", "estimates", "roll"])
 def test_figures_are_drawn_without_a_warning(products, document, name):
-    """Contract: every figure of the page, with warnings as errors."""
+    """Contract: every figure of the page, warnings as errors; well-formed, with units, numbers only."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         figure = drawings(products, document)[name][0](*drawings(products, document)[name][1:])
-    labels = [panel.get_ylabel() + panel.get_xlabel() + panel.get_title() for panel in figure.axes]
-    assert any("(" in label for label in labels)
+    root = ElementTree.fromstring(figure)
+    words = ["".join(text.itertext()) for text in root.iter("text")]
+    assert any("(" in text for text in words)
+    assert len(list(root.iter("svg"))) > 1
+    assert "nan" not in figure
+    assert "inf" not in figure
 
 
-def test_the_same_figure_has_the_same_bytes(products):
-    """Contract: no date, no random identifier, in both forms."""
-    for form in ("png", "svg"):
-        first, second = (image(results.roll, products["survey"], form=form) for _ in range(2))
-        assert first == second
+def test_the_same_figure_has_the_same_text(products):
+    """Contract: no date, no random identifier."""
+    assert results.roll(products["survey"]) == results.roll(products["survey"])
 
 
-def test_nothing_to_show_gives_no_image(quiet_products):
+def test_nothing_to_show_gives_no_drawing(quiet_products):
     """Contract: a record without manoeuvre has no spectra."""
-    assert image(results.spectra, by_variant(quiet_products, "solve")["acc"]) is None
+    assert results.spectra(by_variant(quiet_products, "solve")["acc"]) is None
 
 
 def test_colours_differ_in_lightness_too():
-    """Contract: the four angular accelerations can be told apart in grey, by marker and by line."""
-    looks = [tuple(look.values()) for look in figures.VARIANT_STYLE.values()]
-    for part in zip(*looks, strict=True):
-        assert len(set(part)) >= 3
-    assert {look["color"] for look in figures.VARIANT_STYLE.values()} <= set(COLOURS.values())
+    """Contract: the four angular accelerations can be told apart in grey, by point and by line."""
+    looks = VARIANT_LOOK.values()
+    for part in ("colour", "dash", "shape"):
+        assert len({getattr(look, part) for look in looks}) >= 3
+    assert {look.colour for look in looks} <= set(COLOURS.values())
