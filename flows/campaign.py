@@ -42,14 +42,12 @@ def sources(calibration, satellite, data):
     """
     module = command.flow_module(calibration)
     if data is not None:
-        return [
-            module.source(event=None, data=folder, satellite=one, date=date)
-            for folder, one, date in _days(data, satellite)
-        ]
+        days = _days(module, data, satellite)
+        return [_source(module, None, data=folder, satellite=one, date=date) for folder, one, date in days]
     from gravcal.data import catalog
 
     names = [event.name for event in catalog.events(satellite=satellite) if event.calibration == calibration]
-    return [module.source(event=name, data=None, satellite=None, date=None) for name in names]
+    return [_source(module, name, data=None, satellite=None, date=None) for name in names]
 
 
 def run(campaign, sources, listener=None):
@@ -69,7 +67,7 @@ def run(campaign, sources, listener=None):
     engine.single_threaded()
     rows, waiting = {}, []
     for number, source in enumerate(sources):
-        if campaign.workers == 0 or _is_done(campaign, source):
+        if campaign.workers == 0 or isinstance(source, campaign_work.Refused) or _is_done(campaign, source):
             rows[number] = _here(campaign, source, listener)
         else:
             waiting.append((number, source))
@@ -168,20 +166,26 @@ def _here(campaign, source, listener):
     return row
 
 
-def _days(data, satellite):
-    """Folders, satellites and dates of the days below a folder."""
-    from gravcal.data import archive
+def _source(module, event, **where):
+    """Source of one event; where there is none, its reason, to be tabulated like any other failure."""
+    try:
+        return module.source(event=event, **where)
+    except GravcalError as error:
+        name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
+        return campaign_work.Refused(name, str(error))
 
+
+def _days(module, data, satellite):
+    """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
     if not data.is_dir():
         raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
-    files = archive.inventory(data)
-    found = {(file.path.parent, file.satellite, file.date) for file in files if file.satellite not in "XY"}
-    found = {day for day in found if satellite in (None, day[1])}
-    if not found:
+    days = [day for day in module.days(data) if satellite is None or set(satellite) & set(day[1])]
+    if not days:
         raise ProductError(
-            f"{data}: no Level-1 file{f' of satellite {satellite}' if satellite else ''}. Give another folder."
+            f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
+            f"Give another folder."
         )
-    return sorted(found, key=str)
+    return days
 
 
 def _check_versions(client):

@@ -4,11 +4,20 @@ import importlib
 import os
 import time
 import traceback
+from dataclasses import dataclass
 
-from flows.engine import single_threaded
+from flows.engine import one_thread, single_threaded
 from gravcal.data import journal
 from gravcal.errors import GravcalError
 from tasks import stage
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Stands for the source of an event that has none, and why."""
+
+    event: str
+    error: str
 
 
 def calibrate(calibration, source, chosen, store):
@@ -27,15 +36,13 @@ def calibrate(calibration, source, chosen, store):
     """
     single_threaded()
     os.environ["GRAVCAL_PRODUCTS"] = store
-    import threadpoolctl
-
     counts = {"made": 0, "cached": 0}
 
     def count(call, state, ref):  # noqa: ARG001
         counts[state] += 1
 
     started = time.perf_counter()
-    with threadpoolctl.threadpool_limits(1), stage.using(stage.inline, count):
+    with one_thread(), stage.using(stage.inline, count):
         row = _attempt(calibration, source, chosen)
     return row | {
         "made": counts["made"],
@@ -56,6 +63,8 @@ def _attempt(calibration, source, chosen):
     from flows import command
 
     event = command.name_of(source)
+    if isinstance(source, Refused):
+        return {"event": event, "status": "failed", "error": source.error, "document": None}
     try:
         module = importlib.import_module(f"flows.{calibration}")
         with journal.recorded(module.calibrate.flow_name, event) as note, stage.using(stage.inline, note):

@@ -72,6 +72,11 @@ def source(*, event=None, data=None, satellite=None, date=None):
     return common.source_of("com_offset", ("ACC1A",), event=event, data=data, satellite=satellite, date=date)
 
 
+def days(data):
+    """Folders, satellites and dates of the events below a folder."""
+    return common.days_of(PRODUCTS["acc"], data)
+
+
 def level_one_files(source):
     """Level-1 files of an event."""
     return [source.file(*names) for names in PRODUCTS.values()]

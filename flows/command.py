@@ -1,6 +1,7 @@
 """What the commands do, without reading arguments and without printing."""
 
 import contextlib
+import dataclasses
 import difflib
 import importlib
 import importlib.util
@@ -11,7 +12,7 @@ import typer
 
 from flows import cli_output, engine
 from gravcal.data import location
-from gravcal.errors import CatalogError, ProductError
+from gravcal.errors import CatalogError, GravcalError, ProductError
 
 EXIT = {"delivered": 0, "no_manoeuvre": 3, "failed": 1}
 
@@ -97,8 +98,18 @@ def sources(calibration, event, data, satellite, date):
         raise ProductError(
             f"product store {location.folder()}: no event of {calibration} was ever run. Give an EVENT or --data DIR."
         )
-    module = flow_module(calibration)
-    return [module.source(event=None, data=folder, satellite=letter, date=date) for folder, letter, date in found]
+    made = [_source_again(flow_module(calibration), *one) for one in found]
+    return [source for source in made if source is not None]
+
+
+def _source_again(module, event, folder, satellite, date):
+    """Source of an event of the store; None, with a warning, where its files are no more."""
+    try:
+        source = module.source(event=None, data=folder, satellite=satellite, date=date)
+    except GravcalError as error:
+        engine.warn(f"{event} left out: {error}")
+        return None
+    return dataclasses.replace(source, event=event)
 
 
 def detect(calibration, source, chosen):

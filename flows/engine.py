@@ -8,6 +8,7 @@ steps, ref = plan(calibrate, source, chosen)             # what would be reused 
 ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts Prefect only if there is work
 """
 
+import contextlib
 import os
 import sys
 from dataclasses import dataclass
@@ -50,6 +51,15 @@ def single_threaded():
     """Let libraries loaded from now on use one thread: results do not depend on cores, workers do not multiply."""
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
+
+
+def one_thread():
+    """Context in which also libraries that were loaded before use one thread; sums are then always the same."""
+    if "numpy" not in sys.modules:
+        return contextlib.nullcontext()
+    import threadpoolctl
+
+    return threadpoolctl.threadpool_limits(1)
 
 
 def plan(body, *arguments):

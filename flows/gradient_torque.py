@@ -89,6 +89,13 @@ def source(*, event=None, data=None, satellite=None, date=None):
     return common.Source(f"demo-s-{file.date}", satellite or "S", file.date, Path(data))
 
 
+def days(data):
+    """Folders, satellites and dates of the events below a folder."""
+    from gravcal.data import sgrs_files
+
+    return [(file.path.parent, "S", file.date) for file in sgrs_files.inventory(data)]
+
+
 @flow(name="gradient_torque_detect")
 def detect(source, chosen):  # noqa: ARG001 - as for the other calibrations
     """A record has no manoeuvres to find: all of it is used."""

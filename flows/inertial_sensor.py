@@ -98,6 +98,14 @@ def source(*, event=None, data=None, satellite=None, date=None):
     return common.Source(f"taiji-t-{date or min(days)}", satellite or "T", date, Path(data))
 
 
+def days(data):
+    """Folders and satellites of the events below a folder: all days of one folder are one event."""
+    from gravcal.data import inertial_files
+
+    folders = dict.fromkeys(file.path.parent for file in inertial_files.inventory(data))
+    return [(folder, "T", None) for folder in folders]
+
+
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
     result = json.loads((ref.folder / "result.json").read_text())

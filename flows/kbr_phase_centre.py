@@ -93,6 +93,12 @@ def source(*, event=None, data=None, satellite=None, date=None):
     return common.Source(name, pair, found.date, found.folder)
 
 
+def days(data):
+    """Folders, pairs and dates of the events below a folder."""
+    found = [(folder, PAIRS[letter], date) for folder, letter, date in common.days_of(RANGING, data)]
+    return list(dict.fromkeys(found))
+
+
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
     result = json.loads((ref.folder / "result.json").read_text())

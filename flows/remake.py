@@ -5,6 +5,7 @@ import os
 import tempfile
 from pathlib import Path
 
+from flows import engine
 from gravcal.data import archive, inputs, lineage, location, memory, store
 from gravcal.errors import ProductError
 
@@ -21,9 +22,10 @@ def remake(entry):
     outcome : dict: "product", "equal", "stages": list of stage, verdict ("equal" or "different"), why
     """
     stages = []
+    engine.single_threaded()
     with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
         original = location.folder()
-        with _other_store(folder):
+        with _other_store(folder), engine.one_thread():
             made = _make(entry.ref.key, original, stages, {})
     return {"product": entry.ref.name, "equal": made.digest == entry.record["digest"], "stages": stages}
 

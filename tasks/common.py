@@ -44,9 +44,7 @@ class Source:
         """
         letter = satellite or self.satellite
         for name in products:
-            if any(
-                (f.product, f.satellite, f.date) == (name, letter, self.date) for f in archive.inventory(self.folder)
-            ):
+            if archive.holds(self.folder, name, letter, self.date):
                 return archive.find(self.folder, name, letter, self.date)
         raise ProductError(
             f"{self.folder}: found no {' or '.join(products)} of satellite {letter} on {self.date}, expected one. "
@@ -80,6 +78,30 @@ def source_of(calibration: str, products, *, event=None, data=None, satellite=No
     date = date or _only(folder, dates, "day", "--date")
     mission = "grace" if satellite in "ABCD" else {"T": "taiji", "S": "demo"}.get(satellite, "event")
     return Source(f"{mission}-{satellite.lower()}-{date}", satellite, date, folder)
+
+
+def days_of(products, data) -> list[tuple[Path, str, str]]:
+    """Folders, satellites and dates of the days that a folder holds.
+
+    A day is where its file is; if the other files of that day are elsewhere, as in a mirror with one tree for each
+    level, it is the whole folder.
+
+    Parameters
+    ----------
+    products : names of the products that tell a day, such as ("ACC1A",)
+    data : folder
+    """
+    folders, there = {}, {}
+    for file in archive.inventory(data):
+        there.setdefault((file.path.parent, file.date), set()).add(file.product)
+        there.setdefault((None, file.date), set()).add(file.product)
+        if file.product in products:
+            folders.setdefault((file.satellite, file.date), set()).add(file.path.parent)
+    found = set()
+    for (satellite, date), own in folders.items():
+        elsewhere = len(own) == 1 and there[next(iter(own)), date] != there[None, date]
+        found |= {(Path(data) if elsewhere else folder, satellite, date) for folder in own}
+    return sorted(found, key=lambda day: (day[2], str(day[0]), day[1]))
 
 
 def _from_catalogue(calibration, event):

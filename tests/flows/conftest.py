@@ -28,6 +28,10 @@ CALIBRATION = '''
             raise CatalogError("event unheard: not in the catalogue, expected one of fake-1. Give one of these.")
         return Source(event or (f"fake-{data.name}" if data.name.isdigit() else "fake-1"), data)
 
+    def days(data):
+        from tasks.common import days_of
+        return days_of(("MAG1B", "SCA1B"), data)
+
     @flow(name="fakecal")
     def calibrate(source, chosen):
         file = LevelOneFile(source.folder / "MAG1B_2020-02-01_C_04.txt", None, "MAG1B", "C", "2020-02-01", "04")
