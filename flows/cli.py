@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_campaign, cli_catalogue, cli_fetch, cli_serve, cli_store
+from flows import cli_browse, cli_campaign, cli_catalogue, cli_fetch, cli_serve, cli_store
 from flows import cli_output as output
 from flows.engine import single_threaded
 
@@ -158,6 +158,7 @@ def report(
         output.say(str(path))
 
 
+app.command()(cli_browse.browse)
 app.command()(cli_campaign.campaign)
 app.command()(cli_fetch.fetch)
 app.command()(cli_serve.serve)

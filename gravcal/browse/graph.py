@@ -1,8 +1,8 @@
 """Places of the boxes and lines of a chain of stages: columns from left to right, few crossings."""
 
-WIDTH, HEIGHT = 190, 40  # of a box, px
-ACROSS, DOWN = 250, 54  # from one box to the next, px
-MARGIN = 12
+WIDTH, HEIGHT = 138, 50  # of a box, px
+ACROSS, DOWN = 158, 60  # from one box to the next, px
+MARGIN = 6
 SWEEPS = 6
 
 

@@ -179,8 +179,10 @@ def _inside(x, start, stop):
 
 
 def _ranges(x, low, high, bins):
-    """Lowest and highest value of each bin, at its first coordinate, lowest first."""
-    starts = np.unique(np.linspace(0, x.size, bins, endpoint=False).astype(int))
+    """Lowest and highest value of each bin, at its first coordinate, lowest first; no bin reaches over a gap."""
+    starts = np.linspace(0, x.size, bins, endpoint=False).astype(int)
+    gaps = np.flatnonzero(np.diff(x) > GAP * _typical(x)) + 1
+    starts = np.unique(np.concatenate([starts, gaps[:bins]]))
     pairs = np.column_stack([np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)])
     return np.repeat(x[starts], 2), pairs.ravel()
 

@@ -81,6 +81,8 @@ def results():
 def chain(event):
     """Stages of an event: the newest product of each, what they were made of, and where the last run failed.
 
+    An input stands for the newest product of its stage where both hold the same: made again, nothing changed.
+
     Parameters
     ----------
     event : str
@@ -93,13 +95,15 @@ def chain(event):
     states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
     keys = {name: one["key"] for run in runs for name, one in run["stages"].items()}
     waiting = [one for one in entries() if one.newest and one.ref.event == event]
+    equal = {(one.ref.stage, one.ref.digest): one for one in waiting}
     nodes = {}
     while waiting:
         one = waiting.pop()
         below = [entry(key) for key in _inputs(one)]
-        waiting += [part for part in below if part and part.ref.key not in nodes]
+        below = [equal.get((part.ref.stage, part.ref.digest), part) for part in below if part]
+        waiting += [part for part in below if part.ref.key not in nodes]
         state = states.get(one.ref.stage, "stored") if keys.get(one.ref.stage) == one.ref.key else "stored"
-        nodes[one.ref.key] = Node(one.ref.stage, one.ref.key, state, one, tuple(_inputs(one)))
+        nodes[one.ref.key] = Node(one.ref.stage, one.ref.key, state, one, tuple(part.ref.key for part in below))
     failed = [Node(run["failed"], "", "failed", None, ()) for run in runs if run.get("failed")]
     return sorted(nodes.values(), key=lambda node: node.stage) + failed
 
@@ -178,6 +182,12 @@ def _state(document, run):
     said = verdict.get("text", "") if isinstance(verdict, dict) else str(verdict or "")
     if document.get("status") != "delivered":
         return str(document.get("status", "")).replace("_", " "), "plain", said
-    marks = [verdict.get(name) for name in ("accuracy_met", "consistent")] if isinstance(verdict, dict) else []
-    mood = "bad" if False in marks else "good" if True in marks else "plain"
-    return "delivered", mood, said
+    return "delivered", _mood(verdict if isinstance(verdict, dict) else {}), said
+
+
+def _mood(verdict):
+    """Whether a verdict is good, bad, or says nothing of the kind: accuracy, consistency, and the requirement."""
+    marks = [verdict.get(name) for name in ("accuracy_met", "consistent")]
+    if False in marks or "exceeds" in (verdict.get("requirement") or ()):
+        return "bad"
+    return "good" if True in marks else "plain"

@@ -1,5 +1,6 @@
 """What a product file holds: its variables, and one column of one of them in pieces. Files are opened to read only."""
 
+import functools
 import itertools
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,8 +62,9 @@ class Column:
     size: int
 
 
+@functools.lru_cache(maxsize=256)
 def listed(path):
-    """Variables of a product.
+    """Variables of a product; it never changes, so they are read once.
 
     Parameters
     ----------
@@ -70,13 +72,13 @@ def listed(path):
 
     Returns
     -------
-    variables : list of Variable, coordinates first
+    variables : tuple of Variable, coordinates first
     """
     import h5netcdf
 
     with h5netcdf.File(path, "r") as file:
         names = sorted(file.variables, key=lambda name: (name not in file.dimensions, name))
-        return [_variable(file, name) for name in names]
+        return tuple(_variable(file, name) for name in names)
 
 
 def find(path, name):
@@ -189,7 +191,7 @@ def _long_axis(dims, shape):
 
 def _labels(file, dimension, size):
     """Names along a dimension: those of a coordinate of text, xyz, or numbers."""
-    node = file.variables[dimension] if dimension in file.variables else None
+    node = file.variables.get(dimension)
     if node is not None and _type(node.dtype) == "text":
         return [_text(value) for value in np.asarray(node[...])]
     if size == 3 and dimension.split("_")[0] in ("axis", "xyz", "component"):

@@ -1,0 +1,30 @@
+"""The command that shows the store in a web browser."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from flows import cli_output as output
+
+HOST = "address to listen on; away from loopback a token is asked for"
+
+
+def browse(
+    port: Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="0: any that is free")] = 8765,
+    host: Annotated[str, typer.Option("--host", metavar="ADDRESS", help=HOST)] = "127.0.0.1",
+) -> None:
+    """Show products, plots, comparisons and reports in a web browser; reads only, until it is ended with Ctrl-C."""
+    try:
+        from gravcal.browse import app
+    except ModuleNotFoundError as error:
+        raise typer.BadParameter(
+            f"browse needs {error.name}, which is not installed; pip install 'gravcal[browse]'"
+        ) from error
+    app.serve(app.bound(host, port), host, _said)
+
+
+def _said(text):
+    """One line, at once: the process goes on."""
+    output.say(text)
+    sys.stdout.flush()

@@ -1,0 +1,108 @@
+"""Addresses of the pages, and the server."""
+
+import secrets
+import socket
+from importlib import resources
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.responses import FileResponse
+from starlette.routing import Route
+
+from gravcal.browse import guard, pages
+from gravcal.errors import GravcalError
+
+LOCAL = ("127.0.0.1", "localhost", "[::1]")
+STATIC = {"browse.css": "text/css", "browse.js": "text/javascript"}
+LONG = {"Cache-Control": "public, max-age=31536000, immutable"}
+
+
+def application(token="", hosts=LOCAL):
+    """The pages as an ASGI application.
+
+    Parameters
+    ----------
+    token : str, empty where none is asked for
+    hosts : names under which the server may be addressed
+    """
+    routes = [
+        Route("/", pages.home),
+        Route("/timeline/{calibration}", pages.timeline),
+        Route("/timeline/{calibration}/{satellite}.json", pages.timeline_figure),
+        Route("/event/{event}", pages.event),
+        Route("/products", pages.products),
+        Route("/product/{key}", pages.product),
+        Route("/figure/{key}/{variable}", pages.figure),
+        Route("/data/{key}/{variable}", pages.data),
+        Route("/report/{key}/{name}", pages.report),
+        Route("/file/{key}/{name}", pages.download),
+        Route("/static/{name}", static),
+    ]
+    handlers = {404: pages.not_found, 500: pages.broken}
+    return guard.guarded(Starlette(routes=routes, exception_handlers=handlers), token, hosts)
+
+
+def static(request):
+    """Style, script and Bokeh's script, all from this machine."""
+    name = request.path_params["name"]
+    if name == "bokeh.min.js":
+        return FileResponse(bokeh_script(), media_type="text/javascript", headers=LONG)
+    if name not in STATIC:
+        return pages.not_found(request, None)
+    path = Path(str(resources.files("gravcal.browse"))) / "static" / name
+    return FileResponse(path, media_type=STATIC[name], headers={"Cache-Control": "no-cache"})
+
+
+def bokeh_script():
+    """Path of Bokeh's script in its package."""
+    return Path(str(resources.files("bokeh"))) / "server" / "static" / "js" / "bokeh.min.js"
+
+
+def bound(host, port):
+    """Socket to listen on.
+
+    Parameters
+    ----------
+    host : str
+    port : int, 0 for any that is free
+
+    Raises
+    ------
+    GravcalError : the address cannot be had
+    """
+    kind = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = socket.socket(kind, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((host.strip("[]"), port))
+    except OSError as error:
+        listening.close()
+        raise GravcalError(
+            f"browse: {host}:{port} cannot be listened on ({error.strerror or error}). Give another --port; 0 takes "
+            f"any that is free."
+        ) from error
+    return listening
+
+
+def serve(listening, host, say):
+    """Answer until the process is ended.
+
+    Parameters
+    ----------
+    listening : socket
+    host : str, as the user gave it
+    say : function that prints a line
+    """
+    import bokeh.plotting  # noqa: F401 - takes a second, better now than at the first plot
+    import h5netcdf  # noqa: F401
+    import uvicorn
+
+    shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
+    shown = f"[{shown}]" if ":" in shown else shown
+    port = listening.getsockname()[1]
+    local = guard.is_loopback(host)
+    token = "" if local else secrets.token_urlsafe(24)
+    hosts = (*LOCAL, shown) if local else ("*",)
+    say(f"http://{shown}:{port}/" + (f"?token={token}" if token else ""))
+    settings = uvicorn.Config(application(token, hosts), log_level="warning", lifespan="off", ws="none")
+    uvicorn.Server(settings).run(sockets=[listening])

@@ -1,0 +1,214 @@
+"""One function for each page: asks the shelf, fills a template. Names from the address are looked up, never joined."""
+
+import functools
+import math
+from importlib import resources
+
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse
+
+from gravcal.browse import graph, guard, plots, shelf, variables
+from gravcal.browse import timeline as years
+from gravcal.data import lineage, location
+
+KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
+NAMES = {"com_offset": "Centre-of-mass offset", "kbr_phase_centre": "KBR phase centre",
+         "inertial_sensor": "Inertial sensor", "gradient_torque": "Gradient and torque"}  # fmt: skip
+
+
+def page(body):
+    """Decorator: a page is computed in a thread of its own, so that others are answered meanwhile."""
+
+    @functools.wraps(body)
+    async def answer(request):
+        return await run_in_threadpool(body, request)
+
+    return answer
+
+
+@page
+def home(request):
+    """Calibrations with their state, and all events."""
+    rows = shelf.results()
+    counts = {name: [row for row in rows if row["calibration"] == name] for name in NAMES}
+    return _filled("home.html", request, rows=rows, counts=counts)
+
+
+@page
+def timeline(request):
+    """Results of a calibration over the years."""
+    name = request.path_params["calibration"]
+    if name not in NAMES:
+        return not_found(request, None)
+    return _filled("timeline.html", request, name=name, title=years.TITLES[name], letters=years.satellites(name),
+                   points=years.points(name))  # fmt: skip
+
+
+@page
+def timeline_figure(request):
+    """Figure of one satellite over the years."""
+    name, satellite = request.path_params["calibration"], request.path_params["satellite"]
+    if name not in NAMES or satellite not in years.satellites(name):
+        return JSONResponse({"error": "found no result"}, 404)
+    return JSONResponse(years.figure(name, satellite))
+
+
+@page
+def event(request):
+    """Chain of stages of one event, its products and its reports."""
+    name = request.path_params["event"]
+    nodes = shelf.chain(name)
+    if not nodes:
+        return not_found(request, None)
+    rows = [row for row in shelf.results() if row["event"] == name]
+    return _filled("event.html", request, name=name, rows=rows, nodes=nodes, picture=graph.placed(nodes))
+
+
+@page
+def products(request):
+    """All products of the store, those replaced by newer ones when asked for."""
+    everything = request.query_params.get("all") == "1"
+    found = [one for one in shelf.entries() if one.newest or everything]
+    return _filled("products.html", request, found=found[::-1], everything=everything)
+
+
+@page
+def product(request):
+    """One product: what it holds, a plot, how it was made."""
+    found = shelf.entry(request.path_params["key"])
+    if found is None:
+        return not_found(request, None)
+    held = variables.listed(found.ref.path)
+    shown = _shown(held, request.query_params.get("variable"))
+    wish = _wish(request, shown.name if shown else "")
+    table = variables.table(found.ref.path, shown) if shown and not shown.plottable else None
+    attributes = _attributes(found.ref.path)
+    return _filled("product.html", request, found=found, held=held, shown=shown, wish=wish, table=table,
+                   chosen=plots.chosen(shown, wish.columns) if shown and shown.plottable else (),
+                   relatives=shelf.relatives(found), siblings=shelf.siblings(found), attributes=attributes,
+                   tree=lineage.tree(found), views=plots.VIEWS)  # fmt: skip
+
+
+@page
+def figure(request):
+    """Figure of a variable."""
+    try:
+        return JSONResponse(plots.figure(_wish(request, request.path_params["variable"])))
+    except (plots.Missing, OSError) as error:
+        return JSONResponse({"error": str(error)}, 404)
+
+
+@page
+def data(request):
+    """Data of a figure between two places of its axis."""
+    try:
+        start, stop = (float(request.query_params[name]) for name in ("from", "to"))
+        if not (math.isfinite(start) and math.isfinite(stop)):
+            raise ValueError
+        return JSONResponse(plots.data(_wish(request, request.path_params["variable"]), start, stop))
+    except (plots.Missing, OSError) as error:
+        return JSONResponse({"error": str(error)}, 404)
+    except (KeyError, ValueError):
+        return JSONResponse({"error": "give from and to, two numbers"}, 400)
+
+
+@page
+def report(request):
+    """A file of a report, shown without scripts."""
+    return _file(request, {"Content-Security-Policy": guard.REPORT})
+
+
+@page
+def download(request):
+    """A file of a product, to be kept."""
+    return _file(request, {"Content-Disposition": "attachment"})
+
+
+def not_found(request, _):
+    """Say that there is no such page."""
+    return _filled("message.html", request, 404, title="Not in this store",
+                   text="There is no such page, event or product here.")  # fmt: skip
+
+
+def broken(request, _):
+    """Say that a page failed."""
+    return _filled("message.html", request, 500, title="This page failed",
+                   text="A product may be damaged: gravcal products verify says which.")  # fmt: skip
+
+
+def _file(request, headers):
+    """A file that the record of a product names."""
+    found = shelf.entry(request.path_params["key"])
+    path = shelf.file(found, request.path_params["name"]) if found else None
+    if path is None:
+        return not_found(request, None)
+    return FileResponse(path, media_type=KINDS.get(path.suffix, "text/plain; charset=utf-8"), headers=headers)
+
+
+def _wish(request, variable):
+    """What the address asks to be drawn."""
+    asked = request.query_params
+    columns = tuple(int(text) for text in asked.getlist("column") if text.isascii() and text.isdigit())
+    view = asked.get("view", "overlay")
+    view = view if view in plots.VIEWS else "overlay"
+    other = asked.get("with", "") if shelf.entry(asked.get("with", "")) else ""
+    key = request.path_params["key"]
+    return plots.Wish(key, variable, columns, other, view, asked.get("start") == "1")
+
+
+def _shown(held, name):
+    """Variable that the page shows: the one asked for, else the first of those that vary along time."""
+    asked = next((one for one in held if one.name == name), None)
+    plain = [one for one in held if one.plottable and one.name not in one.dims]
+    timed = [one for one in plain if one.dims[one.axis].startswith("time")]
+    best = [one for one in timed if one.dtype.startswith("float") and one.units != "1"]
+    return asked or next(iter([*best, *timed, *plain, *held]), None)
+
+
+def _attributes(path):
+    """Global attributes of a file."""
+    import h5netcdf
+
+    with h5netcdf.File(path, "r") as file:
+        return {name: str(value) for name, value in file.attrs.items() if name != "gravcal_recipe"}
+
+
+def _filled(template, request, status=200, **content):
+    """Page of a template."""
+    from gravcal import __version__
+
+    known = {"names": NAMES, "store": str(location.folder()), "version": __version__, "path": request.url.path}
+    return HTMLResponse(_environment().get_template(template).render(query=str(request.url.query), **known, **content),
+                        status)  # fmt: skip
+
+
+@functools.lru_cache(maxsize=1)
+def _environment():
+    """Templates that escape what they are given and refuse what they are not."""
+    import jinja2
+
+    texts = resources.files("gravcal.browse") / "templates"
+    loader = jinja2.FunctionLoader(lambda name: (texts / name).read_text(encoding="utf-8"))
+    made = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+                              lstrip_blocks=True)  # fmt: skip
+    made.filters |= {"size": _size, "stamp": _stamp, "short": lambda text: text[:12], "seconds": _seconds}
+    return made
+
+
+def _size(count):
+    """Number of bytes for people."""
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} GB"
+
+
+def _stamp(text):
+    """Time of making without its zone, which is UTC."""
+    return text[:16].replace("T", " ")
+
+
+def _seconds(value):
+    """Duration for people."""
+    return f"{value:.2g} s" if value < 100 else f"{value:.0f} s"

@@ -1,0 +1,250 @@
+"""Figures of one or two products: drawn by Bokeh, their data at the resolution that the view needs."""
+
+import base64
+from dataclasses import dataclass
+
+import numpy as np
+
+from gravcal.browse import series, shelf, variables
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito, 2008
+VIEWS = ("overlay", "difference", "spectrum")
+DRAWN = 6  # series of one product, at most
+MANY = 4_000_000  # samples; of more, only the first series is drawn unasked
+FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
+GREY = "#5a5a5a"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a figure shows.
+
+    Attributes
+    ----------
+    key, variable : product and its variable
+    columns : numbers of the series, empty: those that are quick to draw
+    other : key of a second product with the same variable, or empty
+    view : one of VIEWS
+    from_start : whether each product's coordinate counts from its own begin
+    """
+
+    key: str
+    variable: str
+    columns: tuple[int, ...] = ()
+    other: str = ""
+    view: str = "overlay"
+    from_start: bool = False
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One line: label, overview of its data, shift of its coordinate, number of product and column."""
+
+    label: str
+    whole: series.Overview
+    shift: float
+    product: int
+    column: int
+
+
+class Missing(LookupError):
+    """A product, variable or column that is not there, or not to be plotted."""
+
+
+def chosen(variable, columns=()):
+    """Numbers of the series that are drawn: those wished, else the first ones."""
+    wished = tuple(number for number in columns if 0 <= number < len(variable.columns))
+    if wished:
+        return wished[:DRAWN]
+    length = variable.shape[variable.axis]
+    return tuple(range(min(len(variable.columns), DRAWN if length * DRAWN <= MANY else 1)))
+
+
+def figure(wish):
+    """Figure with its data, to be drawn by the page.
+
+    Parameters
+    ----------
+    wish : Wish
+
+    Returns
+    -------
+    item : dict, as Bokeh's embed_item takes it
+    """
+    from bokeh.embed import json_item
+
+    made, said = _spectra(wish) if wish.view == "spectrum" else _lines(wish)
+    return json_item(made) | {"said": said}
+
+
+def data(wish, start, stop):
+    """Data of the lines of a figure between two places of its axis.
+
+    Parameters
+    ----------
+    wish : Wish
+    start, stop : float, of the axis as drawn
+
+    Returns
+    -------
+    sources : dict, name -> {"x", "y"}, arrays of little-endian doubles as base64
+    """
+    traces, kind, _, _ = _traces(wish)
+    bounds = [(_undrawn(start, kind) - one.shift, _undrawn(stop, kind) - one.shift) for one in traces]
+    views = [series.view(one.whole, *bound) for one, bound in zip(traces, bounds, strict=True)]
+    return {
+        f"line-{number}": {"x": _packed(_drawn(x + one.shift, kind)), "y": _packed(y)}
+        for number, (one, (x, y)) in enumerate(zip(traces, views, strict=True))
+    }
+
+
+def _traces(wish):
+    """Lines of a figure; kind and label of the axis along; unit."""
+    own, variable = _asked(wish.key, wish.variable)
+    coordinate, kind, label = variables.coordinate(own, variable)
+    wholes = [_whole(own, variable, number) for number in chosen(variable, wish.columns)]
+    traces = [_trace(variable, *pair, 0, wish) for pair in zip(chosen(variable, wish.columns), wholes, strict=True)]
+    if wish.other:
+        other, second = _asked(wish.other, wish.variable)
+        known = [number for number in chosen(variable, wish.columns) if number < len(second.columns)]
+        more = [_trace(second, number, _whole(other, second, number), 1, wish) for number in known]
+        traces = _differences(traces, more, wish) if wish.view == "difference" else traces + more
+    if wish.from_start and coordinate is not None:
+        kind, label = "value", "time since the start (s)" if kind == "time" else f"{label}, from its start"
+    return traces, kind, label, f"{variable.name} ({variable.units or '1'})"
+
+
+def _asked(key, name):
+    """Path of a product and its variable."""
+    found = shelf.entry(key)
+    variable = variables.find(found.ref.path, name) if found else None
+    if variable is None or not variable.plottable:
+        raise Missing(f"{key[:12]} {name}: found no numbers along an axis")
+    return found.ref.path, variable
+
+
+def _whole(path, variable, number):
+    """Overview of one series."""
+    coordinate, _, _ = variables.coordinate(path, variable)
+    return series.overview(variables.column(path, variable, number), coordinate)
+
+
+def _trace(variable, number, whole, product, wish):
+    """One line of one product."""
+    name = variable.columns[number] or variable.name
+    mark = f"{'AB'[product]} {name}" if wish.other else name
+    return Trace(mark, whole, -float(whole.x[0]) if wish.from_start else 0.0, product, number)
+
+
+def _differences(first, second, wish):
+    """Lines of the first product minus those of the second."""
+    found = []
+    for one, other in zip(first, second, strict=False):
+        shift = float(one.whole.x[0] - other.whole.x[0]) if wish.from_start else 0.0
+        x, y = series.difference(one.whole, other.whole, shift)
+        if x.size:
+            whole = series.of_arrays(x, y)
+            found.append(Trace(f"A - B {one.label.removeprefix('A ')}", whole, one.shift, 0, one.column))
+    return found
+
+
+def _lines(wish):
+    """Figure of lines along the coordinate, and a sentence on what was left out."""
+    from bokeh.models import ColumnDataSource
+
+    traces, kind, along, unit = _traces(wish)
+    drawn = _empty(kind, along, f"difference of {unit}" if wish.view == "difference" and wish.other else unit)
+    ends = [(one.whole.x[0] + one.shift, one.whole.end + one.shift) for one in traces]
+    low, high = (_drawn(np.array([f(side) for f, side in zip((min, max), zip(*ends, strict=True), strict=True)]), kind)
+                 if ends else (0.0, 1.0))  # fmt: skip
+    drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
+    for number, one in enumerate(traces):
+        x, y = series.view(one.whole)
+        source = ColumnDataSource({"x": _drawn(x + one.shift, kind), "y": y}, name=f"line-{number}")
+        _add(drawn, source, one, number)
+    _finish(drawn, traces)
+    return drawn, _said(traces)
+
+
+def _spectra(wish):
+    """Figure of amplitude spectral densities, and how they were computed."""
+    from bokeh.models import ColumnDataSource
+
+    traces, kind, along, unit = _traces(wish)
+    seconds = kind == "time" or along.endswith("(s)")
+    scale = "frequency (Hz)" if seconds else "cycles per unit of the axis"
+    drawn = _empty("log", scale, f"{unit[:-1]} Hz-1/2)" if seconds else unit)
+    sentences = []
+    for number, one in enumerate(traces):
+        frequency, density, said = series.spectrum(one.whole)
+        _add(drawn, ColumnDataSource({"x": frequency, "y": density}), one, number)
+        sentences.append(said)
+    _finish(drawn, traces)
+    return drawn, "; ".join(dict.fromkeys(sentences))
+
+
+def _empty(kind, along, unit):
+    """Figure without lines in the look of the pages."""
+    from bokeh.models import Range1d
+    from bokeh.plotting import figure as new
+
+    scales = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
+    ranges = {} if kind == "log" else {"x_range": Range1d()}
+    tools = "xpan,box_zoom,xwheel_zoom,reset,save"
+    active = {"active_drag": "xpan", "active_scroll": "xwheel_zoom"}
+    drawn = new(name="figure", height=430, sizing_mode="stretch_width", tools=tools, **active, **scales, **ranges)
+    drawn.toolbar.logo = None
+    drawn.xaxis.axis_label, drawn.yaxis.axis_label = along, unit
+    drawn.outline_line_color = None
+    for axis in (drawn.xaxis, drawn.yaxis):
+        axis.axis_label_text_font, axis.major_label_text_font = FONT, FONT
+        axis.axis_label_text_font_style, axis.axis_label_text_font_size = "normal", "12px"
+        axis.major_label_text_color, axis.axis_label_text_color = GREY, "#1a1a1a"
+        axis.axis_line_color, axis.major_tick_line_color, axis.minor_tick_line_color = GREY, GREY, None
+    drawn.grid.grid_line_color = "#e6e6e6"
+    return drawn
+
+
+def _add(drawn, source, trace, number):
+    """One line; the second product is dashed."""
+    colour = COLOURS[trace.column % len(COLOURS)]
+    dash = "solid" if trace.product == 0 else [5, 3]
+    drawn.line("x", "y", source=source, color=colour, line_dash=dash, line_width=1.2, legend_label=trace.label,
+               name=f"glyph-{number}")  # fmt: skip
+
+
+def _finish(drawn, traces):
+    """Legend above the figure, a click hides a line; a cross-hair shows values."""
+    from bokeh.models import HoverTool
+
+    if traces:
+        drawn.add_layout(drawn.legend[0], "above")
+        drawn.legend.orientation, drawn.legend.click_policy = "horizontal", "hide"
+        drawn.legend.border_line_color, drawn.legend.label_text_font = None, FONT
+        drawn.legend.label_text_font_size, drawn.legend.padding, drawn.legend.margin = "12px", 0, 4
+    stamp = type(drawn.x_scale).__name__ == "LinearScale" and type(drawn.xaxis[0]).__name__ == "DatetimeAxis"
+    tips = [("", "@x{%F %T.%3N}" if stamp else "@x{0.000000}"), ("", "@y{0.000000e+0}")]
+    drawn.add_tools(HoverTool(tooltips=tips, formatters={"@x": "datetime"} if stamp else {}, mode="mouse"))
+
+
+def _said(traces):
+    """How many samples stand behind the picture."""
+    if not traces:
+        return "The two products do not overlap. Count both from their start, or choose another."
+    count = sum(one.whole.size for one in traces)
+    return f"{count:,} samples in {len(traces)} series; a point stands for the range of all samples it covers"
+
+
+def _drawn(x, kind):
+    """Coordinate as the axis draws it: milliseconds for time."""
+    return (x + variables.UNIX_OF_EPOCH_S) * 1e3 if kind == "time" else x
+
+
+def _undrawn(x, kind):
+    """Coordinate of a place on the axis."""
+    return x / 1e3 - variables.UNIX_OF_EPOCH_S if kind == "time" else x
+
+
+def _packed(values):
+    """Doubles as base64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode()

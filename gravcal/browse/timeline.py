@@ -1,0 +1,238 @@
+"""Results over the years: one panel for each component, with errors, verdicts, mass trims and printed values."""
+
+import datetime
+import re
+from dataclasses import dataclass
+
+from gravcal.browse import plots, shelf
+
+EPOCH = datetime.datetime(2000, 1, 1, 12)
+AXES = "xyz"
+MOODS = {"good": ("#009E73", "circle"), "bad": ("#D55E00", "triangle"), "plain": ("#5a5a5a", "square")}
+TITLES = {
+    "com_offset": "Proof mass to centre of mass, in the SRF",
+    "kbr_phase_centre": "Centre of mass to phase centre, in the SRF",
+    "inertial_sensor": "Offset, scale factors and bias of the inertial sensor",
+    "gradient_torque": "Drag: sigma (rms) with one and with two sensors",
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """One value with its error: ours or printed."""
+
+    satellite: str
+    panel: str
+    unit: str
+    date: datetime.datetime
+    value: float
+    sigma: float | None
+    event: str
+    mood: str
+    said: str
+
+
+def satellites(calibration):
+    """Letters of the satellites with a result."""
+    return sorted({point.satellite for point in points(calibration)})
+
+
+def points(calibration):
+    """Values of all reports of a calibration.
+
+    Returns
+    -------
+    points : list of Point
+    """
+    found = []
+    for row in shelf.results():
+        if row["calibration"] != calibration or not row["document"] or row["document"].get("status") != "delivered":
+            continue
+        for satellite, panel, unit, value, sigma in VALUES[calibration](row["document"]):
+            if value is not None:
+                date = _date(row["document"], row["event"])
+                found.append(Point(satellite, panel, unit, date, value, sigma, row["event"], row["mood"], row["said"]))
+    return sorted(found, key=lambda point: (point.date, point.event))
+
+
+def figure(calibration, satellite):
+    """Panels over time of one satellite, to be drawn by the page.
+
+    Parameters
+    ----------
+    calibration, satellite : str
+
+    Returns
+    -------
+    item : dict, as Bokeh's embed_item takes it
+    """
+    from bokeh.embed import json_item
+    from bokeh.layouts import column
+
+    own = [point for point in points(calibration) if point.satellite == satellite]
+    said = printed(calibration, satellite)
+    trimmed = trims(satellite) if calibration == "com_offset" else []
+    panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
+    drawn, shared = [], {}
+    for panel, unit in panels:
+        one = _panel(f"{panel} ({unit})", shared, last=(panel, unit) == panels[-1])
+        shared = {"x_range": one.x_range}
+        _errors(one, [point for point in own if point.panel == panel])
+        _printed(one, [point for point in said if point.panel == panel])
+        for trim in (trim for trim in trimmed if trim.axis == panel):
+            _trim(one, trim)
+        drawn.append(one)
+    return json_item(column(drawn, sizing_mode="stretch_width"))
+
+
+def trims(satellite):
+    """Mass trims of the catalogue for one satellite, () where it knows none."""
+    from gravcal.data import catalog
+    from gravcal.errors import CatalogError
+
+    try:
+        return catalog.trims(satellite)
+    except CatalogError:
+        return ()
+
+
+def printed(calibration, satellite):
+    """Printed values of the catalogue as points; a unit of its own for each component is converted to ours."""
+    if calibration != "com_offset":
+        return []
+    from gravcal.data import catalog
+
+    name = catalog.satellite(satellite).name
+    found = []
+    for one in catalog.published(calibration).get("history", ()):
+        if one.events and not one.events[0].startswith(name):
+            continue
+        date = datetime.datetime.fromisoformat(one.labels["date"])
+        for number, axis in enumerate(AXES):
+            sigma = one.sigma[number] if one.sigma else None
+            event = one.events[0] if one.events else ""
+            found.append(Point(satellite, axis, "µm", date, one.value[number], sigma, event, "printed", one.source))
+    return found
+
+
+def _com_offset(document):
+    """Adopted offset, total error where it is known."""
+    adopted = document["variants"][document["adopted"]["variant"]]
+    sigma = adopted.get("sigma_total_um") or adopted["sigma_um"]
+    for number, axis in enumerate(AXES):
+        yield _letters(document["event"]), axis, "µm", adopted["offset_um"][number], sigma[number]
+
+
+def _kbr_phase_centre(document):
+    """Adopted phase centre of each satellite."""
+    for satellite, one in document["adopted"]["satellites"].items():
+        for number, axis in enumerate(AXES):
+            yield satellite, axis, "mm", one["phase_centre_mm"][number], one["sigma_mm"][number]
+
+
+def _inertial_sensor(document):
+    """Offset and scale factors from the swing, bias from the roll."""
+    letter, swing, roll = _letters(document["event"]), document.get("swing") or {}, document.get("roll") or {}
+    offset = swing.get("com_to_test_mass_um")
+    for number, axis in enumerate(AXES if offset else ""):
+        yield letter, f"offset {axis}", "µm", offset["value"][number], offset["sigma"][number]
+    for axis in AXES:
+        one = (swing.get("k") or {}).get(axis)
+        if one:
+            yield letter, f"k {axis}", "m s-2 V-1", one["value"], one["sigma"]
+    for number, axis in enumerate(AXES if roll.get("bias") else ""):
+        yield letter, f"bias {axis}", "m s-2", roll["bias"]["value"][number], roll["bias"]["sigma"][number]
+
+
+def _gradient_torque(document):
+    """Total sigma of each solution for the drag."""
+    for name, one in document["drag"].items():
+        yield _letters(document["event"]), name.replace("_", " "), "m s-2", one.get("sigma_total_rms"), None
+
+
+VALUES = {
+    "com_offset": _com_offset,
+    "kbr_phase_centre": _kbr_phase_centre,
+    "inertial_sensor": _inertial_sensor,
+    "gradient_torque": _gradient_torque,
+}
+
+
+def _letters(event):
+    """Letters of the satellites in the name of an event."""
+    parts = event.split("-")
+    return parts[1].upper() if len(parts) > 1 else "?"
+
+
+def _date(document, event):
+    """Date of a result: that of its first manoeuvre, else that in the event's name."""
+    starts = [one["start"] for one in document.get("manoeuvres") or [] if one.get("start") is not None]
+    if starts:
+        return EPOCH + datetime.timedelta(seconds=min(starts))
+    found = re.search(r"\d{4}-\d{2}-\d{2}", event)
+    return datetime.datetime.fromisoformat(found.group()) if found else EPOCH
+
+
+def _panel(label, shared, last):
+    """Empty panel of the time line."""
+    from bokeh.models import TapTool
+    from bokeh.models.callbacks import OpenURL
+    from bokeh.plotting import figure as new
+
+    active = {"active_drag": "xpan", "active_scroll": "xwheel_zoom"}
+    one = new(height=190 if last else 160, sizing_mode="stretch_width", x_axis_type="datetime",
+              tools="xpan,xwheel_zoom,box_zoom,reset,save", **active, **shared)  # fmt: skip
+    one.toolbar.logo = None
+    one.yaxis.axis_label, one.outline_line_color = label, None
+    one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
+    one.grid.grid_line_color = "#e6e6e6"
+    for axis in (one.xaxis, one.yaxis):
+        axis.axis_label_text_font = axis.major_label_text_font = plots.FONT
+        axis.axis_label_text_font_style, axis.minor_tick_line_color = "normal", None
+        axis.axis_line_color = axis.major_tick_line_color = axis.major_label_text_color = plots.GREY
+    one.xaxis.visible = last
+    return one
+
+
+def _columns(own):
+    """Points as columns for Bokeh."""
+    known = {name: [getattr(point, name) for point in own] for name in ("date", "value", "event", "said")}
+    spread = [point.sigma or 0.0 for point in own]
+    bounds = {"low": [p.value - s for p, s in zip(own, spread, strict=True)],
+              "high": [p.value + s for p, s in zip(own, spread, strict=True)]}  # fmt: skip
+    return known | bounds | {"sigma": [point.sigma for point in own]}
+
+
+def _errors(panel, own):
+    """Our values with their errors; form and colour say the verdict."""
+    from bokeh.models import ColumnDataSource, HoverTool
+
+    for mood, (colour, marker) in MOODS.items():
+        source = ColumnDataSource(_columns([point for point in own if point.mood == mood]))
+        panel.segment("date", "low", "date", "high", source=source, color=colour, line_width=1.6)
+        marks = panel.scatter("date", "value", source=source, marker=marker, size=9, color=colour, line_color=colour)
+        tips = [("", "@event"), ("", "@date{%F}"), ("value", "@value{0.0000a} ± @sigma{0.0000a}"), ("", "@said")]
+        panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
+
+
+def _printed(panel, said):
+    """Printed values, hollow."""
+    from bokeh.models import ColumnDataSource, HoverTool
+
+    source = ColumnDataSource(_columns(said))
+    panel.segment("date", "low", "date", "high", source=source, color="#0072B2")
+    marks = panel.scatter("date", "value", source=source, marker="circle", size=7, fill_color="white",
+                          line_color="#0072B2")  # fmt: skip
+    tips = [("printed", "@date{%F}"), ("value", "@value{0.0} ± @sigma{0.0}"), ("", "@said")]
+    panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
+
+
+def _trim(panel, trim):
+    """A mass trim as a line, dashed where the printed series confirms it, dotted where not."""
+    from bokeh.models import Label, Span
+
+    when = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
+    panel.add_layout(Span(location=when, dimension="height", line_color=plots.GREY,
+                          line_dash="dashed" if trim.confirmed else "dotted"))  # fmt: skip
+    panel.add_layout(Label(x=when, y=4, y_units="screen", text=f" trim {trim.trim_um:+.0f} µm",
+                           text_font_size="10px", text_font=plots.FONT, text_color=plots.GREY))  # fmt: skip
