@@ -39,8 +39,7 @@ def candidates(views: list[View], smoothed, starts) -> list[dict]:
     -------
     candidates : fields of `gravcal.discovery.blocks.Candidate`, one column set a view and one for the edge times
     """
-    entries = [e for s, e in catalogue().items() if s.partition(".")[0] in FAMILIES and s not in NOT_HERE]
-    shapes = [shape for entry in entries for shape in _shapes(entry)]
+    shapes = [shape for entry in _entries() for shape in _shapes(entry)]
     shapes += discovery_drivers.shapes(views[0]) if views else []
     tables = [_table(view, shapes) for view in views]
     found = []
@@ -85,7 +84,7 @@ def _split(whole: dict) -> list[dict]:
 
 def _table(view: View, shapes: list[dict]) -> list[np.ndarray | None]:
     """Whitened rows of every shape in one manoeuvre, all through the operators at once."""
-    signals = [shape["signal"](view) for shape in shapes]
+    signals = [_signal(view, shape) for shape in shapes]
     table: list[np.ndarray | None] = [None] * len(signals)
     groups: dict[tuple, list[int]] = {}
     for k, signal in enumerate(signals):
@@ -98,6 +97,30 @@ def _table(view: View, shapes: list[dict]) -> list[np.ndarray | None]:
         for k, part in zip(members, parts, strict=True):
             table[k] = part
     return table
+
+
+def _signal(view, shape):
+    """Signal of a shape in a view, made once."""
+    key = ("signal", shape["cause"], shape["form"])
+    if key not in view.memory:
+        view.memory[key] = shape["signal"](view)
+    return view.memory[key]
+
+
+def attitude_of_torques(view: View) -> np.ndarray:
+    """Attitude (k, 3, q) rad after every torque that is tried, what all of them can explain.
+
+    Parameters
+    ----------
+    view : View
+    """
+    entries = [e for e in _entries() if e.channel in ("dipole_b", "torque_b")]
+    shapes = [shape for entry in entries for shape in _shapes(entry)]
+    return np.concatenate([_signal(view, s)["attitude"] for s in shapes], axis=2)
+
+
+def _entries():
+    return [e for s, e in catalogue().items() if s.partition(".")[0] in FAMILIES and s not in NOT_HERE]
 
 
 def _reading(entry):

@@ -82,13 +82,13 @@ def _of_current(view, current):
     rows += [("torquer_current", f"lag {t:g} s", _lagged(time, current, t)) for t in LAGS_S]
     rows += [("torquer_current", f"hysteresis of {w:g} of full", _play(current, w)) for w in PLAY]
     for decay in DECAYS_S:
-        spikes = _spikes(view, current, decay)
+        spikes = _spikes(view, decay)
         rows.append(("torquer_current", f"spikes at its edges, {decay:g} s, with their sign", spikes[0]))
         rows.append(("torquer_current", f"spikes at its edges, {decay:g} s, without sign", spikes[1]))
     return rows
 
 
-def _spikes(view, current, decay):
+def _spikes(view, decay):
     """Decays after each large change of the current, with the sign of the change and without."""
     time, arc = view.context.time, view.scene.window.arc
     change = np.diff(arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0)

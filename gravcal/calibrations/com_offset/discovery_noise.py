@@ -7,7 +7,8 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import noise as linear_noise
 from gravcal.methods import estimation
-from gravcal.methods.noise import NoiseModel, fit_noise
+from gravcal.methods.detrended_noise import fit_detrended
+from gravcal.methods.noise import NoiseModel
 from gravcal.methods.resampling import lowpass_resampler
 from gravcal.physics import frames
 
@@ -27,10 +28,22 @@ def angular(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[lis
     spans = linear_noise._quiet_spans(aligned, settings)
     pieces = [_piece(aligned, field, slice(*np.searchsorted(time, s)), good, settings) for s in spans]
     pieces = [p for p in pieces if p is not None]
-    removed = len(pieces) * (settings["angular_drift_degree"] + 1)
     order, step = settings["noise_order"], settings["step_s"]
     count = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
-    return [fit_noise([p[:, a] for p in pieces], order, step, removed) for a in range(3)], count
+    return fit_detrended(pieces, _without_drift(settings["angular_drift_degree"]), order, step), count
+
+
+def _without_drift(degree):
+    """What removes a polynomial from a segment, NaN staying where it is."""
+
+    def clean(segment, _):
+        valid = np.isfinite(segment).all(axis=1)
+        drift = estimation.polynomial(np.arange(len(segment)), degree, 0, len(segment))[valid]
+        cleaned = np.full_like(segment, np.nan)
+        cleaned[valid] = estimation.without(drift, segment[valid])
+        return cleaned
+
+    return clean
 
 
 def _piece(aligned, field, inside, good, settings):
@@ -44,10 +57,7 @@ def _piece(aligned, field, inside, good, settings):
     if operator.valid.sum() < 100:
         return None
     reading = np.nan_to_num(aligned["angular_b"].values[inside]) - _control(aligned, field, time, settings)
-    values = operator(reading - reading[len(reading) // 2])
-    drift = estimation.polynomial(grid, settings["angular_drift_degree"], grid[0], grid[-1])[operator.valid]
-    values[operator.valid] = estimation.without(drift, values[operator.valid])
-    return values
+    return operator(reading - reading[len(reading) // 2])
 
 
 def _control(aligned, field, time, settings):
@@ -63,28 +73,42 @@ def _control(aligned, field, time, settings):
     return np.linalg.solve(np.asarray(settings["inertia"]), torque.T).T
 
 
-def attitude(smoothed: xr.Dataset, settings: dict) -> list[NoiseModel]:
-    """Star camera from the residuals of the fit with torque scale and slow torque free.
+def attitude(smoothed: xr.Dataset, scenes: list, wider: list[np.ndarray], settings: dict) -> list[NoiseModel]:
+    """Star camera from the residuals of a fit that is wider than the baseline: with every torque that is tried.
 
-    Control torques hide the noise outside the manoeuvres, so it comes from residuals of a fit that is wider than the
-    baseline; unexplained attitude signal widens it, which costs power and never names anything.
+    Control torques hide the noise outside the manoeuvres. Unexplained attitude signal widens the model, which costs
+    power and never names anything.
 
     Parameters
     ----------
     smoothed : Dataset, "com_offset.attitude"
-    settings : attitude_noise_order, torque_degree
+    scenes : list of Scene
+    wider : (k, 3, q) rad a scene, attitude after every torque that is tried
+    settings : attitude_noise_order
     """
-    manoeuvre = smoothed["sca_manoeuvre"].values
-    segments = []
-    for one in np.unique(manoeuvre):
-        inside = manoeuvre == one
-        time = smoothed["time_sca"].values[inside]
-        grid = np.full((int(round(time[-1] - time[0])) + 1, 3), np.nan)
-        grid[np.round(time - time[0]).astype(int)] = smoothed["sca_residual_b"].values[inside]
-        segments.append(grid)
-    removed = len(segments) * (settings["torque_degree"] + 3 + 1)
-    order = settings["attitude_noise_order"]
-    return [fit_noise([s[:, a] for s in segments], order, 1.0, removed) for a in range(3)]
+    manoeuvre, segments, bases = smoothed["sca_manoeuvre"].values, [], []
+    for scene, more in zip(scenes, wider, strict=True):
+        residual = np.full((scene.sca_time.size, 3), np.nan)
+        residual[scene.sca_good] = smoothed["sca_residual_b"].values[manoeuvre == scene.index]
+        columns = np.concatenate([scene.own_attitude, scene.scale_attitude, more], axis=2)
+        segments.append(residual)
+        bases.append(_orthonormal(columns[scene.sca_good].reshape(-1, columns.shape[2])))
+
+    def clean(segment, index):
+        good = np.isfinite(segment).all(axis=1)
+        flat = segment[good].ravel()
+        cleaned = np.full_like(segment, np.nan)
+        cleaned[good] = (flat - bases[index] @ (bases[index].T @ flat)).reshape(-1, 3)
+        return cleaned
+
+    return fit_detrended(segments, clean, settings["attitude_noise_order"], 1.0)
+
+
+def _orthonormal(columns):
+    """Basis of the columns, those that follow from others left out."""
+    scale = np.linalg.norm(columns, axis=0)
+    vectors, values, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
+    return vectors[:, values > 1e-5 * values[0]]
 
 
 def magnetometer(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
@@ -101,13 +125,10 @@ def magnetometer(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tupl
         _, values, valid = at_one_hertz(field, begin, end)
         if valid.sum() < 60:
             continue
-        drift = estimation.polynomial(np.arange(valid.size), settings["drift_degree"], 0, valid.size)[valid]
-        cleaned = np.full_like(values, np.nan)
-        cleaned[valid] = estimation.without(drift, values[valid])
-        pieces.append(cleaned)
-    order, removed = settings["attitude_noise_order"], len(pieces) * (settings["drift_degree"] + 1)
+        pieces.append(np.where(valid[:, None], values, np.nan))
     count = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
-    return [fit_noise([p[:, a] for p in pieces], order, 1.0, removed) for a in range(3)] if pieces else [], count
+    clean = _without_drift(settings["drift_degree"])
+    return fit_detrended(pieces, clean, settings["attitude_noise_order"], 1.0) if pieces else [], count
 
 
 def at_one_hertz(field: xr.Dataset, begin: float, end: float):

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.calibrations.com_offset import discovery_noise, discovery_timing, motion
-from gravcal.calibrations.com_offset.discovery_scene import Scene, attitude_at, field_at, scenes, turned
-from gravcal.calibrations.com_offset.noise import models_of
+from gravcal.calibrations.com_offset import discovery_noise, motion
+from gravcal.calibrations.com_offset.discovery_scene import Scene, attitude_at, field_at, turned
 from gravcal.effects import Context, catalogue
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, whiten
@@ -71,34 +70,17 @@ class View:
         return self.memory[key]
 
 
-def view(aligned, field, smoothed, measured, solved, **settings) -> tuple[list[View], list[dict], dict]:
-    """Blocks of an event.
+def view_of(scene: Scene, products: tuple, noise: dict, offset: np.ndarray, mass: float) -> View:
+    """View of a manoeuvre.
 
     Parameters
     ----------
-    aligned, field, smoothed, measured, solved : Dataset, products of com_offset, solved with variant mtq
-    settings : of the calibration's stages, with inertia, dipole_per_current, angular_drift_degree, mass
-
-    Returns
-    -------
-    views : one a manoeuvre
-    blocks : fields of `gravcal.discovery.blocks.Block`, one a view and one of edge times
-    quiet : {channel: samples an axis that its noise was measured from}
+    scene : Scene
+    products : aligned, field, smoothed, Dataset
+    noise : {channel: noise model of each axis}, may be completed later
+    offset : (3,) m, present estimate
+    mass : kg
     """
-    normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
-    offset = estimation.stable_inverse(normal) @ right
-    angular, angular_samples = discovery_noise.angular(aligned, field, settings)
-    magnetometer, field_samples = discovery_noise.magnetometer(aligned, field, settings)
-    noise = {"linear": models_of(measured), "angular": angular, "magnetometer": magnetometer}
-    noise["attitude"] = discovery_noise.attitude(smoothed, settings)
-    made = scenes(aligned, field, smoothed, settings)
-    views = [_view(s, (aligned, field, smoothed), noise, offset, settings["mass"]) for s in made]
-    blocks = [_block(v, aligned, smoothed, settings) for v in views]
-    quiet = {"linear": float(measured["seconds"]) / settings["step_s"], "angular": angular_samples}
-    return views, [*blocks, discovery_timing.block(smoothed)], quiet | {"magnetometer": field_samples}
-
-
-def _view(scene, products, noise, offset, mass):
     aligned, checked, smoothed = products
     true = scene.true
     rate, gradient = (smoothed[n].values[scene.smooth] for n in ("rate_b", "gradient_b"))
@@ -143,8 +125,19 @@ def _context(scene, base, orbit, time):
     )
 
 
-def _block(view, aligned, smoothed, settings):
-    """Observed rows, shared columns of the offset and own columns of one manoeuvre."""
+def block_of(view: View, aligned, smoothed, settings: dict) -> dict:
+    """Observed rows, shared columns of the offset and own columns of one manoeuvre.
+
+    Parameters
+    ----------
+    view : View
+    aligned, smoothed : Dataset, products of com_offset
+    settings : drift_degree, angular_drift_degree
+
+    Returns
+    -------
+    block : fields of `gravcal.discovery.blocks.Block`
+    """
     scene, context = view.scene, view.context
     linear = aligned["linear_b"].values[scene.rows]
     angular = aligned["angular_b"].values[scene.rows]

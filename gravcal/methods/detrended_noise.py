@@ -1,0 +1,95 @@
+"""Noise of data from which a fit was taken: what the fit took with it is put back.
+
+A fit lowers the spectrum of its own residuals at the frequencies that it can follow. The model of the residuals is
+therefore compared with that of simulated noise after the same fit, and moved until both agree (indirect inference).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gravcal.methods.noise import NoiseModel, fit_noise
+
+DRAWS = 40
+ROUNDS = 2
+NODES = 1024
+
+
+def fit_detrended(
+    segments: list[np.ndarray], clean: Callable, order: int, step_s: float, seed: int = 0
+) -> list[NoiseModel]:
+    """Autoregressive model of each axis from residuals.
+
+    Parameters
+    ----------
+    segments : list of (n_i, 3) any unit, evenly spaced, NaN where missing
+    clean : (segment, index of it) -> segment after the fit, (n_i, 3); linear in the segment
+    order : of the models
+    step_s : s
+    seed : of the simulated noise
+
+    Returns
+    -------
+    models : one an axis
+    """
+    rng = np.random.default_rng(seed)
+    axes = range(segments[0].shape[1])
+    residual = [clean(s, i) for i, s in enumerate(segments)]
+    seen = [fit_noise([r[:, a] for r in residual], order, step_s) for a in axes]
+    frequency = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
+    wanted = [m.density(frequency) for m in seen]
+    density = list(wanted)
+    for _ in range(ROUNDS):
+        models = [from_density(d, order, step_s) for d in density]
+        again = _after_fit(models, segments, clean, rng)
+        density = [d * w / m.density(frequency) for d, w, m in zip(density, wanted, again, strict=True)]
+    return [from_density(d, order, step_s) for d in density]
+
+
+def _after_fit(models, segments, clean, rng):
+    """Models of noise of the given models after the fit."""
+    made = []
+    for _ in range(DRAWS):
+        for i, segment in enumerate(segments):
+            noise = np.stack([draw(m, len(segment), rng) for m in models], axis=1)
+            made.append(clean(np.where(np.isfinite(segment), noise, np.nan), i))
+    order, step = models[0].reflection.size, models[0].step_s
+    return [fit_noise([m[:, a] for m in made], order, step) for a in range(len(models))]
+
+
+def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Stationary noise of a model, (count,) in its unit.
+
+    Parameters
+    ----------
+    model : NoiseModel
+    count : number of samples
+    rng : source of randomness
+    """
+    from scipy.signal import lfilter
+
+    last = model.coefficients[-1]
+    white = np.sqrt(model.variance[-1]) * rng.standard_normal(count + 60 * (last.size + 1))
+    return lfilter([1.0], np.concatenate([[1.0], -last]), white)[-count:]
+
+
+def from_density(density: np.ndarray, order: int, step_s: float) -> NoiseModel:
+    """Autoregressive model with the autocovariance of a spectrum up to its order (Levinson).
+
+    Parameters
+    ----------
+    density : (m,) one-sided, squared unit per Hz, at the middles of m equal parts of 0 to the Nyquist frequency
+    order : of the model
+    step_s : s
+    """
+    phase = np.pi * (np.arange(density.size) + 0.5) / density.size
+    covariance = np.cos(np.outer(np.arange(order + 1), phase)) @ density / (2 * step_s * density.size)
+    row, variance, reflection = np.zeros(0), [covariance[0]], []
+    for k in range(1, order + 1):
+        one = (covariance[k] - row @ covariance[k - 1 : 0 : -1]) / variance[-1]
+        row = np.append(row - one * row[::-1], one)
+        reflection.append(one)
+        variance.append(variance[-1] * (1 - one**2))
+    return NoiseModel(np.array(reflection), np.array(variance), step_s)
