@@ -1,0 +1,36 @@
+"""An invented store for the pages: two runs of an event with a report, another event, a failed run."""
+
+import pytest
+from invented_store import EVENT, calibration, client, dataset, put
+
+from gravcal.browse import series, shelf, variables
+from gravcal.data import journal
+
+
+@pytest.fixture
+def shop(store_folder):
+    """Return the references of an invented store."""
+    shelf._known.clear()
+    series.overview.cache_clear()
+    variables.listed.cache_clear()
+    first = calibration(EVENT, 1.0, gain=1.0)
+    again = calibration(EVENT, 1.0, gain=1.5)
+    other = calibration("grace-c-2021-03-01", 2.0)
+    states = {"com_offset.align": ("reused", again["align"]), "com_offset.report": ("made", again["report"])}
+    states |= {f"com_offset.solve.{v}": ("made", again[v]) for v in ("mtq", "acc")}
+    record = {"event": EVENT, "flow": "com_offset", "status": "delivered", "started": "2026-01-01T00:00:00+00:00"}
+    stages = {name: {"state": state, "key": ref.key} for name, (state, ref) in states.items()}
+    journal._write(record | {"seconds": 1.5, "stages": stages})
+    broken = {"event": "grace-d-2022-01-01", "flow": "com_offset", "status": "failed", "error": "no data <b>here</b>"}
+    stages = {"com_offset.align": {"state": "made", "key": "0" * 64}}
+    put("grace-d-2022-01-01/com_offset.align", dataset(100))
+    journal._write(broken | {"started": "2026-01-02T00:00:00+00:00", "seconds": 1.0, "failed": "com_offset.solve",
+                             "stages": stages})  # fmt: skip
+    return {"first": first, "again": again, "other": other, "folder": store_folder}
+
+
+@pytest.fixture
+def ask():
+    """Return a function that asks a server on loopback without token."""
+    with client() as asking:
+        yield asking

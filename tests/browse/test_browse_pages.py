@@ -1,0 +1,182 @@
+"""The pages as a client sees them: content, and what they refuse."""
+
+import re
+
+import pytest
+from invented_store import EVENT, client
+
+from gravcal.browse import graph, guard, shelf
+
+
+@pytest.fixture
+def seen(store_folder):
+    """Return what a folder holds, to see that looking changes nothing."""
+
+    def listing():
+        return sorted((path, path.stat().st_mtime_ns) for path in store_folder.rglob("*"))
+
+    return listing
+
+
+def test_every_link_of_every_page_leads_somewhere(ask, shop, seen):
+    """Contract: following all links from the first page meets no error, and the store stays as it was."""
+    before = seen()
+    waiting, known = ["/", "/products?all=1"], set()
+    while waiting:
+        where = waiting.pop()
+        if where in known:
+            continue
+        known.add(where)
+        answer = ask(where)
+        assert answer.status_code == 200, where
+        if answer.headers["content-type"].startswith("text/html"):
+            found = re.findall(r'(?:href|src|data-figure)="([^"]+)"', answer.text)
+            found = [link.replace("&amp;", "&") for link in found if not link.startswith(("data:", "http"))]
+            path = where.partition("?")[0]
+            waiting += [path + link if link.startswith("?") else link for link in found]
+    assert len(known) > 60
+    assert seen() == before
+
+
+def test_the_first_page_shows_every_event_with_its_state(ask, shop):
+    """Contract: delivered and failed events, their verdict or reason, nothing taken for markup."""
+    text = ask("/").text
+    for event in (EVENT, "grace-c-2021-03-01", "grace-d-2022-01-01"):
+        assert f"/event/{event}" in text
+    assert f"Delivered: {EVENT}." in text
+    assert "3 made, 1 reused" in text
+    assert "failed" in text
+    assert "no data &lt;b&gt;here&lt;/b&gt;" in text
+
+
+def test_the_chain_says_what_was_reused_made_and_failed(ask, shop):
+    """Contract: states of the last run; a failed stage stands in the chain without a product."""
+    states = {node.stage: node.state for node in shelf.chain(EVENT)}
+    assert states["com_offset.align"] == "reused"
+    assert states["com_offset.report"] == "made"
+    failed = [node for node in shelf.chain("grace-d-2022-01-01") if node.state == "failed"]
+    assert [(node.stage, node.key) for node in failed] == [("com_offset.solve", "")]
+    assert "box failed" in ask("/event/grace-d-2022-01-01").text
+
+
+def test_lines_of_the_chain_run_to_the_right(shop):
+    """Contract: a product stands right of all it was made of, no two boxes at one place, all within the picture."""
+    picture = graph.placed(shelf.chain(EVENT))
+    places = {node.key: (x, y) for x, y, node in picture["boxes"]}
+    assert len(set(places.values())) == len(places) == 4
+    for x, _, node in picture["boxes"]:
+        assert all(places[key][0] < x for key in node.inputs)
+    assert max(x for x, _ in places.values()) + graph.WIDTH <= picture["width"]
+
+
+def test_a_replaced_product_is_offered_with_what_differs(shop):
+    """Contract: the older product of the same event is compared by its settings."""
+    found = shelf.entry(shop["again"]["mtq"].key)
+    rows = [(one.ref.key, why) for one, why in shelf.relatives(found)]
+    assert (shop["first"]["mtq"].key, ["gain: 1.0 -> 1.5"]) in rows
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/report/{key}/../../../../secret.txt",
+        "/report/{key}/..%2f..%2f..%2f..%2fsecret.txt",
+        "/report/{key}/%2e%2e/%2e%2e/secret.txt",
+        "/report/{key}/meta.json",
+        "/file/{key}/%2fetc%2fpasswd",
+        "/file/../../secret.txt",
+        "/product/..%2f..%2fsecret",
+        "/event/..%2f..%2f..%2fsecret.txt",
+        "/static/..%2fapp.py",
+        "/static/../app.py",
+        "/timeline/..%2f..%2fsecret",
+        "/figure/{key}/..%2fmeta.json",
+    ],
+)
+def test_no_path_leaves_the_store(ask, shop, path):
+    """Contract: addresses that climb, or name files the record does not list, find nothing."""
+    (shop["folder"].parent / "secret.txt").write_text("secret content")
+    answer = ask(path.replace("{key}", shop["again"]["report"].key))
+    assert answer.status_code == 404
+    assert "secret content" not in answer.text
+
+
+def test_a_link_out_of_the_store_is_not_followed(ask, shop, tmp_path):
+    """Contract: a product file that is a link to elsewhere is not shown, nor is a report's."""
+    (tmp_path / "outside.txt").write_text("outside")
+    ref = shop["again"]["report"]
+    (ref.folder / "report.html").unlink()
+    (ref.folder / "report.html").symlink_to(tmp_path / "outside.txt")
+    assert ask(f"/report/{ref.key}/report.html").status_code == 404
+    product = shop["again"]["mtq"]
+    product.path.rename(tmp_path / "elsewhere.nc")
+    product.path.symlink_to(tmp_path / "elsewhere.nc")
+    assert ask(f"/product/{product.key}").status_code == 404
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "evil.example:8765", "", "localhost.evil"])
+def test_another_host_name_is_refused(ask, shop, host):
+    """Contract: a foreign name that leads to this machine (DNS rebinding) gets no answer."""
+    answer = ask("/", host=host)
+    assert answer.status_code == 421
+    assert EVENT not in answer.text
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.1:8765", "localhost:1", "[::1]:8765", "[::1]"])
+def test_names_of_this_machine_are_answered(ask, shop, host):
+    """Contract: loopback by any of its names."""
+    assert ask("/", host=host).status_code == 200
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
+def test_the_pages_can_only_be_read(ask, shop, method):
+    """Contract: no method but GET and HEAD."""
+    assert ask("/", method).status_code == 405
+
+
+def test_without_the_token_nothing_is_shown(shop):
+    """Contract: away from loopback every page asks for the token; it moves from the address into a cookie."""
+    with client("right", ("*",)) as ask:
+        for path in ("/", "/products", "/static/browse.js", "/?token=wrong", f"/product/{shop['again']['mtq'].key}"):
+            assert ask(path).status_code == 401
+        moved = ask("//evil.example/products?all=1&token=right", host="machine.example")
+        assert (moved.status_code, moved.headers["location"]) == (303, "/evil.example/products?all=1")
+        assert {"HttpOnly", "SameSite=strict"} <= set(moved.headers["set-cookie"].split("; "))
+        assert ask("/products", cookie=moved.headers["set-cookie"].partition(";")[0]).status_code == 200
+        assert ask("/products", cookie=f"{guard.COOKIE}=wrong").status_code == 401
+
+
+def test_answers_forbid_scripts_of_others(ask, shop):
+    """Contract: only our own scripts run; reports run none."""
+    assert "script-src 'self';" in ask("/").headers["content-security-policy"]
+    report = ask(f"/report/{shop['again']['report'].key}/report.html")
+    assert "sandbox" in report.headers["content-security-policy"]
+    assert "script-src" not in report.headers["content-security-policy"]
+    assert ask("/").headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize("asked", ["from=a&to=1", "from=nan&to=1", "from=1", ""])
+def test_a_view_needs_two_numbers(ask, shop, asked):
+    """Contract: data between places that are no numbers are wrong usage, not a failure."""
+    key = shop["again"]["mtq"].key
+    assert ask(f"/data/{key}/acceleration_b?{asked}").status_code == 400
+
+
+def test_what_is_not_there_is_said(ask, shop):
+    """Contract: unknown products, variables and columns."""
+    key = shop["again"]["mtq"].key
+    assert ask(f"/product/{'0' * 64}").status_code == 404
+    assert ask(f"/figure/{key}/nothing").status_code == 404
+    assert ask(f"/figure/{key}/factor").status_code == 404
+    assert ask(f"/figure/{key}/acceleration_b?column=99&with=nothing&view=nothing").status_code == 200
+    assert ask(f"/product/{key}?variable=factor").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("host", "local"),
+    [("127.0.0.1", True), ("localhost", True), ("::1", True), ("127.8.9.1", True), ("0.0.0.0", False), ("::", False),
+     ("192.168.0.5", False), ("example.org", False)],
+)  # fmt: skip
+def test_only_loopback_needs_no_token(host, local):
+    """Contract: what counts as this machine."""
+    assert guard.is_loopback(host) is local

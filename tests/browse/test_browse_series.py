@@ -1,0 +1,120 @@
+"""Series at the resolution of the screen, differences and spectra."""
+
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from invented_store import TIME
+
+from gravcal.browse import series, variables
+from gravcal.data import netcdf
+
+
+def overview_of(x, y):
+    """Overview of a series in memory."""
+    return series.of_arrays(np.asarray(x, float), np.asarray(y, float))
+
+
+def written(path, x, values):
+    """Overview of the first column of a variable in a file."""
+    data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
+    path.write_bytes(netcdf.to_bytes(data))
+    variable = variables.find(path, "v")
+    coordinate, kind, _ = variables.coordinate(path, variable)
+    assert kind == "time"
+    return series.overview(variables.column(path, variable, 0), coordinate)
+
+
+def test_no_peak_is_lost_at_any_zoom(tmp_path):
+    """Analytic: one sample of a million stands out and is drawn, from the whole series down to a few samples."""
+    x, values = 7e8 + 0.1 * np.arange(1_000_000), np.zeros((1_000_000, 2))
+    values[765_432, 0] = 5.0
+    whole = written(tmp_path / "product.nc", x, values)
+    for width in (None, 3e4, 1e3, 10.0, 0.5):
+        ends = (None, None) if width is None else (x[765_432] - width / 2, x[765_432] + width / 2)
+        drawn, y = series.view(whole, *ends)
+        assert np.nanmax(y) == 5.0
+        assert drawn.size <= 4 * series.BINS
+        peak = drawn[np.nanargmax(y)]
+        shown = (x[-1] - x[0]) if width is None else width
+        assert abs(peak - x[765_432]) <= max(shown / series.BINS, series.BLOCK * 0.1) * 2  # s, one bin
+
+
+def test_a_narrow_view_is_the_data_themselves(tmp_path):
+    """Contract: fewer samples than the screen has places are drawn as they are, one more at each side."""
+    x, rng = 7e8 + 0.1 * np.arange(200_000), np.random.default_rng(1)
+    values = rng.standard_normal((200_000, 1))
+    whole = written(tmp_path / "product.nc", x, values)
+    drawn, y = series.view(whole, x[1000], x[1100])
+    assert drawn.tolist() == x[999:1102].tolist()
+    assert y.tolist() == values[999:1102, 0].tolist()
+
+
+@pytest.mark.parametrize("count", [300, 40_000, 600_000])
+def test_a_gap_is_not_bridged(count):
+    """Contract: a NaN stands where the coordinate jumps."""
+    x = np.concatenate([np.arange(count), 10.0 * count + np.arange(count)])
+    drawn, y = series.view(overview_of(x, np.ones(2 * count)))
+    (gap,) = np.flatnonzero(np.isnan(y))
+    assert drawn[gap - 1] < count <= 10 * count <= drawn[gap + 1]
+
+
+def test_nan_is_left_out_of_a_range():
+    """Contract: a bin with some NaN shows the rest, a bin of NaN alone is a gap."""
+    y = np.ones(100_000)
+    y[::2] = np.nan
+    y[50_000:60_000] = np.nan
+    drawn, low = series.view(overview_of(np.arange(100_000.0), y))
+    assert np.isnan(low[(drawn > 50_200) & (drawn < 59_800)]).all()
+    assert (low[(drawn < 49_800)] == 1).all()
+
+
+def test_difference_of_shifted_grids_interpolates():
+    """Analytic: a straight line minus itself on another grid is zero; gaps of the second are not bridged."""
+    x, u = np.arange(0.0, 100.0, 1.0), np.arange(10.25, 60.0, 0.5)
+    at, rest = series.difference(overview_of(x, 3 * x), overview_of(u, 3 * u))
+    assert (at[0], at[-1]) == (11.0, 59.0)
+    np.testing.assert_allclose(rest, 0, atol=1e-12)  # rounding
+    holed = np.concatenate([u[:20], u[60:]])
+    at, rest = series.difference(overview_of(x, 3 * x), overview_of(holed, 3 * holed))
+    assert np.isnan(rest[(at > holed[19]) & (at < holed[20])]).all()
+
+
+def test_differences_of_strangers_are_empty():
+    """Contract: two series that do not overlap have no difference."""
+    x = np.arange(100.0)
+    assert series.difference(overview_of(x, x), overview_of(x + 1e6, x))[0].size == 0
+    assert series.difference(overview_of(x, x), overview_of(x + 1e6, x), shift=-1e6)[0].size == 100
+
+
+def test_spectrum_of_white_noise_is_its_density():
+    """Analytic: white noise of variance s^2 at step dt has amplitude density s sqrt(2 dt)."""
+    rng = np.random.default_rng(2)
+    x, y = 0.5 * np.arange(200_000), 3.0 * rng.standard_normal(200_000)
+    y[150_000] = np.nan
+    frequency, density, said = series.spectrum(overview_of(x, y))
+    assert "Welch" in said
+    assert frequency[-1] == pytest.approx(1.0)  # Hz, half the rate of 2 Hz
+    assert np.sqrt(np.mean(density**2)) == pytest.approx(3.0 * np.sqrt(2 * 0.5), rel=0.02)  # 150,000 samples
+
+
+def test_sixteen_million_samples_open_in_a_second(tmp_path):
+    """Contract: processor time of the first view of 16 million samples with their times, and of a zoom after it."""
+    count = 16_000_000
+    rng = np.random.default_rng(3)
+    values = np.tile(rng.standard_normal(1_000_000), 16)[:, None]
+    whole_of = tmp_path / "product.nc"
+    x = 7e8 + 0.1 * np.arange(count)
+    data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
+    whole_of.write_bytes(netcdf.to_bytes(data))
+    del data, values
+    variable = variables.find(whole_of, "v")
+    coordinate, _, _ = variables.coordinate(whole_of, variable)
+    begin = time.process_time()
+    whole = series.overview(variables.column(whole_of, variable, 0), coordinate)
+    series.view(whole)
+    first = time.process_time() - begin
+    series.view(whole, x[5_000_000], x[5_100_000])
+    assert first < 1.0  # s
+    assert time.process_time() - begin - first < 0.2  # s
