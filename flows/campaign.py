@@ -4,9 +4,11 @@ Events whose products are all there are answered from the store; if that is true
 starts.
 """
 
+import collections
 import contextlib
+import functools
+import itertools
 import os
-from collections import Counter
 from dataclasses import dataclass
 
 from flows import campaign_work, command, engine
@@ -14,11 +16,21 @@ from gravcal.data import location
 from gravcal.errors import GravcalError, ProductError
 
 ENDED_WELL = ("delivered", "no_manoeuvre")
+AHEAD = 4  # events handed out for each that is being worked on
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """How the events are processed; ``workers`` are processes of this machine, 0 means in this one."""
+    """How the events are processed.
+
+    Attributes
+    ----------
+    calibration : str
+    chosen : Parameters
+    engine : "prefect", "inline", or "flow": as tasks of the Prefect flow that is running
+    scheduler : address of a Dask cluster, or None for processes of this machine
+    workers : how many of these; None for one for each processor, 0 for none but this
+    """
 
     calibration: str
     chosen: object
@@ -65,16 +77,13 @@ def run(campaign, sources, listener=None):
     sources
     """
     engine.single_threaded()
-    rows, waiting = {}, []
-    for number, source in enumerate(sources):
-        if campaign.workers == 0 or isinstance(source, campaign_work.Refused) or _is_done(campaign, source):
-            rows[number] = _here(campaign, source, listener)
-        else:
-            waiting.append((number, source))
-    if waiting:
-        rows |= _run_waiting(campaign, waiting, listener)
+    rows = {}
+    waiting = _waiting(campaign, sources, rows, listener)
+    head = list(itertools.islice(waiting, _wanted(campaign)))
+    if head:
+        rows |= _run_waiting(campaign, head, itertools.chain(head, waiting), listener)
     events = [rows[number] for number in range(len(sources))]
-    counts = Counter(row["status"] for row in events)
+    counts = collections.Counter(row["status"] for row in events)
     status = "failed" if set(counts) - set(ENDED_WELL) else "delivered" if counts["delivered"] else "no_manoeuvre"
     return {
         "schema_version": 1,
@@ -91,8 +100,8 @@ def exit_code(summary):
 
 
 @contextlib.contextmanager
-def cluster(campaign, events):
-    """Client of the cluster named, or of worker processes of this machine, one thread each."""
+def cluster(campaign, count):
+    """Client of the cluster named, or of so many worker processes of this machine, one thread each."""
     from distributed import Client, LocalCluster
 
     if campaign.scheduler:
@@ -100,7 +109,6 @@ def cluster(campaign, events):
             _check_versions(client)
             yield client
         return
-    count = min(campaign.workers or os.cpu_count() or 1, events)
     local = LocalCluster(
         n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None, silence_logs=50
     )
@@ -108,59 +116,95 @@ def cluster(campaign, events):
         yield client
 
 
-def _run_waiting(campaign, waiting, listener):
-    """Rows of the events that have something to make, by number."""
-    with cluster(campaign, len(waiting)) as client:
-        folder = str(location.folder())
+def windowed(waiting, submit, settle, width):
+    """Rows by number; never more than ``width`` events are handed out, so that memory does not grow with their number.
 
-        def calibrate(source):
-            future = client.submit(
-                campaign_work.calibrate, campaign.calibration, source, campaign.chosen, folder, pure=False, retries=2
-            )
-            try:
-                row = future.result()
-            except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
-                row = {
-                    "event": command.name_of(source),
-                    "status": "failed",
-                    "error": f"{type(error).__name__}: {error}",
-                }
-            if listener:
-                listener(row)
-            return row
-
-        if campaign.engine == "prefect":
-            from flows import campaign_prefect
-
-            return campaign_prefect.run(campaign, waiting, calibrate)
-        return in_threads(waiting, calibrate)
+    Parameters
+    ----------
+    waiting : iterable of (number, source)
+    submit : function of a source that returns a future
+    settle : function of a future that waits for its row
+    width : int
+    """
+    rows, under_way = {}, collections.deque()
+    for number, source in waiting:
+        under_way.append((number, submit(source)))
+        if len(under_way) >= width:
+            number, future = under_way.popleft()
+            rows[number] = settle(future)
+    return rows | {number: settle(future) for number, future in under_way}
 
 
-def in_threads(waiting, calibrate):
+def in_threads(waiting, calibrate, slots):
     """Rows by number; threads only wait for the workers. An interrupt leaves at once: closing the cluster ends them."""
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import Future, ThreadPoolExecutor
 
-    pool = ThreadPoolExecutor(2 * (os.cpu_count() or 1))
+    pool = ThreadPoolExecutor(slots)
     try:
-        rows = pool.map(calibrate, [source for _, source in waiting])
-        return dict(zip([number for number, _ in waiting], rows, strict=True))
+        return windowed(waiting, functools.partial(pool.submit, calibrate), Future.result, AHEAD * slots)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _is_done(campaign, source):
-    """Whether every product of an event is in the store; what cannot be planned is left to its worker."""
+def _waiting(campaign, sources, rows, listener):
+    """Numbers and sources of the events that have something to make; rows of the others join ``rows``."""
+    for number, source in enumerate(sources):
+        row = _answer(campaign, source)
+        if row is None:
+            yield number, source
+            continue
+        rows[number] = row
+        if listener:
+            listener(row)
+
+
+def _answer(campaign, source):
+    """Row of an event that needs no worker: it is refused, or made in this process, or all in the store."""
+    here = campaign.workers == 0 and campaign.engine != "flow"
+    if here or isinstance(source, campaign_work.Refused):
+        return _made(campaign, source, str(location.folder()))
+    return campaign_work.reuse(campaign.calibration, source, campaign.chosen)
+
+
+def _wanted(campaign):
+    """Worker processes of this machine that are wanted; of a cluster that is there already, one event is enough."""
+    return 1 if campaign.scheduler else campaign.workers or os.cpu_count() or 1
+
+
+def _run_waiting(campaign, head, waiting, listener):
+    """Rows of the events that have something to make, by number."""
+    folder = str(location.folder())
+    if campaign.workers == 0:
+        return _hand_out(campaign, waiting, lambda source: _made(campaign, source, folder), 1)
+    with cluster(campaign, len(head)) as client:
+        slots = 2 * max(sum(client.nthreads().values()), len(head))  # a worker finds its next event waiting
+        told = None if campaign.engine == "flow" else listener
+        return _hand_out(campaign, waiting, functools.partial(_on_a_worker, campaign, client, folder, told), slots)
+
+
+def _hand_out(campaign, waiting, calibrate, slots):
+    """Rows by number, through the engine of the campaign."""
+    if campaign.engine == "inline":
+        return in_threads(waiting, calibrate, slots)
+    from flows import campaign_prefect
+
+    work = campaign_prefect.in_flow if campaign.engine == "flow" else campaign_prefect.run
+    return work(campaign, waiting, calibrate, slots)
+
+
+def _made(campaign, source, folder):
+    """Row of one event, made in this process."""
+    return campaign_work.calibrate(campaign.calibration, source, campaign.chosen, folder)
+
+
+def _on_a_worker(campaign, client, folder, listener, source):
+    """Row of one event, made by a worker; one that dies is replaced twice."""
+    future = client.submit(_made, campaign, source, folder, pure=False, retries=2)
     try:
-        body = command.flow_module(campaign.calibration).calibrate
-        steps, ref = engine.plan(body, source, campaign.chosen)
-    except GravcalError:
-        return False
-    return ref is not None and all(step.action == "reuse" for step in steps)
-
-
-def _here(campaign, source, listener):
-    """Row of an event that is answered from the store, or made in this process."""
-    row = campaign_work.calibrate(campaign.calibration, source, campaign.chosen, str(location.folder()))
+        row = future.result()
+    except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
+        text = f"{type(error).__name__}: {error}"
+        row = {"event": command.name_of(source), "status": "failed", "error": text}
     if listener:
         listener(row)
     return row

@@ -1,20 +1,23 @@
 """The campaign as one Prefect flow with one task per event."""
 
-import os
+import functools
 
 from flows import campaign as plain
 from flows import prefect_server
 from flows.engine import warn
 
+ROWS = 1000  # rows of a table that a page can show
 
-def run(campaign, waiting, calibrate):
+
+def run(campaign, waiting, calibrate, slots):
     """Rows by number, each event a task; without a server, the same without Prefect.
 
     Parameters
     ----------
     campaign : Campaign
-    waiting : list of (number, source)
+    waiting : iterable of (number, source)
     calibrate : function of a source that returns its row
+    slots : int, events under way at a time
 
     Returns
     -------
@@ -26,13 +29,35 @@ def run(campaign, waiting, calibrate):
 
         with prefect_server.running(begun) as url:
             prefect_server.bury(url)
-            return _flow_on(url, campaign, waiting, calibrate)
+            return _flow_on(url, campaign, waiting, calibrate, slots)
     except prefect_server.Unavailable as error:
         warn(f"Prefect's server is not available ({error}); running without it.")
-    return plain.in_threads(waiting, calibrate)
+    return plain.in_threads(waiting, calibrate, slots)
 
 
-def _flow_on(url, campaign, waiting, calibrate):
+def in_flow(campaign, waiting, calibrate, slots):  # noqa: ARG001 - as for run
+    """Rows by number, each event a task of the flow that is running."""
+    return plain.windowed(waiting, functools.partial(_submit, calibrate), _settle, plain.AHEAD * slots)
+
+
+def table(rows):
+    """Rows as a page can show them: the failed first, so many in all, and what is left out.
+
+    Parameters
+    ----------
+    rows : list of dict
+
+    Returns
+    -------
+    shown : list of dict
+    left_out : str, "" if nothing is
+    """
+    ordered = sorted(rows, key=lambda row: row["status"] != "failed")
+    left_out = f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""
+    return ordered[:ROWS], left_out
+
+
+def _flow_on(url, campaign, waiting, calibrate, slots):
     """Run all events as tasks of one flow on a server that answers."""
     import prefect
     from prefect.artifacts import create_table_artifact
@@ -40,43 +65,54 @@ def _flow_on(url, campaign, waiting, calibrate):
     from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
     from prefect.task_runners import ThreadPoolTaskRunner
 
-    known = {}
+    known = {"rows": {}}
 
     def events():
         known["run"] = get_run_context().flow_run.id
-        submitted = {number: _task(source, calibrate).submit() for number, source in waiting}
-        rows = {number: _row(future) for number, future in submitted.items()}
-        shown = [{name: value for name, value in row.items() if name != "document"} for row in rows.values()]
-        create_table_artifact(table=shown, key=f"{campaign.calibration.replace('_', '-')}-events")
-        return rows
+        known["rows"] = in_flow(campaign, waiting, calibrate, slots)
+        shown, left_out = table(list(known["rows"].values()))
+        description = f"Events of the campaign that had something to make{left_out}"
+        create_table_artifact(table=shown, key=f"{slug(campaign.calibration)}-events", description=description)
 
     with temporary_settings({PREFECT_API_URL: url, PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
-        runner = ThreadPoolTaskRunner(max_workers=2 * (os.cpu_count() or 1))
-        name = f"campaign {campaign.calibration}"
+        runner, name = ThreadPoolTaskRunner(max_workers=slots), f"campaign {campaign.calibration}"
         try:
             with prefect.tags(prefect_server.own_tag()):
-                return prefect.flow(events, name=name, task_runner=runner, persist_result=False)()
+                prefect.flow(events, name=name, task_runner=runner, persist_result=False)()
         finally:
-            if known:
-                prefect_server.drain(url, known["run"], len(waiting))
+            if "run" in known:
+                prefect_server.drain(url, known["run"], len(known["rows"]))
+    return known["rows"]
 
 
-def _task(source, calibrate):
-    """Prefect task of one event; a failed event ends as Failed and keeps its row."""
+def slug(name):
+    """Name as keys of artifacts and names of deployments are written."""
+    return name.replace("_", "-")
+
+
+def _submit(calibrate, source):
+    """Future of the task of one event; a failed event ends as Failed and keeps its row."""
     import prefect
     from prefect.cache_policies import NO_CACHE
-    from prefect.states import Completed, Failed
 
     def event():
-        row = calibrate(source)
-        if row["status"] == "failed":
-            return Failed(message=row["error"], data=row)
-        return Completed(name=row["status"].replace("_", " ").capitalize(), data=row)
+        return state_of(calibrate(source))
 
-    return prefect.task(event, name=str(plain.command.name_of(source)), cache_policy=NO_CACHE, persist_result=False)
+    name = str(plain.command.name_of(source))
+    return prefect.task(event, name=name, cache_policy=NO_CACHE, persist_result=False).submit()
 
 
-def _row(future):
+def state_of(row):
+    """Prefect's state of an event: its own name, what was done or what went wrong, and the row."""
+    from prefect.states import Completed, Failed
+
+    if row["status"] == "failed":
+        return Failed(message=row["error"], data=row)
+    message = f"{row['made']} products made, {row['reused']} reused, {row['seconds']} s"
+    return Completed(name=row["status"].replace("_", " ").capitalize(), message=message, data=row)
+
+
+def _settle(future):
     """Row of a task, whatever its state."""
     future.wait()
     return future.state.data if isinstance(future.state.data, dict) else future.state.result(raise_on_failure=False)

@@ -6,7 +6,7 @@ import time
 import traceback
 from dataclasses import dataclass
 
-from flows.engine import one_thread, single_threaded
+from flows.engine import existing, one_thread, single_threaded
 from gravcal.data import journal
 from gravcal.errors import GravcalError
 from tasks import stage
@@ -32,7 +32,7 @@ def calibrate(calibration, source, chosen, store):
 
     Returns
     -------
-    row : dict of "event", "status", "made", "reused", "seconds", "report" or "error", and "document"
+    row : dict of "event", "status", "made", "reused", "seconds", "report" or "error", "verdict", and "adopted"
     """
     single_threaded()
     os.environ["GRAVCAL_PRODUCTS"] = store
@@ -42,13 +42,34 @@ def calibrate(calibration, source, chosen, store):
         counts[state] += 1
 
     started = time.perf_counter()
-    with one_thread(), stage.using(stage.inline, count):
-        row = _attempt(calibration, source, chosen)
-    return row | {
-        "made": counts["made"],
-        "reused": counts["cached"],
-        "seconds": round(time.perf_counter() - started, 3),
-    }
+    try:
+        with one_thread(), stage.using(stage.inline, count):
+            row = _attempt(calibration, source, chosen)
+    finally:
+        stage.forget()  # events do not share products; a worker lives for thousands
+    return row | _effort(counts["made"], counts["cached"], started)
+
+
+def reuse(calibration, source, chosen):
+    """Row of an event whose products are all in the store, otherwise None.
+
+    Parameters
+    ----------
+    calibration, source, chosen : as for ``calibrate``
+    """
+    from flows import command
+
+    module, started = command.flow_module(calibration), time.perf_counter()
+    try:
+        ref, found = existing(module.calibrate, source, chosen)
+        if ref is None:
+            return None
+        with journal.recorded(module.calibrate.flow_name, ref.event) as note:
+            for call, one in found:
+                note(call, "cached", one)
+        return _row(module, ref) | _effort(0, len(found), started)
+    except Exception:  # noqa: BLE001 - what goes wrong goes wrong again in its worker, which says it
+        return None
 
 
 def version():
@@ -64,16 +85,33 @@ def _attempt(calibration, source, chosen):
 
     event = command.name_of(source)
     if isinstance(source, Refused):
-        return {"event": event, "status": "failed", "error": source.error, "document": None}
+        return {"event": event, "status": "failed", "error": source.error}
     try:
         module = importlib.import_module(f"flows.{calibration}")
         with journal.recorded(module.calibrate.flow_name, event) as note, stage.using(stage.inline, note):
             ref = module.calibrate(source, chosen)
-        document = module.document(ref)
-        return {"event": event, "status": document["status"], "report": str(ref.folder), "document": document}
+        return _row(module, ref)
     except GravcalError as error:
-        return {"event": event, "status": "failed", "error": str(error), "document": None}
+        return {"event": event, "status": "failed", "error": str(error)}
     except Exception as error:  # noqa: BLE001 - one event must not stop the others
         where = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
-        return {"event": event, "status": "failed", "error": text, "document": None}
+        return {"event": event, "status": "failed", "error": text}
+
+
+def _row(module, ref):
+    """Row of an event that has its report; the document stays in the store."""
+    document = module.document(ref)
+    row = {"event": ref.event, "status": document["status"], "report": str(ref.folder)}
+    verdict = document.get("verdict")
+    row["verdict"] = verdict.get("text", "") if isinstance(verdict, dict) else verdict or ""
+    name = (document.get("adopted") or {}).get("variant")
+    block = (document.get("variants") or {}).get(name)
+    if block:
+        row["adopted"] = {"variant": name} | {key: block[key] for key in ("offset_um", "sigma_um")}
+    return row
+
+
+def _effort(made, reused, started):
+    """Columns of the row that say what was done."""
+    return {"made": made, "reused": reused, "seconds": round(time.perf_counter() - started, 3)}

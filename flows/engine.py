@@ -84,6 +84,37 @@ def plan(body, *arguments):
     return planner.steps, ref
 
 
+def existing(body, *arguments):
+    """Result of a flow whose products are all in the store, and its calls; (None, []) at the first that is not.
+
+    Parameters
+    ----------
+    body : flow
+    *arguments : those of the flow
+
+    Returns
+    -------
+    ref : ProductRef or None
+    found : list of (call, ProductRef)
+    """
+    found = []
+
+    def look(call):
+        recipe, _ = stage.recipe(call)
+        ref = store.find(keys.key(recipe))
+        if ref is None:
+            raise Unknown("not made yet", event=call.event)
+        store.point(ref)
+        found.append((call, ref))
+        return ref
+
+    with stage.using(look):
+        try:
+            return body(*arguments), found
+        except Unknown:
+            return None, []
+
+
 def run(body, *arguments, engine="prefect", listener=None, server=None):
     """Result of a flow; Prefect is started only when something has to be made.
 
@@ -103,7 +134,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     steps, ref = plan(body, *arguments)
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"
-    with journal.recorded(body.flow_name, _event(arguments)) as note:
+    with journal.recorded(body.flow_name, _event(arguments)) as note, one_thread():
         heard = _both(note, listener)
         if engine == "prefect":
             from flows import prefect_engine

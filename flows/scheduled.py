@@ -1,12 +1,11 @@
 """Campaigns as Prefect deployments: "reprocess-all" by the clock, "new-data" when a folder changed.
 
-The page of a run shows the state of each event, a table of the offsets, and links to the reports.
+The page of a run shows the state of each event while it runs, a table of the offsets, and links to the reports.
 """
 
-import contextvars
 import hashlib
+import itertools
 import os
-import threading
 from pathlib import Path
 
 import prefect
@@ -14,11 +13,12 @@ from prefect.artifacts import create_markdown_artifact, create_table_artifact
 from prefect.cache_policies import NO_CACHE
 from prefect.states import Completed, Failed
 
-from flows import campaign, command, watch
+from flows import campaign, campaign_prefect, command, watch
 from gravcal.data import location, memo
 
 REPORTS = "GRAVCAL_REPORTS"  # address under which the store's objects are served, if they are
 AXES = "xyz"
+REUSED = 100  # events with nothing to make that a run shows as tasks; the table has them all
 
 
 @prefect.flow(name="reprocess-all", persist_result=False)
@@ -56,50 +56,47 @@ def _campaign(calibration, satellite, data, settings, workers):
     """State of a campaign inside the flow that is running."""
     chosen = command.chosen(calibration, settings)
     sources = campaign.sources(calibration, satellite, Path(data) if data else None)
-    context, turn = contextvars.copy_context(), threading.Lock()
+    seen = itertools.count()
 
     def listener(row):
-        with turn:
-            context.run(_record, row)
+        if next(seen) < REUSED:
+            _record(row)
 
-    summary = campaign.run(campaign.Campaign(calibration, chosen, "inline", None, workers), sources, listener)
+    summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
     _show(summary)
     return _state(summary)
 
 
 def _record(row):
-    """Show the state of one event as a task of the run that bears its name."""
+    """Show the state of an event that had nothing to make as a task of the run that bears its name."""
 
     def event():
-        if row["status"] == "failed":
-            return Failed(message=row["error"])
-        message = f"{row['made']} products made, {row['reused']} reused, {row['seconds']} s"
-        return Completed(name=row["status"].replace("_", " ").capitalize(), message=message)
+        return campaign_prefect.state_of(row)
 
     prefect.task(event, name=str(row["event"]), cache_policy=NO_CACHE, persist_result=False)(return_state=True)
 
 
 def _show(summary):
     """Table of offsets and list of reports as artifacts of the run."""
-    slug = summary["calibration"].replace("_", "-")
-    rows = [_table_row(row) for row in summary["events"]]
-    create_table_artifact(table=rows, key=f"{slug}-offsets", description="Events and their offsets in micrometres")
-    links = [f"- [{row['event']}]({link})" for row in summary["events"] for link in _links(row)]
+    key = campaign_prefect.slug(summary["calibration"])
+    rows, left_out = campaign_prefect.table(summary["events"])
+    shown = [_table_row(row) for row in rows]
+    description = f"Events and their offsets in micrometres{left_out}"
+    create_table_artifact(table=shown, key=f"{key}-offsets", description=description)
+    links = [f"- [{row['event']}]({link})" for row in rows for link in _links(row)]
     if links:
-        create_markdown_artifact("\n".join(links), key=f"{slug}-reports", description="Reports of the events")
+        create_markdown_artifact("\n".join(links), key=f"{key}-reports", description="Reports of the events")
 
 
 def _table_row(row):
     """Row of the table: state of an event and, where there is one, its adopted offset with sigma."""
-    document = row.get("document") or {}
-    name = (document.get("adopted") or {}).get("variant")
-    block = (document.get("variants") or {}).get(name) or {}
-    shown = {key: row.get(key, "") for key in ("event", "status", "made", "reused", "seconds")} | {"variant": name}
+    adopted = row.get("adopted") or {}
+    shown = {key: row.get(key, "") for key in ("event", "status", "made", "reused", "seconds")}
+    shown["variant"] = adopted.get("variant", "")
     for number, axis in enumerate(AXES):
-        values = [block.get(key) for key in ("offset_um", "sigma_um")]
-        known = [None if value is None else value[number] for value in values]
+        known = [adopted[key][number] for key in ("offset_um", "sigma_um")] if adopted else [None]
         shown[axis] = "" if None in known else f"{known[0]:.2f} +- {known[1]:.2f}"
-    return shown | {"error": row.get("error", "")}
+    return shown | {"said": row.get("error") or row.get("verdict", ""), "report": row.get("report", "")}
 
 
 def _links(row):

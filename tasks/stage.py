@@ -35,7 +35,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from gravcal.data import fingerprint, inputs, keys, store
+from gravcal.data import fingerprint, inputs, keys, memory, store
 from gravcal.data.references import ProductRef
 from gravcal.errors import GravcalError, ProductError
 
@@ -147,6 +147,12 @@ def read(ref):
             f"{ref.name} ({ref.path}): the file was damaged and is set aside. Run its event again.", key=ref.key
         )
     return dataset
+
+
+def forget():
+    """Forget calls and contents, so that a process that lives long does not grow."""
+    _calls.clear()
+    memory.clear()
 
 
 def inline(call):
