@@ -1,0 +1,184 @@
+"""The pages in a real browser: Debian's Chromium without a screen.
+
+It is skipped where Chromium and its driver are missing, unless GRAVCAL_NEEDS_CHROMIUM is set, as .ci/run does.
+"""
+
+import os
+import shutil
+
+import pytest
+from invented_store import EVENT, server
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--window-size=1300,1000",
+)
+DRAWN = "return [...document.querySelectorAll('[data-figure]')].map(place => place.dataset.state)"
+PIXELS = """
+const bokeh = [...document.querySelectorAll('.plot')].map(place => {
+  const walk = (root) => [...root.querySelectorAll('*')].flatMap(
+    (node) => [node, ...(node.shadowRoot ? walk(node.shadowRoot) : [])]);
+  const canvases = walk(place).filter((node) => node.tagName === 'CANVAS' && node.width > 100);
+  const colours = new Set();
+  for (const canvas of canvases) {
+    const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+    for (let i = 0; i < data.length; i += 4)
+      if (data[i + 3] === 255) colours.add(`${data[i]},${data[i+1]},${data[i+2]}`);
+  }
+  return [...colours];
+});
+return bokeh;
+"""
+BLUE, VERMILION = "0,114,178", "213,94,0"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """Return Chromium with a profile of its own, its log kept."""
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if not (program and driver):
+        missing = "chromium or chromedriver is not installed (apt-get install chromium chromium-driver)"
+        if os.environ.get("GRAVCAL_NEEDS_CHROMIUM"):
+            pytest.fail(missing)
+        pytest.skip(missing)
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
+        options.add_argument(flag)
+    options.binary_location = program
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    opened = webdriver.Chrome(options=options, service=Service(driver))
+    yield opened
+    opened.quit()
+
+
+@pytest.fixture
+def site(shop, browser):
+    """Return a function that opens a page, waits for its figures, and gives the browser."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    with server() as port:
+
+        def open_(path):
+            browser.get(f"http://127.0.0.1:{port}{path}")
+            WebDriverWait(browser, 60).until(lambda one: set(one.execute_script(DRAWN)) <= {"drawn", "failed"})
+            return browser
+
+        yield open_
+
+
+def complaints(browser):
+    """What the console says of errors and warnings."""
+    return [line["message"] for line in browser.get_log("browser") if line["level"] in ("SEVERE", "WARNING")]
+
+
+def colours(browser):
+    """Colours on the canvases of all figures."""
+    return {colour for found in browser.execute_script(PIXELS) for colour in found}
+
+
+def click(browser, words):
+    """Follow the first link with these words."""
+    from selenium.webdriver.common.by import By
+
+    browser.find_element(By.PARTIAL_LINK_TEXT, words).click()
+
+
+def wait(browser, condition):
+    """Wait until a function of the browser is true."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    return WebDriverWait(browser, 60).until(condition)
+
+
+def choose(browser, name, text):
+    """Choose an entry of a list by a part of its text; the page follows."""
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import Select
+
+    box = Select(browser.find_element(By.NAME, name))
+    label = next(one.text for one in box.options if text in one.text)
+    before = browser.current_url
+    box.select_by_visible_text(label)
+    wait(browser, lambda one: one.current_url != before)
+    wait(browser, lambda one: one.execute_script(DRAWN) == ["drawn"])
+
+
+def test_from_the_first_page_to_a_plot_and_a_comparison(site, shop):
+    """Contract: by clicks alone to a product, a figure with its lines, a comparison and a spectrum; a quiet console."""
+    browser = site("/")
+    click(browser, EVENT)
+    assert browser.find_elements("css selector", ".chain .box.made")
+    browser.get(browser.current_url.rpartition("/event/")[0] + f"/product/{shop['again']['mtq'].key}")
+    wait(browser, lambda one: one.execute_script(DRAWN) == ["drawn"])
+    assert {BLUE, VERMILION} <= colours(browser)
+    choose(browser, "with", "gain: 1.0 -> 1.5")
+    assert "A: this product" in browser.find_element("tag name", "main").text
+    choose(browser, "view", "difference")
+    drawn = "return Bokeh.documents[0].get_model_by_name('line-0').data.y"
+    largest = max(abs(value) for value in browser.execute_script(f"return Array.from((() => {{{drawn}}})())"))
+    assert largest == pytest.approx(0.5, abs=0.01)  # m s-2: 1.5 - 1.0 times a sine of x
+    assert BLUE in colours(browser)
+    choose(browser, "view", "spectrum")
+    assert "Welch" in browser.find_element("css selector", ".plotted").text
+    assert complaints(browser) == []
+
+
+def test_zooming_brings_finer_data(site, shop):
+    """Contract: a narrower view is asked for and is then the samples themselves."""
+    browser = site(f"/product/{shop['again']['align'].key}")
+    range_ = "Bokeh.documents[0].get_model_by_name('figure').x_range"
+    start, end = browser.execute_script(f"return [{range_}.start, {range_}.end]")
+    assert end - start == pytest.approx(19999 * 100, rel=1e-6)  # ms
+    browser.execute_script(f"{range_}.start = {start + 1000}; {range_}.end = {start + 3000}")
+    wait(browser, lambda one: one.execute_script("return document.querySelector('.plot').dataset.refined") is not None)
+    times = browser.execute_script("return Array.from(Bokeh.documents[0].get_model_by_name('line-0').data.x)")
+    assert len(times) == pytest.approx(23, abs=2)
+    assert times[1] - times[0] == pytest.approx(100, abs=1)  # ms
+    assert complaints(browser) == []
+
+
+@pytest.mark.parametrize("path", ["/", "/products?all=1", f"/event/{EVENT}", "/timeline/com_offset"])
+def test_every_kind_of_page_opens_without_complaint(site, path):
+    """Contract: no error in the console, no page wider than the window, figures drawn."""
+    browser = site(path)
+    assert browser.execute_script(DRAWN) in ([], ["drawn"])
+    assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert complaints(browser) == []
+
+
+def test_the_time_line_draws_values_and_trims(site):
+    """Contract: values in the colour of their verdict, printed ones in blue."""
+    browser = site("/timeline/com_offset")
+    assert {"0,158,115", BLUE} <= colours(browser)
+    assert complaints(browser) == []
+
+
+def test_a_report_runs_no_script(site, shop):
+    """Contract: the report is shown in a frame that runs nothing."""
+    browser = site(f"/report/{shop['again']['report'].key}/report.html")
+    assert "the report" in browser.find_element("tag name", "body").text
+    assert browser.title == "r"
+    browser.get_log("browser")  # Chromium notes the script that it kept from running
+
+
+def test_nothing_is_asked_of_other_hosts(site, shop):
+    """Contract: the browser's own log of requests names no host but this machine."""
+    browser = site("/")
+    browser.get_log("performance")
+    for path in ("/", f"/event/{EVENT}", "/timeline/com_offset", f"/product/{shop['again']['mtq'].key}"):
+        site(path)
+    lines = [line["message"] for line in browser.get_log("performance")]
+    asked = {part.partition('"')[0] for line in lines for part in line.split('"url":"')[1:]}
+    assert any("bokeh.min.js" in address for address in asked)
+    assert not {address for address in asked if not address.startswith(("http://127.0.0.1:", "data:", "about:"))}
