@@ -88,7 +88,7 @@ def roll(seed, chosen, settings):
     reduced = bins.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
     limits = {"step_s": settings.step_s, "segment_s": settings.segment_s}
     limits |= {"uniformity": settings.uniformity_limit, "share": settings.share_limit}
-    model = segments.Model(settings.trend_degree, settings.amplitude_degree)
+    model = segments.Model(settings.trend_degree, settings.amplitude_degree, settings.amplitude_harmonics)
     used = truth.offset + OFFSET_SIGMA * rng.standard_normal(3)
     zero, held = np.zeros((3, 3)), np.diag(OFFSET_SIGMA**2)
     out = []

@@ -62,7 +62,7 @@ def offset(aligned, scaled, *, method, quiet_margin_s, drift_degree, noise_order
     return offset_science.offset(aligned, scaled, **settings)
 
 
-@stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=1)
+@stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)
 def segment(detected, *observed, step_s, workers):
     """Roll reduced to bins, day by day."""
     return segment_science.segment(detected, files.loaders(observed), step_s=step_s, workers=workers)
@@ -71,7 +71,7 @@ def segment(detected, *observed, step_s, workers):
 @stage(
     reads=["inertial_sensor.segment", "inertial_sensor.scale", "inertial_sensor.offset"],
     writes="inertial_sensor.bias",
-    version=1,
+    version=2,
 )
 def bias(
     segmented,
@@ -82,6 +82,7 @@ def bias(
     share_limit,
     trend_degree,
     amplitude_degree,
+    amplitude_harmonics,
     k_z_before,
     assumed,
 ):

@@ -61,6 +61,7 @@ def bias(
     share_limit,
     trend_degree,
     amplitude_degree,
+    amplitude_harmonics,
     k_z_before,
     assumed,
 ) -> xr.Dataset:
@@ -72,6 +73,7 @@ def bias(
     swing : Dataset, "inertial_sensor.scale" and "inertial_sensor.offset", or none
     method : "gravcal" or "published" (no offset term, amplitudes straight lines)
     segment_s : s; uniformity_limit, share_limit : 1; trend_degree, amplitude_degree : of polynomials
+    amplitude_harmonics : of the revolution, by which non-gravitational accelerations change
     k_z_before : m s-2 V-1, factor with which the noise of z was stated before
     assumed : scale factors and offset where there is no swing
 
@@ -84,7 +86,8 @@ def bias(
     step = float(np.median(np.diff(bins["time"][:1000])))
     limits = {"step_s": step, "segment_s": segment_s, "uniformity": uniformity_limit, "share": share_limit}
     printed = method == "published"
-    model = roll_segments.Model(trend_degree, 1 if printed else amplitude_degree, not printed)
+    changes = (1, 0) if printed else (amplitude_degree, amplitude_harmonics)
+    model = roll_segments.Model(trend_degree, *changes, not printed)
     solved = roll_segments.solve(bins, sensor.k, sensor.offset, model, limits)
     if np.count_nonzero(solved.used) < 3:
         raise EstimationError(
@@ -106,12 +109,16 @@ def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
 
     Notes
     -----
-    b = -(constant of k V); sigma holds the scatter of the segments and the error of the offset, which is common to
+    b = -(constant of k V); sigma holds the noise of the segments and the error of the offset, which is common to
     all of them; the total adds the relative error of k, which multiplies b (erratum T-8).
     """
     used = solved.used
-    means = [robust_mean(-solved.constant[used, axis]) for axis in range(3)]
-    volts = [robust_mean(-solved.volt[used, axis]) for axis in range(3)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], used, [1]]).astype(int)))
+    lost = (edges[1::2] - edges[::2]).tolist()
+    means = [robust_mean(-solved.constant[used, axis], solved.sigma[used, axis], lost) for axis in range(3)]
+    volts = [
+        robust_mean(-solved.volt[used, axis], solved.sigma[used, axis] / sensor.k[axis], lost) for axis in range(3)
+    ]
     slope = solved.offset_slope[used].mean(axis=0)
     value = np.array([m.value for m in means])
     statistical = np.array([m.sigma for m in means])
@@ -168,4 +175,5 @@ def _residual(bins, part, sensor, step_s):
     one = {name: values[part] for name, values in bins.items()}
     tensor = roll_segments.offset_terms(one["rate_b"], one["gradient_b"], step_s)
     reading = sensor.k[2] * one["linear_volt"][:, 2] - (tensor @ sensor.offset)[:, 2]
-    return roll_segments.solve_axis(2, reading[:, None], one["R_bo"], roll_segments.Model(3, 3))[2][:, 0]
+    phase = roll_segments.orbital_phase(one["gradient_b"], step_s)
+    return roll_segments.solve_axis(2, reading[:, None], one["R_bo"], roll_segments.Model(3, 1, 2), phase)[2][:, 0]

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 TUNING = 1.5  # Huber, in standard deviations: 96 % efficient for Gaussian scatter
+EFFICIENCY = 1.02  # so much wider is the error for it
 
 
 @dataclass(frozen=True)
 class RobustMean:
-    """Mean, its sigma, standard deviation of a single value at short distance and of the slow wander."""
+    """Mean, its sigma, scatter of neighbours and standard deviation of the slow wander."""
 
     value: float
     sigma: float
@@ -20,15 +22,17 @@ class RobustMean:
     weight: np.ndarray
 
 
-def robust_mean(values: np.ndarray) -> RobustMean:
+def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = ()) -> RobustMean:
     """Huber mean over the time covered.
 
-    The error of the mean comes from differences of neighbours, so a slow wander, which the mean over the time covered
-    rightly contains, is not counted as error; it is given beside it.
+    Its error comes from the error of every value; what the values scatter beyond it is a slow wander, which a mean over
+    the time covered rightly contains. Where values are missing the wander is not seen, and its error is added.
 
     Parameters
     ----------
     values : (n,) any unit, in order of time
+    sigma : (n,) standard deviation of each, same unit
+    missing : lengths of the runs of values left out between them
 
     Returns
     -------
@@ -36,9 +40,10 @@ def robust_mean(values: np.ndarray) -> RobustMean:
 
     Notes
     -----
-    sum psi((x - m)/s) = 0; var m = sum psi(d)^2 / (sum psi'(d))^2 with d of neighbours over sqrt(2); Huber 1981, ch. 6.
+    sum psi((x - m)/s) = 0; var m = sum psi^2 / (sum psi')^2; Huber 1981, ch. 6; runs of r values left out of N add
+    wander^2 sum r^2 / N^2, neighbours being alike.
     """
-    values = np.asarray(values, dtype=float)
+    values, sigma = np.asarray(values, dtype=float), np.asarray(sigma, dtype=float)
     if values.size < 3:
         empty = np.mean(values) if values.size else np.nan
         return RobustMean(float(empty), np.nan, np.nan, np.nan, np.ones(values.size))
@@ -50,11 +55,11 @@ def robust_mean(values: np.ndarray) -> RobustMean:
         if abs(moved - middle) < 1e-9 * size:
             break
         middle = moved
-    scatter = _neighbour_scatter(values)
-    inside = np.mean(np.abs(values - middle) <= TUNING * size)
-    sigma = scatter / np.sqrt(values.size) * max(1.0, np.sqrt(0.78) / max(inside, 0.5)) * 1.02
-    wander = np.sqrt(max(size**2 - scatter**2, 0.0))
-    return RobustMean(float(middle), float(sigma), float(scatter), float(wander), weight)
+    noise = np.sqrt(np.mean(sigma**2))
+    wander = np.sqrt(max(size**2 - noise**2, 0.0))
+    unseen = wander * np.linalg.norm(missing) / (values.size + sum(missing))
+    error = np.hypot(EFFICIENCY * noise / np.sqrt(values.size), unseen)
+    return RobustMean(float(middle), float(error), _neighbour_scatter(values), float(wander), weight)
 
 
 def _neighbour_scatter(values):

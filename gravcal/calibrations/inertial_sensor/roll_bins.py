@@ -61,7 +61,11 @@ def clipped_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tu
     """
     some = np.diff(values[: values.shape[0] // 2 * 2].reshape(-1, 2, values.shape[1])[::7], axis=1)
     size = 1.4826 * np.nanmedian(np.abs(some), axis=(0, 1)) / np.sqrt(2)
-    limit = SPIKE * np.maximum(np.nan_to_num(size), 1e-300)
+    half = max(int(time.size * np.median(np.diff(edges)) / (time[-1] - time[0]) / 2), 1) if time.size > 1 else 1
+    change = np.nanmedian(
+        np.abs(values[half::7] - values[:-half:7]), axis=0
+    )  # the motion within a bin, if it is larger
+    limit = SPIKE * np.maximum(np.nan_to_num(np.maximum(size, change)), 1e-300)
     return kernels.clipped_means(values, np.searchsorted(time, edges - 1e-6), limit)
 
 

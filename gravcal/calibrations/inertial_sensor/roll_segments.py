@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gravcal.methods import noise
 from gravcal.physics import sensing
+
+MEMORY = 3  # order of the autoregressive noise of a residual, half a minute
 
 
 @dataclass(frozen=True)
@@ -17,11 +20,13 @@ class Model:
     ----------
     trend_degree : of the polynomial; its mean over the segment is the constant
     amplitude_degree : of the polynomials by which non-gravitational accelerations change (published: 1)
+    harmonics : of the revolution by which they change beside (published: 0)
     with_offset : keep the term of the offset (published: may be dropped; erratum T-10 says no)
     """
 
     trend_degree: int
     amplitude_degree: int
+    harmonics: int = 0
     with_offset: bool = True
 
 
@@ -65,13 +70,24 @@ def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
     return sensing.offset_tensor(rate_b, np.broadcast_to(slope, rate_b.shape), gradient_b)
 
 
-def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model):
+def orbital_phase(gradient_b: np.ndarray, step_s: float) -> np.ndarray:
+    """Angle along the orbit since the first bin (b,) rad, from the gravity gradient: |G| = sqrt(6) n^2.
+
+    Parameters
+    ----------
+    gradient_b : (b, 3, 3) s-2; step_s : s
+    """
+    motion = np.sqrt(np.linalg.norm(gradient_b, axis=(1, 2)) / np.sqrt(6))
+    return step_s * np.cumsum(motion)
+
+
+def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, phase: np.ndarray | None = None):
     """Constants of readouts of one axis over a segment.
 
     Parameters
     ----------
     axis : 0 x, 1 y, 2 z; readings : (b, m) any units
-    R_bo : (b, 3, 3); model : Model
+    R_bo : (b, 3, 3); model : Model; phase : (b,) rad along the orbit, for harmonics
 
     Returns
     -------
@@ -80,11 +96,14 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model):
     Notes
     -----
     k V = -b + trend + sum_J c_iJ (a_J t + a_0J); Remote Sens. 2023, 15, 3817, eqs. 14 and 15 with direction cosines
-    (erratum T-3). About y the cosine with y is constant: nothing is fitted, the constant holds b and a_0 (T-9).
+    (erratum T-3); a_J may hold one and two cycles per revolution beside, as drag does. About y the cosine with y is
+    constant: nothing is fitted, the constant holds b and a_0 (T-9).
     """
     u = np.linspace(-1, 1, readings.shape[0])
     trend = np.polynomial.legendre.legvander(u, model.trend_degree)
     change = np.polynomial.legendre.legvander(u, model.amplitude_degree)
+    waves = [wave(n * phase)[:, None] for n in range(1, model.harmonics + 1) for wave in (np.cos, np.sin)]
+    change = np.concatenate([change, *waves], axis=1)
     turning = () if axis == 1 else (0, 2)
     design = np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
     basis, triangle = np.linalg.qr(design)
@@ -102,7 +121,8 @@ class Segments:
     Attributes
     ----------
     time : (s,) s, middles; used : (s,) bool; uniformity, share : (s,)
-    constant, sigma : (s, 3) m s-2, of k V with the offset term taken off; minus the bias for x and z
+    constant, sigma : (s, 3) m s-2, of k V with the offset term taken off; minus the bias for x and z; the noise is
+        taken as the residual shows it, correlated or not
     volt : (s, 3) V, the same before scaling, offset term included
     offset_slope : (s, 3, 3) s-2, mean tensor: change of k V by the offset
     """
@@ -135,22 +155,41 @@ def solve(bins: dict, k: np.ndarray, offset: np.ndarray, model: Model, limits: d
         even = uniformity(one["rate_b"]) if whole else np.nan
         share = float(one["share"].min())
         used = bool(whole and even <= limits["uniformity"] and share >= limits["share"])
-        solved = _segment(one, k, offset, model, limits["step_s"]) if whole else _nothing()
+        solved = _segment(one, k, offset, model, limits["step_s"]) if whole else _nothing(one["time"].size)
         rows.append((float(np.mean(one["time"])), used, even, share, *solved))
-    columns = zip(*rows, strict=True) if rows else [[]] * 8
-    return Segments(*(np.array(column) for column in columns))
+    columns = [np.array(column) for column in (zip(*rows, strict=True) if rows else [[]] * 9)]
+    residual = columns.pop()
+    if columns[1].any():
+        columns[5] = columns[5] * redness(residual[columns[1]], limits["step_s"])
+    return Segments(*columns)
+
+
+def redness(residual: np.ndarray, step_s: float) -> np.ndarray:
+    """Ratio (3,) by which noise below a few cycles of the roll exceeds white noise of the same variance, at least one.
+
+    Parameters
+    ----------
+    residual : (s, b, 3) m s-2, of the segments used; step_s : s
+    """
+    slow = np.linspace(0, 4 / (residual.shape[1] * step_s), 9)
+    models = [noise.fit_noise(list(residual[:, :, axis]), MEMORY, step_s) for axis in range(3)]
+    white = np.maximum(2 * step_s * np.mean(residual**2, axis=(0, 1)), 1e-300)
+    return np.sqrt(np.maximum([m.density(slow).mean() for m in models] / white, 1.0))
 
 
 def _segment(one, k, offset, model, step_s):
-    """Constant, sigma, volt and mean tensor of one segment."""
+    """Constant, sigma, volt, mean tensor and residual of one segment."""
     tensor = offset_terms(one["rate_b"], one["gradient_b"], step_s)
     felt = np.matvec(tensor, offset) if model.with_offset else np.zeros((tensor.shape[0], 3))
     volt = one["linear_volt"]
     both = np.stack([k * volt - felt, volt], axis=2)
-    solved = [solve_axis(axis, both[:, axis], one["R_bo"], model) for axis in range(3)]
+    phase = orbital_phase(one["gradient_b"], step_s)
+    solved = [solve_axis(axis, both[:, axis], one["R_bo"], model, phase) for axis in range(3)]
     constant, sigma = np.array([s[0] for s in solved]), np.array([s[1] for s in solved])
-    return constant[:, 0], sigma[:, 0], constant[:, 1], tensor.mean(axis=0)
+    residual = np.stack([s[2][:, 0] for s in solved], axis=1)
+    return constant[:, 0], sigma[:, 0], constant[:, 1], tensor.mean(axis=0), residual
 
 
-def _nothing():
-    return np.full(3, np.nan), np.full(3, np.nan), np.full(3, np.nan), np.full((3, 3), np.nan)
+def _nothing(count):
+    axis = np.full(3, np.nan)
+    return axis, axis, axis, np.full((3, 3), np.nan), np.full((count, 3), np.nan)

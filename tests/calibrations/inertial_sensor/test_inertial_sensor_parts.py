@@ -113,10 +113,28 @@ def test_segments_stop_at_a_gap():
 def test_a_robust_mean_ignores_an_outlier():
     """Recovery: four hundred values and one far away; error below half a standard error."""
     values = np.random.default_rng(4).standard_normal(400)
-    plain = robust_mean.robust_mean(values)
-    moved = robust_mean.robust_mean(np.append(values, 1e3))
+    plain = robust_mean.robust_mean(values, np.ones(400))
+    moved = robust_mean.robust_mean(np.append(values, 1e3), np.ones(401))
     assert abs(moved.value - plain.value) < 0.5 / np.sqrt(400)
-    assert 0.85 < plain.sigma * np.sqrt(400) < 1.15  # three standard errors of the scatter of neighbours
+    assert abs(plain.sigma * np.sqrt(400) - 1.02) < 1e-12  # the errors given, and the price of robustness
+
+
+def test_a_mean_with_holes_does_not_know_the_wander_in_them():
+    """Analytic: runs of 6 and 8 of 44 values left out of a wander add its size times 10 / 44."""
+    values = 2 * np.random.default_rng(4).standard_normal(30)
+    mean = robust_mean.robust_mean(values, np.full(30, 1e-3), missing=(6, 8))
+    assert_allclose(mean.sigma, mean.wander * 10 / 44, rtol=1e-4)  # noise 1e-3 beside it
+    assert 1.2 < mean.wander < 2.8  # scatter of the median deviation of thirty
+
+
+def test_correlated_noise_widens_the_error_of_a_segment():
+    """Recovery: first-order noise of coefficient 0.5 has (1 - 0.25) / 0.25 = 3 times the density at zero."""
+    from scipy.signal import lfilter
+
+    white = np.random.default_rng(7).standard_normal((40, 250, 3))
+    red = lfilter([1.0], [1.0, -0.5], white, axis=1)
+    assert_allclose(segments.redness(red, 10.0), np.sqrt(3), rtol=0.05)  # two per cent scatter of 10,000 samples
+    assert_allclose(segments.redness(white, 10.0), 1.0, atol=0.05)
 
 
 def test_both_arms_are_carried():
@@ -142,4 +160,4 @@ def test_the_printed_matrix_differs_in_one_element():
 @pytest.mark.parametrize("size", [0, 2])
 def test_too_few_segments_have_no_error(size):
     """Analytic: fewer than three values say nothing about their scatter."""
-    assert np.isnan(robust_mean.robust_mean(np.ones(size)).sigma)
+    assert np.isnan(robust_mean.robust_mean(np.ones(size), np.ones(size)).sigma)
