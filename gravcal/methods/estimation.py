@@ -224,6 +224,6 @@ def polynomial(time: np.ndarray, degree: int, start: float, stop: float) -> np.n
 
 def chi2_probability(chi2: float, dof: int) -> float | None:
     """Probability of a larger chi-square; None without degrees of freedom."""
-    from scipy.stats import chi2 as distribution
+    from scipy.special import chdtrc
 
-    return float(distribution.sf(chi2, dof)) if dof > 0 else None
+    return float(chdtrc(dof, chi2)) if dof > 0 else None

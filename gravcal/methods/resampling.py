@@ -102,6 +102,8 @@ def lowpass_resampler(
     lowpass_hz : Hz, frequency of half amplitude
     half_width_s : s, half length of the support
     """
+    from scipy.special import i0
+
     time_in = np.ascontiguousarray(time_in, dtype=float)
     time_out = np.ascontiguousarray(time_out, dtype=float)
     step = float(np.median(np.diff(time_in)))
@@ -111,7 +113,7 @@ def lowpass_resampler(
     lag = time_in[start[:, None] + np.arange(width)] - time_out[:, None]
     inside = np.abs(lag) <= half_width_s
     shape = np.sqrt(np.clip(1 - (lag / half_width_s) ** 2, 0, None))
-    weights = np.where(inside, np.sinc(2 * lowpass_hz * lag) * np.i0(5.0 * shape), 0.0)
+    weights = np.where(inside, np.sinc(2 * lowpass_hz * lag) * i0(5.0 * shape), 0.0)
     total = weights.sum(axis=1, keepdims=True)
     valid = valid & (total[:, 0] > 0)
     return Resampler(time_out, start, weights / np.where(total > 0, total, 1.0), valid)

@@ -20,6 +20,8 @@ VECTORS = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b
 JOINED = dict.fromkeys(VECTORS, (0, 3)) | {"time_acc": (0,), "gradient_b": (0, 3, 3), "sca_modes": (6, 0, 3)}
 #: Degree of the slow torque where no manoeuvre is there and control goes on.
 SURVEY_DEGREE = 5
+#: A change of the noise's reflection coefficients that moves the weights by less than their own error.
+SETTLED = 0.02
 WHITE = [NoiseModel(np.zeros(0), np.ones(1), 1.0)] * 3
 
 
@@ -42,7 +44,7 @@ def fit_all(found: list[Window], choice: Choice, order: int) -> tuple[list, list
         return [None] * len(found), WHITE
     sigma = 3e-6  # rad, only the start of the iteration
     noise = [NoiseModel(np.zeros(0), np.array([sigma**2]), 1.0)] * 3
-    fits = {}
+    fits, before = {}, np.inf
     for _ in range(3):
         start = {key: fit.solution for key, fit in fits.items()}
         fits = {
@@ -51,6 +53,10 @@ def fit_all(found: list[Window], choice: Choice, order: int) -> tuple[list, list
         }
         unknowns = len(attitude_fit.names_of(choice)) * len(usable) // 3
         noise = [_axis_noise(usable, fits, axis, order, unknowns) for axis in range(3)]
+        shape = np.concatenate([n.reflection for n in noise])
+        if np.abs(shape - before).max(initial=0.0) < SETTLED:
+            break
+        before = shape
     return [fits.get(id(w)) for w in found], noise
 
 

@@ -119,14 +119,13 @@ def delay_from_brackets(shift, sigma, lower, upper) -> tuple[float, float]:
     -------
     delay, delay_sigma : s
     """
-    from scipy.special import log_ndtr
-    from scipy.stats import norm
+    from scipy.special import log_ndtr, ndtr
 
     half = (np.max(upper - lower) + np.max(np.abs(shift))) + 5 * float(np.max(sigma))
     grid = np.linspace(-half, half, 8001)
     true = shift[:, None] - grid
     with np.errstate(divide="ignore"):
-        inside = norm.cdf((upper[:, None] - true) / sigma[:, None]) - norm.cdf((lower[:, None] - true) / sigma[:, None])
+        inside = ndtr((upper[:, None] - true) / sigma[:, None]) - ndtr((lower[:, None] - true) / sigma[:, None])
         log = np.where(inside > 1e-280, np.log(np.maximum(inside, 1e-300)), 0.0)
     far = np.minimum(
         log_ndtr((upper[:, None] - true) / sigma[:, None]), log_ndtr((true - lower[:, None]) / sigma[:, None])
