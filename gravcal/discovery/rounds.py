@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, residuals, trials
+from gravcal.discovery import adequacy, attribution, hidden, residuals, trials
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.problem import Problem, prepare
 
@@ -50,7 +50,8 @@ class Finding:
     gain, dof : of the likelihood ratio with all other findings in the baseline
     significance : probability corrected for everything that was tried
     heldout : chi-square gained on data left out; kind : "manoeuvres" or "blocks"
-    at : epoch s or frequency Hz of a step or a line
+    at, at_sigma : epoch s or frequency Hz of a step or a line
+    separation : of `hidden.separation`, for each tied cause
     """
 
     cause: str
@@ -67,6 +68,8 @@ class Finding:
     heldout: float
     kind: str
     at: float = np.nan
+    at_sigma: float = np.nan
+    separation: list = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -140,11 +143,14 @@ def baseline_of(problem: Problem, indices) -> np.ndarray:
 
 def _best(problem, used, rows, choice):
     """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
-    rows = [t for t in rows if t.significance < choice.level]
+    everything, rows = rows, [t for t in rows if t.significance < choice.level]
     for trial in _ranked(rows, choice.tie)[:12]:
         grown, index = trials.with_candidate(problem, trial)
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
+            if trial.kind in ("line", "step"):
+                at, at_sigma = trials.located(trial, everything)
+                trial = replace(trial, at=at, at_sigma=at_sigma)
             return grown, (index, trial)
     return problem, None
 
@@ -210,11 +216,13 @@ def _finding(problem, chosen, position, choice):
     gram = attribution.projected(problem.gram.sum(axis=0), baseline)
     ratio = attribution.ratio(gram, problem.places[index], problem.size)
     gain, kind = trials.held_out(problem, baseline, index, choice.segment_s)
-    tied = _tied(problem, gram, index, ratio, choice.tie) if candidate.listed else []
+    tied = _tied(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
+    apart = [hidden.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     names, units, value, sigma = _parameters(problem, gram, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
-    words = {"cause": candidate.cause, "form": candidate.form, "tied": tied, "names": names, "units": units}
-    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, kind=kind, at=trial.at)
+    words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
+    words |= {"kind": kind, "separation": apart}
+    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=trial.at, at_sigma=trial.at_sigma)
 
 
 def _parameters(problem, gram, index):
@@ -231,14 +239,15 @@ def _parameters(problem, gram, index):
 
 
 def _tied(problem, gram, index, ratio, tie):
-    """Other listed causes whose refit leaves less than the limit of expected chi-square."""
-    true, tied = problem.places[index], set()
-    for candidate, place in zip(problem.candidates, problem.places, strict=True):
-        if candidate.cause == problem.candidates[index].cause or not candidate.listed or candidate.cause in tied:
+    """Other listed causes whose refit leaves less than the limit of expected chi-square, {cause: its best form}."""
+    true, left = problem.places[index], {}
+    for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
+        if candidate.cause == problem.candidates[index].cause or not candidate.listed:
             continue
-        if attribution.misfit(gram, true, ratio.value, place, problem.size) - ratio.dof < tie:
-            tied.add(candidate.cause)
-    return sorted(tied)
+        expected = attribution.misfit(gram, true, ratio.value, place, problem.size) - ratio.dof
+        if expected < min(tie, left.get(candidate.cause, (np.inf, -1))[0]):
+            left[candidate.cause] = (expected, k)
+    return {cause: k for cause, (_, k) in left.items()}
 
 
 def _result(problem, findings, tests, baseline, first):

@@ -91,7 +91,7 @@ def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
     if not spans:
         return np.zeros(0)
     step = 1 / (2 * max(spans))
-    return np.arange(4 * step, 0.45 / max(spacing), step)
+    return np.arange(6 * step, 0.45 / max(spacing), step)
 
 
 def lines(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channel: str) -> Scan:

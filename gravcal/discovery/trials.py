@@ -28,7 +28,7 @@ class Trial:
     index : of the candidate; -1 for a line or step that is none yet
     gain, dof, log_p : of its likelihood ratio
     significance : probability of as much by chance anywhere, corrected for everything that was tried
-    channel, place, at : of a line or step, see `scan.Scan`
+    channel, place, at : of a line or step, see `scan.Scan`; at_sigma : spacing of the search over the square root of 12
     """
 
     kind: str
@@ -42,6 +42,7 @@ class Trial:
     channel: str = ""
     place: int = -1
     at: float = np.nan
+    at_sigma: float = np.nan
 
     @property
     def score(self) -> float:
@@ -82,10 +83,11 @@ def _along(problem, baseline, choice):
     for one in found:
         gain = one.gain[:, 0] if one.at.size else np.zeros(0)
         log_p = chi2_distribution.logsf(gain, np.maximum(one.dof, 1))
+        spacing = float(np.median(np.abs(np.diff(one.at)))) if one.at.size > 1 else np.nan
         cause = choice.step_cause if one.kind == "step" else choice.tone_causes[one.channel]
         for k in range(one.at.size):
             numbers = (float(gain[k]), int(one.dof[k]), float(log_p[k]), 1.0)
-            where = (one.channel, int(one.place[k]), float(one.at[k]))
+            where = (one.channel, int(one.place[k]), float(one.at[k]), spacing / np.sqrt(12))
             trials.append(Trial(one.kind, cause, f"{one.channel} reading", -1, *numbers, *where))
     return trials
 
@@ -97,6 +99,23 @@ def _corrected(trials):
     count = {kind: max(sum(t.kind == kind for t in trials), 1) for kind in SHARES}
     times = {kind: np.log(count[kind] / share) for kind, share in SHARES.items()}
     return [replace(t, significance=float(min(1.0, np.exp(t.log_p + times[t.kind])))) for t in trials]
+
+
+def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
+    """Epoch or frequency of a step or a line with its error: mean and spread under the likelihood of its neighbours.
+
+    Parameters
+    ----------
+    trial : Trial
+    rows : everything tried in its round
+    """
+    near = [r for r in rows if (r.kind, r.channel, r.place) == (trial.kind, trial.channel, trial.place)]
+    near = [r for r in near if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
+    at = np.array([r.at for r in near])
+    weight = np.exp(np.array([r.gain - trial.gain for r in near]) / 2)
+    mean = float(weight @ at / weight.sum())
+    spread = float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum()))
+    return mean, float(np.hypot(spread, trial.at_sigma))
 
 
 def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gravcal.methods.noise import NoiseModel, fit_noise
 
-DRAWS = 40
+PIECES = 300  # of simulated noise
 ROUNDS = 2
 NODES = 1024
 
@@ -51,7 +51,7 @@ def fit_detrended(
 def _after_fit(models, segments, clean, rng):
     """Models of noise of the given models after the fit."""
     made = []
-    for _ in range(DRAWS):
+    for _ in range(-(-PIECES // len(segments))):
         for i, segment in enumerate(segments):
             noise = np.stack([draw(m, len(segment), rng) for m in models], axis=1)
             made.append(clean(np.where(np.isfinite(segment), noise, np.nan), i))

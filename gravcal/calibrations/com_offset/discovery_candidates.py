@@ -39,7 +39,7 @@ def candidates(views: list[View], smoothed, starts) -> list[dict]:
     -------
     candidates : fields of `gravcal.discovery.blocks.Candidate`, one column set a view and one for the edge times
     """
-    shapes = [shape for entry in _entries() for shape in _shapes(entry)]
+    shapes = [shape for entry in _entries() for shape in shapes_of(entry)]
     shapes += discovery_drivers.shapes(views[0]) if views else []
     tables = [_table(view, shapes) for view in views]
     found = []
@@ -53,7 +53,7 @@ def candidates(views: list[View], smoothed, starts) -> list[dict]:
     return found
 
 
-def _shapes(entry: Effect) -> list[dict]:
+def shapes_of(entry: Effect) -> list[dict]:
     """Forms of an effect: {"cause", "form", "names", "units", "prior", "signal"}, signal: View -> signal or None."""
     names, units = [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
     plain = {"cause": entry.slug, "form": "", "names": names, "units": units}
@@ -115,7 +115,7 @@ def attitude_of_torques(view: View) -> np.ndarray:
     view : View
     """
     entries = [e for e in _entries() if e.channel in ("dipole_b", "torque_b")]
-    shapes = [shape for entry in entries for shape in _shapes(entry)]
+    shapes = [shape for entry in entries for shape in shapes_of(entry)]
     return np.concatenate([_signal(view, s)["attitude"] for s in shapes], axis=2)
 
 
@@ -151,6 +151,22 @@ def _torque_of(entry):
         if entry.channel == "torque_b":
             return values
         return np.moveaxis(np.cross(np.moveaxis(values, 2, 1), context.field_b[:, None, :]), 1, 2)
+
+    return torque
+
+
+def torque_by(entry: Effect, values: np.ndarray):
+    """Context -> torque (n, 3, 1) N m of an effect at given values.
+
+    Parameters
+    ----------
+    entry : Effect on dipole_b or torque_b
+    values : (p,) of its parameters
+    """
+
+    def torque(context):
+        added = entry.contribution(context, values)
+        return (added if entry.channel == "torque_b" else np.cross(added, context.field_b))[..., None]
 
     return torque
 

@@ -9,19 +9,19 @@ from gravcal.calibrations.com_offset import discovery_noise, discovery_timing
 from gravcal.calibrations.com_offset.discovery_candidates import attitude_of_torques, candidates
 from gravcal.calibrations.com_offset.discovery_scene import scenes
 from gravcal.calibrations.com_offset.discovery_view import View, block_of, view_of
-from gravcal.calibrations.com_offset.noise import models_of
+from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.errors import ProductError
 from gravcal.methods import estimation
 
 
 def event(
-    aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, measured: xr.Dataset, solved: xr.Dataset, **settings
+    aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved: xr.Dataset, **settings
 ) -> tuple[list[View], list[dict], list[dict], dict]:
     """Blocks and candidates of an event.
 
     Parameters
     ----------
-    aligned, field, smoothed, measured, solved : products of com_offset, solved with variant mtq
+    aligned, field, smoothed, solved : products of com_offset, solved with variant mtq
     settings : of the stages attitude, noise and solve, with inertia, dipole_per_current, angular_drift_degree, mass
 
     Returns
@@ -33,7 +33,7 @@ def event(
     """
     normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
     offset = estimation.stable_inverse(normal) @ right
-    noise, quiet = _quiet(aligned, field, measured, settings)
+    noise, quiet = _quiet(aligned, field, settings)
     made = scenes(aligned, field, smoothed, settings)
     views = [view_of(s, (aligned, field, smoothed), noise, offset, settings["mass"]) for s in made]
     wider = [attitude_of_torques(v) for v in views]
@@ -42,10 +42,10 @@ def event(
     return views, blocks, candidates(views, smoothed, aligned["start"].values), quiet
 
 
-def _quiet(aligned, field, measured, settings):
+def _quiet(aligned, field, settings):
     """Noise of the instruments outside the manoeuvres, and how much of it was seen."""
-    linear = models_of(measured)
-    if not linear:
+    linear, linear_samples = discovery_noise.linear(aligned, settings)
+    if linear_samples * settings["step_s"] < QUIET_S:
         raise ProductError(
             "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be measured "
             "in. Give files that reach further before and after them."
@@ -53,5 +53,5 @@ def _quiet(aligned, field, measured, settings):
     angular, angular_samples = discovery_noise.angular(aligned, field, settings)
     magnetometer, field_samples = discovery_noise.magnetometer(aligned, field, settings)
     noise = {"linear": linear, "angular": angular, "magnetometer": magnetometer}
-    seen = {"linear": float(measured["seconds"]) / settings["step_s"], "angular": angular_samples}
+    seen = {"linear": linear_samples, "angular": angular_samples}
     return noise, seen | {"magnetometer": field_samples}

@@ -13,6 +13,39 @@ from gravcal.methods.resampling import lowpass_resampler
 from gravcal.physics import frames
 
 
+def linear(aligned: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
+    """Linear accelerometer in quiet data; and samples an axis.
+
+    Parameters
+    ----------
+    aligned : Dataset, "align"
+    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
+    """
+    time = aligned["time_acc"].values
+    good = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
+    spans = linear_noise._quiet_spans(aligned, settings)
+    pieces = []
+    for inside in (slice(*np.searchsorted(time, s)) for s in spans):
+        operator = _operator(time[inside], good[inside], settings)
+        if operator is not None:
+            reading = np.nan_to_num(aligned["linear_b"].values[inside])
+            pieces.append(operator(reading - reading[len(reading) // 2]))
+    order, step = settings["noise_order"], settings["step_s"]
+    count = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
+    return fit_detrended(pieces, _without_drift(settings["drift_degree"]), order, step) if pieces else [], count
+
+
+def _operator(time, good, settings):
+    """Low-pass of a piece of quiet data, None if it is too short."""
+    if time.size < 1000:
+        return None
+    step = settings["step_s"]
+    grid = np.arange(np.ceil(time[0] / step), np.floor(time[-1] / step)) * step
+    filters = {k: settings[k] for k in ("lowpass_hz", "half_width_s")}
+    operator = lowpass_resampler(time, good, grid, **filters)
+    return operator if operator.valid.sum() >= 100 else None
+
+
 def angular(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
     """Angular accelerometer in quiet data, the torque of the control currents removed; and samples an axis.
 
@@ -48,13 +81,8 @@ def _without_drift(degree):
 
 def _piece(aligned, field, inside, good, settings):
     time = aligned["time_acc"].values[inside]
-    if time.size < 1000:
-        return None
-    step = settings["step_s"]
-    grid = np.arange(np.ceil(time[0] / step), np.floor(time[-1] / step)) * step
-    filters = {k: settings[k] for k in ("lowpass_hz", "half_width_s")}
-    operator = lowpass_resampler(time, good[inside], grid, **filters)
-    if operator.valid.sum() < 100:
+    operator = _operator(time, good[inside], settings)
+    if operator is None:
         return None
     reading = np.nan_to_num(aligned["angular_b"].values[inside]) - _control(aligned, field, time, settings)
     return operator(reading - reading[len(reading) // 2])

@@ -167,7 +167,7 @@ def block_of(view: View, aligned, smoothed, settings: dict) -> dict:
 def _steps(view):
     """Steps of the linear reading, {epoch: whitened rows (n, 3)}."""
     grid = view.scene.operator.time
-    epochs = np.arange(grid[0] + 6, grid[-1] - 6, 6.0)
+    epochs = np.arange(grid[0] + 6, grid[-1] - 6, 3.0)
     acc = view.scene.time
     shapes = (acc[:, None] >= epochs).astype(float)
     rows = view.rows({"linear": np.einsum("nk,ac->nakc", shapes, np.eye(3)).reshape(acc.size, 3, -1)})

@@ -1,0 +1,20 @@
+"""Products of discovery: variables, dimensions, units."""
+
+_ROW = {"dims": "row", "units": "1"}
+_TEST = {"dims": "test", "units": "1"}
+DISCOVERY = {
+    "time_row": {"dims": "row", "units": "s", "long_name": "epoch of a whitened row, GPS"},
+    "channel": _ROW | {"long_name": "index of the channel in the attribute channels", "dtype": "i1"},
+    "component": _ROW | {"long_name": "axis of the row: 0 x, 1 y, 2 z", "dtype": "i1"},
+    "block": _ROW | {"long_name": "index of the block in the attribute blocks", "dtype": "i1"},
+    "observed": _ROW | {"long_name": "whitened difference of measurement and model, noise of unit variance"},
+    "residual_before": _ROW | {"long_name": "whitened residual of the baseline"},
+    "residual_after": _ROW | {"long_name": "whitened residual of the extended model"},
+    "test_block": _TEST | {"long_name": "index of the block", "dtype": "i1"},
+    "test_channel": _TEST | {"long_name": "index of the channel", "dtype": "i1"},
+    "test_band": _TEST | {"long_name": "band, quarters of the spectrum from low to high", "dtype": "i1"},
+    "power_before": _TEST | {"long_name": "power over expected noise, baseline"},
+    "power_after": _TEST | {"long_name": "power over expected noise, extended model"},
+    "p_band_before": _TEST | {"long_name": "probability of more power by chance, baseline"},
+    "p_band_after": _TEST | {"long_name": "probability of more power by chance, extended model"},
+}
