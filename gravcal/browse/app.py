@@ -9,7 +9,7 @@ from starlette.applications import Starlette
 from starlette.responses import FileResponse
 from starlette.routing import Route
 
-from gravcal.browse import guard, pages
+from gravcal.browse import guard, pages, plots
 from gravcal.errors import GravcalError
 
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
@@ -93,10 +93,9 @@ def serve(listening, host, say):
     host : str, as the user gave it
     say : function that prints a line
     """
-    import bokeh.plotting  # noqa: F401 - takes a second, better now than at the first plot
-    import h5netcdf  # noqa: F401
     import uvicorn
 
+    plots.ready()
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown
     port = listening.getsockname()[1]

@@ -51,6 +51,14 @@ class Missing(LookupError):
     """A product, variable or column that is not there, or not to be plotted."""
 
 
+def ready():
+    """Load and try what draws, so that the first figure comes as fast as the others."""
+    import h5netcdf  # noqa: F401
+    from bokeh.embed import json_item
+
+    json_item(_empty("time", "", ""))
+
+
 def chosen(variable, columns=()):
     """Numbers of the series that are drawn: those wished, else the first ones."""
     wished = tuple(number for number in columns if 0 <= number < len(variable.columns))

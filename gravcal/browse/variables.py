@@ -9,7 +9,7 @@ import numpy as np
 
 TIME_UNITS = "seconds since 2000-01-01 12:00:00"
 UNIX_OF_EPOCH_S = 946728000.0  # 2000-01-01 12:00:00 in seconds past 1970-01-01, both without leap seconds
-SHOWN = 400  # values that a table shows of a small variable
+SHOWN = 400  # values of a small variable that a table shows, and series of a large one that can be chosen
 
 
 @dataclass(frozen=True)
@@ -173,10 +173,11 @@ def _variable(file, name):
     numeric = getattr(node.dtype, "kind", "O") in "iuf"
     shape = tuple(int(size) for size in node.shape)
     axis = _long_axis(node.dimensions, shape)
-    others = [_labels(file, dim, size) for dim, size in zip(node.dimensions, shape, strict=True)]
-    if axis is not None:
-        others.pop(axis)
-    columns = tuple(" ".join(part) for part in itertools.product(*others)) if numeric and axis is not None else ()
+    across = [
+        (dim, size) for number, (dim, size) in enumerate(zip(node.dimensions, shape, strict=True)) if number != axis
+    ]
+    labels = itertools.product(*(_labels(file, *one) for one in across)) if numeric and axis is not None else ()
+    columns = tuple(" ".join(part) for part in itertools.islice(labels, SHOWN))
     attributes = {key: _plain(value) for key, value in node.attrs.items() if not key.startswith("_")}
     return Variable(name, tuple(node.dimensions), shape, _type(node.dtype), attributes, axis, columns)
 
@@ -190,13 +191,13 @@ def _long_axis(dims, shape):
 
 
 def _labels(file, dimension, size):
-    """Names along a dimension: those of a coordinate of text, xyz, or numbers."""
+    """First names along a dimension: those of a coordinate of text, xyz, or numbers."""
     node = file.variables.get(dimension)
     if node is not None and _type(node.dtype) == "text":
         return [_text(value) for value in np.asarray(node[...])]
     if size == 3 and dimension.split("_")[0] in ("axis", "xyz", "component"):
         return ["x", "y", "z"]
-    return [str(number) for number in range(size)]
+    return [str(number) for number in range(min(size, SHOWN))]
 
 
 def _piece(file, column, start, stop):
