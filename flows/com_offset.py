@@ -9,7 +9,7 @@ from pathlib import Path
 from flows.engine import flow
 from gravcal.data import catalog
 from gravcal.report import pages
-from tasks import com_offset, common
+from tasks import com_offset, common, discovery
 from tasks.stage import read
 
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
@@ -30,24 +30,71 @@ ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 @flow(name="com_offset")
 def calibrate(source, chosen):
     """Offset of the centre of mass from the manoeuvres of one day."""
-    satellite = catalog.satellite(source.satellite).settings()
-    torquers, with_sigma = ({n: satellite[n] for n in names} for names in (TORQUERS, TORQUERS_WITH_SIGMA))
-    files = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
-    found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
-    aligned = com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))
-    checked = com_offset.field(aligned, **chosen.for_stage("field"))
+    found, aligned, checked = _aligned(source, chosen)
+    if chosen.model:
+        aligned = _extended(source, chosen, aligned, checked)
+        checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
-    smoothed = com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **torquers)
+    smoothed = _smoothed(source, chosen, aligned, checked)
     quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
-    angular, solved = [], []
-    for variant in VARIANTS:
-        settings = chosen.for_stage("angular_acceleration") | with_sigma | {"variant": variant}
-        angular.append(com_offset.angular_acceleration(smoothed, aligned, **settings))
-        equations = (aligned, smoothed, angular[-1], quiet)
-        solved.append(com_offset.solve(*equations, variant=variant, **chosen.for_stage("solve")))
+    made = [_solved(source, chosen, (aligned, smoothed, quiet), variant) for variant in VARIANTS]
+    angular, solved = zip(*made, strict=True)
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
     products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found)
     return com_offset.report(*products, **_report_settings(source, chosen))
+
+
+def _aligned(source, chosen):
+    """Manoeuvres, records on GPS time, field along the orbit."""
+    files = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
+    found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
+    aligned = com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))
+    return found, aligned, com_offset.field(aligned, **chosen.for_stage("field"))
+
+
+def _smoothed(source, chosen, aligned, checked):
+    """Attitude of every manoeuvre."""
+    satellite = catalog.satellite(source.satellite).settings()
+    torquers = {n: satellite[n] for n in TORQUERS}
+    return com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **torquers)
+
+
+def _solved(source, chosen, products, variant):
+    """Angular acceleration of a variant, and the offset of every manoeuvre from it."""
+    aligned, smoothed, quiet = products
+    satellite = catalog.satellite(source.satellite).settings()
+    settings = {n: satellite[n] for n in TORQUERS_WITH_SIGMA} | chosen.for_stage("angular_acceleration")
+    angular = com_offset.angular_acceleration(smoothed, aligned, variant=variant, **settings)
+    equations = (aligned, smoothed, angular, quiet)
+    return angular, com_offset.solve(*equations, variant=variant, **chosen.for_stage("solve"))
+
+
+def baseline(source, chosen):
+    """Products that discovery looks at: aligned, field, attitude, and the solution with the torquers."""
+    _, aligned, checked = _aligned(source, chosen)
+    smoothed = _smoothed(source, chosen, aligned, checked)
+    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
+    return aligned, checked, smoothed, _solved(source, chosen, (aligned, smoothed, quiet), "mtq")[1]
+
+
+def scene_settings(source, chosen):
+    """What the view of a manoeuvre needs beside the products."""
+    satellite = catalog.satellite(source.satellite).settings()
+    known = {n: satellite[n] for n in TORQUERS} | {"mass": float(satellite["mass_at_launch"])}
+    for stage in ("attitude", "noise", "solve"):
+        known |= chosen.for_stage(stage)
+    return dict(sorted(known.items()))
+
+
+def _extended(source, chosen, aligned, checked):
+    """Records without the effects of the model that was given."""
+    smoothed = _smoothed(source, chosen, aligned, checked)
+    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
+    solved = _solved(source, chosen, (aligned, smoothed, quiet), "mtq")[1]
+    scene = scene_settings(source, chosen)
+    return discovery.extend(
+        aligned, checked, smoothed, solved, scene=scene, variant="extended", **chosen.for_stage("extend")
+    )
 
 
 def _report_settings(source, chosen):

@@ -30,7 +30,7 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     ----------
     aligned, field, smoothed, solved : Dataset, products of com_offset, solved with variant mtq
     settings : of the stages attitude, noise and solve, with inertia, dipole_per_current, angular_drift_degree, mass,
-        discovery_level, tie_chi2, round_limit, segment_s, seed
+        discovery_level, tie_chi2, round_limit, segment_s, discovery_seed
 
     Returns
     -------
@@ -40,7 +40,7 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet)
     made = [Block(**b) for b in blocks], [Candidate(**c) for c in candidates]
-    result = search(*made, choice, np.random.default_rng(settings["seed"]))
+    result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
     numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, _offset(solved))
     for finding in numbers["findings"]:
         _physical(finding, views)

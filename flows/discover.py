@@ -1,0 +1,31 @@
+"""Discovery: what the simulation of an event gets wrong, the cause, the extended model, the gain."""
+
+from __future__ import annotations
+
+import json
+
+from flows import com_offset as calibration
+from flows.engine import flow
+from gravcal.report import pages
+from tasks import common, discovery
+
+
+@flow(name="com_offset_discovery")
+def com_offset(source, chosen):
+    """Causes of what the centre-of-mass calibration of one day leaves unexplained."""
+    products = calibration.baseline(source, chosen)
+    scene = calibration.scene_settings(source, chosen)
+    found = discovery.com_offset(*products, scene=scene, **chosen.for_stage("discovery"))
+    values = {name: entry.value for name, entry in chosen.entries.items()}
+    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    return discovery.com_offset_report(found, settings=values, **named)
+
+
+FLOWS = {"com_offset": com_offset}
+
+
+def document(ref):
+    """Result document of a discovery, with the keys of everything it was made from."""
+    result = json.loads((ref.folder / "discovery.json").read_text())
+    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
+    return result
