@@ -14,6 +14,7 @@ NAMES = {
     "simulate": ("benchmarks.speed", "simulate"),
     "day": ("benchmarks.day", "run"),
     "campaign": ("benchmarks.campaign", "run"),
+    "scale": ("benchmarks.scale", "run"),
     "others": ("benchmarks.others", "run"),
 }
 
@@ -27,6 +28,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="first seed")
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
+    parser.add_argument("--events", type=int, help="events of the campaign, by default 20")
     options = parser.parse_args()
     options.rounds = options.rounds or (2 if options.quick else 7)
     unknown = [name for name in options.names if name not in NAMES]

@@ -79,7 +79,7 @@ def run(campaign, sources, listener=None):
     engine.single_threaded()
     rows = {}
     waiting = _waiting(campaign, sources, rows, listener)
-    head = list(itertools.islice(waiting, _wanted(campaign)))
+    head = list(itertools.islice(waiting, 2 * AHEAD * _processes(campaign)))
     if head:
         rows |= _run_waiting(campaign, head, itertools.chain(head, waiting), listener)
     events = [rows[number] for number in range(len(sources))]
@@ -166,20 +166,25 @@ def _answer(campaign, source):
     return campaign_work.reuse(campaign.calibration, source, campaign.chosen)
 
 
-def _wanted(campaign):
-    """Worker processes of this machine that are wanted; of a cluster that is there already, one event is enough."""
-    return 1 if campaign.scheduler else campaign.workers or os.cpu_count() or 1
+def _processes(campaign):
+    """Worker processes of this machine that are wanted at most."""
+    return campaign.workers or os.cpu_count() or 1
 
 
 def _run_waiting(campaign, head, waiting, listener):
-    """Rows of the events that have something to make, by number."""
+    """Rows of the events that have something to make, by number; the workers begin while a server still starts."""
     folder = str(location.folder())
     if campaign.workers == 0:
         return _hand_out(campaign, waiting, lambda source: _made(campaign, source, folder), 1)
-    with cluster(campaign, len(head)) as client:
-        slots = 2 * max(sum(client.nthreads().values()), len(head))  # a worker finds its next event waiting
+    with cluster(campaign, min(_processes(campaign), len(head))) as client:
+        slots = 2 * max(sum(client.nthreads().values()), 1)  # a worker finds its next event waiting
+
+        def submit(source):
+            return client.submit(_made, campaign, source, folder, pure=False, retries=2)
+
+        begun = {id(source): submit(source) for _, source in head[: AHEAD * slots]}
         told = None if campaign.engine == "flow" else listener
-        return _hand_out(campaign, waiting, functools.partial(_on_a_worker, campaign, client, folder, told), slots)
+        return _hand_out(campaign, waiting, functools.partial(_on_a_worker, submit, begun, told), slots)
 
 
 def _hand_out(campaign, waiting, calibrate, slots):
@@ -197,9 +202,9 @@ def _made(campaign, source, folder):
     return campaign_work.calibrate(campaign.calibration, source, campaign.chosen, folder)
 
 
-def _on_a_worker(campaign, client, folder, listener, source):
+def _on_a_worker(submit, begun, listener, source):
     """Row of one event, made by a worker; one that dies is replaced twice."""
-    future = client.submit(_made, campaign, source, folder, pure=False, retries=2)
+    future = begun.pop(id(source), None) or submit(source)
     try:
         row = future.result()
     except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
