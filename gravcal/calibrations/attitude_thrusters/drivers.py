@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.effects import Context, catalogue
-from gravcal.physics.constants import EARTH_RADIUS
+from gravcal.physics import frames, surroundings
 
 AXES = ("x", "y", "z")
 
@@ -25,7 +25,9 @@ def candidates(scenes, other, orbit) -> list[dict]:
         found.append(_heads(scenes, heads[:-1]))
     if other is not None:
         impulse = other.impulse_b[:, :, None] * np.eye(3)
-        found.append(_unknown("twin_firings", "impulse", "N m s", [s.answer(other.time, impulse) for s in scenes]))
+        found.append(
+            _unknown("twin_firings", "impulse", "N m s", [s.sharp(s.answer(other.time, impulse)) for s in scenes])
+        )
     if orbit is not None:
         found += [_shadow(scenes, orbit), _dipole(scenes, orbit)]
     return found
@@ -69,37 +71,16 @@ def after_torque(scene, torque_b: np.ndarray) -> np.ndarray:
 def _shadow(scenes, orbit):
     """Torque that is there in sunlight only."""
     time, position, _ = orbit
+    light = surroundings.sunlit(position, surroundings.sun_i(time[:1])).astype(float)
     columns = []
     for scene in scenes:
-        at = scene.camera.time
-        lit = np.interp(at, time, sunlit(time, position).astype(float))
-        columns.append(after_torque(scene, lit[:, None, None] * np.eye(3)))
+        lit = np.interp(scene.camera.time, time, light)
+        columns.append(scene.sharp(after_torque(scene, lit[:, None, None] * np.eye(3))))
     return _unknown("sunlight", "torque in sunlight", "N m", columns)
-
-
-def sunlit(time: np.ndarray, position_i: np.ndarray) -> np.ndarray:
-    """Whether the Sun is seen past a spherical Earth, (n,).
-
-    Parameters
-    ----------
-    time : (n,) s GPS
-    position_i : (n, 3) m
-    """
-    import erfa
-
-    from gravcal.physics import earth
-
-    first, second = earth.gps_to_tt(time[:1])
-    heliocentric = erfa.epv00(first, second)[0]["p"][0]
-    sun = -heliocentric / np.linalg.norm(heliocentric)
-    along = position_i @ sun
-    return (along > 0) | (np.linalg.norm(position_i - along[:, None] * sun, axis=1) > EARTH_RADIUS)
 
 
 def _dipole(scenes, orbit):
     """Constant dipole of the satellite in the field along the orbit."""
-    from gravcal.physics import frames
-
     entry = catalogue()["torque.residual_dipole"]
     columns = []
     for s in scenes:

@@ -104,4 +104,5 @@ def after_impulses(time: np.ndarray, epochs: np.ndarray, impulse_b: np.ndarray, 
     kernel = np.where((lag > 0)[..., None, None], answer(np.maximum(lag, 0.0)), 0.0)
     count = int(inside.sum())
     flat = kernel.transpose(0, 2, 1, 3).reshape(3 * time.size, 3 * count)
-    return (flat @ impulse_b[inside].reshape(3 * count, -1)).reshape(time.size, 3, -1)
+    width = impulse_b.shape[2]
+    return (flat @ impulse_b[inside].reshape(3 * count, width)).reshape(time.size, 3, width)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.calibrations.attitude_thrusters import drivers, response
+from gravcal.calibrations.attitude_thrusters import drivers, placebo, response
 from gravcal.calibrations.attitude_thrusters import noise as noises
-from gravcal.calibrations.attitude_thrusters.noise import Noise
 from gravcal.calibrations.attitude_thrusters.series import Camera, Firings
 from gravcal.effects import Context, catalogue
+from gravcal.methods import estimation
 
+#: Whitened components; with a single camera the second and third are mixtures of pitch and yaw.
+CHANNELS = ("roll", "pitch", "yaw")
 DELAY_S = 0.5  # s, half the step of the derivative by the delay of the firings
 
 
@@ -39,10 +41,15 @@ class Scene:
         """Attitude (n, 3, q) rad after impulses (k, 3, q) N m s."""
         return response.after_impulses(self.camera.time, epochs, impulse_b, self.table)
 
+    def sharp(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (n, 3, q) less what the smooth torque can do, so that the rest is not small beside it."""
+        flat = columns.reshape(len(columns), -1)
+        return (flat - self.own @ np.linalg.lstsq(self.own, flat, rcond=None)[0]).reshape(columns.shape)
+
 
 def view(
     camera: Camera, firings: Firings, other: Firings | None, orbit, inertia_b, **settings
-) -> tuple[list[dict], list[dict], Noise]:
+) -> tuple[list[dict], list[dict], dict]:
     """Blocks and candidates of one satellite and day.
 
     Parameters
@@ -57,16 +64,44 @@ def view(
     Returns
     -------
     blocks, candidates : fields of `gravcal.discovery.blocks.Block` and `Candidate`
-    noise : Noise
+    facts : noise of the quiet stretches, and how much wrong times of the firings gain
     """
     noise = noises.measured(camera, firings.time, settings)
     usable = camera.part(np.isin(camera.head, list(noise.factor)))
     scenes = [_scene(part, inertia_b, settings) for part in _parts(usable, settings["block_s"])]
     blocks = [_block(scene, noise) for scene in scenes]
-    whitened = lambda parts: [noise.rows(s.camera.head, s.place, p) for s, p in zip(scenes, parts, strict=True)]  # noqa: E731
-    candidates = [c | {"columns": whitened(c["columns"])} for c in _candidates(scenes, firings)]
-    candidates += [c | {"columns": whitened(c["columns"])} for c in drivers.candidates(scenes, other, orbit)]
-    return blocks, candidates, noise
+    found = [_firings(scenes, firings)]
+    share = _share(blocks, _whitened(found[0], scenes, noise)["columns"])
+    found += [*_others(scenes, Firings(firings.time, firings.impulse_b * share))]
+    found += drivers.candidates(scenes, other, orbit)
+    found = [_whitened(c, scenes, noise) for c in found]
+    factor, gains = _inflation(blocks, scenes, firings, noise, found)
+    scaled = [b | {k: b[k] / np.sqrt(factor) for k in ("observed", "own")} for b in blocks]
+    found = [c | {"columns": [p / np.sqrt(factor) for p in c["columns"]]} for c in found]
+    return scaled, found, {"inflation": factor, "placebo_gains": gains.tolist(), "quiet_epochs": noise.samples}
+
+
+def _inflation(blocks, scenes, firings, noise, found):
+    """Of `placebo`, with firings, their delay and the camera in use in the model."""
+    names = ("torque.thruster_firings", "timing.thruster_delay", "unknown:star_camera_in_use")
+    present = [c["columns"] for c in found if c["cause"] in names]
+    moved = (Firings(firings.time + s, firings.impulse_b) for s in placebo.SHIFTS_S)
+    wrong = (_whitened(_firings(scenes, m), scenes, noise)["columns"] for m in moved)
+    return placebo.inflation(blocks, present, wrong)
+
+
+def _whitened(candidate, scenes, noise):
+    rows = [noise.rows(s.camera.head, s.place, c) for s, c in zip(scenes, candidate["columns"], strict=True)]
+    return candidate | {"columns": rows}
+
+
+def _share(blocks, columns):
+    """Share of the nominal impulses (3,) that fits best: where the delays, not linear, are differentiated."""
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    for block, column in zip(blocks, columns, strict=True):
+        clean = estimation.without(block["own"], column)
+        normal, right = normal + clean.T @ clean, right + clean.T @ block["observed"]
+    return estimation.stable_inverse(normal) @ right
 
 
 def _parts(camera, block_s):
@@ -96,20 +131,24 @@ def _block(scene, noise):
         "observed": rows[:, 0],
         "shared": np.zeros((3 * count, 0)),
         "own": rows[:, 1:],
-        "channel": np.array(["attitude"] * 3 * count),
-        "axis": np.repeat([0, 1, 2], count),
+        "channel": np.repeat(CHANNELS, count),
+        "axis": np.zeros(3 * count, dtype=int),
         "time": np.tile(time, 3),
     }
 
 
-def _candidates(scenes, firings):
-    """Effects of the catalogue that act on torque, firings or attitude."""
-    nominal = {"nominal_impulse_b": firings.impulse_b}
+def _firings(scenes, firings):
+    """Impulses of the firings as shares of the nominal ones."""
     entry = catalogue()["torque.thruster_firings"]
-    impulse = entry.columns(Context(time=firings.time, extra=nominal))
-    yield named(entry, [s.answer(firings.time, impulse) for s in scenes])
-    yield named(catalogue()["timing.thruster_delay"], [_delayed(s, firings) for s in scenes])
-    yield named(catalogue()["timing.star_camera_delay"], [_late(s) for s in scenes])
+    impulse = entry.columns(Context(time=firings.time, extra={"nominal_impulse_b": firings.impulse_b}))
+    return named(entry, [s.sharp(s.answer(firings.time, impulse)) for s in scenes])
+
+
+def _others(scenes, firings):
+    """Other effects of the catalogue that act on torque or attitude."""
+    late = [s.sharp(_delayed(s, firings)) for s in scenes]
+    yield named(catalogue()["timing.thruster_delay"], late)
+    yield named(catalogue()["timing.star_camera_delay"], [-c for c in late])  # the smooth part of the rate is free
     for slug in ("torque.constant", "attitude.star_camera_misalignment"):
         entry = catalogue()[slug]
         columns = [entry.columns(Context(time=s.camera.time)) for s in scenes]
@@ -123,12 +162,6 @@ def _delayed(scene, firings):
     impulse = firings.impulse_b[:, :, None]
     early, late = (scene.answer(firings.time + d, impulse) for d in (-DELAY_S, DELAY_S))
     return (early - late) / (2 * DELAY_S)
-
-
-def _late(scene):
-    """Change of the attitude by each second that its own tags are late: minus the rate of the smooth part."""
-    slow = scene.own @ np.linalg.lstsq(scene.own, scene.angle_b, rcond=None)[0]
-    return -np.gradient(slow, scene.camera.time, axis=0)[..., None]
 
 
 def named(entry, columns) -> dict:

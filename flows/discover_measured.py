@@ -1,0 +1,176 @@
+"""Discovery in measured data: attitude, ranging, magnetometer, and the published table of the offset.
+
+`VIEWS` maps a name to a callable (data, satellite, date, settings) that gives a document of the discovery form; the
+view of each lives in `gravcal/calibrations`, the search in `gravcal/discovery`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flows import measured_attitude, measured_magnetometer, measured_ranging, measured_table
+from gravcal.data import catalog
+from gravcal.data.schemas import VERSION
+from gravcal.discovery import attribution
+from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.rounds import Choice, baseline_of, search
+
+SEED = 20140115  # of the draws of the adequacy test
+#: Share of its size that a cause keeps beside the baseline when the data can still speak of it.
+HIDDEN = 0.02
+
+
+def discover(name: str, data=None, satellite=None, date=None, settings=None) -> dict:
+    """Document of one view.
+
+    Parameters
+    ----------
+    name : key of VIEWS
+    data : folder of Level-1 files; None for the published table
+    satellite, date : which of the folder
+    settings : {parameter: text or value}
+    """
+    chosen = catalog.parameters("discover_measured").with_settings(settings or {})
+    prepared = VIEWS[name](data, satellite, date, chosen)
+    if "runs" not in prepared:
+        prepared |= {"runs": [(prepared.pop("label"), prepared.pop("blocks"), prepared.pop("candidates"))]}
+    found = [(label, searched(blocks, candidates, chosen)) for label, blocks, candidates in prepared.pop("runs")]
+    return document(name, prepared, found, chosen)
+
+
+def searched(blocks: list[dict], candidates: list[dict], chosen):
+    """Result of the search over the records of a view.
+
+    Parameters
+    ----------
+    blocks, candidates : fields of Block and Candidate
+    chosen : Parameters
+    """
+    choice = Choice(chosen.level, chosen.tie, chosen.rounds, "unknown:step", {})
+    rows = [Block(**b) for b in blocks], [Candidate(**c) for c in candidates]
+    return search(*rows, choice, np.random.default_rng(SEED))
+
+
+def document(name, prepared, found, chosen) -> dict:
+    """Document of the discovery form from the searches of a view, one a satellite.
+
+    Parameters
+    ----------
+    name : of the view
+    prepared : {"calibration", "event", "files", "said", "facts", "notes"}
+    found : list of (label, Result)
+    chosen : Parameters
+    """
+    from gravcal import __version__
+
+    results, limits = [r for _, r in found], (chosen.level, chosen.tie)
+    used = {n: e.value for n, e in chosen.entries.items() if {"search", name} & set(e.stages)}
+    return {
+        "schema_version": VERSION,
+        "status": "delivered",
+        "calibration": prepared["calibration"],
+        "view": name,
+        "event": prepared["event"],
+        "provenance": {"gravcal": __version__, "files": prepared["files"], "settings": used, "seed": SEED},
+        "adequate_before": all(r.before.p >= chosen.level for r in results),
+        "adequate_after": all(r.after.p >= chosen.level for r in results),
+        "findings": [finding(r, k, label, *limits) for label, r in found for k in range(len(r.findings))],
+        "indistinguishable_from_calibration": [h for label, r in found for h in hidden(r, label)],
+        "unexplained": {label: _unexplained(r) for label, r in found},
+        "calibration_change": {"applies": False, "reason": prepared["said"]},
+        "gain": {label: _gain(r) for label, r in found},
+        "tried": {label: _tried(r) for label, r in found},
+        "facts": prepared["facts"],
+        "notes": prepared["notes"],
+    }
+
+
+def finding(result, position: int, label: str, level: float, tie: float) -> dict:
+    """One accepted cause in the form of the document; tied are also causes that gain as much on these data.
+
+    Parameters
+    ----------
+    result : Result
+    position : of the finding
+    label : which search
+    level : family-wise; tie : of chi-square
+    """
+    one, rivals = result.findings[position], _rivals(result, position)
+    plain = lambda v: float(v) if np.isfinite(v) else None  # noqa: E731
+    rows = zip(one.names, one.units, one.value, one.sigma, strict=True)
+    return {
+        "cause": one.cause,
+        "form": one.form,
+        "in": label,
+        "tied_with": sorted({*one.tied, *(r["cause"] for r in rivals if r["score"] > one.gain - 2 * one.dof - tie)}),
+        "in_catalogue": not one.cause.startswith("unknown:"),
+        "parameters": {n: {"value": plain(v), "sigma": plain(s), "unit": u} for n, u, v, s in rows},
+        "significance": float(one.significance),
+        "gain": {"chi2": float(one.gain), "dof": int(one.dof)},
+        "heldout_gain": {"chi2": float(one.heldout)},
+        "rivals": rivals,
+        "level": level,
+        "heldout": "blocks",
+    }
+
+
+def _rivals(result, position):
+    """What other causes gain in the place of a finding, the other findings in the model."""
+    problem, others = result.problem, [f.index for k, f in enumerate(result.findings) if k != position]
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, others))
+    rows = []
+    for index, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
+        ratio = attribution.ratio(gram, place, problem.size)
+        if index != result.findings[position].index and index not in others and ratio.dof:
+            score = float(ratio.gain - 2 * ratio.dof)
+            rows.append({"cause": candidate.cause, "gain": float(ratio.gain), "dof": int(ratio.dof), "score": score})
+    return sorted(rows, key=lambda r: -r["score"])[:5]
+
+
+def hidden(result, label: str) -> list[dict]:
+    """Listed causes of which the baseline leaves next to nothing, with the share that is left.
+
+    Parameters
+    ----------
+    result : Result
+    label : which search
+    """
+    problem, rows = result.problem, []
+    left = np.diag(attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, ())))
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        size = problem.size[place]
+        if candidate.listed and np.any(size > 0):
+            share = float(np.max(np.sqrt(np.clip(left[place], 0, None)) / np.where(size > 0, size, np.inf)))
+            if share < HIDDEN:
+                rows.append({"cause": candidate.cause, "in": label, "share_left": share})
+    return rows
+
+
+def _unexplained(result):
+    bands = [r for r in result.after.rows if r["ratio"] > 0]
+    worst = sorted(bands, key=lambda r: r["p"])[:3]
+    scans = [(s, int(np.argmax(s.gain[:, 0]))) for s in result.after.scans]
+    lines = [
+        {"kind": s.kind, "channel": s.channel, "at": float(s.at[k]), "gain": float(s.gain[k, 0])} for s, k in scans
+    ]
+    numbers = {"p": float(result.after.p), "reduced_chi2": result.chi2[1] / max(result.dof, 1)}
+    return numbers | {"worst": worst, "lines": lines}
+
+
+def _gain(result):
+    before, after = result.chi2
+    numbers = {"chi2_before": before, "chi2_after": after, "dof": result.dof}
+    return numbers | {"p_before": float(result.before.p), "p_after": float(result.after.p)}
+
+
+def _tried(result):
+    """Gain of everything tried in the first round, best first."""
+    return [{"cause": t.cause, "form": t.form, "gain": float(t.gain), "dof": int(t.dof)} for t in result.first]
+
+
+VIEWS = {
+    "attitude": measured_attitude.prepare,
+    "ranging": measured_ranging.prepare,
+    "magnetometer": measured_magnetometer.prepare,
+    "published_table": measured_table.prepare,
+}

@@ -1,0 +1,5 @@
+"""Stub."""
+
+
+def prepare(data, satellite, date, chosen):
+    """Not yet."""
