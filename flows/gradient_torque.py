@@ -125,12 +125,13 @@ def simulate(out, *, seed, truth, effects, settings):
     """
     from gravcal.data import icgem, sgrs_files
     from gravcal.simulation import gradient_torque as simulation
+    from gravcal.simulation.injection import by_slug
 
     chosen = catalog.parameters("simulate_gradient_torque").with_settings(settings)
     field = icgem.read_field(icgem.located(chosen.field), chosen.field_degree)
     day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
     flown = (catalog.satellite(chosen.satellite).settings(), chosen, field, day, seed)
-    columns, invented = simulation.simulate(*flown, simulation.by_slug(effects), _nongravitational(chosen, day))
+    columns, invented = simulation.simulate(*flown, by_slug(effects), _nongravitational(chosen, day))
     sgrs_files.write(Path(out) / sgrs_files.file_name(chosen.date), columns)
     numbers = {name: value for name, value in invented.items() if not isinstance(value, (np.ndarray, dict))}
     numbers |= {"satellite": chosen.satellite, "date": chosen.date}

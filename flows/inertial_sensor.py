@@ -132,18 +132,18 @@ def simulate(out, *, seed, truth, effects, settings):
     out : folder
     seed : source of everything random
     truth : file for the truth, or None
-    effects : {"slug.parameter": value}, none known to this calibration
+    effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
     from gravcal.data import inertial_files
-    from gravcal.errors import CatalogError
     from gravcal.simulation import inertial_sensor_event as simulation
+    from gravcal.simulation.injection import by_slug
 
-    if effects:
-        raise CatalogError(f"inertial_sensor: found effects {', '.join(effects)}, expected none. Leave --effect out.")
     chosen = catalog.parameters("simulate_inertial_sensor").with_settings(settings)
     day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
-    records, invented = simulation.simulate(catalog.satellite("T").settings(), chosen, day, seed)
+    records, invented = simulation.simulate(
+        catalog.satellite("T").settings(), chosen, day, seed, by_slug(effects or {})
+    )
     for record in records:
         for product, values in record.items():
             inertial_files.write(out, product, values)

@@ -16,6 +16,8 @@ CHANNELS = {
     "pointing_b": "rad",  # small rotation from true to measured attitude
     "field_b": "T",  # reading of the magnetometer
     "current_b": "A",  # telemetered torquer current
+    "linear_each_b": "m s-2",  # readings of several test masses, one after the other, linear
+    "angular_each_b": "rad s-2",  # the same, angular
     "acc_delay": "s",  # tag minus true time of the accelerometer
     "sca_delay": "s",  # tag minus true time of the star camera
     "range": "m",  # ranging between two satellites

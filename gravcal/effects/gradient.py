@@ -1,4 +1,9 @@
-"""Effects on sensors that feel the gravity gradient: a place that is not where it is stated, a field that is off."""
+"""Effects on sensors that feel the gravity gradient: a place that is not where it is stated, a field that is off.
+
+Contributions are (n, sensors, 3), as an accelerometer reads them. The context holds `extra["positions"]`
+(sensors, 3) m and `extra["tesseral_b"]` (n, 2, 3, 3) s-2, gravity gradient of C_22 = 1 and of S_22 = 1. A centre of
+pressure that is not where it is stated is `torque.aerodynamic`.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +27,12 @@ def _field_scale(context: Context, values):
     return np.stack([-values[0] * np.matvec(context.gradient_b, place) for place in places], axis=1)
 
 
+def _tesseral(context: Context, values):
+    """Gradient of coefficients that the model does not know, felt at each sensor's place."""
+    tensor = np.einsum("p,npij->nij", np.asarray(values, dtype=float), context.extra["tesseral_b"])
+    return np.stack([-np.matvec(tensor, place) for place in context.extra["positions"]], axis=1)
+
+
 def _angular_bias(context: Context, values):
     return _each(context, np.broadcast_to(values, context.rate_b.shape))
 
@@ -34,24 +45,33 @@ def _each(context, reading):
 EFFECTS = (
     Effect(
         "gradient.mounting",
-        "linear_b",
+        "linear_each_b",
         axes("", "m", "both test masses away from the CoM along", 1e-3),
         _mounting,
         SOURCE,
     ),
     Effect(
         "gradient.field_scale",
-        "linear_b",
+        "linear_each_b",
         (Parameter("scale", "1", "gravity gradient over its model, minus one", 1e-3),),
         _field_scale,
         SOURCE,
     ),
     Effect(
+        "gradient.tesseral",
+        "linear_each_b",
+        (
+            Parameter("cosine", "1", "C_22 beyond its model", 1e-8),
+            Parameter("sine", "1", "S_22 beyond its model", 1e-8),
+        ),
+        _tesseral,
+        SOURCE,
+    ),
+    Effect(
         "gradient.angular_bias",
-        "angular_b",
+        "angular_each_b",
         axes("", "rad s-2", "constant angular reading about", 1e-9),
         _angular_bias,
         SOURCE,
     ),
 )
-BY_SLUG = {effect.slug: effect for effect in EFFECTS}

@@ -13,13 +13,13 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
 from gravcal.effects import Context
-from gravcal.effects.gradient import BY_SLUG
-from gravcal.errors import CatalogError
+from gravcal.effects.gradient import EFFECTS
 from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, sensing
-from gravcal.physics.constants import EARTH_RADIUS
-from gravcal.simulation import orbit
+from gravcal.physics.constants import EARTH_RADIUS, GM
+from gravcal.simulation import injection, orbit
 
 AHEAD = 4000  # s, filters run in before the record starts
+KNOWN = (*(e.slug for e in EFFECTS), "torque.aerodynamic", "attitude.star_camera_misalignment")
 PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a tenth of the control: 1e-5 of the torque
 
 
@@ -48,7 +48,7 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
     field : gravity_field.Field, what the analysis will know
     day : GPS s of midnight
     seed : int
-    effects : {slug: {parameter: value}} of gravcal/effects/gradient.py
+    effects : {slug: {parameter: value}}, of KNOWN
     nongravitational : callable, (n,) s -> (n, 3) m s-2 in b, in place of the invented drag
 
     Returns
@@ -60,11 +60,12 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
     time = day + chosen.step_s * np.arange(int(chosen.duration_s / chosen.step_s))
     drag = nongravitational(time) if nongravitational else invented_drag(time, chosen, rng)
     body = _body(satellite, chosen, rng)
-    motion = _motion(time, chosen, body, _true_field(field, chosen, rng), drag, rng)
-    values = {slug: BY_SLUG[slug].values(given) for slug, given in (effects or {}).items()}
-    linear, angular = _readings(motion, body, drag, values)
+    effects = injection.within(effects or {}, KNOWN)
+    motion = _motion(time, chosen, (body, effects), _true_field(field, chosen, rng), drag, rng)
+    linear, angular = _readings(motion, body, drag, effects)
     noise = _noise(satellite, chosen, linear.shape, rng)
-    tracker = frames.from_rotation_vector(noise["angle"])
+    turned = injection.added(effects, "pointing_b", Context(time))
+    tracker = frames.from_rotation_vector(noise["angle"] + turned)
     columns = {
         "time": time,
         "linear": linear + noise["linear"],
@@ -76,24 +77,6 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
     }
     clean = {"linear": linear, "angular": angular, "q": motion.quaternion}
     return columns, _truth(motion, body, drag, seed, chosen) | {"clean": columns | clean}
-
-
-def by_slug(effects):
-    """Effects of a command line, {"slug.parameter": value}, by slug; an unknown one is named.
-
-    Parameters
-    ----------
-    effects : mapping or None
-    """
-    found = {}
-    for name, value in (effects or {}).items():
-        slug, _, parameter = name.rpartition(".")
-        known = [p.name for p in BY_SLUG[slug].parameters] if slug in BY_SLUG else []
-        if parameter not in known:
-            there = [f"{s}.{p.name}" for s, effect in BY_SLUG.items() for p in effect.parameters]
-            raise CatalogError(f"effect {name!r}: expected one of {', '.join(there)}. Correct the name.", effect=name)
-        found.setdefault(slug, {})[parameter] = float(value)
-    return found
 
 
 def invented_drag(time, chosen, rng):
@@ -160,8 +143,9 @@ def _true_field(field, chosen, rng):
     return gravity_field.Field(known.gm, known.radius, *parts)
 
 
-def _motion(time, chosen, body, field, drag, rng):
+def _motion(time, chosen, carried, field, drag, rng):
     """Orbit, attitude and gravity gradient at the epochs."""
+    body, effects = carried
     start = orbit.initial_state(
         chosen.altitude_km * 1e3, np.radians(chosen.inclination_deg), chosen.eccentricity, *rng.uniform(0, 2 * np.pi, 2)
     )
@@ -176,7 +160,9 @@ def _motion(time, chosen, body, field, drag, rng):
     gradient_e = gravity_field.gradient_e(field, np.matvec(R_ei, state[inner, :3]))
     gradient_i = gravity.rotate_tensor(np.swapaxes(R_ei, -1, -2), gradient_e)
     disturbance = np.stack([_coloured(time, chosen.torque_corner_hz, rng) for _ in range(3)], axis=1)
+    pushed = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
     external = chosen.torque_n_m * disturbance + body["mass"] * np.cross(body["pressure"], drag)
+    external = external + injection.added(effects, "torque_b", pushed)
     angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
     for _ in range(PASSES):
         turned = np.pad(angle, ((3, 3), (0, 0)), "reflect", reflect_type="odd")
@@ -222,19 +208,30 @@ def _readings(motion, body, drag, effects):
     torque = dynamics.gravity_gradient_torque(J, motion.gradient_b)
     free = dynamics.rate_derivative(J, motion.rate_b, torque)
     angular = np.repeat((free - motion.rate_dot_b)[:, None, :], len(body["position"]), axis=1)
-    for slug, values in effects.items():
-        context = Context(
-            motion.time,
-            rate_b=motion.rate_b,
-            rate_dot_b=motion.rate_dot_b,
-            gradient_b=motion.gradient_b,
-            extra={"positions": body["position"]},
-        )
-        added = BY_SLUG[slug].contribution(context, values)
-        linear, angular = (
-            (linear - added, angular) if BY_SLUG[slug].channel == "linear_b" else (linear, angular - added)
-        )
-    return linear, angular
+    context = Context(
+        motion.time,
+        rate_b=motion.rate_b,
+        rate_dot_b=motion.rate_dot_b,
+        gradient_b=motion.gradient_b,
+        extra={"positions": body["position"]},
+    )
+    if "gradient.tesseral" in effects:
+        context.extra["tesseral_b"] = _tesseral(motion)
+    linear = linear - injection.added(effects, "linear_each_b", context)
+    return linear, angular - injection.added(effects, "angular_each_b", context)
+
+
+def _tesseral(motion):
+    """Gravity gradient (n, 2, 3, 3) s-2 in b of C_22 = 1 and of S_22 = 1."""
+    R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(earth.R_ei(motion.time), -1, -2)
+    position_e = np.matvec(earth.R_ei(motion.time), motion.state_i[:, :3])
+    unit, none = np.zeros((3, 3)), np.zeros((3, 3))
+    unit[2, 2] = 1.0
+    parts = []
+    for pair in ((unit, none), (none, unit)):
+        field = gravity_field.Field(GM, EARTH_RADIUS, *pair)
+        parts.append(gravity.rotate_tensor(R_be, gravity_field.gradient_e(field, position_e)))
+    return np.stack(parts, axis=1)
 
 
 def _noise(satellite, chosen, shape, rng):

@@ -6,6 +6,7 @@ import numpy as np
 
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.physics import frames
+from gravcal.simulation import inertial_sensor_effects as effects
 from gravcal.simulation import inertial_sensor_motion as motion
 from gravcal.simulation import inertial_sensor_truth as truths
 
@@ -37,7 +38,7 @@ def swing_rate_dot(time: np.ndarray, start: float, chosen) -> np.ndarray:
     return out
 
 
-def swing(chosen, start: float, truth: truths.Truth, rng) -> dict:
+def swing(chosen, start: float, truth: truths.Truth, rng, hide=effects.Hidden()) -> dict:  # noqa: B008 - frozen
     """Voltages, attitude and orbit round one swing.
 
     Parameters
@@ -46,6 +47,7 @@ def swing(chosen, start: float, truth: truths.Truth, rng) -> dict:
     start : GPS s, begin of the record, whole
     truth : Truth
     rng : source of randomness
+    hide : effects.Hidden
 
     Returns
     -------
@@ -59,9 +61,10 @@ def swing(chosen, start: float, truth: truths.Truth, rng) -> dict:
     pick = np.rint((tag - fine[0]) / FINE).astype(int)
     state = path(tag)
     linear, angular = truths.electrostatic(tag, quaternion[pick], rate[pick], rate_dot[pick], state, truth, chosen)
+    felt = effects.read(tag, linear, angular, truth, hide)
     return {
-        "IS1": {"time": tag, "volts": read_volts(linear, angular, truth, chosen, rng)},
-        "ATT": _tracker(start, length, fine, quaternion, truth.delay, chosen, rng),
+        "IS1": {"time": tag, "volts": read_volts(*felt, truth, chosen, rng)},
+        "ATT": _tracker((start, length), (fine, quaternion), (truth.delay, hide), chosen, rng),
         "ORB": orbit_record(start, length, path),
     }
 
@@ -110,11 +113,12 @@ def read_volts(linear_b, angular_b, truth: truths.Truth, chosen, rng, drift_b=0.
     return volts
 
 
-def _tracker(start, length, fine, quaternion, delay, chosen, rng):
+def _tracker(span, path, timing, chosen, rng):
     """Measured attitude at 4 Hz; a tag late by the delay shows the attitude of before."""
+    (start, length), (fine, quaternion), (delay, hide) = span, path, timing
     tag = start + STEP_TRACKER * np.arange(round(length / STEP_TRACKER))
-    true = frames.interpolate(fine, quaternion, np.clip(tag - delay, fine[0], fine[-1]))
-    return {"time": tag, "quaternion": measured(true, chosen.tracker_noise_rad, rng)}
+    true = frames.interpolate(fine, quaternion, np.clip(tag - delay - effects.late(tag, hide), fine[0], fine[-1]))
+    return {"time": tag, "quaternion": measured(effects.tracked(tag, true, hide), chosen.tracker_noise_rad, rng)}
 
 
 def measured(quaternion: np.ndarray, sigma: float, rng) -> np.ndarray:

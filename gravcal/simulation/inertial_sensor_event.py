@@ -9,11 +9,14 @@ import numpy as np
 from gravcal.effects.inertial_sensor import linear_over_angular
 from gravcal.physics.constants import DAY
 from gravcal.simulation import inertial_sensor as swings
+from gravcal.simulation import inertial_sensor_effects as effects
 from gravcal.simulation import inertial_sensor_roll as rolls
 from gravcal.simulation import inertial_sensor_truth as truths
 
 
-def simulate(satellite: Mapping, chosen, day: float, seed: int) -> tuple[Iterator[dict], dict]:
+def simulate(
+    satellite: Mapping, chosen, day: float, seed: int, hide: Mapping | None = None
+) -> tuple[Iterator[dict], dict]:
     """Records of an event, one day or less at a time, and the truth.
 
     Parameters
@@ -22,12 +25,14 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int) -> tuple[Iterato
     chosen : parameters of the simulation
     day : GPS s of midnight
     seed : int
+    hide : {slug: {parameter: value}}, effects of inertial_sensor_effects.KNOWN
 
     Returns
     -------
     records : iterator of {"IS1", "ATT", "ORB"}, none across midnight
     truth : plain dict, SI and um where named so
     """
+    hidden = effects.hidden(hide, day)
     first, second = np.random.SeedSequence(seed).spawn(2)
     rng = np.random.default_rng(first)
     truth = truths.draw(satellite, chosen, rng)
@@ -38,19 +43,20 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int) -> tuple[Iterato
 
     def records():
         if swinging or not rolling:
-            yield swings.swing(chosen, swing_start, truth, rng)
+            yield swings.swing(chosen, swing_start, truth, rng, hidden)
         if rolling:
-            yield from _rolled(chosen, roll, truth, np.random.default_rng(second))
+            yield from _rolled(chosen, roll, truth, np.random.default_rng(second), hidden)
 
-    return records(), _plain(truth, satellite, chosen, seed, swing_start if swinging else None, roll)
+    plain = _plain(truth, satellite, chosen, seed, swing_start if swinging else None, roll)
+    return records(), plain | {"effects": dict(hidden.effects)}
 
 
-def _rolled(chosen, roll, truth, rng):
+def _rolled(chosen, roll, truth, rng, hidden):
     """Spans of a roll, cut at midnight."""
     start = roll.start
     while start < roll.stop:
         stop = min(roll.stop, (np.floor((start + DAY / 2) / DAY) + 1) * DAY - DAY / 2)
-        yield rolls.span(chosen, roll, (start, stop), truth, rng)
+        yield rolls.span(chosen, roll, (start, stop), truth, rng, hidden)
         start = stop
 
 

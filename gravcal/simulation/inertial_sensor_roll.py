@@ -9,6 +9,7 @@ import numpy as np
 
 from gravcal.physics import frames
 from gravcal.simulation import inertial_sensor as instruments
+from gravcal.simulation import inertial_sensor_effects as effects
 from gravcal.simulation import inertial_sensor_truth as truths
 
 KNOT = 500.0  # s, spacing of the changes of roll rate and bias
@@ -80,13 +81,14 @@ def attitude(roll: Roll, time: np.ndarray) -> np.ndarray:
     return frames.continuous(frames.quaternion_from_R_bi(R_bo @ truths.R_oi(roll.path(time))))
 
 
-def span(chosen, roll: Roll, bounds: tuple[float, float], truth: truths.Truth, rng) -> dict:
+def span(chosen, roll: Roll, bounds, truth: truths.Truth, rng, hide=effects.Hidden()) -> dict:  # noqa: B008 - frozen
     """Voltages, attitude and orbit of one span of the roll; arguments and result as `inertial_sensor.swing`.
 
     Parameters
     ----------
     chosen : parameters of the simulation
     roll : Roll; bounds : s and s, whole; truth : Truth; rng : source of randomness
+    hide : effects.Hidden
     """
     start, stop = bounds
     coarse = np.arange(start - 2, stop + 3)  # the motion changes over minutes: 1 s, then straight lines
@@ -94,10 +96,11 @@ def span(chosen, roll: Roll, bounds: tuple[float, float], truth: truths.Truth, r
     rate, rate_dot = _rates(roll, coarse, state)
     linear, angular = truths.electrostatic(coarse, q, rate, rate_dot, state, truth, chosen)
     tag = start + instruments.STEP_SENSOR * np.arange(round((stop - start) / instruments.STEP_SENSOR))
-    at = [_lines(tag, coarse, values) for values in (linear, angular)]
+    at = effects.read(tag, *(_lines(tag, coarse, values) for values in (linear, angular)), truth, hide)
     drift = _lines(tag, roll.knot, roll.drift)
     seen = start + instruments.STEP_TRACKER * np.arange(round((stop - start) / instruments.STEP_TRACKER))
-    shown = frames.interpolate(coarse, q, seen - truth.delay)
+    shown = frames.interpolate(coarse, q, np.clip(seen - truth.delay - effects.late(seen, hide), coarse[0], coarse[-1]))
+    shown = effects.tracked(seen, shown, hide)
     return {
         "IS1": {"time": tag, "volts": instruments.read_volts(*at, truth, chosen, rng, drift)},
         "ATT": {"time": seen, "quaternion": instruments.measured(shown, chosen.tracker_noise_rad, rng)},

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gravcal.effects import effect
+import numpy as np
+
+from gravcal.effects import Context, effect
 from gravcal.errors import CatalogError
 
 
@@ -25,3 +27,34 @@ def by_slug(strengths: Mapping[str, float]) -> dict[str, dict[str, float]]:
             )
         found.setdefault(slug, {})[parameter] = float(value)
     return found
+
+
+def within(effects: Mapping[str, Mapping[str, float]], slugs: tuple[str, ...]) -> Mapping:
+    """The effects, if all of them are among those that a simulation can hide.
+
+    Parameters
+    ----------
+    effects : {slug: {parameter: value}}
+    slugs : known to the simulation
+    """
+    for slug in effects:
+        if slug not in slugs:
+            raise CatalogError(
+                f"effect {slug}: this simulation has no channel for it, expected one of {', '.join(sorted(slugs))}.",
+                effect=slug,
+            )
+    return effects
+
+
+def added(effects: Mapping[str, Mapping[str, float]], channel: str, context: Context):
+    """Sum of the contributions of the effects to one channel, 0.0 if there is none.
+
+    Parameters
+    ----------
+    effects : {slug: {parameter: value}}
+    channel : key of CHANNELS
+    context : Context on the epochs of the channel
+    """
+    known = [(effect(slug), given) for slug, given in effects.items()]
+    parts = [e.contribution(context, e.values(given)) for e, given in known if e.channel == channel]
+    return np.sum(parts, axis=0) if parts else 0.0

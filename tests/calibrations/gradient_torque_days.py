@@ -6,6 +6,7 @@ import xarray as xr
 from gravcal.calibrations.gradient_torque import drag, gradient, reading
 from gravcal.data import catalog, icgem
 from gravcal.simulation import gradient_torque as simulation
+from gravcal.simulation.injection import by_slug
 
 SATELLITE = catalog.satellite("S").settings()
 FIELD = icgem.read_field(icgem.shipped(), 20)
@@ -23,7 +24,7 @@ def observed(columns):
 def fly(seed, effects=None, **settings):
     """Columns and truth of an invented record."""
     chosen = catalog.parameters("simulate_gradient_torque").with_settings(SHORT | settings)
-    return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, simulation.by_slug(effects))
+    return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, by_slug(effects or {}))
 
 
 def solve(columns, methods=drag.VARIANTS, **settings):

@@ -26,6 +26,9 @@ def context(seed=1, count=COUNT):
     extra |= {"angle": 0.03 * rng.standard_normal((count, 2, 2))}
     extra |= {"nominal_impulse_b": 1e-3 * rng.standard_normal((count, 3))}
     extra |= {"radiation_b": 3e-8 * rng.standard_normal((count, 3)), "warmth": rng.uniform(0, 1, count)}
+    extra |= {"linear_volt": rng.standard_normal((count, 3)), "displacement_b": 1e-6 * rng.standard_normal((count, 3))}
+    extra |= {"positions": np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.02]])}
+    extra |= {"tesseral_b": 1e-6 * rng.standard_normal((count, 2, 3, 3))}
     extra |= {"axis_b": rng.standard_normal((count, 3))}
     extra |= {"range": 2e5 + 100 * rng.standard_normal(count), "range_rate": rng.standard_normal(count)}
     return Context(
@@ -92,7 +95,9 @@ def test_neutral_values_add_nothing(slug):
     """Analytic: at the neutral values the contribution is zero, of the shape of the channel."""
     entry, scene = effect(slug), context()
     added = entry.contribution(scene, entry.values({}))
-    assert np.shape(added) == ((COUNT, 3) if CHANNELS[entry.channel] != "s" and entry.channel != "range" else (COUNT,))
+    scalar = CHANNELS[entry.channel] == "s" or entry.channel == "range"
+    each = (len(scene.extra["positions"]),) if "_each_" in entry.channel else ()
+    assert np.shape(added) == ((COUNT,) if scalar else (COUNT, *each, 3))
     assert_allclose(added, 0.0, atol=0)
 
 

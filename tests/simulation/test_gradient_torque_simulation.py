@@ -9,6 +9,7 @@ from gravcal.errors import CatalogError
 from gravcal.physics import frames, kinematics
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.simulation import gradient_torque as simulation
+from gravcal.simulation.injection import by_slug
 
 SATELLITE = catalog.satellite("S").settings()
 FIELD = icgem.read_field(icgem.shipped(), 12)
@@ -18,7 +19,7 @@ def fly(seed=1, effects=None, **settings):
     """Columns and truth of half an hour."""
     given = {"duration_s": 1800, "step_s": 2, "field_degree": 12} | settings
     chosen = catalog.parameters("simulate_gradient_torque").with_settings(given)
-    return simulation.simulate(SATELLITE, chosen, FIELD, 633830400.0, seed, simulation.by_slug(effects))
+    return simulation.simulate(SATELLITE, chosen, FIELD, 633830400.0, seed, by_slug(effects or {}))
 
 
 def test_the_same_seed_gives_the_same_day_and_another_another():
@@ -78,8 +79,25 @@ def test_effects_are_added_and_unknown_ones_named():
     change = scaled[0]["linear"] - plain["linear"]
     felt = 1e-3 * scaled[1]["gradient"] @ plain["sensor_position"][0]
     assert_allclose(change[:, 0], felt, rtol=0, atol=1e-15)
-    with pytest.raises(CatalogError, match=r"gradient\.mounting\.x"):
-        simulation.by_slug({"gradient.mount.x": 1})
+    with pytest.raises(CatalogError, match=r"gradient\.mounting"):
+        by_slug({"gradient.mount.x": 1})
+    with pytest.raises(CatalogError, match="no channel for it"):
+        fly(effects={"ranging.delay.delay": 1e-3})
+
+
+def test_a_tesseral_term_is_felt_as_the_field_with_it():
+    """Analytic: C_22 off by 1e-6 against the gradient at the sensor's place, 12 GM/r^3 times 1e-6 at most."""
+    plain, moved = fly(), fly(effects={"gradient.tesseral.cosine": 1e-6})
+    change = moved[0]["linear"] - plain[0]["linear"]
+    assert 1e-13 < np.abs(change[:, 0]).max() < 12 * 1.25e-6 * 2.65 * 1e-6 * 0.11  # 2.65: of full normalisation
+    assert_allclose(change[:, 0] / 0.1, -change[:, 1] / 0.1, atol=0.05 * np.abs(change).max() / 0.1)  # +-0.1 m, mm off
+
+
+def test_a_moved_centre_of_pressure_turns_the_satellite():
+    """Analytic: the torque is that of a satellite whose centre of pressure is there."""
+    plain, moved = fly(), fly(effects={"torque.aerodynamic.arm_z": 0.05})
+    turned = moved[0]["angular"] - plain[0]["angular"]
+    assert np.abs(turned).max() > 1e-10
 
 
 def test_another_drag_can_be_given():
