@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_browse, cli_campaign, cli_catalogue, cli_fetch, cli_serve, cli_store
+from flows import cli_browse, cli_campaign, cli_catalogue, cli_discover, cli_fetch, cli_serve, cli_store
 from flows import cli_output as output
 from flows.engine import single_threaded
 
@@ -23,6 +23,7 @@ gravcal run com_offset grace-c-2020-02-01             an event of the catalogue
 gravcal run com_offset --data DIR --satellite C       any folder of Level-1 files
 gravcal run com_offset EVENT --set lowpass_hz=0.3     only what depends on the setting is made again
 gravcal plan com_offset EVENT --set lowpass_hz=0.3    what would be made again, and why
+gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
 gravcal report EVENT                                  where the report is
 gravcal products list                                 what lies in the store (GRAVCAL_PRODUCTS)
 """
@@ -43,6 +44,8 @@ Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, h
 Date = Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="which day of the folder")]
 Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="another value of a parameter")]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=DOCUMENT)]
+MODEL = "extended model, as gravcal discover writes it"
+Model = Annotated[Path | None, typer.Option("--model", metavar="FILE", help=MODEL)]
 Seed = Annotated[int, typer.Option("--seed", help="source of everything random")]
 Engine = Annotated[str, typer.Option("--engine", metavar="prefect|inline", help="Prefect keeps a history of runs")]
 
@@ -55,13 +58,14 @@ def run(
     satellite: Satellite = None,
     date: Date = None,
     settings: Settings = None,
+    model: Model = None,
     json: Json = None,
     engine: Engine = "prefect",
 ) -> None:
     """Calibrate one event; what is in the store already is reused."""
     from flows import command
 
-    chosen = command.chosen(calibration, settings)
+    chosen = command.chosen(calibration, settings, model)
     source = command.source(calibration, event, data, satellite, date)
     with output.failures(calibration, command.name_of(source), json):
         document, ref = command.calibrate(calibration, source, chosen, engine)
@@ -78,12 +82,13 @@ def plan(
     satellite: Satellite = None,
     date: Date = None,
     settings: Settings = None,
+    model: Model = None,
     json: Json = None,
 ) -> None:
     """Say what a run would reuse, what it would make, and why; without EVENT or folder for all events of the store."""
     from flows import command
 
-    chosen = command.chosen(calibration, settings)
+    chosen = command.chosen(calibration, settings, model)
     sources = command.sources(calibration, event, data, satellite, date)
     output.plan([step for source in sources for step in command.plan(calibration, source, chosen)], json)
 
@@ -159,6 +164,7 @@ def report(
 
 
 app.command()(cli_browse.browse)
+app.command()(cli_discover.discover)
 app.command()(cli_campaign.campaign)
 app.command()(cli_fetch.fetch)
 app.command()(cli_serve.serve)

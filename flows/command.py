@@ -34,13 +34,18 @@ def calibrations():
     return [name for name in CALIBRATIONS if importlib.util.find_spec(f"flows.{name}")]
 
 
-def chosen(calibration, settings):
-    """Parameters of a calibration with those given as key=value replaced."""
+def chosen(calibration, settings, model=None):
+    """Parameters of a calibration with those given as key=value replaced, and the extended model of a file."""
     from gravcal.data import catalog
 
     flow_module(calibration)
+    given = pairs(settings)
+    if model is not None:
+        from flows import models
+
+        given["model"] = models.text_of(model)
     try:
-        return catalog.parameters(calibration).with_settings(pairs(settings))
+        return catalog.parameters(calibration).with_settings(given)
     except CatalogError as error:
         if settings:
             raise typer.BadParameter(f"--set: {error}") from error
@@ -80,6 +85,20 @@ def calibrate(calibration, source, chosen, engine_name, server=None):
     with cli_output.progress(module.calibrate.flow_name) as listener:
         ref = engine.run(module.calibrate, source, chosen, engine=engine_name, listener=listener, server=server)
     return module.document(ref), ref
+
+
+def discover(calibration, source, chosen, engine_name):
+    """Result document of a discovery and its files."""
+    from flows import discover as flow
+
+    if engine_name not in engine.ENGINES:
+        raise typer.BadParameter(f"--engine {engine_name}: expected one of {', '.join(engine.ENGINES)}")
+    if calibration not in flow.FLOWS:
+        known = ", ".join([*flow.FLOWS, *flow.measured_views()])
+        raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {known}")
+    with cli_output.progress(flow.FLOWS[calibration].flow_name) as listener:
+        ref = engine.run(flow.FLOWS[calibration], source, chosen, engine=engine_name, listener=listener)
+    return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
 
 
 def plan(calibration, source, chosen):

@@ -29,3 +29,17 @@ def document(ref):
     result = json.loads((ref.folder / "discovery.json").read_text())
     result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
     return result
+
+
+def measured_views():
+    """Names of the views of measured data."""
+    from flows import discover_measured
+
+    return tuple(discover_measured.VIEWS)
+
+
+def measured(name, data, satellite, date, settings):
+    """Result document of a view of measured data."""
+    from flows import discover_measured
+
+    return discover_measured.discover(name, data, satellite, date, settings)

@@ -36,6 +36,8 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     -------
     found : Dataset, "com_offset.discovery"; attribute `numbers` holds the summary as JSON
     """
+    if not aligned.sizes["manoeuvre"]:
+        return _nothing()
     views, blocks, candidates, quiet = event(aligned, field, smoothed, solved, **settings)
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet)
@@ -45,6 +47,12 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     for finding in numbers["findings"]:
         _physical(finding, views)
     return dataset(result, numbers)
+
+
+def _nothing():
+    """Product of a record without manoeuvre."""
+    values = {name: [] for name in DISCOVERY}
+    return build(DISCOVERY, values, numbers=json.dumps({"status": "no_manoeuvre"}), channels="", blocks="")
 
 
 def _physical(finding, views):

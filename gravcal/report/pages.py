@@ -12,6 +12,7 @@ TEMPLATES = (
     "kbr_phase_centre.html",
     "inertial_sensor.html",
     "gradient_torque.html",
+    "discovery.html",
 )
 
 

@@ -1,0 +1,59 @@
+"""The command `gravcal discover`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flows import cli_output as output
+
+WHAT = "com_offset, or a view of measured data: attitude, ranging, magnetometer, published_table"
+
+
+def discover(
+    calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help=WHAT)],
+    event: Annotated[str | None, typer.Argument(metavar="[EVENT]", help="event of the catalogue")] = None,
+    data: Annotated[Path | None, typer.Option("--data", metavar="DIR", help="folder with Level-1 files")] = None,
+    satellite: Annotated[str | None, typer.Option("--satellite", metavar="C|D|CD|A|B|AB")] = None,
+    date: Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD")] = None,
+    settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
+    model: Annotated[Path | None, typer.Option("--model", metavar="FILE", help="start from an extended model")] = None,
+    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the result document")] = None,
+    engine: Annotated[str, typer.Option("--engine", metavar="prefect|inline")] = "prefect",
+) -> None:
+    """Show what the simulation of an event gets wrong, name the cause, extend the model and measure the gain."""
+    from flows import command, discover
+
+    if calibration not in discover.FLOWS and calibration in discover.measured_views():
+        document = discover.measured(calibration, data, satellite, date, command.pairs(settings))
+        files = []
+    else:
+        chosen = command.chosen(calibration, settings, model)
+        source = command.source(calibration, event, data, satellite, date)
+        with output.failures(calibration, command.name_of(source), json):
+            document, files = command.discover(calibration, source, chosen, engine)
+    output.write_json(document, json)
+    if output.to_screen(json):
+        _say(document, files)
+    raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+def _say(document, files):
+    """Verdict, findings and where the files are."""
+    from gravcal.report import discovery
+
+    output.say(f"{document['event']}: {discovery.verdict(document)}")
+    rows = []
+    for one in document.get("findings", []):
+        for name, parameter in one["parameters"].items():
+            if parameter["value"] is not None:
+                rows.append([one["cause"], name, *discovery.scaled(parameter)])
+    if rows:
+        output.table(["cause", "parameter", "value", "unit"], rows)
+    change = document.get("calibration_change", {})
+    if rows and change.get("change"):
+        names = zip(change["names"], change["change"], change["change_in_old_sigma"], strict=True)
+        moved = ", ".join(f"{n} {c:+.1f} ({s:+.1f} old sigma)" for n, c, s in names)
+        output.say(f"Calibration result moves by {moved} {change['unit']}.")
+    for path in files:
+        output.say(str(path))

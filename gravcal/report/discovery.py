@@ -1,0 +1,221 @@
+"""Result document of a discovery, its verdict in words, its tables, and the extended model as a file."""
+
+from __future__ import annotations
+
+import json
+
+from gravcal.data.schemas import VERSION
+from gravcal.report.words import NOT_DETERMINED, plus_minus, probability, signed
+
+EDITED = ("tried",)  # of the numbers, kept out of the document's findings
+
+
+def document(numbers: dict, calibration: str, event: str, provenance: dict) -> dict:
+    """Result document.
+
+    Parameters
+    ----------
+    numbers : of `gravcal.discovery.summary.summary`
+    calibration, event : names
+    provenance : mapping
+    """
+    head = {"schema_version": VERSION, "status": numbers.get("status", "delivered")}
+    head |= {"calibration": calibration, "event": event, "kind": "discovery"}
+    return head | {k: v for k, v in numbers.items() if k != "status"} | {"provenance": provenance}
+
+
+def verdict(numbers: dict) -> str:
+    """What was found, in a sentence or two.
+
+    Parameters
+    ----------
+    numbers : of the document
+    """
+    if numbers.get("status") == "no_manoeuvre":
+        return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
+    found = numbers["findings"]
+    chance = f"p = {probability(numbers['p_before'])}"
+    if not found and numbers["adequate_before"]:
+        return f"The model describes the data to their noise ({chance}); nothing is named."
+    if not found:
+        return f"The model is not adequate ({chance}), but no cause that was tried passes; see what is left."
+    named = "; ".join(_named(one) for one in found)
+    after = "describes the data to their noise" if numbers["adequate_after"] else "still leaves more than noise"
+    return f"Found: {named}. The extended model {after} (p = {probability(numbers['p_after'])})."
+
+
+def _named(one):
+    label = one["cause"] if one["in_catalogue"] else f"unknown effect, follows {one['cause'].removeprefix('unknown:')}"
+    tied = f" (or {', '.join(one['tied_with'])}: this data cannot tell)" if one["tied_with"] else ""
+    return label + tied
+
+
+def findings_table(numbers: dict) -> dict | None:
+    """Every finding with its parameters, its significance and what it gained on data left out.
+
+    Parameters
+    ----------
+    numbers : of the document
+    """
+    rows = []
+    for one in numbers["findings"]:
+        held = f"{one['heldout_gain']['chi2']:.0f} ({one['heldout']})"
+        head = [one["cause"], one["form"] or "all parameters", f"{one['heldout_gain']['in_sample_chi2']:.0f}", held]
+        rows.append([*head, probability(one["significance"]), "", ""])
+        for name, parameter in one["parameters"].items():
+            if parameter["value"] is not None and "_" not in name[-2:]:
+                value, unit = scaled(parameter)
+                rows.append(["", name, "", "", "", value, unit])
+    heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
+    caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
+    return _table(caption, heads, rows, words=(0, 1, 5, 6)) if rows else None
+
+
+def scaled(parameter: dict) -> tuple[str, str]:
+    """Value with its error in a power of ten that suits it, and the unit with that power.
+
+    Parameters
+    ----------
+    parameter : {"value", "sigma", "unit"}
+    """
+    value, sigma = parameter["value"], parameter["sigma"]
+    if value is None or sigma is None or sigma == 0:
+        return (NOT_DETERMINED if value is None else f"{value:.4g}"), parameter["unit"]
+    power = _power(max(abs(value), sigma))
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    unit = parameter["unit"] if power == 0 else f"10{raised} {parameter['unit']}"
+    return plus_minus(value / 10**power, sigma / 10**power), unit
+
+
+def _power(size):
+    import math
+
+    power = 3 * math.floor(math.log10(size) / 3) if size > 0 else 0
+    return 0 if power in (0, 3) else power
+
+
+def tied_table(numbers: dict) -> dict | None:
+    """Causes that this data cannot tell apart, and what would.
+
+    Parameters
+    ----------
+    numbers : of the document
+    """
+    rows = []
+    for one in numbers["findings"]:
+        for other in one["separation"]:
+            needed = other["events_needed"]
+            more = "no such data would" if needed is None else f"{needed} events like this one"
+            best = other["best_block"] or NOT_DETERMINED
+            rows.append([one["cause"], other["cause"], f"{other['expected_chi2']:.1f}", best, more])
+    heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
+    caption = "Causes that this data does not tell apart."
+    return _table(caption, heads, rows, words=(0, 1, 3, 4)) if rows else None
+
+
+def change_table(numbers: dict) -> dict:
+    """Calibration before and after the extension.
+
+    Parameters
+    ----------
+    numbers : of the document
+    """
+    one = numbers["calibration_change"]
+    rows = []
+    for k, name in enumerate(one["names"]):
+        pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
+        moved = signed(one["change"][k], 1), signed(one["change_in_old_sigma"][k], 1)
+        rows.append([name, *pair, *moved])
+    heads = ["axis", "before", "after", "change", "change over old error"]
+    caption = f"Calibration result in {one['unit']}, all baseline parameters and all findings free."
+    return _table(caption, heads, rows, words=(0,))
+
+
+def gain_table(numbers: dict) -> dict:
+    """Residual of each channel and chi-square before and after.
+
+    Parameters
+    ----------
+    numbers : of the document
+    """
+    gain = numbers["gain"]
+    rows = [
+        [name, f"{before:.3f}", f"{gain['rms_after'][name]:.3f}"]
+        for name, before in gain["rms_before"].items()
+        if before is not None
+    ]
+    pair = [f"{gain[f'chi2_{w}']:.0f} / {gain[f'dof_{w}']}" for w in ("before", "after")]
+    rows.append(["chi-square / degrees of freedom", *pair])
+    rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
+    rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
+    heads = ["rms of the whitened residual", "before", "after"]
+    return _table("Gain. A channel that is described to its noise has rms 1.", heads, rows, words=(0,))
+
+
+def hidden_table(numbers: dict) -> dict | None:
+    """Causes that look like the calibration itself.
+
+    Parameters
+    ----------
+    numbers : of the document
+    """
+    rows, unit = [], numbers["calibration_change"]["unit"]
+    for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
+        where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
+        bias = ", ".join(signed(v, 1) for v in one["bias"])
+        rows.append([one["cause"], where, f"{one['signal_to_noise']:.1f}", f"{bias} {unit}"])
+    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "bias of x, y, z"]
+    caption = "Causes of a plausible size that would move the result without being seen."
+    return _table(caption, heads, rows, words=(0, 1, 3)) if rows else None
+
+
+def tried_table(numbers: dict) -> dict:
+    """What else was tried in the first round, best first.
+
+    Parameters
+    ----------
+    numbers : of the document
+    """
+    rows = [
+        [one["cause"], one["form"] or "all parameters", f"{one['chi2']:.1f}", str(one["parameters"]),
+         probability(one["significance"])]
+        for one in numbers["tried"][:15]
+    ]  # fmt: skip
+    heads = ["cause", "form", "chi-square gained", "parameters", "chance"]
+    return _table("First round: the best form of each cause.", heads, rows, words=(0, 1))
+
+
+def _table(caption, heads, rows, words):
+    return {
+        "caption": caption,
+        "heads": heads,
+        "rows": rows,
+        "words": words,
+        "strong": None,
+        "wide": True,
+        "source": "",
+    }
+
+
+def model_text(numbers: dict, event: str) -> str:
+    """Extended model as TOML, as `--model` reads it.
+
+    Parameters
+    ----------
+    numbers : of the document
+    event : that it was found in
+    """
+    lines = [f"# Found by gravcal discover in {event}; give it to gravcal run with --model.", f"event = {_text(event)}"]
+    for one in numbers["findings"]:
+        lines += ["", "[[effect]]", f"cause = {_text(one['cause'])}", f"form = {_text(one['form'])}"]
+        lines.append(f"tied_with = {json.dumps(one['tied_with'])}")
+        for name, parameter in one["parameters"].items():
+            if parameter["value"] is not None:
+                sigma = "" if parameter["sigma"] is None else f"sigma = {parameter['sigma']!r}, "
+                unit = _text(parameter["unit"])
+                lines.append(f"parameters.{name} = {{ value = {parameter['value']!r}, {sigma}unit = {unit} }}")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value):
+    return json.dumps(value, ensure_ascii=False)

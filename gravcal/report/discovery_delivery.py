@@ -1,0 +1,101 @@
+"""What a discovery delivers: the result document, the page, and the extended model."""
+
+from __future__ import annotations
+
+import json
+
+import xarray as xr
+
+from gravcal.data import product
+from gravcal.data.schemas import validate
+from gravcal.report import discovery as words
+from gravcal.report import discovery_figures as figures
+from gravcal.report import pages
+
+
+def report(found: xr.Dataset, *, calibration: str, event: str, satellite: str, settings: dict):
+    """Report product of a discovery and its files.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    calibration, event : names
+    satellite : letters
+    settings : mapping of all parameters
+
+    Returns
+    -------
+    dataset : Dataset with the probabilities of adequacy
+    files : {name: text}
+    """
+    numbers = json.loads(found.attrs["numbers"])
+    label = product.digest(found)[:12]
+    provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
+    document = words.document(numbers, calibration, event, provenance)
+    validate(document, "discovery")
+    files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
+    if numbers.get("findings"):
+        files["model.toml"] = words.model_text(numbers, event)
+    files["discovery.html"] = page(found, document, label, satellite)
+    kept = {f"p_{w}": ((), numbers.get(f"p_{w}", 1.0)) for w in ("before", "after")}
+    return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
+
+
+def page(found: xr.Dataset, document: dict, label: str, satellite: str) -> str:
+    """Page of a discovery.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    document : its result document
+    label : digest of the product; satellite : letters
+    """
+    sections = _sections(found, document) if document["status"] == "delivered" else []
+    number = 0
+    for section in sections:
+        for one in section["figures"]:
+            number += 1
+            one |= {"number": number, "source": f"discovery {label}"}
+    settings = [(k, str(v)) for k, v in sorted(document["provenance"]["settings"].items())]
+    content = {"document": document, "verdict": words.verdict(document), "sections": sections, "settings": settings}
+    subtitle = f"satellite {satellite}, level {document.get('level', '')} for everything tried together"
+    keys = list(document["provenance"]["products"].items())
+    return pages.render("discovery.html", subtitle=subtitle, provenance=keys, **content)
+
+
+def _sections(found, document):
+    parts = [
+        ("What is wrong", WRONG, [], [(figures.power, POWER), (figures.spectra, SPECTRA)]),
+        ("The cause", CAUSE, [words.findings_table(document), words.tied_table(document)], [(figures.residuals, REST)]),
+        ("The gain", GAIN, [words.change_table(document), words.gain_table(document)], []),
+        ("What this data cannot show", HIDDEN, [words.hidden_table(document)], []),
+        ("What was tried", "", [words.tried_table(document)], []),
+    ]
+    sections = []
+    for title, note, tables, drawings in parts:
+        shown = [{"drawing": draw(found), "caption": caption, "title": title} for draw, caption in drawings]
+        shown = [one for one in shown if one["drawing"]]
+        tables = [t for t in tables if t]
+        if tables or shown:
+            sections.append({"title": title, "notes": [note] if note else [], "tables": tables, "figures": shown})
+    return sections
+
+
+WRONG = (
+    "Every measured channel is predicted by the current model; what is left is divided by the noise as measured "
+    "outside the manoeuvres, so that a channel described to its noise has power 1 everywhere. The probability in the "
+    "verdict is that of the most unusual number among all channels, manoeuvres, bands, candidates, lines and steps, "
+    "set against noise drawn through the same fit."
+)
+CAUSE = (
+    "For each cause the gain in chi-square when it is added with all baseline parameters free. A cause is named only "
+    "if its chance, corrected for everything that was tried, is below the level, and if it also gains on data that it "
+    "was not fitted to: manoeuvres left out one by one, or every second stretch of time for what happens in one."
+)
+GAIN = "The result is estimated anew with the findings free, so its error contains theirs."
+HIDDEN = (
+    "These causes look like the calibration parameters themselves; only other data or ground tests can exclude them."
+)
+POWER = "Power of the residual over that of noise; four bands a manoeuvre."
+SPECTRA = "Mean over manoeuvres and axes; the dashed line is noise."
+REST = "The channel and manoeuvre that the extension helps most; mean over five samples, noise has unit variance."

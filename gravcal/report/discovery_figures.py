@@ -1,0 +1,120 @@
+"""Figures of a discovery: where the excess sits, spectra of the residuals, residuals along time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gravcal.report.drawing import Look, Panel, boxes, dots, level, limits, line
+from gravcal.report.drawing_frame import drawn, framed, legend
+from gravcal.report.drawing_looks import DASHED
+from gravcal.report.figures import COLOURS
+
+BEFORE = Look(COLOURS["vermilion"], 0.9, shape="circle", size=4.0)
+AFTER = Look(COLOURS["blue"], 0.9, shape="square", size=4.0, hollow=True)
+POINTS = {"baseline": Look(COLOURS["vermilion"], 0, shape="circle", size=4.0)}
+POINTS |= {"extended model": Look(COLOURS["blue"], 0, shape="square", size=4.4, hollow=True)}
+LINES = {"baseline": Look(COLOURS["vermilion"], 0.9), "extended model": Look(COLOURS["blue"], 0.9)}
+NOISE = Look(COLOURS["black"], 0.6, dash=DASHED)
+BINS = 24
+
+
+def power(found):
+    """Power over expected noise of each channel, manoeuvre and band, before and after.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    """
+    names = found.attrs["channels"].split()
+    tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
+    if not tested:
+        return None
+    height = 46 + 92 * len(tested)
+    parts = [legend(POINTS | {"noise": NOISE})]
+    blocks, band = found["test_block"].values, found["test_band"].values
+    for row, ((box,), k) in enumerate(zip(boxes(len(tested), 1, height, down=16), tested, strict=True)):
+        here = found["test_channel"].values == k
+        x = blocks[here] + 1 + (band[here] - 1.5) * 0.18
+        series = [found[f"power_{w}"].values[here] for w in ("before", "after")]
+        panel = Panel(box, (0.4, blocks.max() + 1.6), limits(*series, np.array([0.8, 1.2]), margin=0.12))
+        marks = [level(panel, 1.0, NOISE)]
+        marks += [dots(panel, x, y, look) for y, look in zip(series, POINTS.values(), strict=True)]
+        words = {"x_label": "manoeuvre, four bands from low to high frequency"} if row == len(tested) - 1 else {}
+        parts.append(framed(panel, *marks, y_label=names[k], x_numbers=row == len(tested) - 1, **words))
+    return drawn(height, "power of the residual against noise", *parts)
+
+
+def spectra(found):
+    """Spectrum of the whitened residuals of each channel, mean over manoeuvres and axes, against that of noise.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    """
+    names = found.attrs["channels"].split()
+    drawn_now = [(k, *_spectrum(found, k)) for k in range(len(names))]
+    drawn_now = [one for one in drawn_now if one[1] is not None]
+    if not drawn_now:
+        return None
+    rows = (len(drawn_now) + 1) // 2
+    height = 60 + 120 * rows
+    parts, places = [legend(LINES | {"noise": NOISE})], [b for row in boxes(rows, 2, height, down=44) for b in row]
+    for (k, frequency, before, after), box in zip(drawn_now, places, strict=False):
+        panel = Panel(box, (0.0, frequency[-1]), limits(before, after, np.array([0.5, 1.5])))
+        marks = [level(panel, 1.0, NOISE)]
+        marks += [line(panel, frequency, y, look) for y, look in zip((before, after), LINES.values(), strict=True)]
+        parts.append(framed(panel, *marks, title=names[k], x_label="frequency (Hz)", y_label="power over noise"))
+    return drawn(height, "spectra of the residuals", *parts)
+
+
+def _spectrum(found, channel):
+    """Frequencies Hz, and mean power before and after; None where the channel has too few rows."""
+    here = found["channel"].values == channel
+    total, count, step = np.zeros((2, BINS)), 0, None
+    for block in np.unique(found["block"].values[here]):
+        for axis in range(3):
+            rows = here & (found["block"].values == block) & (found["component"].values == axis)
+            if rows.sum() < 4 * BINS:
+                continue
+            step = float(np.median(np.diff(found["time_row"].values[rows])))
+            for i, name in enumerate(("residual_before", "residual_after")):
+                values = np.abs(np.fft.rfft(found[name].values[rows])) ** 2 / rows.sum()
+                total[i] += [part.mean() for part in np.array_split(values[1:], BINS)]
+            count += 1
+    if not count:
+        return None, None, None
+    return (np.arange(BINS) + 0.5) / (2 * step * BINS), total[0] / count, total[1] / count
+
+
+def residuals(found):
+    """Whitened residual of the channel and manoeuvre that the extension helps most, the three axes, smoothed.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    """
+    channel, block = found["channel"].values, found["block"].values
+    drop = found["residual_before"].values ** 2 - found["residual_after"].values ** 2
+    pairs = sorted({(int(c), int(b)) for c, b in zip(channel, block, strict=True)})
+    gains = [drop[(channel == c) & (block == b)].sum() for c, b in pairs]
+    if not gains or max(gains) < 10:
+        return None
+    c, b = pairs[int(np.argmax(gains))]
+    here = (channel == c) & (block == b)
+    name = f"{found.attrs['channels'].split()[c]}, {found.attrs['blocks'].split(', ')[b]}"
+    parts, start = [legend(LINES)], found["time_row"].values[here].min()
+    for axis, (box,) in enumerate(boxes(3, 1, 270)):
+        rows = here & (found["component"].values == axis)
+        time = found["time_row"].values[rows] - start
+        series = [_smoothed(found[f"residual_{w}"].values[rows]) for w in ("before", "after")]
+        panel = Panel(box, (0.0, float(time[-1])), limits(*series))
+        marks = [line(panel, time, y, look) for y, look in zip(series, LINES.values(), strict=True)]
+        words = {"x_label": "time from the first row (s)"} if axis == 2 else {"x_numbers": False}
+        words |= {"title": f"whitened residual of {name}"} if axis == 0 else {}
+        parts.append(framed(panel, *marks, y_label="xyz"[axis], **words))
+    return drawn(270, f"residual of {name}", *parts)
+
+
+def _smoothed(values):
+    """Mean over five rows, scaled so that noise keeps unit variance."""
+    return np.convolve(values, np.ones(5) / np.sqrt(5), mode="same")
