@@ -252,6 +252,7 @@ def _make(call, key, wanted, modules):
         error.facts.setdefault("event", call.event)
         error.facts.setdefault("stage", call.unmade.stage)
         raise
+    inputs.check_unchanged(call.inputs, wanted["inputs"])
     dataset, files = returned if isinstance(returned, tuple) else (returned, {})
     facts = {
         "stage": call.stage.name,

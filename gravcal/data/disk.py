@@ -10,19 +10,25 @@ from gravcal.data import location
 from gravcal.errors import ProductError
 
 NAMES = ("objects", "latest", "tmp", "locks", "quarantine")
+REMEDIES = {
+    errno.ENOSPC: "Free space there (gravcal products prune)",
+    errno.EDQUOT: "Free space there (gravcal products prune)",
+    errno.EXDEV: "Keep its folders objects, tmp and quarantine on one file system",
+    errno.ENOTDIR: "Move the file away that stands where a folder should be",
+    errno.EEXIST: "Move the file away that stands where a folder should be",
+}
 _swept = set()
 
 
 def prepare():
     """Create the folders of the store and, once per process, remove what dead processes left half-written."""
     root = location.folder()
-    if root in _swept:
+    if root in _swept and all((root / name).is_dir() for name in NAMES):
         return
     for name in NAMES:
         (root / name).mkdir(parents=True, exist_ok=True)
     for path in (root / "tmp").iterdir():
-        host, pid, _ = path.name.rsplit("-", 2)
-        if host == platform.node() and not _is_alive(int(pid)):
+        if _is_left(path):
             shutil.rmtree(path, ignore_errors=True)
     _swept.add(root)
 
@@ -52,14 +58,19 @@ def flush_folder(folder):
 def unwritable(error, what):
     """ProductError for a store that cannot take a product."""
     root = location.folder()
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    remedy = "Free space there (gravcal products prune)" if full else "Give yourself the right to write there"
+    remedy = REMEDIES.get(error.errno, "Give yourself the right to write there")
     return ProductError(
         f"product store {root}: {what} cannot be written ({error.strerror or error}). What was there before is "
         f"unharmed. {remedy}, or name another folder in GRAVCAL_PRODUCTS.",
         root=str(root),
         errno=error.errno,
     )
+
+
+def _is_left(path):
+    """Whether a dead process of this machine left this half-written; anything else is not ours to remove."""
+    host, _, rest = path.name.rpartition("-")[0].rpartition("-")
+    return host == platform.node() and rest.isdecimal() and not _is_alive(int(rest))
 
 
 def _is_alive(pid):

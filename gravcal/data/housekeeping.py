@@ -1,5 +1,6 @@
 """What lies in the store: list it, find one, verify all, remove what nothing refers to."""
 
+import contextlib
 import hashlib
 import re
 import shutil
@@ -121,8 +122,7 @@ def prune(keep_s=YOUNG_S, remove=False):
         waiting += [part["key"] for part in (record or {}).get("from", []) if part.get("key")]
     unused = [folder for folder in folders() if folder.name not in needed]
     unused += sorted((location.folder() / "quarantine").glob("*")) + _unlocked()
-    unused = [path for path in unused if time.time() - path.stat().st_mtime > keep_s]
-    sized = [(path, _size(path)) for path in unused]
+    sized = [(path, _size(path)) for path in unused if _age_s(path) > keep_s]
     for path, _ in sized if remove else []:
         _remove(path)
     return sized
@@ -156,9 +156,21 @@ def _unlocked():
     return sorted((location.folder() / "locks").glob("*"))
 
 
+def _age_s(path):
+    """Seconds since a change; what went meanwhile is as young as can be, and what is from the future too."""
+    try:
+        return time.time() - path.stat().st_mtime
+    except OSError:
+        return -1.0
+
+
 def _size(path):
-    """Bytes below a folder, or of a file."""
-    return sum(one.stat().st_size for one in path.rglob("*") if one.is_file()) if path.is_dir() else path.stat().st_size
+    """Bytes below a folder, or of a file; what went meanwhile has none."""
+    total = 0
+    for one in path.rglob("*") if path.is_dir() else [path]:
+        with contextlib.suppress(OSError):
+            total += one.stat().st_size if one.is_file() else 0
+    return total
 
 
 def _remove(path):
@@ -168,7 +180,10 @@ def _remove(path):
         return
     aside = disk.new_aside()
     try:
+        disk.prepare()
         path.rename(aside)
+    except FileNotFoundError:
+        return
     except OSError as error:
         raise disk.unwritable(error, path.name[:12]) from error
     shutil.rmtree(aside, ignore_errors=True)

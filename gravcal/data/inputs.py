@@ -91,6 +91,22 @@ def traced(item):
     return {"key": item.key}
 
 
+def check_unchanged(items, labels):
+    """Raise if a Level-1 file is no longer the one that its label describes: it changed while it was read.
+
+    Parameters
+    ----------
+    items : tuple of ProductRef or LevelOneFile
+    labels : list of dict, as ``labelled`` gave them before
+    """
+    for item, label in zip(items, labels, strict=True):
+        if is_file(item) and _file_digest(item) != label["digest"]:
+            raise ProductError(
+                f"{item.path}: changed while it was read, expected a file that stays as it is. Run again.",
+                path=str(item.path),
+            )
+
+
 def _file_event(item):
     """Event of a file that belongs to none in the catalogue."""
     return f"{MISSIONS.get(item.satellite, 'unknown')}-{item.satellite.lower()}-{item.date}"

@@ -4,11 +4,13 @@ import contextlib
 import hashlib
 import json
 import os
+import time
 import uuid
 
 from gravcal.data import location
 
 CHUNK = 1 << 20  # bytes read at a time while hashing
+SETTLED_NS = 100_000_000  # ten ticks of the coarsest clock of Linux
 
 
 def recall(name):
@@ -30,7 +32,10 @@ def remember(name, value):
 
 
 def file_digest(path, member=None):
-    """SHA-256 of a file's bytes, or of one member of an archive, remembered by path, size and time of change.
+    """SHA-256 of a file's bytes, or of one member of an archive, remembered by path, size and times of change.
+
+    The time at which the file system noted a change cannot be set back as that of the content can. A file that changed
+    a moment ago may change again within one tick of that clock: it is not remembered yet.
 
     Parameters
     ----------
@@ -42,16 +47,21 @@ def file_digest(path, member=None):
     digest : str, 64 hexadecimal digits
     """
     status = path.stat()
-    seen = [os.path.abspath(path), status.st_size, status.st_mtime_ns]  # noqa: PTH100 - resolve() would follow links
+    times = [status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
+    seen = [os.path.abspath(path), status.st_size, *times]  # noqa: PTH100 - resolve() would follow links
+    keep = remember if time.time_ns() - status.st_ctime_ns > SETTLED_NS else _nothing
     name = "file-" + hashlib.sha256(seen[0].encode()).hexdigest()[:32]
     known = recall(name)
-    if not known or known["seen"] != seen:
-        known = {"seen": seen, "digests": _archive_digests(path) if member else {"": _stream_digest(path)}}
-        remember(name, known)
-    elif (member or "") not in known["digests"]:
-        known["digests"] |= _archive_digests(path) if member else {"": _stream_digest(path)}
-        remember(name, known)
-    return known["digests"][member or ""]
+    is_known = isinstance(known, dict) and known.get("seen") == seen and isinstance(known.get("digests"), dict)
+    digests = known["digests"] if is_known else {}
+    if (member or "") not in digests:
+        digests |= _archive_digests(path) if member else {"": _stream_digest(path)}
+        keep(name, {"seen": seen, "digests": digests})
+    return digests[member or ""]
+
+
+def _nothing(*_):
+    """Do not remember."""
 
 
 def _stream_digest(path):

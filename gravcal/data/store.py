@@ -44,7 +44,7 @@ def find(key):
     folder = folder_of(key)
     record = read_record(folder)
     if record is None:
-        if folder.exists():
+        if os.path.lexists(folder):  # also a link that leads nowhere
             set_aside(folder, "no readable record")
         return None
     reason = _doubt(folder, record, key)
@@ -172,11 +172,13 @@ def set_aside(folder, reason):
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         folder.rename(target)
-        (target / "why.txt").write_text(reason + "\n")
     except FileNotFoundError:
         return
     except OSError as error:
         raise disk.unwritable(error, f"{folder.name[:12]} ({reason})") from error
+    with contextlib.suppress(OSError):
+        why = target / "why.txt" if target.is_dir() else target.with_name(f"{target.name}.txt")
+        why.write_text(reason + "\n")
 
 
 def _doubt(folder, record, key):
@@ -189,9 +191,22 @@ def _doubt(folder, record, key):
         return "product.nc is missing"
     if status.st_size != record["bytes"]:
         return f"product.nc has {status.st_size} bytes, the record says {record['bytes']}"
-    if status.st_mtime_ns == record.get("mtime_ns") or memory.is_trusted(folder, status):
-        return None
-    return None if _verified_bytes(folder, record) is not None else "bytes differ from the record"
+    known = status.st_mtime_ns == record.get("mtime_ns") or memory.is_trusted(folder, status)
+    if not known and _verified_bytes(folder, record) is None:
+        return "bytes differ from the record"
+    return _doubtful_file(folder, record)
+
+
+def _doubtful_file(folder, record):
+    """Which of the files beside a product is not as recorded, or None; they are read without another check."""
+    for name, digest in record.get("files", {}).items():
+        try:
+            image = (folder / name).read_bytes()
+        except OSError:
+            return f"{name} is missing"
+        if hashlib.sha256(image).hexdigest() != digest:
+            return f"bytes of {name} differ from the record"
+    return None
 
 
 def _verified_bytes(folder, record):
@@ -234,12 +249,14 @@ def _write_folder(aside, key, recipe, dataset, files):
 def _publish(aside, key):
     """Rename the finished folder to its place; a product that is there already and whole stays, and is returned."""
     folder = folder_of(key)
+    if os.path.lexists(folder.parent) and not folder.parent.is_dir():
+        set_aside(folder.parent, "no folder")
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:
         aside.rename(folder)
         disk.flush_folder(folder.parent)
     except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
             raise
     ref = find(key)
     if aside.exists() and ref is None:

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gravcal.data import disk, housekeeping, keys, memo, memory, product, store
+from gravcal.data import disk, housekeeping, keys, location, memo, memory, product, store
 from gravcal.errors import CatalogError, ProductError
 
 RECIPE = {"event": "e", "kind": "test.store", "variant": "", "version": 1, "settings": {}, "inputs": [], "code": ""}
@@ -52,7 +53,9 @@ def test_a_found_key_costs_less_than_a_millisecond():
     assert np.median(times) < 1e-3
 
 
-@pytest.mark.parametrize("damage", ["truncate", "flip", "remove", "record", "no record", "foreign", "other key"])
+@pytest.mark.parametrize(
+    "damage", ["truncate", "flip", "remove", "record", "no record", "foreign", "other key", "note", "no note"]
+)
 def test_damage_is_noticed_and_set_aside(damage):
     """Contract: half-written, altered and foreign objects never count as products."""
     ref = put()
@@ -69,12 +72,121 @@ def test_damage_is_noticed_and_set_aside(damage):
         "no record": record.unlink,
         "foreign": lambda: record.write_text('{"made": "by others"}'),
         "other key": lambda: record.write_bytes((other.folder / "meta.json").read_bytes()),
+        "note": lambda: (ref.folder / "note.txt").write_text("m"),
+        "no note": (ref.folder / "note.txt").unlink,
     }[damage]()
     assert housekeeping.verify()
     assert store.find(ref.key) is None
     assert not ref.folder.exists()
     assert put().digest == ref.digest
     assert housekeeping.verify() == []
+
+
+@pytest.mark.parametrize("foreign", ["file for a product", "file for a folder", "link to nothing", "empty folder"])
+def test_what_stands_in_the_way_is_set_aside(store_folder, foreign):
+    """Contract: foreign things under the name of a product."""
+    key = keys.key(RECIPE)
+    place = store_folder / "objects" / key[:2] / key
+    place.parent.parent.mkdir(parents=True)
+    if foreign == "file for a folder":
+        place.parent.write_text("foreign")
+    else:
+        place.parent.mkdir()
+        {"file for a product": place.touch, "link to nothing": lambda: place.symlink_to("nowhere")}.get(
+            foreign, place.mkdir
+        )()
+    ref = put()
+    assert store.find(key) == ref
+    assert housekeeping.verify() == []
+    assert len(list((store_folder / "quarantine").glob("*[!t]"))) == 1 or foreign == "empty folder"
+
+
+def test_foreign_things_elsewhere_do_no_harm(store_folder):
+    """Contract: whatever lies in the folders of the store, it works, and prune does not touch what is not its own."""
+    for name in (
+        "tmp/notes",
+        "tmp/a-b-c",
+        "tmp/host-12x-ab",
+        "objects/README",
+        "objects/ab/x",
+        "latest/e",
+        "locks/x/y",
+    ):
+        path = store_folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("foreign")
+    disk._swept.clear()
+    ref = put()
+    assert store.find(ref.key) == ref
+    housekeeping.prune(0.0, remove=True)
+    assert housekeeping.verify() == []
+    assert (store_folder / "tmp" / "notes").exists()
+    assert (store_folder / "objects" / "README").exists()
+
+
+def test_a_store_behind_a_link_is_the_same_store(tmp_path, monkeypatch):
+    """Contract: readable links, products and prune work through a link to the store, and after it was moved."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "link").symlink_to("disk")
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "link"))
+    ref = put()
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "disk"))
+    assert store.find(ref.key).digest == ref.digest
+    (tmp_path / "disk").rename(tmp_path / "moved")
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "moved"))
+    memory.clear()
+    assert housekeeping.content(housekeeping.resolve("e/test.store"))["value"].size == 3
+    assert housekeeping.prune(0.0) == []
+    assert put(2.0, version=2).path.exists()
+
+
+def test_folders_removed_by_hand_come_back(store_folder):
+    """Contract: a process that lives on after its store was emptied goes on."""
+    put()
+    for name in ("tmp", "locks", "objects"):
+        shutil.rmtree(store_folder / name)
+    memory.clear()
+    with store.lock(keys.key(RECIPE)):
+        assert put().path.exists()
+
+
+def test_a_clock_that_goes_back_changes_nothing(store_folder, monkeypatch, pipeline):
+    """Contract: products from the future are found, not removed, and what is newest is what was linked last."""
+    _, ref = pipeline.run()
+    later = time.time_ns() + 10**15
+    for path in store_folder.rglob("*"):
+        os.utime(path, ns=(later, later), follow_symlinks=False)
+    memory.clear()
+    made, again = pipeline.run()
+    assert (made, again) == ([], ref)
+    replaced, newest = pipeline.run(gain_one=2.0)
+    assert replaced
+    assert housekeeping.resolve(newest.name).ref == newest
+    assert ref.key not in {path.name for path, _ in housekeeping.prune(0.0, remove=True)}
+
+
+def test_products_removed_while_a_run_goes_on_are_made_again(pipeline, store_folder):
+    """Contract: by hand or by prune, of any age, at each stage of a run: the result is the same."""
+    _, expected = pipeline.run()
+    from tasks.stage import inline, using
+
+    for number in range(4):
+        shutil.rmtree(store_folder / "objects")
+        heard = []
+
+        def remove(call, state, ref, heard=heard, number=number):
+            if len(heard) == number:
+                memory.clear()
+                shutil.rmtree(store_folder / "latest")
+                housekeeping.prune(-1e9, remove=True)
+            heard.append(state)
+
+        with using(inline, remove):
+            ref = pipeline.module("flow").calibrate(pipeline.file(), pipeline.chosen)
+        assert ref.digest == expected.digest
+        memory.clear()
+        assert pipeline.run()[1].digest == expected.digest
+        assert housekeeping.verify() == []
 
 
 def test_the_first_to_publish_wins():
@@ -113,6 +225,53 @@ def test_a_real_full_disk_is_a_clear_error(monkeypatch, tmp_path):
     assert "too large" in done.stdout
 
 
+MOUNTED = """
+import pathlib, subprocess, sys
+sys.path.insert(0, sys.argv[1])
+root = pathlib.Path(sys.argv[2])
+subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", str(root)], check=True)
+import os, test_store as t
+os.environ["GRAVCAL_PRODUCTS"] = str(root / "products")
+first, made = t.put(), 0
+try:
+    for number in range(2, 10000):
+        t.put(float(number), version=number)
+        made += 1
+except t.ProductError as error:
+    print("full:", error)
+assert made > 2
+assert t.housekeeping.verify() == []
+assert list((root / "products" / "tmp").iterdir()) == []
+t.housekeeping.prune(-1.0, remove=True)
+t.put(1.5, version=-1)
+subprocess.run(["mount", "-o", "remount,ro", str(root)], check=True)
+t.memory.clear()
+assert t.store.find(t.keys.key(t.RECIPE | {"version": -1})) is not None
+try:
+    t.put(3.0, version=-2)
+except t.ProductError as error:
+    print("read-only:", error)
+"""
+
+
+@pytest.mark.skipif(
+    subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode != 0,
+    reason="the system allows no file system of one's own",
+)
+def test_a_file_system_that_is_full_or_read_only_is_a_clear_error(tmp_path):
+    """Contract: 256 kB, filled to the last byte; the store stays valid, goes on after prune, and can be read."""
+    root = tmp_path / "small"
+    root.mkdir()
+    here = os.path.dirname(__file__)  # noqa: PTH120
+    command = ["unshare", "-rm", sys.executable, "-c", MOUNTED, here, str(root)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    full, read_only = done.stdout.splitlines()
+    assert "No space left on device" in full
+    assert "products prune" in full
+    assert "Read-only file system" in read_only
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_an_unwritable_folder_is_a_clear_error(store_folder):
     """Contract: permissions."""
@@ -134,6 +293,7 @@ def test_files_are_hashed_once_and_again_when_they_change(tmp_path, monkeypatch)
     """Contract: content digests are remembered by path, size and time of change."""
     path = tmp_path / "raw"
     path.write_text("abc")
+    time.sleep(2e-9 * memo.SETTLED_NS)
     first = memo.file_digest(path)
     assert first == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # FIPS 180-2, appendix B.1
     with monkeypatch.context() as patched:
@@ -141,6 +301,48 @@ def test_files_are_hashed_once_and_again_when_they_change(tmp_path, monkeypatch)
         assert memo.file_digest(path) == first
     path.write_text("abd")
     assert memo.file_digest(path) != first
+
+
+def test_a_file_changed_behind_its_times_is_noticed(tmp_path):
+    """Contract: same size, time of change set back: the file system's own note of the change cannot be set."""
+    path = tmp_path / "raw"
+    path.write_text("abc")
+    before = path.stat()
+    time.sleep(2e-9 * memo.SETTLED_NS)
+    first = memo.file_digest(path)
+    path.write_text("abd")
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert memo.file_digest(path) != first
+
+
+def test_a_file_changed_within_one_tick_is_noticed(tmp_path):
+    """Contract: a file written, hashed and written again at once; nothing but its bytes tells."""
+    path = tmp_path / "raw"
+    digests = set()
+    for text in ("abc", "abd", "abe", "abf"):
+        path.write_text(text)
+        digests.add(memo.file_digest(path))
+    assert len(digests) == 4
+
+
+def test_a_damaged_memory_is_no_memory(tmp_path):
+    """Contract: what is remembered may be damaged or foreign; the file decides."""
+    path = tmp_path / "raw"
+    path.write_text("abc")
+    time.sleep(2e-9 * memo.SETTLED_NS)
+    first = memo.file_digest(path)
+    (note,) = (location.folder() / "memo").iterdir()
+    for text in ("[1]", "{", '{"seen": []}', "null"):
+        note.write_text(text)
+        assert memo.file_digest(path) == first
+
+
+def test_a_file_that_changes_while_it_is_read_gives_no_product(pipeline):
+    """Contract: a file that is still being copied: an error, nothing in the store under its old digest."""
+    pipeline.replace("stages.py", "len(file.path.read_text())", "file.path.write_text('abcde')")
+    with pytest.raises(ProductError, match="changed while it was read"):
+        pipeline.run()
+    assert housekeeping.folders() == []
 
 
 def test_members_of_an_archive_are_hashed_by_content(tmp_path):
