@@ -183,6 +183,8 @@ def _panel(label, shared, last):
     one = new(height=190 if last else 160, sizing_mode="stretch_width", x_axis_type="datetime",
               tools="xpan,xwheel_zoom,box_zoom,reset,save", **active, **shared)  # fmt: skip
     one.toolbar.logo = None
+    if not shared:
+        one.x_range.default_span = 365 * 86400e3  # ms, where there is one event only
     one.yaxis.axis_label, one.outline_line_color = label, None
     one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
     one.grid.grid_line_color = "#e6e6e6"

@@ -2,7 +2,8 @@
 
 The file is written through h5py by the netCDF-4 rules (dimensions are HDF5 dimension scales), about eight times
 faster for small products than through h5netcdf, and opens with netCDF4, h5netcdf and plain xarray. Nothing in it
-depends on the clock.
+depends on the clock. Names along a dimension, in memory a coordinate of that name, are the label coordinate
+``<dimension>_label`` of the file, as the CF conventions want.
 """
 
 import io
@@ -16,6 +17,7 @@ BARE_DIMENSION = (
 )
 SMALL = 4096  # bytes; below this a compressed chunk costs more than it saves
 TRIED = 2048  # values on which compression is tried; noise hardly shrinks and takes nearly all of the time
+LABEL = "_label"
 RESERVED = {"CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates"}
 HIDDEN = RESERVED | {"_FillValue", "_NCProperties", "coordinates"}
 
@@ -33,6 +35,7 @@ def to_bytes(dataset):
     """
     import h5py
 
+    dataset = _with_labels(dataset)
     own = uuid.uuid4().hex  # HDF5 wants one name per open file, also in memory; it is not written
     options = {"track_order": True, "libver": ("earliest", "v110")}
     coordinates, auxiliary = set(dataset.coords), _auxiliary(dataset)
@@ -46,7 +49,7 @@ def to_bytes(dataset):
                 if dimension != name:
                     h5py.h5ds.attach_scale(node, scales[dimension], axis)
             extra = {} if name in coordinates else _added(variable, auxiliary)
-            _write_attributes(node, variable.attrs | extra)
+            _write_attributes(node, _of_type(variable) | extra)
         file.flush()
         return file.id.get_file_image()
 
@@ -66,7 +69,7 @@ def from_bytes(image):
     import xarray as xr
 
     with h5py.File(io.BytesIO(image), "r", track_order=True) as file:
-        nodes = {name: node for name, node in file.items() if not _is_bare(node)}
+        nodes = {_unlabelled(name, node): node for name, node in file.items() if not _is_bare(node)}
         variables = {
             name: (_dimensions(name, node), _values(node), _read_attributes(node)) for name, node in nodes.items()
         }
@@ -79,6 +82,25 @@ def from_bytes(image):
         {name: content for name, content in variables.items() if name in coordinates},
         attributes,
     )
+
+
+def _with_labels(dataset):
+    """Dataset whose text coordinates bear the name of their dimension with ``_label``: CF wants numbers under it."""
+    texts = [name for name in dataset.coords if dataset[name].dims == (name,) and dataset[name].dtype == object]
+    labels = {name + LABEL: (name, dataset[name].values, dataset[name].attrs) for name in texts}
+    return dataset.drop_vars(texts).assign_coords(labels) if texts else dataset
+
+
+def _unlabelled(name, node):
+    """Name of a variable in memory: the names along a dimension bear the dimension's name."""
+    dimensions = _dimensions(name, node)
+    return dimensions[0] if node.dtype == object and len(dimensions) == 1 and dimensions[0] + LABEL == name else name
+
+
+def _of_type(variable):
+    """Attributes with masks and values of flags in the type of their variable."""
+    flags = {name: variable.attrs[name] for name in ("flag_masks", "flag_values") if name in variable.attrs}
+    return variable.attrs | {name: np.asarray(value, variable.dtype) for name, value in flags.items()}
 
 
 def _auxiliary(dataset):

@@ -8,8 +8,8 @@ A schema is plain data, so a science module can state its own without importing 
     }
 
 and the module of stages makes it known: ``product.register("com_offset.field", FIELD)``. Keys of a variable: ``dims``
-(one text, names separated by blanks), ``units``, ``long_name``, ``frame``, ``dtype`` ("f8" if absent; "str" for
-names), ``optional``. A variable whose dimension is called ``time`` or ``time_...`` and that bears its name is GPS
+(one text, names separated by blanks), ``units`` (a tuple where variants differ), ``long_name``, ``frame``, ``dtype``
+("f8" if absent; "str" for names), ``optional``. A variable whose dimension is called ``time`` or ``time_...`` and that bears its name is GPS
 time; its attributes are known. Products as returned have the attributes their schema states, so a stage's body need
 not set them.
 """
@@ -180,7 +180,7 @@ def _check_names(dataset, kind, expected):
 
 def _labels(variable, stated, where):
     """Attributes of one variable completed by the schema; those that contradict it are an error."""
-    known = {name: stated[name] for name in STATED if name in stated}
+    known = {name: stated[name] for name in STATED if isinstance(stated.get(name), str)}
     known = TIME | known if is_time(variable.name, variable) else known
     found = {name: value for name, value in variable.attrs.items() if name not in ("_FillValue", "coordinates")}
     for name in ("units", "frame"):
@@ -202,6 +202,11 @@ def _check_variable(variable, stated, where):
             f"{where}: found {kind} over {variable.dims}, expected {expected} over {dims}. "
             f"Return it so, or change the schema and the version of the stage.",
             where=where,
+        )
+    allowed = stated.get("units", ())
+    if isinstance(allowed, tuple) and allowed and variable.attrs.get("units") not in allowed:
+        raise ProductError(
+            f"{where}: units are {variable.attrs.get('units')!r}, the schema allows {', '.join(allowed)}.", where=where
         )
     if kind != "str" and "units" not in variable.attrs:
         raise ProductError(

@@ -87,9 +87,10 @@ def test_a_file_opens_with_netcdf4_and_plain_xarray(kind, tmp_path):
     path = tmp_path / "product.nc"
     path.write_bytes(netcdf.to_bytes(product.check(example(bare=("other", [1.0])).drop_vars("bare"), kind)))
     with netCDF4.Dataset(path) as file:
-        assert set(file.variables) == {"field_b", "flag", "time", "xyz"}
+        assert set(file.variables) == {"field_b", "flag", "time", "xyz_label"}
         assert file["field_b"].units == "T"
-        assert list(file["xyz"][:]) == ["x", "y", "z"]
+        assert list(file["xyz_label"][:]) == ["x", "y", "z"]
+        assert file["field_b"].coordinates == "xyz_label"
         assert "_FillValue" not in file["time"].ncattrs()
     for engine in (None, "h5netcdf", "netcdf4"):
         with xr.open_dataset(path, engine=engine) as opened:

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLE, OBSERVABLES, UNITS
+from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLE, OBSERVABLES, UNITS, of
 from gravcal.methods import crn
 
 MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
@@ -72,7 +72,7 @@ def observable(
         "unit": UNITS[derivative],
     }
     manoeuvres = {n: pointed[n].values for n in MANOEUVRE}
-    return build(OBSERVABLE, kept | manoeuvres, title=f"Observation equations of {variant}", **attrs)
+    return build(of(OBSERVABLE, variant), kept | manoeuvres, title=f"Observation equations of {variant}", **attrs)
 
 
 def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 `satellite` is 0 for the first letter of the pair and 1 for the second; `parameter` is x, y, z of the first, then of
 the second; `axis_index` of a manoeuvre is 0 for pitch and 1 for yaw. `subset`, `estimator` and `observable` are in the
-order of SUBSETS, ESTIMATORS and OBSERVABLES.
+order of SUBSETS, ESTIMATORS and OBSERVABLES. Where a variable has three units, they are those of the observables.
 """
 
 PARAMETERS = ("x_a", "y_a", "z_a", "x_b", "y_b", "z_b")
@@ -12,7 +12,7 @@ ESTIMATORS = ("ls", "robust")
 SUBSETS = ("all", "positive", "mirror", "all_x_fixed", "positive_x_fixed", "mirror_x_fixed")
 
 
-def _v(dims: str, units: str, long_name: str, dtype: str = "f8", frame: str | None = None) -> dict:
+def _v(dims: str, units: str | tuple[str, ...], long_name: str, dtype: str = "f8", frame: str | None = None) -> dict:
     """One variable of a schema."""
     stated = {"dims": dims, "units": units, "long_name": long_name, "dtype": dtype}
     return stated | ({"frame": frame} if frame else {})
@@ -20,7 +20,8 @@ def _v(dims: str, units: str, long_name: str, dtype: str = "f8", frame: str | No
 
 TIME, TIME_KBR = {"dims": "time"}, {"dims": "time_kbr"}
 CENTRE = "centre of mass to phase centre"
-LOCAL = "unit of the observable"
+PER_M = ("1", "s-1", "s-2")
+DENSITY = ("m2 Hz-1", "m2 s-2 Hz-1", "m2 s-4 Hz-1")
 
 ALIGN = {
     "time": TIME,
@@ -56,13 +57,13 @@ POINTING = {
 
 OBSERVABLE = {
     "time_kbr": TIME_KBR,
-    "observed": _v("time_kbr", LOCAL, "ranging minus orbit"),
-    "column": _v("time_kbr parameter", f"{LOCAL} per m", "derivative by the phase centres"),
-    "published_column": _v("time_kbr parameter", f"{LOCAL} per m", "the same by local cubic polynomials"),
+    "observed": _v("time_kbr", UNITS, "ranging minus orbit"),
+    "column": _v("time_kbr parameter", PER_M, "derivative by the phase centres"),
+    "published_column": _v("time_kbr parameter", PER_M, "the same by local cubic polynomials"),
     "lever": _v(
         "time_kbr derivative arm",
-        "m s-order",
-        "range per radian of pointing error, z and y of both, and time derivatives",
+        "m",
+        "range per radian of pointing error, z and y of both; order n of the time derivative in m s-n",
     ),
     "arc": _v("time_kbr", "1", "manoeuvre, -1 quiet, -2 neither", "i2"),
     "segment": _v("time_kbr", "1", "number of the stretch without a phase break", "i4"),
@@ -99,11 +100,11 @@ SOLVE = (
     | {
         "time_kbr": TIME_KBR,
         "frequency": _v("frequency", "Hz", "frequency"),
-        "detrended": _v("time_kbr", LOCAL, "ranging minus orbit, slow part removed"),
-        "modelled": _v("time_kbr", LOCAL, "phase centres, slow part removed"),
+        "detrended": _v("time_kbr", UNITS, "ranging minus orbit, slow part removed"),
+        "modelled": _v("time_kbr", UNITS, "phase centres, slow part removed"),
         "arc": _v("time_kbr", "1", "manoeuvre", "i2"),
-        "spectrum_observed": _v("frequency", f"({LOCAL})2 Hz-1", "one-sided density, slow part removed"),
-        "spectrum_residual": _v("frequency", f"({LOCAL})2 Hz-1", "one-sided density of the residual"),
+        "spectrum_observed": _v("frequency", DENSITY, "one-sided density, slow part removed"),
+        "spectrum_residual": _v("frequency", DENSITY, "one-sided density of the residual"),
     }
 )
 
@@ -131,3 +132,12 @@ REPORT = {
     "centre": _v("satellite axis", "m", f"{CENTRE}, NaN where not determined", frame="b"),
     "sigma": _v("satellite axis", "m", "its standard deviation", frame="b"),
 }
+
+
+def of(schema: dict, observable: str) -> dict:
+    """Schema with the units of one observable."""
+    number = OBSERVABLES.index(observable)
+    return {
+        name: stated | {"units": stated["units"][number]} if isinstance(stated.get("units"), tuple) else stated
+        for name, stated in schema.items()
+    }

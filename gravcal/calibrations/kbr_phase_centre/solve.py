@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre import noise as noises
 from gravcal.calibrations.kbr_phase_centre import published, whitened
-from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES, SOLVE, SUBSETS
+from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES, SOLVE, SUBSETS, of
 from gravcal.methods import estimation, robust
 
 MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
@@ -64,7 +64,7 @@ def solve(
     attrs = {"observable": variant, "method": method, "unit": equations.attrs["unit"]} | {
         n: equations.attrs[n] for n in ("satellites", "ranging")
     }
-    return build(SOLVE, values, title=f"Phase centres from {variant}", **attrs)
+    return build(of(SOLVE, variant), values, title=f"Phase centres from {variant}", **attrs)
 
 
 def _subset(name, parts, sign, nominal, settings):

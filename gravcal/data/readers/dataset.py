@@ -162,7 +162,9 @@ def _column_attributes(column, table):
 def _bits(meanings):
     if not meanings:
         return {}
-    return {"flag_masks": list(meanings), "flag_meanings": "; ".join(f"{k} = {v}" for k, v in meanings.items())}
+    words = [re.sub(r"[^A-Za-z0-9.+-]+", "_", text).strip("_") for text in meanings.values()]
+    described = "; ".join(f"{mask} = {text}" for mask, text in meanings.items())
+    return {"flag_masks": list(meanings), "flag_meanings": " ".join(words), "flag_description": described}
 
 
 def _current(arrays, table):

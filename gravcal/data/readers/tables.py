@@ -26,8 +26,8 @@ SI_UNITS = {
     "degrees E": "degree",
     "degrees C": "degC",
     "V/V": "V V-1",
-    "0.1 db-Hz": "0.1 dB Hz",
-    "db-Hz": "dB Hz",
+    "0.1 db-Hz": "0.01 lg(re 1 Hz)",
+    "db-Hz": "0.1 lg(re 1 Hz)",
 }
 BITS = {"b8": "u1", "b16": "u2", "b32": "u4"}
 INTEGERS = ("i1", "i4", "u1", "u2", "u4")

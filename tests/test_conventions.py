@@ -1,0 +1,107 @@
+"""Products open anywhere: the CF conventions 1.11, checked by IOOS compliance-checker on products of every kind."""
+
+import importlib
+import warnings
+from pathlib import Path
+
+import pytest
+
+from gravcal.data import catalog, location, product
+
+SMALL = {
+    "com_offset": {"manoeuvres": "pitch_high,roll_high"},
+    "kbr_phase_centre": {},
+    "inertial_sensor": {"roll_s": "9000"},
+    "gradient_torque": {"duration_s": "21600"},
+}
+ORDER = "§2.4 Dimensions"  # the house puts vectors on the last axis; CF recommends, but does not ask, the contrary
+
+
+def chains(folder):
+    """Run a small invented event of every calibration into one store; files of the newest products by kind."""
+    from flows import engine
+
+    for name, settings in SMALL.items():
+        flow = importlib.import_module(f"flows.{name}")
+        truth = flow.simulate(folder / name, seed=1, truth=None, effects={}, settings=settings)
+        source = flow.source(event=None, data=folder / name, satellite=truth.get("satellite"), date=truth.get("date"))
+        engine.run(flow.calibrate, source, catalog.parameters(name), engine="inline")
+    found = {}
+    for link in sorted((location.folder() / "latest").glob("*/*")):
+        kind = link.name if link.name.startswith("ingest") else ".".join(link.name.split(".")[:2])
+        found.setdefault(kind, link / "product.nc")
+    return found
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Return files of products by kind."""
+    folder = tmp_path_factory.mktemp("conventions")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("GRAVCAL_PRODUCTS", str(folder / "products"))
+        return chains(folder)
+
+
+def complaints(path):
+    """What the checker finds in one file, but for the recommended order of dimensions."""
+    from compliance_checker.suite import CheckSuite
+
+    CheckSuite.load_all_available_checkers()
+    suite = CheckSuite()
+    results = suite.run_all(suite.load_dataset(str(path)), ["cf:1.11"])
+    found = []
+    for groups, errors in results.values():
+        found += [f"{name}: {problem[0]!r}" for name, problem in errors.items()]
+        found += [f"{group.name}: {'; '.join(group.msgs)}" for group in groups if group.value[0] < group.value[1]]
+    return [text for text in found if not text.startswith(ORDER)]
+
+
+def test_every_kind_of_product_passes_the_checker(made):
+    """Contract: no error, warning or remark on any kind that the four calibrations make."""
+    kinds = {kind.partition(".")[0] for kind in made}
+    assert {"ingest", *SMALL} <= kinds
+    assert len(made) > 35
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the checker's own libraries
+        found = {kind: complaints(path) for kind, path in made.items()}
+    assert {kind: texts for kind, texts in found.items() if texts} == {}
+
+
+def test_the_checker_finds_what_is_wrong(made, tmp_path):
+    """Contract: the test above can fail: a wrong unit and a flag without meaning are found."""
+    import h5py
+
+    path = tmp_path / "product.nc"
+    path.write_bytes(made["com_offset.attitude"].read_bytes())
+    with h5py.File(path, "a") as file:
+        file["rate_b"].attrs["units"] = "furlongs per blink"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert any("furlongs" in text for text in complaints(path))
+
+
+def test_every_unit_of_the_schemas_is_known_to_udunits():
+    """Contract: also of kinds and variables that the small events do not make."""
+    from cf_units import Unit
+
+    for name in (*SMALL, "discovery"):
+        importlib.import_module(f"tasks.{name}")
+    stated = [one.get("units") for schema in product._schemas.values() for one in (schema or {}).values()]
+    units = {unit for one in stated for unit in (one if isinstance(one, tuple) else (one,)) if unit}
+    assert len(units) > 30
+    for unit in units:
+        Unit(unit)
+
+
+def test_every_unit_of_the_level_one_files_is_known_to_udunits():
+    """Contract: all columns of all tables."""
+    from cf_units import Unit
+
+    from gravcal.data.readers import tables
+
+    names = [path.stem for path in Path(tables.PRODUCTS).glob("*.toml")]
+    assert len(names) > 20
+    for name in names:
+        table = tables.product(name)
+        for column in (*table.columns, *table.optional, *table.repeated):
+            Unit(column.units)
