@@ -48,9 +48,10 @@ def detect(magnetometer, *, period_s, period_tolerance_s, minimum_half_periods, 
 
 
 @stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=1)
-def align(*observed, margin_s, clock_gap_limit_s, survey_s):
+def align(*observed, margin_s, clock_gap_limit_s, orbit_gap_limit_s, star_camera_gap_limit_s, survey_s):
     """Records round the manoeuvres on GPS time."""
-    return align_science.align(*observed, margin_s=margin_s, clock_gap_limit_s=clock_gap_limit_s, survey_s=survey_s)
+    settings = {name: value for name, value in locals().items() if name != "observed"}
+    return align_science.align(*observed, **settings)
 
 
 @stage(reads=["com_offset.align"], writes="com_offset.field", version=1)

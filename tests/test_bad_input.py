@@ -109,7 +109,21 @@ def spoil_much(files):
     return {}
 
 
-HARMLESS = (spoil_order, spoil_values, spoil_signs, spoil_with_gaps, spoil_telemetry, spoil_much)
+def spoil_most_telemetry(files):
+    """Two minutes without torquer telemetry: what is left of the first manoeuvre is too short to be found."""
+    damage.drop_seconds(files["MAG1B"], files["start"] + 20, files["start"] + 140)
+    return {}
+
+
+HARMLESS = (
+    spoil_order,
+    spoil_values,
+    spoil_signs,
+    spoil_with_gaps,
+    spoil_telemetry,
+    spoil_most_telemetry,
+    spoil_much,
+)
 
 
 @pytest.mark.parametrize("spoil", HARMLESS, ids=lambda f: f.__name__)
@@ -122,6 +136,28 @@ def test_damage_that_can_be_set_aside_leaves_a_true_result(files, spoil):
     assert {name: int(found[name]) for name in counts} == counts
 
 
+@pytest.mark.parametrize(("product", "name"), [("GNI1B", "orbit"), ("SCA1B", "star camera")])
+@pytest.mark.parametrize("first", [30, -600], ids=["inside", "all of it"])
+def test_a_manoeuvre_with_a_long_gap_is_not_used_and_says_so(files, product, name, first):
+    """Contract: no interpolation over a gap beyond the limit; the other manoeuvre still gives a true result."""
+    damage.drop_seconds(files[product], files["start"] + first, files["start"] + (150 if first > 0 else 600))
+    document, _ = result(files["folder"])
+    spoiled, sound = document["manoeuvres"]
+    assert spoiled["gaps"] == [name]
+    assert all(block["offset_um"] == [None] * 3 for block in spoiled["variants"].values())
+    assert sound["gaps"] == []
+    assert document["status"] == "delivered"
+    assert worst(document, files["truth"]) < 5, f"seed {files['truth']['seed']}"
+
+
+def test_a_short_gap_of_the_orbit_changes_nothing_that_matters(files):
+    """Recovery: twenty seconds are bridged, less than the limit; the result stays true."""
+    damage.drop_seconds(files["GNI1B"], files["start"] + 60, files["start"] + 80)
+    document, _ = result(files["folder"])
+    assert [one["gaps"] for one in document["manoeuvres"]] == [[], []]
+    assert worst(document, files["truth"]) < 5, f"seed {files['truth']['seed']}"
+
+
 HOPELESS = {
     "truncated file": (lambda f: damage.truncate_mid_line(f["ACC1A"]), "ACC1A"),
     "a word for a number": (lambda f: damage.put_text(f["GNI1B"], column=4), "GNI1B"),
@@ -132,6 +168,8 @@ HOPELESS = {
     "unknown content": (lambda f: damage.unknown_content(f["ACC1A"]), "ACC1A"),
     "header only, accelerometer": (lambda f: damage.no_records(f["ACC1A"]), "ACC1A"),
     "header only, star camera": (lambda f: damage.no_records(f["SCA1B"]), "SCA1B"),
+    "header only, telemetry": (lambda f: damage.no_records(f["MAG1B"]), "MAG1B"),
+    "header only, orbit": (lambda f: damage.no_records(f["GNI1B"]), "GNI1B"),
     "header only, clock": (lambda f: damage.no_records(f["CLK1B"]), "CLK1B"),
     "empty file": (lambda f: damage.empty(f["TIM1B"]), "TIM1B"),
     "missing star camera": (lambda f: damage.missing(f["SCA1B"]), "SCA1B"),

@@ -15,6 +15,10 @@ from gravcal.physics import earth, frames
 UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
 #: Quality bits of the products that make a sample unusable.
 QUALITY = {"ACC1A": 0b1101010, "ACT1A": 0b1101010, "SCA1B": 0b1, "MAG1B": 0b11000010, "GNV1B": 0, "GNI1B": 0}
+#: Bits of `gap`: what is missing for longer than the limit inside a manoeuvre.
+GAPS = {"orbit": 1, "sca": 2}
+#: Longest piece that is looked at where there is no manoeuvre.
+SURVEY_S = 180.0
 MANOEUVRE = ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular")
 QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 
@@ -83,25 +87,25 @@ def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_g
     return gps
 
 
-def align(*observed: xr.Dataset, margin_s: float, clock_gap_limit_s: float, survey_s: float) -> xr.Dataset:
+def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     """Everything that the solution needs, on GPS time, round each manoeuvre.
 
     Without a manoeuvre the first `survey_s` of the record are taken as one window, so that field and attitude can be
-    looked at all the same.
+    looked at all the same. A manoeuvre in which orbit or star camera are missing for longer than their limit is marked
+    in `gap`, and not used.
 
     Parameters
     ----------
     observed : Dataset, "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and CLK1B
-    margin_s : s, kept on either side of a manoeuvre
-    clock_gap_limit_s : s
-    survey_s : s
+    settings : s; margin_s, kept on either side of a manoeuvre; survey_s; clock_gap_limit_s, orbit_gap_limit_s and
+        star_camera_gap_limit_s, distance of records that may be bridged
 
     Returns
     -------
     aligned : Dataset, "align"
     """
     detected, acc, sca, mag, orbit, tim1b, clk1b = observed
-    spans = _spans(detected, acc, sca, mag, orbit, margin_s, survey_s)
+    spans = _spans(detected, acc, sca, mag, orbit, settings["margin_s"], settings["survey_s"])
     acc, sca, mag, orbit = (_near(one, spans) for one in (acc, sca, mag, orbit))
     parts, counts = {}, {}
     linear = tuple(f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz")
@@ -109,7 +113,7 @@ def align(*observed: xr.Dataset, margin_s: float, clock_gap_limit_s: float, surv
     mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
     field = tuple(f"Mfv{a}{suffix}" for a in "XYZ" for suffix in ("_RAW", "") if f"Mfv{a}{suffix}" in mag)
     sources = {
-        "acc": (acc, gps_tags(acc, tim1b, clk1b, clock_gap_limit_s), linear),
+        "acc": (acc, gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
         "sca": (sca, _own_tags(sca), QUATERNION),
         "mag": (mag, _own_tags(mag), (*field, *(f"current_{a}" for a in "xyz"))),
         "orbit": (orbit, _own_tags(orbit), ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")),
@@ -121,7 +125,9 @@ def align(*observed: xr.Dataset, margin_s: float, clock_gap_limit_s: float, surv
         parts[name] = (time[inside], values[inside], flag[inside])
         if not inside.any():
             _refuse(name, source, spans, time)
-    return _as_dataset(parts, counts, detected, spans, orbit.attrs.get("product", ""))
+    limits = {"orbit": settings["orbit_gap_limit_s"], "sca": settings["star_camera_gap_limit_s"]}
+    values = {"gap": _gaps(parts, detected, spans, limits), "window_start": spans[:, 0], "window_stop": spans[:, 1]}
+    return _as_dataset(parts, counts, detected, values, orbit.attrs.get("product", ""))
 
 
 def _own_tags(observed):
@@ -158,6 +164,26 @@ def _inside(time, spans, margin):
     return inside
 
 
+def _gaps(parts, detected, spans, limits):
+    """Bits of `GAPS` for each window, within its manoeuvre or within what is looked at without one."""
+    inner = spans[:, 0], np.minimum(spans[:, 1], spans[:, 0] + SURVEY_S)
+    if detected.sizes["manoeuvre"]:
+        inner = detected["start"].values, detected["stop"].values
+    gap = np.zeros(len(spans), dtype=np.uint8)
+    for name, bit in GAPS.items():
+        time, _, flag = parts[name]
+        gap |= np.array(
+            [bit * (_longest(time[flag == 0], *ends) > limits[name]) for ends in zip(*inner, strict=True)], "u1"
+        )
+    return gap
+
+
+def _longest(time, start, stop):
+    """Longest distance of neighbouring epochs between two others."""
+    inside = time[(time > start) & (time < stop)]
+    return float(np.diff(np.concatenate([[start], inside, [stop]])).max())
+
+
 def _refuse(name, source, spans, time):
     product, file = source.attrs.get("product", name), source.attrs.get("file", "")
     have = f"{time[0]:.0f} to {time[-1]:.0f} s" if time.size else "no usable record"
@@ -169,8 +195,8 @@ def _refuse(name, source, spans, time):
     )
 
 
-def _as_dataset(parts, counts, detected, spans, orbit_product):
-    values = {f"time_{name}": part[0] for name, part in parts.items()}
+def _as_dataset(parts, counts, detected, values, orbit_product):
+    values = values | {f"time_{name}": part[0] for name, part in parts.items()}
     values |= {f"{name}_flag": part[2] for name, part in parts.items()}
     acc, mag = parts["acc"][1], parts["mag"][1]
     values |= {
@@ -179,8 +205,6 @@ def _as_dataset(parts, counts, detected, spans, orbit_product):
         "quaternion": _usable_quaternion(*parts["sca"][1:]),
         "field_measured_b": 1e-6 * mag[:, :3],
         "current_b": mag[:, 3:],
-        "window_start": spans[:, 0],
-        "window_stop": spans[:, 1],
     }
     values |= _orbit(*parts["orbit"][:2], orbit_product)
     values |= {name: detected[name].values for name in MANOEUVRE}

@@ -20,6 +20,12 @@ ALIGN = {
     "mag_flag": {"dims": "time_mag", "units": "1", "long_name": "0 usable, 1 not", "dtype": "u1"},
     "window_start": {"dims": "window", "units": "s", "long_name": "begin of a window"},
     "window_stop": {"dims": "window", "units": "s", "long_name": "end of a window"},
+    "gap": {
+        "dims": "window",
+        "units": "1",
+        "long_name": "longer than the limit inside the manoeuvre: 1 orbit, 2 star camera; not used",
+        "dtype": "u1",
+    },
     "position_i": {
         "dims": "time_orbit axis",
         "units": "m",

@@ -9,6 +9,7 @@ HIGH_LATITUDE = np.radians(45.0)
 WAVE_HZ = 1 / 12
 SCALE_SHARE = 0.5  # of its prior: a torque scale known no better says nothing of its own
 ANGULAR_LIMIT = 0.2
+GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
 
 
 def variants(combined):
@@ -58,9 +59,10 @@ def _manoeuvre(combined, field, detected, index):
 
 
 def _instruments(smoothed, settings, index):
-    """Edge shifts, scales and residual of one manoeuvre; a scale that only repeats its prior is not determined."""
+    """Gaps, shifts, scales and residual of one manoeuvre; a scale that only repeats its prior is not determined."""
     limit = SCALE_SHARE * float(settings["torque_scale_sigma"])
     return {
+        "gaps": [name for name, bit in GAPS.items() if int(smoothed["gap"].values[index]) & bit],
         "acc_shift_s": _pick(smoothed, "acc_shift", index),
         "sca_shift_s": _pick(smoothed, "sca_shift", index),
         "torque_scale": _pick(smoothed, "torque_scale", index, limit),

@@ -115,7 +115,8 @@ def manoeuvres(document, published):
 def _label(index, one):
     """Number, kind, latitude and start of a manoeuvre."""
     where = "" if one["latitude_deg"] is None else f", {signed(one['latitude_deg'], 0)}°"
-    return f"{index + 1} {one['kind']}{where}, {gps_text(one['start'])[11:]}"
+    missing = f", not used: gap in {' and '.join(one['gaps'])}" if one["gaps"] else ""
+    return f"{index + 1} {one['kind']}{where}, {gps_text(one['start'])[11:]}{missing}"
 
 
 def instruments(document):

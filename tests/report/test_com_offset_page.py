@@ -84,6 +84,14 @@ def test_a_record_without_manoeuvre_has_its_page(quiet_document, quiet_products)
     assert "Every manoeuvre" not in html
 
 
+def test_a_manoeuvre_that_is_not_used_says_why(documented, products):
+    """Contract: the row of the manoeuvre names the gap."""
+    smoothed = products["attitude"].copy(deep=True)
+    smoothed["gap"][1] = 1
+    html = page_of(documented(products | {"attitude": smoothed}), products | WITHOUT_FIGURES)
+    assert html.count("not used: gap in orbit") == 1
+
+
 def test_names_from_outside_are_escaped(products, documented):
     """Contract: an event is text, not HTML."""
     document = documented(products, "<b>x</b>")

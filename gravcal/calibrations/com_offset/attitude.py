@@ -202,7 +202,7 @@ def _gradient_b(window, quaternion, time):
 def _as_dataset(parts, found, fits, timings, aligned):
     """Everything of all manoeuvres, one after the other."""
     values = _joined([(i, p) for i, p in enumerate(parts) if p is not None])
-    values["rod"] = [w.rod for w in found]
+    values |= {"rod": [w.rod for w in found], "gap": aligned["gap"].values}
     values |= _per_manoeuvre(found, fits, timings) | _residuals(found, fits) | _delays(found, fits, timings, aligned)
     return build(ATTITUDE, values, title="Attitude of the manoeuvres, fitted to the star camera")
 

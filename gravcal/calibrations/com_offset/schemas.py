@@ -54,6 +54,12 @@ SURVEY = {
 
 ATTITUDE = {
     "rod": {"dims": "arc", "units": "1", "long_name": "torquer with the wave: 0 x, 1 y, 2 z, -1 none", "dtype": "i1"},
+    "gap": {
+        "dims": "arc",
+        "units": "1",
+        "long_name": "why an arc is not used: 1 orbit, 2 star camera missing for too long",
+        "dtype": "u1",
+    },
     "time_sca": {"dims": "time_sca"},
     "time_acc": {"dims": "time_acc"},
     "rate_b": {"dims": "time_acc axis", "units": "rad s-1", "frame": "b", "long_name": "body rate"},

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.align import SURVEY_S
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import SURVEY
-from gravcal.calibrations.com_offset.windows import SURVEY_S
 from gravcal.methods import estimation
 from gravcal.physics import kinematics
 

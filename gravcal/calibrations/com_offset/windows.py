@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.align import SURVEY_S
 from gravcal.calibrations.com_offset import motion
 from gravcal.calibrations.com_offset.motion import Arc
 from gravcal.methods.resampling import lowpass_resampler
 from gravcal.physics import frames, gravity
-
-#: Longest arc that is fitted where there is no manoeuvre.
-SURVEY_S = 180.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Window:
 
 
 def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: bool) -> list[Window]:
-    """Observations and torques of every manoeuvre.
+    """Observations and torques of every manoeuvre; no star camera where a gap forbids to use it.
 
     Parameters
     ----------
@@ -51,7 +49,9 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
     full : bool, with gravity-gradient torque
     """
     parts = _manoeuvres(aligned) or _survey(aligned)
-    return [_window(aligned, field, part, np.asarray(inertia), per_current, full) for part in parts]
+    found = [_window(aligned, field, part, np.asarray(inertia), per_current, full) for part in parts]
+    gap = aligned["gap"].values
+    return [replace(w, good=w.good & (gap[i] == 0)) for i, w in enumerate(found)]
 
 
 def _manoeuvres(aligned):
