@@ -70,7 +70,10 @@ def manoeuvres(document, json_path):
     """Table of the manoeuvres found."""
     if not to_screen(json_path):
         return
-    rows = [[one["kind"], f"{one['start']:.3f}", f"{one['stop']:.3f}"] for one in document["manoeuvres"]]
+    rows = [
+        [f"{one.get('satellite', '')} {one['kind']}".strip(), f"{one['start']:.3f}", f"{one['stop']:.3f}"]
+        for one in document["manoeuvres"]
+    ]
     table(["kind", "start (GPS s)", "stop (GPS s)"], rows)
     say(f"{len(rows)} manoeuvre(s)")
 

@@ -102,6 +102,11 @@ def detect(source, chosen):  # noqa: ARG001 - as for the other calibrations
     raise CatalogError(f"{source.event}: gradient_torque uses the whole record, there is nothing to detect. Use run.")
 
 
+def detected(ref):
+    """Document without manoeuvres; `detect` says why."""
+    return {"event": ref.event, "manoeuvres": []}
+
+
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
     result = json.loads((ref.folder / "result.json").read_text())

@@ -55,7 +55,7 @@ def scale(aligned, *, method, bin_s, quiet_margin_s, first_beta, arm_x_mm, k_y, 
     return scale_science.scale(aligned, **settings)
 
 
-@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=1)
+@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=2)
 def offset(aligned, scaled, *, method, quiet_margin_s, drift_degree, noise_order):
     """Centre of mass to test mass."""
     settings = {name: value for name, value in locals().items() if name not in ("aligned", "scaled")}

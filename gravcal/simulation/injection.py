@@ -10,15 +10,15 @@ from gravcal.effects import Context, effect
 from gravcal.errors import CatalogError
 
 
-def by_slug(strengths: Mapping[str, float]) -> dict[str, dict[str, float]]:
+def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]]:
     """Values by effect, {slug: {parameter: value}}, from {"slug.parameter": value}.
 
     Parameters
     ----------
-    strengths : SI values
+    strengths : SI values, or None
     """
     found: dict[str, dict[str, float]] = {}
-    for name, value in strengths.items():
+    for name, value in (strengths or {}).items():
         slug, _, parameter = name.rpartition(".")
         known = [p.name for p in effect(slug).parameters]
         if parameter not in known:

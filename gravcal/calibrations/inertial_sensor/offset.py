@@ -69,7 +69,7 @@ def prepare(aligned, scaled, quiet_margin_s: float, degree: int, order: int) -> 
     step = float(time_bin[1] - time_bin[0])
     readout = electrodes.readouts(aligned.volts.values)[:, :3]
     blocks = [_without_polynomial(block, 3) for block in quiet_blocks(aligned, readout, step, quiet_margin_s)]
-    noise = tuple(fit_noise([b[:, axis] for b in blocks], order, step, removed=4 * len(blocks)) for axis in range(3))
+    noise = tuple(_noise([b[:, axis] for b in blocks], order, step) for axis in range(3))
     edges = np.append(time_bin - step / 2, time_bin[-1] + step / 2)
     return offset_fit.Record(
         time=time_bin,
@@ -80,6 +80,14 @@ def prepare(aligned, scaled, quiet_margin_s: float, degree: int, order: int) -> 
         noise=noise,
         degree=degree,
     )
+
+
+def _noise(blocks, order, step):
+    """Noise of the order that the data ask for (Schwarz); white noise without the colour of its detrending."""
+    models = [fit_noise(blocks, k, step, removed=4 * len(blocks)) for k in range(order + 1)]
+    count = sum(int(np.count_nonzero(np.isfinite(block))) for block in blocks)
+    cost = [count * np.log(model.variance[-1]) + k * np.log(max(count, 2)) for k, model in enumerate(models)]
+    return models[int(np.argmin(cost))]
 
 
 def _without_polynomial(block, degree):
