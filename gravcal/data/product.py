@@ -9,9 +9,9 @@ A schema is plain data, so a science module can state its own without importing 
 
 and the module of stages makes it known: ``product.register("com_offset.field", FIELD)``. Keys of a variable: ``dims``
 (one text, names separated by blanks), ``units`` (a tuple where variants differ), ``long_name``, ``frame``, ``dtype``
-("f8" if absent; "str" for names), ``optional``. A variable whose dimension is called ``time`` or ``time_...`` and that bears its name is GPS
-time; its attributes are known. Products as returned have the attributes their schema states, so a stage's body need
-not set them.
+("f8" if absent; "str" for names), ``optional``. A variable whose dimension is called ``time`` or ``time_...`` and
+that bears its name is GPS time; its attributes are known. Products as returned have the attributes their schema
+states, so a stage's body need not set them.
 """
 
 import hashlib
