@@ -77,6 +77,15 @@ def baseline(source, chosen):
     return aligned, checked, smoothed, _solved(source, chosen, (aligned, smoothed, quiet), "mtq")[1]
 
 
+def combined(source, chosen, aligned):
+    """Offset from aligned records, all angular accelerations."""
+    checked = com_offset.field(aligned, **chosen.for_stage("field"))
+    smoothed = _smoothed(source, chosen, aligned, checked)
+    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
+    solved = [_solved(source, chosen, (aligned, smoothed, quiet), variant)[1] for variant in VARIANTS]
+    return com_offset.combine(*solved, **chosen.for_stage("combine"))
+
+
 def scene_settings(source, chosen):
     """What the view of a manoeuvre needs beside the products."""
     satellite = catalog.satellite(source.satellite).settings()

@@ -47,7 +47,19 @@ def extend(aligned, checked, smoothed, solved, *, model, scene):
     return extension_science.extend(aligned, checked, smoothed, solved, model=json.loads(model), **scene)
 
 
-@stage(reads=["com_offset.discovery"], writes="com_offset.discovery_report", version=1)
-def com_offset_report(found, *, event, satellite, settings, templates):  # noqa: ARG001 - templates are in the key
+@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.align", version=1)
+def extend_by(aligned, checked, smoothed, solved, found, *, scene):
+    """Records without what was found in them."""
+    model = json.loads(found.attrs["numbers"]).get("findings", [])
+    return extension_science.extend(aligned, checked, smoothed, solved, model=model, **scene)
+
+
+@stage(
+    reads=["com_offset.discovery", "com_offset.combine", "com_offset.combine"],
+    writes="com_offset.discovery_report",
+    version=1,
+)
+def com_offset_report(found, before, after, *, event, satellite, settings, templates):  # noqa: ARG001 - templates are in the key
     """Result document, page and extended model."""
-    return report_science.report(found, calibration="com_offset", event=event, satellite=satellite, settings=settings)
+    named = {"calibration": "com_offset", "event": event, "satellite": satellite}
+    return report_science.report(found, before, after, settings=settings, **named)

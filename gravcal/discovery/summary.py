@@ -85,6 +85,8 @@ def _change(result, names, unit, scale, start):
         "sigma_before": (scale * old).tolist(),
         "after": (scale * (start + after)).tolist(),
         "sigma_after": (scale * new).tolist(),
+        "variant": "joint fit",
+        "covariance_of_findings": (scale**2 * (result.covariance[1] - result.covariance[0])).tolist(),
         "change": change.tolist(),
         "change_in_old_sigma": (change / np.where(old > 0, scale * old, np.inf)).tolist(),
     }

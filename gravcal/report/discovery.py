@@ -7,7 +7,9 @@ import json
 from gravcal.data.schemas import VERSION
 from gravcal.report.words import NOT_DETERMINED, plus_minus, probability, signed
 
-EDITED = ("tried",)  # of the numbers, kept out of the document's findings
+#: Angular acceleration whose result stands for the calibration.
+ADOPTED = "acc_calibrated"
+MOVED = ("change", "change_in_old_sigma")
 
 
 def document(numbers: dict, calibration: str, event: str, provenance: dict) -> dict:
@@ -63,7 +65,7 @@ def findings_table(numbers: dict) -> dict | None:
         head = [one["cause"], one["form"] or "all parameters", f"{one['heldout_gain']['in_sample_chi2']:.0f}", held]
         rows.append([*head, probability(one["significance"]), "", ""])
         for name, parameter in one["parameters"].items():
-            if parameter["value"] is not None and "_" not in name[-2:]:
+            if parameter["value"] is not None:
                 value, unit = scaled(parameter)
                 rows.append(["", name, "", "", "", value, unit])
     heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
@@ -83,7 +85,7 @@ def scaled(parameter: dict) -> tuple[str, str]:
         return (NOT_DETERMINED if value is None else f"{value:.4g}"), parameter["unit"]
     power = _power(max(abs(value), sigma))
     raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    unit = parameter["unit"] if power == 0 else f"10{raised} {parameter['unit']}"
+    unit = parameter["unit"] if power == 0 else f"10{raised} {parameter['unit']}".removesuffix(" 1")
     return plus_minus(value / 10**power, sigma / 10**power), unit
 
 
@@ -124,11 +126,35 @@ def change_table(numbers: dict) -> dict:
     rows = []
     for k, name in enumerate(one["names"]):
         pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
-        moved = signed(one["change"][k], 1), signed(one["change_in_old_sigma"][k], 1)
+        moved = [NOT_DETERMINED if one[w][k] is None else signed(one[w][k], 1) for w in MOVED]
         rows.append([name, *pair, *moved])
     heads = ["axis", "before", "after", "change", "change over old error"]
-    caption = f"Calibration result in {one['unit']}, all baseline parameters and all findings free."
+    caption = f"Calibration result in {one['unit']} ({one['variant']}); the error after holds that of the findings."
     return _table(caption, heads, rows, words=(0,))
+
+
+def with_calibration(numbers: dict, before, after) -> dict:
+    """Numbers with the change of the calibration result as the calibration itself finds it.
+
+    Parameters
+    ----------
+    numbers : of `gravcal.discovery.summary.summary`
+    before, after : Dataset, combined products of the baseline and of the records without the findings
+    """
+    import numpy as np
+
+    names = before.attrs["variants"].split()
+    index = names.index(ADOPTED) if ADOPTED in names else 0
+    extra = np.array(numbers["calibration_change"]["covariance_of_findings"], dtype=float)
+    offset = [1e6 * d["offset"].values[index] for d in (before, after)]
+    covariance = [1e12 * d["covariance"].values[index] for d in (before, after)]
+    sigma = [np.sqrt(np.diag(c)) for c in (covariance[0], covariance[1] + extra)]
+    change = offset[1] - offset[0]
+    found = {"before": offset[0], "sigma_before": sigma[0], "after": offset[1], "sigma_after": sigma[1]}
+    found |= {"change": change, "change_in_old_sigma": change / sigma[0]}
+    plain = {k: [float(v) if np.isfinite(v) else None for v in values] for k, values in found.items()}
+    own = numbers["calibration_change"]
+    return numbers | {"calibration_change": own | {"variant": names[index], "joint_fit": own} | plain}
 
 
 def gain_table(numbers: dict) -> dict:

@@ -13,12 +13,13 @@ from gravcal.report import discovery_figures as figures
 from gravcal.report import pages
 
 
-def report(found: xr.Dataset, *, calibration: str, event: str, satellite: str, settings: dict):
+def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, satellite: str, settings: dict):
     """Report product of a discovery and its files.
 
     Parameters
     ----------
     found : Dataset of kind discovery
+    combined : results of the calibration before and after, if it has such
     calibration, event : names
     satellite : letters
     settings : mapping of all parameters
@@ -29,6 +30,8 @@ def report(found: xr.Dataset, *, calibration: str, event: str, satellite: str, s
     files : {name: text}
     """
     numbers = json.loads(found.attrs["numbers"])
+    if combined and "calibration_change" in numbers:
+        numbers = words.with_calibration(numbers, *combined)
     label = product.digest(found)[:12]
     provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
     document = words.document(numbers, calibration, event, provenance)
@@ -37,7 +40,11 @@ def report(found: xr.Dataset, *, calibration: str, event: str, satellite: str, s
     if numbers.get("findings"):
         files["model.toml"] = words.model_text(numbers, event)
     files["discovery.html"] = page(found, document, label, satellite)
-    kept = {f"p_{w}": ((), numbers.get(f"p_{w}", 1.0)) for w in ("before", "after")}
+    names = {"before": "baseline", "after": "extended model"}
+    kept = {
+        f"p_{w}": ((), numbers.get(f"p_{w}", 1.0), {"units": "1", "long_name": f"probability of the {n} by chance"})
+        for w, n in names.items()
+    }
     return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
 
 

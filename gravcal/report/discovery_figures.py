@@ -39,8 +39,11 @@ def power(found):
         panel = Panel(box, (0.4, blocks.max() + 1.6), limits(*series, np.array([0.8, 1.2]), margin=0.12))
         marks = [level(panel, 1.0, NOISE)]
         marks += [dots(panel, x, y, look) for y, look in zip(series, POINTS.values(), strict=True)]
-        words = {"x_label": "manoeuvre, four bands from low to high frequency"} if row == len(tested) - 1 else {}
-        parts.append(framed(panel, *marks, y_label=names[k], x_numbers=row == len(tested) - 1, **words))
+        words = {"x_numbers": False}
+        if row == len(tested) - 1:
+            numbers = {float(i + 1): str(i + 1) for i in range(int(blocks.max()) + 1)}
+            words = {"x_label": "manoeuvre, four bands from low to high frequency", "x_numbers": numbers}
+        parts.append(framed(panel, *marks, y_label=names[k], **words))
     return drawn(height, "power of the residual against noise", *parts)
 
 
