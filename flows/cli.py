@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_browse, cli_campaign, cli_catalogue, cli_discover, cli_fetch, cli_serve, cli_store
+from flows import cli_browse, cli_campaign, cli_catalogue, cli_complete, cli_discover, cli_fetch, cli_serve, cli_store
 from flows import cli_output as output
 from flows.engine import single_threaded
 
@@ -19,30 +19,37 @@ In-orbit calibration of gravity missions: Level-1 files in, calibration values w
 
 \b
 gravcal demo                                          simulate a calibration day, process it, compare with the truth
-gravcal run com_offset grace-c-2020-02-01             an event of the catalogue
-gravcal run com_offset --data DIR --satellite C       any folder of Level-1 files
+gravcal fetch grace-c-2020-02-01 --out DIR            Level-1 archives of an event, from the official archives
+gravcal run com_offset --data DIR --satellite C       calibrate: any folder of Level-1 files, or an event's name
 gravcal run com_offset EVENT --set lowpass_hz=0.3     only what depends on the setting is made again
 gravcal plan com_offset EVENT --set lowpass_hz=0.3    what would be made again, and why
+gravcal campaign com_offset --data DIR                every event of a folder, in parallel
 gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
 gravcal report EVENT                                  where the report is
-gravcal products list                                 what lies in the store (GRAVCAL_PRODUCTS)
+gravcal browse                                        events, plots, comparisons and reports in a web browser
+gravcal products                                      what lies in the store (GRAVCAL_PRODUCTS)
 """
 
-app = typer.Typer(
-    help=HELP, rich_markup_mode=None, add_completion=False, pretty_exceptions_enable=False, no_args_is_help=True
-)
+app = typer.Typer(help=HELP, rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
 EVENT = "event of the catalogue, such as grace-c-2020-02-01"
 FOLDER = "folder with Level-1 files or daily archives"
 LETTERS = "C|D|CD|A|B|AB|T|S"
 DOCUMENT = "write the result document ('-': standard output)"
 
+LAST = "event whose last report is wanted"
 KINDS = "com_offset, kbr_phase_centre, inertial_sensor or gradient_torque"
-Calibration = Annotated[str, typer.Argument(metavar="CALIBRATION", help=KINDS)]
-EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT)]
+Calibration = Annotated[
+    str, typer.Argument(metavar="CALIBRATION", help=KINDS, autocompletion=cli_complete.calibrations)
+]
+EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT, autocompletion=cli_complete.events)]
 Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help=FOLDER)]
 Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, help="which satellite of the folder")]
 Date = Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="which day of the folder")]
-Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="another value of a parameter")]
+OTHER = "another value of a parameter"
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help=OTHER, autocompletion=cli_complete.settings),
+]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=DOCUMENT)]
 MODEL = "extended model, as gravcal discover writes it"
 Model = Annotated[Path | None, typer.Option("--model", metavar="FILE", help=MODEL)]
@@ -127,12 +134,16 @@ def simulate(
     truth: Annotated[Path | None, typer.Option("--truth", metavar="FILE", help="where to write the truth")] = None,
     effect: Annotated[list[str] | None, typer.Option("--effect", metavar="SLUG.PARAMETER=VALUE")] = None,
     settings: Settings = None,
+    json: Json = None,
 ) -> None:
     """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
     from flows import command
 
     command.simulate(calibration, out, (seed, truth), effect, settings)
-    output.say(f"Level-1 files of an invented event in {out}" + (f", truth in {truth}" if truth else ""))
+    files = sorted(str(path) for path in out.iterdir() if path.is_file())
+    output.write_json({"calibration": calibration, "folder": str(out), "seed": seed, "files": files}, json)
+    if output.to_screen(json):
+        output.say(f"Level-1 files of an invented event in {out}" + (f", truth in {truth}" if truth else ""))
 
 
 @app.command()
@@ -153,14 +164,17 @@ def demo(
 
 @app.command()
 def report(
-    event: Annotated[str, typer.Argument(metavar="EVENT", help="event whose last report is wanted")],
+    event: Annotated[str, typer.Argument(metavar="EVENT", help=LAST, autocompletion=cli_complete.events)],
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="copy the report's files here")] = None,
+    json: Json = None,
 ) -> None:
     """Say where the last report of an event is, or copy it."""
     from flows import command
 
-    for path in command.report_files(event, out):
-        output.say(str(path))
+    files = [str(path) for path in command.report_files(event, out)]
+    output.write_json({"event": event, "files": files}, json)
+    for path in files if output.to_screen(json) else ():
+        output.say(path)
 
 
 app.command()(cli_browse.browse)

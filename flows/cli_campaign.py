@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from flows import cli_output as output
+from flows import cli_progress
 
 FOLDER = "folder with Level-1 files of many days, or with one folder per event"
 
@@ -28,7 +29,7 @@ def campaign(
     if engine not in ("prefect", "inline"):
         raise typer.BadParameter(f"--engine {engine}: expected prefect or inline")
     sources = flow.sources(calibration, satellite, data)
-    with output.events_progress(len(sources)) as listener:
+    with cli_progress.events_progress(len(sources)) as listener:
         summary = flow.run(flow.Campaign(calibration, chosen, engine, scheduler, workers), sources, listener)
     output.write_json(summary, json)
     output.campaign(summary, json)

@@ -9,6 +9,16 @@ import textwrap
 import traceback
 
 AXES = "xyz"
+COLOURS = {
+    "run": "yellow",
+    "may run": "yellow",
+    "reuse": "green",
+    "delivered": "green",
+    "no_manoeuvre": "yellow",
+    "failed": "red",
+    "equal": "green",
+    "different": "red",
+}
 
 
 def say(text=""):
@@ -91,11 +101,34 @@ def campaign(summary, json_path):
 
 
 def table(heads, rows):
-    """Table in plain columns, each as wide as its widest entry."""
+    """Table in plain columns, each as wide as its widest entry, numbers to the right; in colour on a terminal."""
     cells = [heads, *[[str(cell) for cell in row] for row in rows]]
     widths = [max(len(row[column]) for row in cells) for column in range(len(heads))]
-    for row in cells:
-        say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    numbers = [
+        bool(rows) and all(isinstance(row[column], (int, float)) for row in rows) for column in range(len(heads))
+    ]
+    for count, row in enumerate(cells):
+        texts = [
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(row, widths, numbers, strict=True)
+        ]
+        texts[-1] = texts[-1].rstrip()
+        say("  ".join(_painted(text, "bold" if count == 0 else "") for text in texts).rstrip())
+
+
+def coloured():
+    """Whether standard output is a terminal that shows colours and its user wants them (NO_COLOR)."""
+    return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def _painted(text, style):
+    """Text in bold, or in the colour of its word."""
+    colour = COLOURS.get(text.strip())
+    if not (style or colour) or not coloured():
+        return text
+    import typer
+
+    return typer.style(text, fg=colour, bold=style == "bold")
 
 
 def error(problem):
@@ -133,61 +166,6 @@ def failures(calibration, event, json_path):
     except GravcalError as problem:
         write_json(command.failed(calibration, event, problem), json_path)
         raise
-
-
-@contextlib.contextmanager
-def progress(title):
-    """Listener that shows the stages done, if standard error is a terminal; otherwise None."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    texts = (TextColumn("{task.description}"), TextColumn("{task.fields[done]}"))
-    columns = (SpinnerColumn(), *texts, TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        row, counts = bar.add_task(title, total=None, done=""), {"cached": 0, "made": 0}
-
-        def listener(call, state, _):
-            counts[state] += 1
-            done = f"{counts['made']} made, {counts['cached']} reused, last {call.unmade.stage}"
-            bar.update(row, done=done)
-
-        yield listener
-
-
-@contextlib.contextmanager
-def events_progress(total):
-    """Listener that shows events done, failed and left, if standard error is a terminal; otherwise None."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.fields[said]}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        row, counts = bar.add_task("", total=total, said=""), {"done": 0, "failed": 0}
-
-        def listener(event):
-            counts["failed" if event["status"] == "failed" else "done"] += 1
-            left = total - counts["done"] - counts["failed"]
-            bar.update(row, advance=1, said=f"{counts['done']} done, {counts['failed']} failed, {left} left")
-
-        yield listener
-
-
-@contextlib.contextmanager
-def waiting(title):
-    """Spinner with the time that passes, if standard error is a terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(title):
-        yield
 
 
 def _offsets(document, truth):

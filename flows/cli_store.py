@@ -5,13 +5,22 @@ from typing import Annotated
 
 import typer
 
+from flows import cli_complete, cli_progress
 from flows import cli_output as output
 
 products = typer.Typer(
-    help="What lies in the store: list, show, verify, prune.", rich_markup_mode=None, no_args_is_help=True
+    help="What lies in the store: list (also without a word), show, verify, prune.", rich_markup_mode=None
 )
-Product = Annotated[str, typer.Argument(metavar="PRODUCT", help="EVENT/STAGE, beginning of a key, or path")]
+WHICH = "EVENT/STAGE, beginning of a key, or path"
+Product = Annotated[str, typer.Argument(metavar="PRODUCT", help=WHICH, autocompletion=cli_complete.products)]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write as JSON ('-': standard output)")]
+
+
+@products.callback(invoke_without_command=True)
+def without_word(context: typer.Context) -> None:
+    """What lies in the store: list (also without a word), show, verify, prune."""
+    if context.invoked_subcommand is None:
+        list_products()
 
 
 @products.command("list")
@@ -55,14 +64,19 @@ def show(product: Product, json: Json = None) -> None:
 
 
 @products.command()
-def verify() -> None:
+def verify(json: Json = None) -> None:
     """Compare every product with its record, bytes and content; exit code 1 if one differs."""
     from gravcal.data import housekeeping
 
-    problems = housekeeping.verify()
-    for folder, problem in problems:
-        output.say(f"{folder}: {problem}")
-    output.say(f"{len(housekeeping.folders())} products, {len(problems)} problem(s)")
+    with cli_progress.waiting("verifying"):
+        problems = housekeeping.verify()
+    count = len(housekeeping.folders())
+    rows = [{"folder": str(folder), "problem": problem} for folder, problem in problems]
+    output.write_json({"products": count, "problems": rows}, json)
+    if output.to_screen(json):
+        for row in rows:
+            output.say(f"{row['folder']}: {row['problem']}")
+        output.say(f"{count} products, {len(problems)} problem(s)")
     raise typer.Exit(1 if problems else 0)
 
 
@@ -70,25 +84,34 @@ def verify() -> None:
 def prune(
     remove: Annotated[bool, typer.Option("--remove", help="do it; otherwise only say what would go")] = False,
     older: Annotated[float, typer.Option("--older-than-h", help="spare what is younger, hours")] = 1.0,
+    json: Json = None,
 ) -> None:
     """Remove what nothing refers to: products no readable link leads to, directly or as an input."""
     from gravcal.data import housekeeping
 
     unused = housekeeping.prune(older * 3600, remove)
-    for path, size in unused:
-        output.say(f"{size:>12}  {path}")
+    output.write_json([{"path": str(path), "bytes": size, "removed": remove} for path, size in unused], json)
+    if not output.to_screen(json):
+        return
+    if unused:
+        output.table(["bytes", "path"], [[size, path] for path, size in unused])
     verb = "removed" if remove else "would be removed (--remove does it)"
     output.say(f"{len(unused)} entries, {sum(size for _, size in unused) / 1e6:.1f} MB {verb}")
 
 
-def history(product: Product, json: Json = None) -> None:
+def history(
+    product: Product,
+    settings: Annotated[bool, typer.Option("--settings", help="with the settings of each")] = False,
+    json: Json = None,
+) -> None:
     """Print everything a product was made of, down to the raw files."""
     from gravcal.data import housekeeping, lineage
 
     node = lineage.tree(housekeeping.resolve(product))
     output.write_json(node, json)
     if output.to_screen(json):
-        _print_node(node, 0, set())
+        heads = ["product or file", "key or digest", "version", "made"]
+        output.table(heads, list(_history_rows(node, 0, set(), settings)))
 
 
 def rebuild(product: Product, json: Json = None) -> None:
@@ -96,7 +119,8 @@ def rebuild(product: Product, json: Json = None) -> None:
     from flows.remake import remake
     from gravcal.data import housekeeping
 
-    outcome = remake(housekeeping.resolve(product))
+    with cli_progress.waiting("rebuilding"):
+        outcome = remake(housekeeping.resolve(product))
     output.write_json(outcome, json)
     if output.to_screen(json):
         rows = [[one["stage"], one["verdict"], one["why"]] for one in outcome["stages"]]
@@ -112,21 +136,19 @@ def _summary(entry):
     return {"product": entry.ref.name, "path": str(entry.ref.path), "newest": entry.newest} | known
 
 
-def _print_node(node, depth, seen):
-    """Print a product, its settings and its inputs, each product once."""
-    indent = "  " * depth
+def _history_rows(node, depth, seen, settings):
+    """Rows of a product, its settings if wanted, and its inputs, each product once."""
+    name = "  " * depth + node["name"]
     if node["record"] is None:
-        digest = f"  sha256 {node['digest'][:12]}" if "digest" in node else "  (no longer in the store)"
-        output.say(f"{indent}{node['name']}{digest}")
+        yield [name, node["digest"][:12] if "digest" in node else "(no longer in the store)", "", ""]
         return
     record = node["record"]
     key = record["key"]
-    again = "  (see above)" if key in seen else ""
-    output.say(f"{indent}{node['name']}  {key[:12]}  version {record['recipe']['version']}  {record['made']}{again}")
-    if again:
+    yield [name, key[:12], str(record["recipe"]["version"]), "(see above)" if key in seen else record["made"]]
+    if key in seen:
         return
     seen.add(key)
-    for name, value in record["recipe"]["settings"].items():
-        output.say(f"{indent}  . {name} = {value}")
+    for setting, value in record["recipe"]["settings"].items() if settings else ():
+        yield [f"{'  ' * depth}  . {setting} = {value}", "", "", ""]
     for inner in node["inputs"]:
-        _print_node(inner, depth + 1, seen)
+        yield from _history_rows(inner, depth + 1, seen, settings)

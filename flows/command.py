@@ -10,7 +10,7 @@ import shutil
 
 import typer
 
-from flows import cli_output, engine
+from flows import cli_progress, engine
 from gravcal.data import location
 from gravcal.errors import CatalogError, GravcalError, ProductError
 
@@ -82,7 +82,7 @@ def calibrate(calibration, source, chosen, engine_name, server=None):
     if engine_name not in engine.ENGINES:
         raise typer.BadParameter(f"--engine {engine_name}: expected one of {', '.join(engine.ENGINES)}")
     module = flow_module(calibration)
-    with cli_output.progress(module.calibrate.flow_name) as listener:
+    with cli_progress.progress(module.calibrate.flow_name) as listener:
         ref = engine.run(module.calibrate, source, chosen, engine=engine_name, listener=listener, server=server)
     return module.document(ref), ref
 
@@ -96,7 +96,7 @@ def discover(calibration, source, chosen, engine_name):
     if calibration not in flow.FLOWS:
         known = ", ".join([*flow.FLOWS, *flow.measured_views()])
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {known}")
-    with cli_output.progress(flow.FLOWS[calibration].flow_name) as listener:
+    with cli_progress.progress(flow.FLOWS[calibration].flow_name) as listener:
         ref = engine.run(flow.FLOWS[calibration], source, chosen, engine=engine_name, listener=listener)
     return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
 
@@ -134,7 +134,8 @@ def _source_again(module, event, folder, satellite, date):
 def detect(calibration, source, chosen):
     """Document with the manoeuvres found in the data."""
     module = flow_module(calibration)
-    return module.detected(engine.run(module.detect, source, chosen, engine="inline"))
+    with cli_progress.progress(module.detect.flow_name) as listener:
+        return module.detected(engine.run(module.detect, source, chosen, engine="inline", listener=listener))
 
 
 def simulate(calibration, out, seed_truth, effects, settings):
@@ -144,7 +145,7 @@ def simulate(calibration, out, seed_truth, effects, settings):
         strengths = {name: float(value) for name, value in pairs(effects).items()}
     except ValueError as error:
         raise typer.BadParameter(f"--effect: {error}; expected SLUG.PARAMETER=NUMBER") from error
-    with cli_output.waiting("simulating"):
+    with cli_progress.waiting(f"simulating {calibration}"):
         return flow_module(calibration).simulate(
             out, seed=seed, truth=truth, effects=strengths, settings=pairs(settings)
         )
