@@ -37,7 +37,8 @@ def run(campaign, waiting, calibrate, slots):
 
 def in_flow(campaign, waiting, calibrate, slots):  # noqa: ARG001 - as for run
     """Rows by number, each event a task of the flow that is running."""
-    return plain.windowed(waiting, functools.partial(_submit, calibrate), _settle, plain.AHEAD * slots)
+    width = plain.AHEAD * slots if slots > 1 else 1
+    return plain.windowed(waiting, functools.partial(_submit, calibrate), _settle, width)
 
 
 def table(rows):

@@ -27,6 +27,7 @@ START_LIMIT_S = 180.0  # a first start took 11 s on a quiet machine, a minute on
 DRAIN_LIMIT_S = 20.0
 OWN = "gravcal-process-"
 ENDED = ["COMPLETED", "FAILED", "CRASHED", "CANCELLED"]
+BEGUN = ["RUNNING", "PENDING", "CANCELLING"]
 SETTINGS = {
     "DO_NOT_TRACK": "1",
     "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
@@ -62,8 +63,12 @@ class Server:
     gate: object = None
 
 
-def begin():
+def begin(port=None):
     """Start a server without waiting for it, so that it comes up beside other work.
+
+    Parameters
+    ----------
+    port : int or None, wanted if nobody listens there
 
     Returns
     -------
@@ -77,7 +82,7 @@ def begin():
         home.mkdir(parents=True, exist_ok=True)
         gate = (home / "start.lock").open("w")
         fcntl.flock(gate, fcntl.LOCK_EX)
-        port = _free_port()
+        port = free_port(port)
         command = [sys.executable, "-m", "flows.prefect_server", str(port), str(os.getpid())]
         with (home / "server.log").open("ab") as log:
             child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
@@ -128,14 +133,40 @@ def own_tag():
 
 def bury(url):
     """Mark runs as crashed whose process on this machine was killed: the server cannot know."""
-    question = {"flow_runs": {"state": {"type": {"any_": ["RUNNING"]}}}}
-    crashed = {"state": {"type": "CRASHED", "name": "Crashed", "message": "its process was killed"}, "force": True}
     here = f"{OWN}{platform.node()}-"
     with contextlib.suppress(OSError, ValueError):
-        for run in ask(url, "/flow_runs/filter", question):
+        for run in _unfinished(url, {}):
             pids = [tag.removeprefix(here) for tag in run["tags"] if tag.startswith(here)]
             if pids and not Path(f"/proc/{pids[0]}").exists():
-                ask(url, f"/flow_runs/{run['id']}/set_state", crashed)
+                _crash(url, run)
+
+
+def bury_all(url, deployments):
+    """Mark all unfinished runs of deployments as crashed; for one who knows that nobody else runs them.
+
+    Parameters
+    ----------
+    url : str
+    deployments : list of their ids
+    """
+    with contextlib.suppress(OSError, ValueError):
+        for run in _unfinished(url, {"deployment_id": {"any_": [str(one) for one in deployments]}}):
+            _crash(url, run)
+
+
+def _unfinished(url, which):
+    """Flow runs that a process has begun, of those named."""
+    question = {"flow_runs": which | {"state": {"type": {"any_": BEGUN}}}}
+    return ask(url, "/flow_runs/filter", question)
+
+
+def _crash(url, run):
+    """Mark a flow run and its tasks as crashed."""
+    crashed = {"state": {"type": "CRASHED", "name": "Crashed", "message": "its process was killed"}, "force": True}
+    wanted = {"flow_runs": {"id": {"any_": [run["id"]]}}, "task_runs": {"state": {"type": {"any_": BEGUN}}}}
+    for task in ask(url, "/task_runs/filter", wanted):
+        ask(url, f"/task_runs/{task['id']}/set_state", crashed)
+    ask(url, f"/flow_runs/{run['id']}/set_state", crashed)
 
 
 def ask(url, path, question=None):
@@ -160,11 +191,14 @@ def _wait_for(server):
     raise Unavailable(f"{server.url} did not answer within {START_LIMIT_S:.0f} s; see {log}")
 
 
-def _free_port():
-    """A port nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return probe.getsockname()[1]
+def free_port(wanted=None):
+    """A port nobody listens on, the one wanted if possible."""
+    for port in (wanted or 0, 0):
+        with socket.socket() as probe, contextlib.suppress(OSError, OverflowError):
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((HOST, port))
+            return probe.getsockname()[1]
+    raise OSError(f"no free port on {HOST}")
 
 
 def serve(port, parent):

@@ -12,16 +12,18 @@ import prefect
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
 from prefect.cache_policies import NO_CACHE
 from prefect.states import Completed, Failed
+from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows import campaign, campaign_prefect, command, watch
 from gravcal.data import location, memo
 
 REPORTS = "GRAVCAL_REPORTS"  # address under which the store's objects are served, if they are
 AXES = "xyz"
+HOW = {"persist_result": False, "task_runner": ThreadPoolTaskRunner(max_workers=2 * (os.cpu_count() or 1))}
 REUSED = 100  # events with nothing to make that a run shows as tasks; the table has them all
 
 
-@prefect.flow(name="reprocess-all", persist_result=False)
+@prefect.flow(name="reprocess-all", **HOW)
 def reprocess_all(
     calibration: str = "com_offset",
     satellite: str | None = None,
@@ -33,7 +35,7 @@ def reprocess_all(
     return _campaign(calibration, satellite, data, settings, workers)
 
 
-@prefect.flow(name="new-data", persist_result=False)
+@prefect.flow(name="new-data", **HOW)
 def new_data(
     data: str,
     calibration: str = "com_offset",

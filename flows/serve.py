@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import fcntl
 import functools
 import os
 import signal
@@ -9,9 +10,10 @@ import threading
 from dataclasses import dataclass
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from flows import prefect_server, watch
-from gravcal.data import location
+from gravcal.data import location, memo
 from gravcal.errors import CatalogError, ProductError
 
 
@@ -24,6 +26,11 @@ class Served:
     every_s: float
     data: Path | None
     arguments: dict
+
+    @property
+    def name(self):
+        """Name of the deployments: that of the calibration."""
+        return self.arguments["calibration"]
 
 
 def serve(served, said):
@@ -40,27 +47,60 @@ def serve(served, said):
     ProductError : the server does not start
     """
     prefect_server.set_environment()
-    with contextlib.suppress(OSError):  # begin() says it better
-        Path(os.environ["PREFECT_HOME"]).expanduser().mkdir(parents=True, exist_ok=True)
     schedule = _schedule(served.cron)
     from prefect.settings import PREFECT_API_URL, temporary_settings
 
     try:
-        begun = prefect_server.begin()
-        with prefect_server.running(begun) as url, reports() as address:
-            os.environ |= {"PREFECT_API_URL": url, "GRAVCAL_REPORTS": address}
-            with temporary_settings({PREFECT_API_URL: url}), contextlib.suppress(KeyboardInterrupt):
-                _run(served, schedule, url, said)
+        with _alone(served.name):
+            begun = prefect_server.begin(_port(served, "pages"))
+            with prefect_server.running(begun) as url, reports(_port(served, "reports")) as address:
+                _keep_ports(served, begun, url, address)
+                os.environ |= {"PREFECT_API_URL": url, "GRAVCAL_REPORTS": address}
+                with temporary_settings({PREFECT_API_URL: url}), contextlib.suppress(KeyboardInterrupt):
+                    _run(served, schedule, (url, begun.child is not None), said)
     except prefect_server.Unavailable as error:
         raise ProductError(f"Prefect's server: {error}; expected it to answer. Look into that log.") from None
 
 
-def _run(served, schedule, url, said):
+@contextlib.contextmanager
+def _alone(name):
+    """Keep a second process from serving the same calibration on the same server."""
+    home = Path(os.environ["PREFECT_HOME"]).expanduser()
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        with (home / f"serve-{name}.lock").open("w") as held:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+    except BlockingIOError:
+        raise ProductError(
+            f"{home}: found another gravcal serve of {name}, expected none. End it, or name another GRAVCAL_PRODUCTS."
+        ) from None
+    except PermissionError as error:
+        raise ProductError(f"{home}: {error.strerror}; expected a folder that can be written. Correct it.") from None
+
+
+def _port(served, what):
+    """Port of the last time, so that links and bookmarks stay good; None the first time."""
+    found = memo.recall(f"port-{what}-{served.name}")
+    return found if isinstance(found, int) else None
+
+
+def _keep_ports(served, begun, url, address):
+    """Remember the ports for the next time; a server of the user's own keeps its."""
+    memo.remember(f"port-reports-{served.name}", urlsplit(address).port)
+    if begun.child is not None:
+        memo.remember(f"port-pages-{served.name}", urlsplit(url).port)
+
+
+def _run(served, schedule, server, said):
     """Register the deployments and wait for their runs, one at a time."""
     from prefect.runner import Runner
 
-    runner, ended = Runner(name="gravcal", limit=1), threading.Event()
-    known = {one.name: runner.add_deployment(one) for one in _deployments(served, schedule)}
+    (url, is_own), ended = server, threading.Event()
+    runner = Runner(name=f"gravcal {served.name}", limit=1)
+    known = {flow: runner.add_deployment(one) for flow, one in _deployments(served, schedule).items()}
+    if is_own:
+        prefect_server.bury_all(url, list(known.values()))
     said(f"Prefect {url.removesuffix('/api')}")
     said(f"reprocess-all at {served.cron} UTC")
     if served.watched:
@@ -86,18 +126,18 @@ async def _until_told(runner):
 
 
 def _deployments(served, schedule):
-    """Deployments: by the clock and, if a folder is watched, on its changes."""
+    """Deployments by flow: by the clock and, if a folder is watched, on its changes; named like the calibration."""
     from prefect.deployments.runner import EntrypointType
 
     from flows import scheduled
 
     how = {"entrypoint_type": EntrypointType.MODULE_PATH}
-    data = {"data": str(served.data.absolute())} if served.data else {}
-    given = served.arguments | data
-    made = [scheduled.reprocess_all.to_deployment("reprocess-all", schedule=schedule, parameters=given, **how)]
+    given = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
+    flow = scheduled.reprocess_all
+    made = {flow.name: flow.to_deployment(served.name, schedule=schedule, parameters=given, **how)}
     if served.watched:
-        given = served.arguments | {"data": str(served.watched.absolute())}
-        made.append(scheduled.new_data.to_deployment("new-data", parameters=given, **how))
+        flow, given = scheduled.new_data, served.arguments | {"data": str(served.watched.absolute())}
+        made[flow.name] = flow.to_deployment(served.name, parameters=given, **how)
     return made
 
 
@@ -114,12 +154,17 @@ def _schedule(cron):
 
 
 @contextlib.contextmanager
-def reports():
-    """Address under which the products of the store can be read on this machine, as long as the block lasts."""
+def reports(port=None):
+    """Address under which the products of the store can be read on this machine, as long as the block lasts.
+
+    Parameters
+    ----------
+    port : int or None, wanted if nobody listens there
+    """
     objects = location.folder() / "objects"
     objects.mkdir(parents=True, exist_ok=True)
     handler = functools.partial(_Quiet, directory=str(objects))
-    with ThreadingHTTPServer((prefect_server.HOST, 0), handler) as pages:
+    with ThreadingHTTPServer((prefect_server.HOST, prefect_server.free_port(port)), handler) as pages:
         threading.Thread(target=pages.serve_forever, daemon=True).start()
         try:
             yield f"http://{prefect_server.HOST}:{pages.server_port}"

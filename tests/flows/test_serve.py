@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from flows import prefect_server, serve, watch
+from flows import campaign_prefect, prefect_server, serve, watch
+from gravcal.data import memo
 from gravcal.errors import CatalogError
 
 ROOT = Path(__file__).parents[2]
@@ -60,17 +61,24 @@ def _prefect(monkeypatch, prefect_home):
         monkeypatch.setenv(name, value)
 
 
-@pytest.fixture
-def served(environment, events):
-    """Return the address of the server of a gravcal that serves, and end it."""
+def begin(environment, events):
+    """Start a gravcal that serves: its process and the address of its server."""
     options = ["fakecal", "--watch", str(events), "--every", "0.5", "--workers", "0", "--cron", "30 4 * * *"]
-    command = [sys.executable, str(SCRIPT), "serve", *options]
     process = subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        [sys.executable, str(SCRIPT), "serve", *options],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     address = process.stdout.readline().split()[1:]
     assert address, process.stderr.read()
-    yield f"{address[0]}/api"
+    return process, f"{address[0]}/api"
+
+
+def end(process, url):
+    """End a gravcal that serves, silently and with its server."""
     process.send_signal(signal.SIGTERM)
     try:
         _, errors = process.communicate(timeout=60)
@@ -80,22 +88,33 @@ def served(environment, events):
     assert process.returncode == 0
     assert errors == ""
     with pytest.raises(OSError, match="refused"):
-        prefect_server.ask(f"{address[0]}/api", "/health")
+        prefect_server.ask(url, "/health")
 
 
-def finished(url, count):
+@pytest.fixture
+def served(environment, events):
+    """Return the address of the server of a gravcal that serves, and end it."""
+    process, url = begin(environment, events)
+    yield url
+    end(process, url)
+
+
+def runs(url, events, kinds):
+    """Runs on a folder in such states, newest first; the server knows those of other tests too."""
+    question = {"flow_runs": {"state": {"type": {"any_": kinds}}}, "sort": "START_TIME_DESC"}
+    found = prefect_server.ask(url, "/flow_runs/filter", question)
+    return [run for run in found if run["parameters"].get("data") == str(events)]
+
+
+def finished(url, events, count):
     """Wait for so many runs that ended by themselves; newest first."""
     limit = time.monotonic() + LIMIT_S
-    question = {"flow_runs": {"state": {"type": {"any_": prefect_server.ENDED}}}, "sort": "END_TIME_DESC"}
     while time.monotonic() < limit:
-        runs = prefect_server.ask(url, "/flow_runs/filter", question | {"flow_runs": {**question["flow_runs"], **OURS}})
-        if len(runs) >= count:
-            return runs
+        found = runs(url, events, prefect_server.ENDED)
+        if len(found) >= count:
+            return found
         time.sleep(0.3)
-    raise AssertionError(f"{len(runs)} runs ended, expected {count}")
-
-
-OURS = {"deployment_id": {"is_null_": False}}
+    raise AssertionError(f"{len(found)} runs ended, expected {count}")
 
 
 def states(url, run):
@@ -113,22 +132,74 @@ def artifacts(url, run):
 
 def test_new_data_and_the_clock_start_campaigns(served, events, pipeline):
     """Contract: what is in the folder is processed, then what arrives, then all on demand; the page says it all."""
-    first = finished(served, 1)[0]
+    first = finished(served, events, 1)[0]
     assert first["state"]["name"] == "Delivered", first["state"]
     assert states(served, first) == {"fake-1": "Delivered"}
     table = json.loads(artifacts(served, first)["fakecal-offsets"])
     assert [(row["event"], row["status"], row["made"]) for row in table] == [("fake-1", "delivered", 2)]
     (events / "2").mkdir()
     (events / "2" / "SCA1B_2020-02-01_C_04.txt").write_text("not what is wanted")
-    second = finished(served, 2)[0]
+    second = finished(served, events, 2)[0]
     assert (second["state"]["type"], second["state"]["message"]) == ("FAILED", "delivered: 1, failed: 1")
     assert states(served, second) == {"fake-1": "Delivered", "fake-2": "Failed"}
-    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/reprocess-all")
+    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/fakecal")
     assert [one["schedule"]["cron"] for one in deployment["schedules"] if one["active"]] == ["30 4 * * *"]
     prefect_server.ask(served, f"/deployments/{deployment['id']}/create_flow_run", {})
-    third = finished(served, 3)[0]
+    third = finished(served, events, 3)[0]
     assert third["deployment_id"] == deployment["id"]
     assert json.loads(artifacts(served, third)["fakecal-offsets"])[0]["made"] == 0
+
+
+def test_a_second_process_does_not_serve_the_same_calibration(served, environment, events):  # noqa: ARG001
+    """Contract: refused at once, with what to do; the first goes on."""
+    command = [sys.executable, str(SCRIPT), "serve", "fakecal", "--watch", str(events)]
+    second = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert second.returncode == 1
+    assert "another gravcal serve" in second.stderr
+    assert prefect_server.ask(served, "/health") is True
+
+
+def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environment, events, pipeline, store_folder):
+    """Contract: the page shows an event at work; after kill -9 of all, the next start marks it and goes on."""
+    begun = events.parent / "begun"
+    code = f"import pathlib, time; mark = pathlib.Path({str(begun)!r})"
+    code += "; first = not mark.exists(); mark.touch(); time.sleep(120 * first)"
+    pipeline.replace("first.py", "    values =", f"    {code}\n    values =")
+    process, url = begin(environment, events)
+    limit = time.monotonic() + LIMIT_S
+    while not begun.exists() and time.monotonic() < limit:
+        time.sleep(0.2)
+    (run,) = runs(url, events, ["RUNNING"])
+    running = {}
+    while not running and time.monotonic() < limit:  # the server records a task within a second
+        running = states(url, run)
+        time.sleep(0.2)
+    ports = [memo.recall(f"port-{what}-fakecal") for what in ("pages", "reports")]
+    os.killpg(process.pid, signal.SIGKILL)
+    for child in prefect_children(events):
+        os.kill(child, signal.SIGKILL)
+    process.communicate()
+    assert running == {"fake-1": "Running"}
+    process, url = begin(environment, events)
+    again = prefect_server.ask(url, f"/flow_runs/{run['id']}")
+    assert again["state"]["name"] == "Crashed"
+    assert states(url, run) == {"fake-1": "Crashed"}
+    assert finished(url, events, 2)[0]["state"]["name"] == "Delivered"
+    assert [memo.recall(f"port-{what}-fakecal") for what in ("pages", "reports")] == ports
+    end(process, url)
+
+
+def prefect_children(events):
+    """Processes that still run something on a folder: a run is in a session of its own."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            known = (folder / "environ").read_bytes()
+        except OSError:
+            continue
+        if f"FAKE_FLOWS={events.parent / 'extra'}".encode() in known.split(b"\0"):
+            found.append(int(folder.name))
+    return found
 
 
 def test_a_folder_is_new_when_it_changed_and_came_to_rest(tmp_path):
@@ -157,7 +228,7 @@ def test_a_folder_is_new_when_it_changed_and_came_to_rest(tmp_path):
 @pytest.mark.usefixtures("_prefect")
 def test_no_time_of_the_clock_is_refused():
     """Contract: before a server is started."""
-    nothing = serve.Served("whenever", None, 1.0, None, {})
+    nothing = serve.Served("whenever", None, 1.0, None, {"calibration": "fakecal"})
     with pytest.raises(CatalogError, match="whenever"):
         serve.serve(nothing, print)
 
@@ -182,9 +253,8 @@ def test_the_row_of_an_event_shows_its_adopted_offset_and_links_its_report(monke
     """Contract: three components with sigma; what is not determined stays empty; the link leads to the served page."""
     from flows import scheduled
 
-    block = {"offset_um": [1.0, None, -3.0], "sigma_um": [0.5, None, 0.25]}
-    document = {"adopted": {"variant": "mtq"}, "variants": {"mtq": block}}
-    row = scheduled._table_row({"event": "one", "status": "delivered", "document": document})
+    adopted = {"variant": "mtq", "offset_um": [1.0, None, -3.0], "sigma_um": [0.5, None, 0.25]}
+    row = scheduled._table_row({"event": "one", "status": "delivered", "adopted": adopted})
     assert (row["variant"], row["x"], row["y"], row["z"]) == ("mtq", "1.00 +- 0.50", "", "-3.00 +- 0.25")
     folder = store_folder / "objects" / "ab" / "key"
     folder.mkdir(parents=True)
@@ -192,6 +262,22 @@ def test_the_row_of_an_event_shows_its_adopted_offset_and_links_its_report(monke
     assert list(scheduled._links({"report": str(folder)})) == [(folder / "report.html").as_uri()]
     monkeypatch.setenv(scheduled.REPORTS, "http://127.0.0.1:1")
     assert list(scheduled._links({"report": str(folder)})) == ["http://127.0.0.1:1/ab/key/report.html"]
+
+
+def test_a_port_that_is_taken_is_replaced():
+    """Contract: the wanted port if nobody listens there, otherwise another."""
+    with serve.reports() as address:
+        port = int(address.rpartition(":")[2])
+        assert prefect_server.free_port(port) != port
+    assert prefect_server.free_port(port) == port
+    assert prefect_server.free_port(123456) < 65536
+
+
+def test_the_table_of_a_page_begins_with_what_failed():
+    """Contract: a thousand rows at most; it says how many are left out."""
+    rows = [{"event": number, "status": "delivered" if number else "failed"} for number in range(1003)][::-1]
+    shown, left_out = campaign_prefect.table(rows)
+    assert (shown[0]["event"], len(shown), left_out) == (0, 1000, "; 3 of 1003 events are not shown")
 
 
 @pytest.mark.usefixtures("_prefect")
