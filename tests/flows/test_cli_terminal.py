@@ -1,0 +1,175 @@
+"""The command line on a terminal: aligned tables, colour, completion, progress; and JSON from every command."""
+
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+
+import pytest
+from typer.main import get_command
+
+from flows import cli, cli_complete, cli_progress
+
+GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
+WITHOUT_DOCUMENT = {"browse", "serve"}  # they go on until they are ended
+COLOUR = "\x1b["
+
+
+def on_a_terminal(arguments, **environment):
+    """Everything a command writes to a pseudo-terminal of 120 columns."""
+    leader, follower = pty.openpty()
+    kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
+    settings = kept | {"TERM": "xterm", "COLUMNS": "120"} | environment
+    with subprocess.Popen([*GRAVCAL, *map(str, arguments)], stdout=follower, stderr=follower, env=settings) as command:
+        os.close(follower)
+        said = b""
+        while True:
+            try:
+                piece = os.read(leader, 65536)
+            except OSError:  # the other side is closed
+                break
+            if not piece:
+                break
+            said += piece
+        command.wait()
+    os.close(leader)
+    return said.decode(errors="replace")
+
+
+def piped(arguments, **environment):
+    """Everything a command writes into a pipe."""
+    done = subprocess.run(
+        [*GRAVCAL, *map(str, arguments)], env=os.environ | environment, capture_output=True, text=True, check=False
+    )
+    return done.stdout
+
+
+def commands(group, name=()):
+    """Every command with its words."""
+    for word, one in group.commands.items():
+        if hasattr(one, "commands"):
+            yield from commands(one, (*name, word))
+        else:
+            yield " ".join((*name, word)), one
+
+
+def test_help_teaches_the_main_path_in_ten_lines():
+    """Contract: ten lines of examples, from a demo to the store."""
+    said = piped(["--help"], TERM="dumb")
+    lines = [line for line in said.splitlines() if re.match(r"\s+gravcal \w+", line)]
+    assert len(lines) == 10
+    assert [line.split()[1] for line in lines][:3] == ["demo", "fetch", "run"]
+    assert max(map(len, said.splitlines())) <= 120
+
+
+def test_every_command_gives_json():
+    """Contract: --json on all that end by themselves."""
+    known = dict(commands(get_command(cli.app)))
+    without = {name for name, one in known.items() if "--json" not in {o for p in one.params for o in p.opts}}
+    assert without == WITHOUT_DOCUMENT
+
+
+def test_colour_is_for_terminals_that_want_it(pipeline):
+    """Contract: bold heads on a terminal; none in a pipe, with NO_COLOR or on a dumb terminal; the same text."""
+    pipeline.run()
+    words = ("products",)
+    plain, painted = piped(words), on_a_terminal(words)
+    assert COLOUR not in plain
+    assert COLOUR in painted
+    assert COLOUR not in on_a_terminal(words, NO_COLOR="1")
+    assert COLOUR not in on_a_terminal(words, TERM="dumb")
+    bare = re.sub(r"\x1b\[[0-9;]*m", "", painted).replace("\r\n", "\n")
+    assert [line.rstrip() for line in bare.splitlines()] == plain.splitlines()
+
+
+def test_tables_are_aligned(pipeline):
+    """Contract: every column of products and history begins where its head does."""
+    pipeline.run()
+    name = f"fake-1/{pipeline.name}.join"
+    for words in (("products",), ("history", name)):
+        lines = piped(words).splitlines()
+        starts = [found.start() for found in re.finditer(r"(?<=  )\S", lines[0])]
+        assert starts
+        for line in lines[1:]:
+            assert all(line[at - 2 : at] in ("  ", "") for at in starts[-1:])
+    assert "  . gain = 3.0" in piped(("history", name, "--settings"))
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_shell_can_complete(shell):
+    """Contract: a script for each shell, as its users install it."""
+    said = piped(["--show-completion", shell], _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    assert f"complete_{shell}" in said
+
+
+def test_completion_offers_what_exists(pipeline):
+    """Contract: calibrations, events of catalogue and store, products, settings."""
+    pipeline.run()
+    assert cli_complete.calibrations("com") == ["com_offset"]
+    assert {"fake-1"} == set(cli_complete.events("fake"))
+    assert "grace-c-2020-02-01" in cli_complete.events("grace-c-2020")
+    assert f"fake-1/{pipeline.name}.join" in cli_complete.products("fake-1/")
+    context = type("Context", (), {"params": {"calibration": "com_offset"}, "info_name": "run"})
+    assert cli_complete.settings(context, "lowpass") == ["lowpass_hz="]
+    assert cli_complete.settings(type("Context", (), {"params": {}, "info_name": "run"}), "low") == []
+
+
+def test_time_left_counts_down_and_stops_at_what_is_done():
+    """Analytic: parts of 30 s and 10 s; after the first is done 10 s are left; nothing known, nothing said."""
+    left = cli_progress.Left({"long": 30.0, "short": 10.0})
+    assert str(left) == "about 40 s left"
+    left.note("long")
+    assert str(left) == "about 10 s left"
+    left.since["at"] -= 20
+    assert str(left) == "done in a moment"
+    assert str(cli_progress.Left({})) == ""
+
+
+def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
+    """Contract: on a terminal the next run knows the seconds of each stage that was made."""
+    from flows import engine
+    from gravcal.data import memo
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with cli_progress.progress("fake") as listener:
+        flow = pipeline.module("flow").calibrate
+        engine.run(flow, pipeline.file(), pipeline.chosen, engine="inline", listener=listener)
+    assert set(memo.recall("seconds-fake")) == {
+        f"{pipeline.name}.{stage}" for stage in ("start", "scale.one", "scale.other", "join")
+    }
+    with cli_progress.waiting("work"):
+        pass
+    assert set(memo.recall("seconds-work")) == {"work"}
+
+
+def test_nothing_is_shown_in_a_pipe(capsys):
+    """Contract: no progress where standard error is no terminal."""
+    with cli_progress.progress("fake") as listener, cli_progress.waiting("work"):
+        assert listener is None
+    assert capsys.readouterr().err == ""
+
+
+class Terminal:
+    """Standard error that says it is a terminal and forgets what it is told."""
+
+    encoding = "utf-8"
+
+    def isatty(self):
+        """Yes."""
+        return True
+
+    def write(self, text):
+        """Forget."""
+        return len(text)
+
+    def flush(self):
+        """Nothing to do."""
+
+
+def test_problems_come_as_json(pipeline):
+    """Contract: documents of verify and prune."""
+    pipeline.run()
+    assert json.loads(piped(("products", "verify", "--json", "-")))["problems"] == []
+    assert json.loads(piped(("products", "prune", "--json", "-"))) == []
