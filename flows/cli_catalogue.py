@@ -56,13 +56,16 @@ def series(
 
 def save_event(calibration, source, document):
     """Name of the event stored in the user's own catalogue with its manoeuvres and the digests of its files."""
-    from datetime import date
+    from datetime import date, timedelta
 
     from flows import command
     from gravcal.data import catalog, memo
 
     files = command.flow_module(calibration).level_one_files(source)
     digests = {file.name: memo.file_digest(file.path, file.member) for file in files}
-    day, letters = date.fromisoformat(source.date), tuple(source.satellite)
+    first = date(2000, 1, 1) + timedelta(
+        days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5
+    )
+    day, letters = date.fromisoformat(source.date) if source.date else first, tuple(source.satellite)
     text = catalog.event_text(calibration, letters, day, document["manoeuvres"], digests)
     return catalog.save_event(source.event, text).name

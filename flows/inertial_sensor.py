@@ -106,6 +106,11 @@ def days(data):
     return [(folder, "T", None) for folder in folders]
 
 
+def level_one_files(source):
+    """Files of all days of a source."""
+    return [one for files in _days(source).values() for one in files.values()]
+
+
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
     result = json.loads((ref.folder / "result.json").read_text())

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from datetime import datetime
+from dataclasses import replace
+from datetime import date as calendar
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from flows.engine import flow
@@ -11,6 +13,7 @@ from gravcal.data import catalog
 from tasks import common, kbr_phase_centre
 from tasks.stage import read
 
+ORIGIN = datetime(2000, 1, 1, 12)
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
 #: Letters of a pair and of its common products, by any letter that may be given.
 PAIRS = {letter: pair for pair in ("AB", "CD") for letter in (*pair, pair)} | {"X": "AB", "Y": "CD"}
@@ -18,6 +21,8 @@ COMMON = {"AB": "X", "CD": "Y"}
 #: Level-1 products read, most wanted first.
 RANGING = ("KBR1B", "LRI1B")
 ORBIT = ("GNI1B", "GNV1B")
+#: Days that the sub-manoeuvres of one campaign may be spread over.
+LONGEST = 31
 
 
 @flow(name="kbr_phase_centre")
@@ -46,22 +51,58 @@ def detect(source, chosen):
     return kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
 
 
-def _files(source, chosen):
-    """Ranging, orbits and attitudes, read; the other ranging where the wanted one is not there."""
-    ranging = sorted(RANGING, key=lambda name: name != chosen.ranging)
+def level_one_files(source, first="KBR1B"):
+    """Level-1 files of all days: ranging, orbits and attitudes of each; the other ranging where the wanted is missing.
+
+    Parameters
+    ----------
+    source : Source, without a date if it has all days of the folder
+    first : ranging product wanted
+    """
+    ranging = sorted(RANGING, key=lambda name: name != first)
     wanted = [(ranging, COMMON[source.satellite])]
     wanted += [(products, letter) for products in (ORBIT, ("SCA1B",)) for letter in source.satellite]
-    return [common.ingest(source.file(*products, satellite=letter), event=source.event) for products, letter in wanted]
+    sources = [replace(source, date=day) for day in _days(source)]
+    return [one.file(*products, satellite=letter) for one in sources for products, letter in wanted]
+
+
+def _files(source, chosen):
+    """The files, read."""
+    return [common.ingest(file, event=source.event) for file in level_one_files(source, chosen.ranging)]
+
+
+def _days(source):
+    """Days of a source: its own and those of its manoeuvres in the catalogue, or all of the folder."""
+    there = _dates(source.folder, COMMON[source.satellite])
+    if not source.date:
+        return there
+    spans = [second for _, one in _known(source.event) for second in (one.start, one.stop)]
+    days = {(ORIGIN + timedelta(seconds=second)).date().isoformat() for second in spans}
+    return sorted({source.date} | days.intersection(there))
+
+
+def _known(event):
+    """Letter and manoeuvre of all that the catalogue holds for an event."""
+    known = {one.name: one for one in catalog.events(calibration="kbr_phase_centre")}.get(event)
+    found = known.found if known else ()
+    return [(letter, one) for one in found for letter in (one.satellite or known.letters)]
+
+
+def _dates(folder, letter):
+    """Days of a folder with ranging, of one pair or of the only one."""
+    from gravcal.data import archive
+
+    files = [f for f in archive.inventory(folder) if f.product in RANGING and letter in (None, f.satellite)]
+    return sorted({file.date for file in files})
 
 
 def _pointing_settings(source, chosen):
     """Settings of the pointing stage, with the manoeuvres that the catalogue holds for this event."""
-    known = {one.name: one for one in catalog.events(calibration="kbr_phase_centre")}.get(source.event)
     given = []
-    for one in known.found if known else ():
+    for letter, one in _known(source.event):
         axis = ("pitch", "yaw").index(one.kind.lstrip("+-"))
         sign = {"+": 1, "-": -1}.get(one.kind[0], 0)
-        given += [(source.satellite.index(letter), axis, sign, one.start, one.stop) for letter in known.letters]
+        given += [(source.satellite.index(letter), axis, sign, one.start, one.stop)]
     return chosen.for_stage("pointing") | {"nominal_m": _nominal(source.satellite), "given": tuple(given)}
 
 
@@ -85,18 +126,15 @@ def _report_settings(source, chosen):
 
 
 def source(*, event=None, data=None, satellite=None, date=None):
-    """Source of a catalogue event or of a folder; one satellite stands for its pair."""
+    """Source of a catalogue event or of a folder, one day of it or all; one satellite stands for its pair."""
     letter = COMMON[PAIRS[satellite]] if satellite in PAIRS else satellite
-    found = common.source_of("kbr_phase_centre", RANGING, event=event, data=data, satellite=letter, date=date)
+    days = _dates(data, letter) if data is not None and date is None and Path(data).is_dir() else []
+    joined = len(days) > 1 and (calendar.fromisoformat(days[-1]) - calendar.fromisoformat(days[0])).days < LONGEST
+    first = days[0] if joined else date
+    found = common.source_of("kbr_phase_centre", RANGING, event=event, data=data, satellite=letter, date=first)
     pair = PAIRS.get(found.satellite, found.satellite)
     name = found.event if event is not None else f"grace-{pair.lower()}-{found.date}"
-    return common.Source(name, pair, found.date, found.folder)
-
-
-def days(data):
-    """Folders, pairs and dates of the events below a folder."""
-    found = [(folder, PAIRS[letter], date) for folder, letter, date in common.days_of(RANGING, data)]
-    return list(dict.fromkeys(found))
+    return common.Source(name, pair, None if joined else found.date, found.folder)
 
 
 def document(ref):
@@ -134,7 +172,7 @@ def simulate(out, *, seed, truth, effects, settings):
     from gravcal.simulation.injection import by_slug
 
     chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings(settings)
-    day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()
+    day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
     columns, invented = simulation.simulate(chosen.satellites, chosen, day, seed, by_slug(effects))
     Path(out).mkdir(parents=True, exist_ok=True)
     for (product, letter), values in columns.items():

@@ -32,11 +32,15 @@ class Designed:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One manoeuvre found in the data; start and stop in GPS seconds past 2000-01-01 12:00:00."""
+    """One manoeuvre found in the data; start and stop in GPS seconds past 2000-01-01 12:00:00.
+
+    satellite : letter, where the event is of several and one of them moved
+    """
 
     kind: str
     start: float
     stop: float
+    satellite: str = ""
 
 
 @dataclass(frozen=True)
@@ -174,10 +178,10 @@ def _designed(table, path):
 
 def _found(table, path):
     """Manoeuvre found in the data."""
-    files.require(table, FOUND, f"{path}: [[found]]")
+    files.require(table, FOUND, f"{path}: [[found]]", ("satellite",))
     if not table["stop"] > table["start"]:
         raise files.wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
-    return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]))
+    return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]), table.get("satellite", ""))
 
 
 def _days(first, last):

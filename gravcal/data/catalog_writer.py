@@ -82,4 +82,6 @@ def save_event(name, text):
 
 def _lines(row):
     """Lines of one found manoeuvre; times keep all their digits."""
-    return [f'kind = "{row["kind"]}"', f"start = {float(row['start'])!r}", f"stop = {float(row['stop'])!r}"]
+    letter = [f'satellite = "{row["satellite"]}"'] if row.get("satellite") else []
+    times = [f"{name} = {float(row[name])!r}" for name in ("start", "stop")]
+    return [f'kind = "{row["kind"]}"', *times, *letter]

@@ -138,3 +138,23 @@ def test_an_event_of_the_catalogue_stands_for_its_pair(tmp_path, monkeypatch):
     assert (source.event, source.satellite, source.date) == ("grace-d-2020-09-28", "CD", "2020-09-28")
     with pytest.raises(ProductError, match="found no KBR1B or LRI1B of satellite Y on 2020-09-28"):
         engine.run(kbr_phase_centre.calibrate, source, catalog.parameters("kbr_phase_centre"), engine="inline")
+
+
+def test_a_campaign_over_days_is_one_solution(tmp_path):
+    """Recovery: wiggles of A on one day and of B two days later, a day between missing; all within 4.5 sigma."""
+    shared = QUICK | {"quiet_s": 600.0, "first_start_s": 2000.0}
+    for date, letter in (("2020-09-17", "a"), ("2020-09-19", "b")):
+        wiggles = ",".join(f"{sign}{axis}_{letter}" for axis in ("pitch", "yaw") for sign in "+-")
+        settings = shared | {"date": date, "manoeuvres": wiggles}
+        truth = kbr_phase_centre.simulate(tmp_path, seed=4, truth=None, effects={}, settings=settings)
+    document, ref = run(tmp_path)
+    validate(document)
+    assert document["event"] == "grace-cd-2020-09-17"
+    assert [one["kind"] for one in document["manoeuvres"]] == 2 * ["+pitch", "-pitch", "+yaw", "-yaw"]
+    for letter in "CD":
+        found = document["adopted"]["satellites"][letter]
+        error = np.array(found["phase_centre_mm"]) - truth["phase_centre_mm"][letter]
+        assert np.all(np.abs(error) < 4.5 * np.array(found["sigma_mm"]))
+    one_day = kbr_phase_centre.source(data=tmp_path, date="2020-09-19")
+    assert [file.date for file in kbr_phase_centre.level_one_files(one_day)] == 5 * ["2020-09-19"]
+    assert ref.event == document["event"]

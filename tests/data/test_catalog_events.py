@@ -147,3 +147,13 @@ def test_a_broken_event_file_says_file_key_found_and_expected(own_folder, change
     (own_folder / "events" / "zed.toml").write_text(EVENT.replace(*change))
     with pytest.raises(CatalogError, match=message):
         catalog.event("zed")
+
+
+def test_a_saved_event_of_a_pair_keeps_whose_manoeuvre_it_was(tmp_path, monkeypatch):
+    """Contract: satellite letters go into the file and come back."""
+    (tmp_path / "events").mkdir()
+    monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path))
+    found = [{"kind": "+pitch", "start": 6.5e8, "stop": 6.5e8 + 3780.0, "satellite": "D"}]
+    text = catalog.event_text("kbr_phase_centre", ("C", "D"), datetime.date(2020, 8, 7), found, {})
+    saved = catalog.save_event("grace-cd-2020-08-07", text)
+    assert [(one.satellite, one.kind) for one in saved.found] == [("D", "+pitch")]

@@ -17,15 +17,17 @@ READINGS = ("biased_range", "range_rate", "range_accl", "lighttime_corr", "light
 GAP = 0b11000000  # quality bits of ranging: a filled sample within the window of the filter
 PHASE_BREAK = 1
 LONG_GAP = 30.0  # s, after which the phase is not trusted to go on
+PER_DAY = 5  # files
 READ = ("reading_range", "reading_range_rate", "reading_range_acceleration")
 
 
 def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr.Dataset:
-    """Orbits, attitudes and ranging of one day.
+    """Orbits, attitudes and ranging of one day or several.
 
     Parameters
     ----------
-    observed : Dataset, "ingest" of KBR1B or LRI1B, then the orbits of both satellites, then their SCA1B
+    observed : Dataset, "ingest" of KBR1B or LRI1B, then the orbits of both satellites, then their SCA1B; then the same
+        of the next day
     gap_limit_s : s, gaps of orbit or attitude up to this are interpolated
     break_limit_m : m, a step of the range against its own rate beyond this is a phase break
 
@@ -33,6 +35,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
     -------
     aligned : Dataset, "kbr_phase_centre.align"
     """
+    observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]
     streams = [_states(orbit) for orbit in orbits] + [_attitudes(camera) for camera in cameras]
     values = _ranging(kbr, break_limit_m)
@@ -48,6 +51,25 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
         "orbit": orbits[0].attrs.get("product", ""),
     }
     return build(ALIGN, values, **facts)
+
+
+def _joined(observed):
+    """The five streams, those of further days behind."""
+    days = [observed[k::PER_DAY] for k in range(PER_DAY)]
+    if len(observed) == PER_DAY:
+        return observed
+    for files in days:
+        products = {one.attrs.get("product") for one in files}
+        if len(products) > 1:
+            raise EstimationError(
+                f"{files[0].attrs.get('file', '')}: found {' and '.join(sorted(map(str, products)))} on different "
+                f"days, expected one product. Put the same product there for every day, or give --date.",
+            )
+    names = [set.intersection(*(set(one.data_vars) for one in files)) for files in days]
+    return [
+        xr.concat([one[sorted(kept)] for one in files], dim=files[0]["time_second"].dims[0], combine_attrs="override")
+        for files, kept in zip(days, names, strict=True)
+    ]
 
 
 def _sorted(observed, names):
