@@ -96,13 +96,14 @@ def finding(result, position: int, label: str, level: float, tie: float) -> dict
     level : family-wise; tie : of chi-square
     """
     one, rivals = result.findings[position], _rivals(result, position)
+    equal = {r["cause"] for r in rivals if r["score"] > one.gain - 2 * one.dof - tie} - {one.cause}
     plain = lambda v: float(v) if np.isfinite(v) else None  # noqa: E731
     rows = zip(one.names, one.units, one.value, one.sigma, strict=True)
     return {
         "cause": one.cause,
         "form": one.form,
         "in": label,
-        "tied_with": sorted({*one.tied, *(r["cause"] for r in rivals if r["score"] > one.gain - 2 * one.dof - tie)}),
+        "tied_with": sorted({*one.tied, *equal}),
         "in_catalogue": not one.cause.startswith("unknown:"),
         "parameters": {n: {"value": plain(v), "sigma": plain(s), "unit": u} for n, u, v, s in rows},
         "significance": float(one.significance),
@@ -164,8 +165,22 @@ def _gain(result):
 
 
 def _tried(result):
-    """Gain of everything tried in the first round, best first."""
-    return [{"cause": t.cause, "form": t.form, "gain": float(t.gain), "dof": int(t.dof)} for t in result.first]
+    """What every candidate gains alone beside the baseline, best first, with its value and what error it would have."""
+    problem, rows = result.problem, []
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, ()))
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        one = attribution.ratio(gram, place, problem.size)
+        sigma = np.sqrt(np.diag(one.covariance))
+        known = sigma > 0
+        words = {"cause": candidate.cause, "form": candidate.form, "names": candidate.names, "units": candidate.units}
+        numbers = {"gain": float(one.gain), "dof": int(one.dof)}
+        pairs = {"value": _null(one.value, known), "sigma": _null(sigma, known)}
+        rows.append(words | numbers | pairs)
+    return sorted(rows, key=lambda r: 2 * r["dof"] - r["gain"])
+
+
+def _null(values, known):
+    return [float(v) if k else None for v, k in zip(values, known, strict=True)]
 
 
 VIEWS = {

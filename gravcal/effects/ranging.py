@@ -31,6 +31,33 @@ def _scale(context: Context, values):
     return context.extra["range"] * values[0]
 
 
+def _missing(context: Context, values):
+    """The reading less the antenna correction, which is added to it: rho_KBR = rho_COM - correction."""
+    return -context.extra["antenna_correction"] * values[0]
+
+
+def _centre(context: Context, values):
+    """Phase centres away from those of the correction; lines of sight from each satellite to the other."""
+    return -context.extra["line_of_sight_b"].reshape(-1, 6) @ np.asarray(values)
+
+
+def _mounting(context: Context, values):
+    """Star cameras turned: the arm x of the antenna is seen along y and z, R_A c_A moves by v x c."""
+    line, arm = context.extra["line_of_sight_b"], context.extra["antenna_x"]
+    levers = np.stack([-line[:, 0, 2] * arm[0], line[:, 0, 1] * arm[0]], axis=1)
+    others = np.stack([-line[:, 1, 2] * arm[1], line[:, 1, 1] * arm[1]], axis=1)
+    return -np.concatenate([levers, others], axis=1) @ np.asarray(values)
+
+
+def _orbit(context: Context, values):
+    angle = context.extra["argument"]
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.asarray(values)
+
+
+def _thermal(context: Context, values):
+    return context.extra["warmth"] * values[0]
+
+
 _PLACES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in ("pitch", "yaw"))
 
 EFFECTS = (
@@ -62,5 +89,44 @@ EFFECTS = (
         (Parameter("excess", "1", "reading is longer by this share", 1e-8),),
         _scale,
         "oscillator frequency; LRI1B gives 6.5e-8 for the laser",
+    ),
+    Effect(
+        "ranging.antenna_correction",
+        "range",
+        (Parameter("share", "1", "share of the antenna correction that is left out", 1.0),),
+        _missing,
+        "10.3390/rs14143395, eqs. 10-11 (erratum K-1)",
+    ),
+    Effect(
+        "ranging.phase_centre",
+        "range",
+        tuple(
+            Parameter(f"{a}_{k}", "m", f"phase centre of {k} further along {a} by", 1e-3) for k in "ab" for a in "xyz"
+        ),
+        _centre,
+        "10.3390/rs14143395, eq. 13 (erratum K-1)",
+    ),
+    Effect(
+        "ranging.star_camera_misalignment",
+        "range",
+        tuple(Parameter(n, "rad", f"attitude in error about {n}", 3e-4) for n in _PLACES),
+        _mounting,
+        "arm of the antenna times the angle",
+    ),
+    Effect(
+        "ranging.once_per_revolution",
+        "range",
+        tuple(
+            Parameter(n, "m", f"orbit error with the {n} of the argument of latitude", 3e-3) for n in ("cosine", "sine")
+        ),
+        _orbit,
+        "resonance of orbit errors, 10.3390/rs14143395, Sec. 4.1",
+    ),
+    Effect(
+        "ranging.thermal",
+        "range",
+        (Parameter("swing", "m", "reading is longer in full sunlight by", 1e-5),),
+        _thermal,
+        "warming of horn and wave guide",
     ),
 )

@@ -24,6 +24,8 @@ def context(seed=1, count=COUNT):
     square = 27.5 * np.sign(np.sin(2 * np.pi * (time - time[0] - 3.3) / 12))[:, None] * np.array([1.0, 0.02, -0.01])
     extra = {"mass": 580.0, "non_gravitational_b": 6e-8 * rng.standard_normal((count, 3))}
     extra |= {"angle": 0.03 * rng.standard_normal((count, 2, 2))}
+    extra |= {"antenna_correction": np.full(count, 2.9), "line_of_sight_b": rng.standard_normal((count, 2, 3))}
+    extra |= {"antenna_x": np.array([1.4, 1.4]), "argument": rng.uniform(0, 6, count)}
     extra |= {"nominal_impulse_b": 1e-3 * rng.standard_normal((count, 3))}
     extra |= {"radiation_b": 3e-8 * rng.standard_normal((count, 3)), "warmth": rng.uniform(0, 1, count)}
     extra |= {"linear_volt": rng.standard_normal((count, 3)), "displacement_b": 1e-6 * rng.standard_normal((count, 3))}
