@@ -286,9 +286,40 @@ def test_the_file_of_deployments_names_flows_that_exist():
     import importlib
 
     known = yaml.safe_load((ROOT / "prefect.yaml").read_text())
-    assert [one["name"] for one in known["deployments"]] == ["reprocess-all", "new-data"]
+    assert [one["entrypoint"] for one in known["deployments"]] == [
+        "flows.scheduled.reprocess_all",
+        "flows.scheduled.new_data",
+    ]
     for one in known["deployments"]:
         module, _, name = one["entrypoint"].rpartition(".")
         flow = getattr(importlib.import_module(module), name)
         assert set(one["parameters"]) <= set(flow.parameters.properties)
         assert one["work_pool"]["name"] == "gravcal"
+
+
+@pytest.mark.usefixtures("_prefect")
+def test_the_deployments_run_on_a_server_and_a_work_pool(environment, events, tmp_path, monkeypatch):
+    """Contract: prefect.yaml as it is, but for the calibration: deployed offline, run by a worker of a process pool."""
+    text = (ROOT / "prefect.yaml").read_text()
+    assert text.count("calibration: com_offset") == 1
+    (tmp_path / "prefect.yaml").write_text(text.replace("com_offset", "fakecal"))
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    with prefect_server.running(prefect_server.begin()) as url:
+        known = environment | prefect_server.SETTINGS | {"GRAVCAL_WATCH": str(events), "PREFECT_API_URL": url}
+        prefect(tmp_path, known, "work-pool", "create", "gravcal", "--type", "process", "--overwrite")
+        prefect(tmp_path, known, "--no-prompt", "deploy", "--all")
+        deployed = prefect_server.ask(url, "/deployments/name/new-data/fakecal")
+        assert [one["schedule"]["interval"] for one in deployed["schedules"]] == [300.0]
+        assert prefect_server.ask(url, "/deployments/name/reprocess-all/fakecal")["work_pool_name"] == "gravcal"
+        prefect_server.ask(url, f"/deployments/{deployed['id']}/create_flow_run", {})
+        prefect(tmp_path, known, "worker", "start", "--pool", "gravcal", "--run-once")
+        (run,) = finished(url, events, 1)
+        assert run["state"]["name"] == "Delivered", run["state"]
+        assert states(url, run) == {"fake-1": "Delivered"}
+
+
+def prefect(folder, environment, *arguments):
+    """Run Prefect's own command line in a folder."""
+    command = [sys.executable, "-m", "prefect", *arguments]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
