@@ -9,7 +9,8 @@ from gravcal.errors import CatalogError
 
 ISDC = "https://isdc-data.gfz.de"
 PODAAC = "https://archive.podaac.earthdata.nasa.gov"
-PLACES = {"isdc": ISDC, "podaac": f"{PODAAC}/podaac-ops-cumulus-protected"}
+PROTECTED, PUBLIC = "podaac-ops-cumulus-protected", "podaac-ops-cumulus-public"
+PLACES = {"isdc": ISDC, "podaac": f"{PODAAC}/{PROTECTED}"}
 MISSIONS = {"A": "grace", "B": "grace", "X": "grace", "C": "gracefo", "D": "gracefo", "Y": "gracefo"}
 RELEASES = {"grace": "02", "gracefo": "04"}
 RANGING_LASER = ("LRI1A", "LRI1B", "LLK1A", "LLK1B", "LHK1A", "LHK1B", "LLT1A", "LSM1A", "LSM1B")
@@ -103,9 +104,10 @@ def addresses(archive, place):
 
 
 def checksum_addresses(url):
-    """Addresses where the MD5 of an archive may be."""
+    """Addresses where the MD5 of an archive may be; PO.DAAC keeps it in its public store, which asks for no login."""
     stem = re.sub(r"\.(tgz|tar\.gz)$", "", url)
-    return [f"{url}.md5", f"{url}.checksum", f"{stem}.checksum", f"{stem}.md5"]
+    public = [f"{url}.md5".replace(PROTECTED, PUBLIC)] if PROTECTED in url else []
+    return [*public, f"{url}.md5", f"{url}.checksum", f"{stem}.checksum", f"{stem}.md5"]
 
 
 def check_place(place):

@@ -332,6 +332,46 @@ def test_an_event_needs_the_archives_of_its_products():
         fetch_layout.of_event(catalog.event("taiji-1-2022-05-18"))
 
 
+def test_the_checksums_of_podaac_are_in_its_public_store(server, tmp_path):
+    """Contract: same name below another bucket; a wrong file is noticed by it."""
+    address = fetch_layout.addresses(ONE, "podaac")[0]
+    first = fetch_layout.checksum_addresses(address)[0]
+    assert first == f"{fetch_layout.PODAAC}/podaac-ops-cumulus-public/GRACEFO_L1B_ASCII_GRAV_JPL_RL04/{ONE.name}.md5"
+    path = address.removeprefix(fetch_layout.PODAAC)
+    server.files = {path: IMAGE, first.removeprefix(fetch_layout.PODAAC): hashlib.md5(IMAGE).hexdigest().encode()}
+    place = f"{server.url}/{fetch_layout.PROTECTED}"
+    (found,) = fetch.fetch([ONE], tmp_path, place, patience=SOON)
+    assert found.checked == "md5"
+
+
+def test_a_login_page_of_earthdata_is_followed_and_its_cookie_kept(server, other, tmp_path, monkeypatch):
+    """Contract: data host to login host, which gets the login, and back with a cookie: the way of Earthdata."""
+    monkeypatch.setattr(fetch_login, "EARTHDATA", fetch_login.origin(other.url))
+    monkeypatch.setenv("EARTHDATA_USERNAME", "me")
+    monkeypatch.setenv("EARTHDATA_PASSWORD", SECRET)
+    path = fetch_layout.addresses(ONE, server.url)[0].removeprefix(server.url)
+    other.login, reply = BASIC, other.reply
+
+    def granted(request, status, body, headers=None, sent=None):
+        if status == 401:
+            return reply(request, status, body, headers, sent)
+        return reply(request, 302, b"", {"Location": f"{server.url}{path}", "Set-Cookie": "asked=yes; Path=/"})
+
+    monkeypatch.setattr(other, "reply", granted)
+    answer = server.answer
+
+    def guarded(request):
+        if request.path == path and "asked=yes" not in request.headers.get("Cookie", ""):
+            server.asked.append((request.path, None, request.headers.get("Authorization")))
+            return server.reply(request, 302, b"", {"Location": f"{other.url}/oauth/authorize?client=x"})
+        return answer(request)
+
+    monkeypatch.setattr(server, "answer", guarded)
+    assert get(server, tmp_path / "out").path.read_bytes() == IMAGE
+    assert {login for path, _, login in other.asked if path.startswith("/oauth")} == {BASIC}
+    assert {login for _, login in server.archives_asked()} == {None}
+
+
 def test_the_command_fetches_and_says_what(server, tmp_path):
     """Contract: gravcal fetch with a day; wrong usage is exit code 2."""
     import typer
