@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: demo test lint bench lock clean
+.PHONY: demo test lint docs bench bench-discovery lock clean
 
 $(STAMP): requirements.lock pyproject.toml
 	@echo "Setting up $(VENV) from requirements.lock (a minute or two, once) ..."
@@ -23,8 +23,15 @@ test: $(STAMP)  ## all tests
 lint: $(STAMP)  ## formatting and static checks
 	@$(BIN)/ruff format --check . && $(BIN)/ruff check .
 
+docs: $(STAMP)  ## the site, into build/docs; no network, warnings are errors
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+	@echo "build/docs/index.html"
+
 bench: $(STAMP)  ## recovery study and speed ratios; long
 	@$(BIN)/python -m benchmarks
+
+bench-discovery: $(STAMP)  ## hidden effects: confusion matrix; hours, goes on where it stopped
+	@$(BIN)/python -m benchmarks discovery
 
 lock:  ## resolve requirements.lock anew; needs uv
 	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 \

@@ -8,6 +8,7 @@ import xarray as xr
 from gravcal.calibrations.com_offset import noise as linear_noise
 from gravcal.methods import estimation
 from gravcal.methods.detrended_noise import fit_detrended
+from gravcal.methods.lines import without_lines
 from gravcal.methods.noise import NoiseModel
 from gravcal.methods.resampling import lowpass_resampler
 from gravcal.physics import frames
@@ -30,9 +31,17 @@ def linear(aligned: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float
         if operator is not None:
             reading = np.nan_to_num(aligned["linear_b"].values[inside])
             pieces.append(operator(reading - reading[len(reading) // 2]))
+    return _model(pieces, settings["drift_degree"], settings)
+
+
+def _model(pieces, degree, settings):
+    """Noise of quiet pieces without sharp lines, and samples an axis."""
+    if not pieces:
+        return [], 0.0
     order, step = settings["noise_order"], settings["step_s"]
+    cleaned, _ = without_lines(pieces, step)
     count = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
-    return fit_detrended(pieces, _without_drift(settings["drift_degree"]), order, step) if pieces else [], count
+    return fit_detrended(cleaned, _without_drift(degree), order, step), count
 
 
 def _operator(time, good, settings):
@@ -61,9 +70,7 @@ def angular(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[lis
     spans = linear_noise._quiet_spans(aligned, settings)
     pieces = [_piece(aligned, field, slice(*np.searchsorted(time, s)), good, settings) for s in spans]
     pieces = [p for p in pieces if p is not None]
-    order, step = settings["noise_order"], settings["step_s"]
-    count = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
-    return fit_detrended(pieces, _without_drift(settings["angular_drift_degree"]), order, step), count
+    return _model(pieces, settings["angular_drift_degree"], settings)
 
 
 def _without_drift(degree):

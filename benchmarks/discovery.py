@@ -1,0 +1,173 @@
+"""How discovery does on hidden effects: named, silent, tied, unknown; resumable, one line a case in a file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import multiprocessing
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import discovery_cases as cases
+from benchmarks.discovery_cases import Case
+from benchmarks.tables import Figure, say, title
+
+COUNTS = {"clean": 200, "one": 200, "two": 60, "unlisted": 100}
+TARGET = 10.0
+LARGE = (100.0, 600.0)  # ratio at which the strength is measured
+
+
+def run(options) -> list[Figure]:
+    """Study of hidden effects; `--runs` cases of each kind, or the numbers that are asked for."""
+    counts = {k: options.runs or (3 if options.quick else n) for k, n in COUNTS.items()}
+    title(f"discovery: {', '.join(f'{n} {k}' for k, n in counts.items())}, master seed {options.seed}")
+    kept = Path(
+        os.environ.get("GRAVCAL_STUDY", Path(tempfile.gettempdir()) / f"gravcal-discovery-{options.seed}.jsonl")
+    )
+    say(f"one line a case in {kept}; begun studies go on where they stopped")
+    done = {}
+    if kept.exists():
+        done = {(r["kind"], r["index"]): r for r in map(json.loads, kept.read_text().splitlines())}
+    jobs = [(options.seed, k, i) for k, n in counts.items() for i in range(n) if (k, i) not in done]
+    with multiprocessing.get_context("spawn").Pool(options.workers) as pool, kept.open("a") as lines:
+        for number, row in enumerate(pool.imap_unordered(one, jobs), 1):
+            done[row["kind"], row["index"]] = row
+            lines.write(json.dumps(row) + "\n")
+            lines.flush()
+            if number % 20 == 0:
+                say(f"  {number} of {len(jobs)}")
+    rows = [r for (k, i), r in done.items() if i < counts[k]]
+    return report(rows)
+
+
+def one(job: tuple) -> dict:
+    """Outcome of one case: what was hidden, what was found.
+
+    Parameters
+    ----------
+    job : (master seed, kind, index)
+    """
+    master, kind, index = job
+    rng = np.random.default_rng([master, list(COUNTS).index(kind), index])
+    seed = int(rng.integers(1, 2**31))
+    row = {"kind": kind, "index": index, "seed": seed}
+    try:
+        return row | _hidden(kind, seed, rng)
+    except Exception as error:  # noqa: BLE001 - a case that fails is a result
+        return row | {"error": f"{type(error).__name__}: {error}"[:300]}
+
+
+def _hidden(kind, seed, rng):
+    """Draw, scale, write, discover."""
+    with _folder() as folder:
+        if kind == "clean":
+            return _outcome(folder, Case(seed, kind, {})) | {"hidden": []}
+        plain = Case(seed, kind, {})
+        truth = cases.written(folder / "plain", plain)
+        before = _blocks(folder / "plain")
+        effects, names, ratios = {}, [], []
+        for _ in range(2 if kind == "two" else 1):
+            added, name, found = _scaled_to(folder, (plain, truth, before), rng, names)
+            effects, names, ratios = effects | added, [*names, name], [*ratios, found]
+        return _outcome(folder, Case(seed, kind, effects)) | {"hidden": names, "effects": effects, "ratio": ratios}
+
+
+def _scaled_to(folder, clean, rng, taken):
+    """An effect at the wanted ratio."""
+    plain, truth, before = clean
+    for attempt in range(40):
+        if plain.kind == "unlisted":
+            name = list(cases.UNLISTED)[rng.integers(len(cases.UNLISTED))]
+            effects = {name: cases.UNLISTED[name][0]}
+        else:
+            effects = cases.listed(rng, truth)
+            name = next(iter(effects)).rpartition(".")[0]
+        if name in taken:
+            continue
+        found = _large(folder / f"try-{attempt}-{len(taken)}", plain, before, effects)
+        if found is not None:
+            return found[0], name, TARGET
+    raise ValueError("no effect reached the ratio in forty draws")
+
+
+def _large(place, plain, before, effects):
+    """Effects at the wanted ratio, by proportion from a size that stands far above rounding; None out of reach."""
+    for repeat in range(4):
+        cases.written(place / str(repeat), Case(plain.seed, plain.kind, effects))
+        seen = cases.ratio(before, _blocks(place / str(repeat)))
+        if not np.isfinite(seen):
+            return None
+        if LARGE[0] < seen < LARGE[1]:
+            return (cases.scaled(effects, TARGET / seen),)
+        factor = float(np.clip(LARGE[0] * 1.5 / seen, 1e-4, 30.0))
+        if repeat and factor == 30.0:
+            return None
+        effects = cases.scaled(effects, factor)
+    return None
+
+
+@contextlib.contextmanager
+def _folder():
+    """Temporary folder with a product store of its own."""
+    from gravcal.data import memory
+
+    memory.clear()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["GRAVCAL_PRODUCTS"] = str(Path(folder) / "products")
+        yield Path(folder)
+
+
+def _products(folder):
+    """Products that discovery looks at, and the settings of its view."""
+    from flows import com_offset
+    from gravcal.data import catalog, memory
+    from tasks.stage import read
+
+    memory.clear()
+    source, chosen = com_offset.source(data=folder), catalog.parameters("com_offset")
+    return (
+        [read(ref) for ref in com_offset.baseline(source, chosen)],
+        com_offset.scene_settings(source, chosen),
+        chosen.for_stage("discovery"),
+    )
+
+
+def _blocks(folder):
+    """Blocks of the files of a folder."""
+    from gravcal.calibrations.com_offset.discovery_event import event
+
+    products, scene, chosen = _products(folder)
+    return event(*products, **scene, angular_drift_degree=chosen["angular_drift_degree"])[1]
+
+
+def _outcome(folder, case):
+    """What discovery says of a case."""
+    from gravcal.discovery.com_offset import discover
+
+    truth = cases.written(folder / "final", case)
+    products, scene, chosen = _products(folder / "final")
+    begun = time.process_time()
+    numbers = json.loads(discover(*products, **scene, **chosen).attrs["numbers"])
+    spent = time.process_time() - begun
+    change = numbers["calibration_change"]
+    error = (np.array(change["after"]) - truth["offset_um"]) / np.array(change["sigma_after"])
+    found = [{k: f[k] for k in ("cause", "form", "tied_with", "parameters")} for f in numbers["findings"]]
+    kept = {k: numbers[k] for k in ("p_before", "p_after")}
+    return kept | {"found": found, "error_in_sigma": error.tolist(), "seconds": spent}
+
+
+def report(rows: list[dict]) -> list[Figure]:
+    """Table of the study beside its targets, and who was taken for whom.
+
+    Parameters
+    ----------
+    rows : of `one`
+    """
+    from benchmarks.discovery_scores import confusion, figures
+
+    confusion(rows)
+    return figures(rows)

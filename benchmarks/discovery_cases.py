@@ -1,0 +1,155 @@
+"""Hidden effects for the study of discovery: drawn, scaled to a signal-to-noise ratio, written as Level-1 files.
+
+Listed effects are hidden by the project's simulator, effects in no list by the second simulator of the tests. The ratio
+is that of the whitened change of the data with all baseline parameters free, from two events with the same noise; the
+change is made large against the rounding of the readings, which differs from event to event.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+#: Effects in no list: settings of the second simulator with a first guess of the size, and words of the right driver.
+UNLISTED = {
+    "odd_field_current": ({"value": {"y": 2e-7}}, ("torquer_current", "field")),
+    "odd_current_squared": ({"value": {"y": 1e-13}, "lag_s": 2.0}, ("torquer_current",)),
+    "odd_edge_spike": ({"value": {"y": 3e-9}, "decay_s": 0.7, "signed": True}, ("torquer_current",)),
+    "odd_hysteresis": ({"value": {"y": 1e-11}, "width_ma": 60.0}, ("torquer_current",)),
+    "odd_current_latitude": ({"value": {"y": 1e-11}}, ("torquer_current", "latitude")),
+    "odd_settling": ({"value": {"y": 1e-9}, "decay_s": 40.0}, ("time",)),
+    "odd_angular_field": ({"value": {"y": 1e-4}}, ("torquer_current", "field")),
+    "odd_pointing": ({"value": {"yz": 1e-6}}, ("attitude",)),
+    "odd_dipole_viscosity": ({"value": 0.02, "lag_s": 20.0}, ("torquer_current",)),
+}
+#: Listed effects that cannot be drawn as a direction of their parameters.
+SPECIAL = ("accelerometer.stray_tone", "accelerometer.bias_step", "accelerometer.flexible_mode", "torque.dipole_lag")
+SKIPPED = ("accelerometer.offset", "torque.thruster_firings", "timing.thruster_delay", "timing.clock_drift")
+FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is hidden.
+
+    Attributes
+    ----------
+    seed : of the event
+    kind : "clean", "one", "two", "unlisted"
+    effects : {"slug.parameter": value} or, unlisted, {name: settings}
+    """
+
+    seed: int
+    kind: str
+    effects: dict
+
+
+def listed(rng: np.random.Generator, truth: dict) -> dict:
+    """One listed effect of a plausible size, {"slug.parameter": value}.
+
+    Parameters
+    ----------
+    rng : source of randomness
+    truth : of the event without it, for the times of the manoeuvres
+    """
+    from gravcal.effects import catalogue
+
+    known = {s: e for s, e in catalogue().items() if s.partition(".")[0] in FAMILIES and s not in SKIPPED}
+    slug = sorted(known)[rng.integers(len(known))]
+    if slug in SPECIAL:
+        return {f"{slug}.{k}": v for k, v in _special(slug, rng, truth).items()}
+    entry = known[slug]
+    if slug == "torque.saturation":
+        return {f"{slug}.limit": 27.5 * (1 - abs(rng.normal(0, 0.01)))}
+    values = {p.name: p.prior_sigma * rng.standard_normal() for p in entry.parameters}
+    if rng.integers(2) and len(values) > 1:
+        name = sorted(values)[rng.integers(len(values))]
+        values = {name: values[name]}
+    return {f"{slug}.{name}": float(value) for name, value in values.items()}
+
+
+def _special(slug, rng, truth):
+    axis = "xyz"[rng.integers(3)]
+    if slug == "accelerometer.stray_tone":
+        return {"frequency": rng.uniform(0.02, 0.7), axis: 1e-10, "phase": rng.uniform(0, 6.28)}
+    if slug == "accelerometer.flexible_mode":
+        return {"frequency": rng.uniform(0.12, 0.75), "damping": 0.02, axis: 3e-12}
+    if slug == "torque.dipole_lag":
+        return {"tau": abs(rng.normal(0, 0.3)) + 0.1}
+    wave = truth["manoeuvres"][rng.integers(len(truth["manoeuvres"]))]
+    return {axis: 1e-9, "time": rng.uniform(wave["start"] + 20, wave["stop"] - 20)}
+
+
+def scaled(effects: dict, factor: float) -> dict:
+    """Effects with their strength multiplied, times and frequencies as they are.
+
+    Parameters
+    ----------
+    effects : {"slug.parameter": value} or {name: settings}
+    factor : 1
+    """
+    fixed = ("time", "frequency", "phase", "damping", "lag_s", "decay_s", "signed", "width_ma")
+    out = {}
+    for name, value in effects.items():
+        if isinstance(value, dict):
+            out[name] = {k: v if k in fixed else _times(v, factor) for k, v in value.items()}
+        elif name.endswith("saturation.limit"):
+            out[name] = 27.5 - factor * (27.5 - value)
+        else:
+            out[name] = value if name.rpartition(".")[2] in fixed else factor * value
+    return out
+
+
+def _times(value, factor):
+    return {k: factor * v for k, v in value.items()} if isinstance(value, dict) else factor * value
+
+
+def written(folder: Path, case: Case) -> dict:
+    """Level-1 files of a case; its truth.
+
+    Parameters
+    ----------
+    folder : for the files
+    case : Case
+    """
+    if case.kind == "unlisted":
+        truth = _second_simulator()(folder, case.seed, effects=case.effects, window_s=(420.0, 420.0))
+        return {"offset_um": list(truth["offset_um"]), "date": truth["date"], "manoeuvres": truth["manoeuvres"]}
+    from flows import com_offset
+
+    return com_offset.simulate(folder, seed=case.seed, truth=None, effects=case.effects, settings={})
+
+
+def _second_simulator():
+    """The simulator of the tests, under the name that the tests import it by (compiled code is kept by name)."""
+    import sys
+
+    tests = str(Path(__file__).resolve().parents[1] / "tests")
+    if tests not in sys.path:
+        sys.path.insert(0, tests)
+    from independent import make_event
+
+    return make_event
+
+
+def ratio(clean, changed) -> float:
+    """Signal-to-noise ratio of the difference of two events with the same noise, all baseline parameters free.
+
+    Parameters
+    ----------
+    clean, changed : (blocks, candidates) of `gravcal.calibrations.com_offset.discovery_event.event`
+    """
+    from gravcal.discovery import attribution, rounds
+    from gravcal.discovery.blocks import Block
+    from gravcal.discovery.problem import prepare
+
+    blocks = []
+    for one, other in zip(clean, changed, strict=True):
+        if one["observed"].shape != other["observed"].shape:
+            return np.nan
+        blocks.append(Block(**(one | {"observed": other["observed"] - one["observed"]})))
+    problem = prepare(blocks, [])
+    gram = attribution.projected(problem.gram.sum(axis=0), rounds.baseline_of(problem, ()))
+    return float(np.sqrt(gram[0, 0]))

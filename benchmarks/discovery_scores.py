@@ -1,0 +1,127 @@
+"""Scores of the study of discovery: silent, named, tied, unknown, parameters, calibration, time."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.discovery_cases import UNLISTED
+from benchmarks.tables import Figure, say
+
+
+def right(row: dict) -> bool:
+    """Whether what was hidden, and nothing else, was named, alone or inside a tied set.
+
+    Parameters
+    ----------
+    row : of `discovery.one`
+    """
+    hidden, left = set(row["hidden"]), list(row["found"])
+    for name in row["hidden"]:
+        fits = [f for f in left if name == f["cause"] or name in f["tied_with"]]
+        if fits:
+            left.remove(fits[0])
+            hidden.discard(name)
+    return not hidden and not left
+
+
+def confusion(rows: list[dict]) -> None:
+    """Who was taken for whom, a line a hidden effect.
+
+    Parameters
+    ----------
+    rows : of `discovery.one`
+    """
+    table: dict[str, Counter] = {}
+    for row in rows:
+        if "error" in row:
+            table.setdefault(f"{row['kind']} (stopped)", Counter())[row["error"][:60]] += 1
+            continue
+        hidden = " + ".join(sorted(row["hidden"])) or "nothing"
+        named = " + ".join(sorted(_named(f, row) for f in row["found"])) or "nothing"
+        table.setdefault(hidden, Counter())[named] += 1
+    for hidden, counts in sorted(table.items()):
+        say(f"  {hidden}: " + ", ".join(f"{n} x {name}" for name, n in counts.most_common()))
+
+
+def _named(found, row):
+    tied = next((h for h in row["hidden"] if h in found["tied_with"]), None)
+    return f"{tied} (tied)" if tied else found["cause"]
+
+
+def figures(rows: list[dict]) -> list[Figure]:
+    """Numbers beside their targets.
+
+    Parameters
+    ----------
+    rows : of `discovery.one`
+    """
+    good = [r for r in rows if "error" not in r]
+    by = {k: [r for r in good if r["kind"] == k] for k in ("clean", "one", "two", "unlisted")}
+    found = [Figure("cases that stopped with an error", f"{len(rows) - len(good)} of {len(rows)}", "", "0")]
+    if by["clean"]:
+        found += _clean(by["clean"])
+    if by["one"]:
+        found += [_share("one hidden effect named", [right(r) for r in by["one"]], 0.95), _parameters(by["one"])]
+        found.append(_scatter(by["one"]))
+    if by["two"]:
+        found.append(_share("two hidden effects named", [right(r) for r in by["two"]], 0.85))
+    if by["unlisted"]:
+        found += _unlisted(by["unlisted"])
+    seconds = [r["seconds"] for r in good]
+    if seconds:
+        found.append(Figure("processor seconds of a discovery, median", f"{np.median(seconds):.1f}", "", "15"))
+    return found
+
+
+def _share(name, hits, target, below=False):
+    """Share of cases with its interval."""
+    n, k = len(hits), int(sum(hits))
+    low, high = stats.binomtest(k, n).proportion_ci(0.95, method="wilson")
+    met = (k / n <= target) if below else (k / n >= target)
+    return Figure(name, f"{k} of {n}", f"{low:.2f} to {high:.2f}", f"{'<=' if below else '>='} {target:g}", met)
+
+
+def _clean(rows):
+    p = np.array([r["p_before"] for r in rows])
+    uniform = float(stats.kstest(p, "uniform").pvalue)
+    silent = _share("clean events that name something", [bool(r["found"]) for r in rows], 0.02, below=True)
+    return [silent, Figure("adequacy uniform on clean events, KS", f"p = {uniform:.3f}", "", "> 0.01", uniform > 0.01)]
+
+
+def _parameters(rows):
+    """Parameters of named effects within three sigma of what was hidden."""
+    hits = []
+    for row in rows:
+        if len(row["found"]) != 1 or row["found"][0]["cause"] != row["hidden"][0] or row["found"][0]["tied_with"]:
+            continue
+        for name, entry in row["found"][0]["parameters"].items():
+            true = row["effects"].get(f"{row['hidden'][0]}.{name}", 0.0)
+            if entry["value"] is not None and entry["sigma"] and name not in ("damping", "phase"):
+                hits.append(abs(entry["value"] - true) < 3 * entry["sigma"])
+    return _share("parameters of untied findings within three sigma", hits or [False], 0.97)
+
+
+def _scatter(rows):
+    """Error of the calibration result after the extension, over its own error."""
+    errors = np.array([r["error_in_sigma"] for r in rows if right(r) and not r["found"][0]["tied_with"]], dtype=float)
+    if not errors.size:
+        return Figure("error over sigma of the result after the extension, rms", "none")
+    rms = np.sqrt(np.nanmean(errors**2, axis=0))
+    return Figure("error over sigma of the result after the extension, rms", " ".join(f"{v:.2f}" for v in rms))
+
+
+def _unlisted(rows):
+    noticed = [bool(r["found"]) or r["p_before"] < 0.005 for r in rows]
+    catalogued = [any(not f["cause"].startswith("unknown:") for f in r["found"]) for r in rows]
+    driver = []
+    for row in rows:
+        first = next((f["cause"] for f in row["found"]), "")
+        driver.append(any(word in first for word in UNLISTED[row["hidden"][0]][1]) and first.startswith("unknown:"))
+    return [
+        _share("effects in no list noticed", noticed, 0.95),
+        _share("effects in no list given a catalogue name", catalogued, 0.05, below=True),
+        _share("right driver channel named first", driver, 0.80),
+    ]
