@@ -158,6 +158,21 @@ def test_a_short_gap_of_the_orbit_changes_nothing_that_matters(files):
     assert worst(document, files["truth"]) < 5, f"seed {files['truth']['seed']}"
 
 
+def test_a_single_roll_does_not_give_a_wrong_joint_value(tmp_path, monkeypatch):
+    """Recovery: seed 77, where the noisy equation of sca cancels the prior of x; only the roll is found."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
+    kinds = [("pitch", "high"), ("roll", "high")]
+    truth = make_event(tmp_path / "files", 77, manoeuvres=kinds, field_generation=14)
+    pitch = next(m for m in truth["manoeuvres"] if m["kind"] == "pitch")
+    spoiled = tmp_path / "files" / Path(truth["files"]["MAG1B"]).name
+    damage.drop_seconds(spoiled, int(pitch["start"]) + 20, int(pitch["start"]) + 140)
+    document, _ = result(tmp_path / "files")
+    assert [one["kind"] for one in document["manoeuvres"]] == ["roll"]
+    assert document["variants"]["sca"]["offset_um"][0] is None
+    assert document["variants"]["sca"]["offset_um"][1] is not None
+    assert worst(document, truth) < 5
+
+
 HOPELESS = {
     "truncated file": (lambda f: damage.truncate_mid_line(f["ACC1A"]), "ACC1A"),
     "a word for a number": (lambda f: damage.put_text(f["GNI1B"], column=4), "GNI1B"),

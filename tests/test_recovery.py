@@ -26,13 +26,14 @@ def fresh_seed():
 @pytest.fixture(scope="module")
 def study():
     """Errors over sigma (n, 4, 3) and consistency of events with inertia and dipole as in the catalogue."""
-    seed, rows, chi2, dof = fresh_seed(), [], 0.0, 0
+    seed, rows, chi2, dof, between = fresh_seed(), [], 0.0, 0, []
     for k in range(COUNT):
         observed, truth = tools.event(seed + k)
         combined = tools.chain(observed)["combine"]
         rows.append(tools.errors(combined, truth)[0])
         chi2, dof = chi2 + combined["chi2"].values, dof + combined["dof"].values
-    return {"seed": seed, "errors": np.array(rows), "chi2": chi2, "dof": dof}
+        between.append([float(combined["variants_chi2"]), int(combined["variants_dof"])])
+    return {"seed": seed, "errors": np.array(rows), "chi2": chi2, "dof": dof, "between": np.array(between)}
 
 
 def test_every_component_of_every_variant_is_determined(study):
@@ -63,6 +64,14 @@ def test_manoeuvres_of_one_event_agree(study):
         fitted = 3 * COUNT if name in ("mtq", "acc_calibrated") else 0
         low, high = stats.chi2.ppf(LEVEL / 8, dof - fitted), stats.chi2.ppf(1 - LEVEL / 8, dof)
         assert low < chi2 < high, f"{name}, GRAVCAL_TEST_SEED={study['seed']}"
+
+
+def test_measured_angular_accelerations_of_one_event_agree(study):
+    """Recovery: chi-square of acc against sca over all events, no prior in it; 3 degrees of freedom an event."""
+    chi2, dof = study["between"].sum(axis=0)
+    low, high = stats.chi2.interval(1 - LEVEL, dof)
+    assert low < chi2 < high, f"GRAVCAL_TEST_SEED={study['seed']}"
+    assert dof == 3 * COUNT
 
 
 def through_the_flow(folder, settings=None):

@@ -164,8 +164,11 @@ def agreement(document):
         [f"manoeuvres, {name}", chi_square(one, False), probability(one["p"]), one["verdict"]]
         for name, one in tests["manoeuvres"]["by_variant"].items()
     ]
-    one = tests["variants"]
-    rows.append(["angular accelerations against mtq", chi_square(one, False), probability(one["p"]), one["verdict"]])
+    others = {"variants": "acc and sca", "catalogue": "mtq and acc, within catalogue error"}
+    rows += [
+        [words, chi_square(tests[name], False), probability(tests[name]["p"]), tests[name]["verdict"]]
+        for name, words in others.items()
+    ]
     heads = ["what should agree", "χ² / dof", "p", f"verdict at {tests['level']:g}"]
     return table(
         "Do the estimates agree within their errors?", heads, rows, source=key_of(document, "combine"), words=(0, 3)

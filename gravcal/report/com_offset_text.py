@@ -83,7 +83,8 @@ def _manoeuvres(document):
     first, last = document["manoeuvres"][0]["start"], document["manoeuvres"][-1]["stop"]
     tests = document["consistency"]
     lines = [f"manoeuvres       {counted}; {gps_text(first)} to {gps_text(last)} GPS"]
-    for name, test in (("manoeuvres", tests["manoeuvres"]), ("angular acc.", tests["variants"])):
+    words = {"manoeuvres": "manoeuvres", "variants": "acc and sca", "catalogue": "mtq and acc"}
+    for name, test in ((words[key], tests[key]) for key in words):
         told = "" if test["p"] is None else f", chi2 {test['chi2']:.1f} / {test['dof']}, p {test['p']:.3f}"
         lines.append(f"{'agreement':<17}{name} {test['verdict']}{told}")
     return lines

@@ -36,7 +36,7 @@ def adopted(variants):
 
 
 def consistency(combined, name, level):
-    """Whether the manoeuvres agree (adopted variant; all beside it) and whether the variants agree.
+    """Whether manoeuvres agree (those of the adopted variant; all beside it), measured variants, and the catalogue.
 
     Parameters
     ----------
@@ -49,13 +49,14 @@ def consistency(combined, name, level):
         variant: _judged(chi_square_test(combined["chi2"].values[i], combined["dof"].values[i]), level)
         for i, variant in enumerate(names)
     }
-    between = chi_square_test(combined["variants_chi2"].values, combined["variants_dof"].values)
+    others = {
+        test: (combined[f"{test}_chi2"].values, combined[f"{test}_dof"].values) for test in ("variants", "catalogue")
+    }
     own = tests.get(name, _judged(chi_square_test(np.nan, 0), level))
     return {
         "level": level,
         "manoeuvres": own | {"variant": name, "by_variant": tests},
-        "variants": _judged(between, level),
-    }
+    } | {test: _judged(chi_square_test(*numbers), level) for test, numbers in others.items()}
 
 
 def _judged(test, level):
@@ -84,7 +85,7 @@ def verdict(variants, chosen, consistency, settings):
     block = variants[chosen["variant"]]
     within = [_within(v, s, limit) for v, s in zip(block["offset_um"], block["sigma_total_um"], strict=True)]
     met = [None if s is None else s <= accuracy for s in block["sigma_total_um"]]
-    agree = [consistency[name]["consistent"] for name in ("manoeuvres", "variants")]
+    agree = [consistency[name]["consistent"] for name in ("manoeuvres", "variants", "catalogue")]
     sentences = [_offset_text(block, chosen["variant"]), _requirement_text(within, limit)]
     sentences += [_accuracy_text(met, accuracy), _consistency_text(*agree)]
     return {
@@ -92,7 +93,7 @@ def verdict(variants, chosen, consistency, settings):
         "requirement": within,
         "accuracy_um": accuracy,
         "accuracy_met": all(item is True for item in met),
-        "consistent": None if None in agree and False not in agree else all(agree),
+        "consistent": False if False in agree else None if None in agree[:2] else True,
         "text": " ".join(sentences),
     }
 
@@ -128,6 +129,7 @@ def _accuracy_text(met, accuracy):
     return f"Accuracy of {accuracy:g} um not reached: {', '.join(short)}."
 
 
-def _consistency_text(manoeuvres, variants):
+def _consistency_text(manoeuvres, variants, catalogue):
     words = {None: "were not compared", True: "agree", False: "DISAGREE"}
-    return f"Manoeuvres {words[manoeuvres]}; angular accelerations {words[variants]}."
+    text = f"Manoeuvres {words[manoeuvres]}; angular accelerations {words[variants]}"
+    return f"{text}{'; the torquers are FURTHER from the catalogue than its error' if catalogue is False else ''}."

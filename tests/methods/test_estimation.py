@@ -166,6 +166,19 @@ def test_a_block_that_says_nothing_of_a_component_joins_without_harm():
     assert joined.chi2 == pytest.approx(1.0 / (1 / 2 + 1 / 5))
 
 
+def test_a_noisy_direction_without_information_leaves_the_others_alone():
+    """Analytic: x known to 3 mm only; a noisy Z'A that cancels its prior of 1 mm does not reach y and z."""
+    information = np.diag([1e5, 4e12, 1e11])
+    normal = information.copy()
+    normal[0, 0] = -1e6 + 10.0  # nearly minus the prior
+    normal[1, 0], normal[2, 0] = 3e10, -2e9
+    true = np.array([0.0, 4e-6, 13e-6])
+    block = Score(normal @ true + np.array([3e3, 0.0, 0.0]), normal, information)
+    joined = estimation.combine([block], [np.zeros((0, 3))], [np.zeros((0, 3))], np.eye(3) / 1e-3**2)
+    assert_allclose(joined.value[1:], true[1:], atol=1e-9)
+    assert np.sqrt(joined.covariance[0, 0]) > 0.9e-3
+
+
 def test_legendre_columns_are_one_u_and_so_on():
     """Analytic: first three polynomials over an interval; degree -1 gives no column."""
     time = np.linspace(10.0, 20.0, 5)

@@ -14,7 +14,7 @@ from gravcal.methods import estimation
 
 
 def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
-    """One offset for each angular acceleration, with its covariance and two consistency tests.
+    """One offset for each angular acceleration, with its covariance and three consistency tests.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     joint = {s.attrs["variant"]: _joint(s) if method == "gravcal" else _selected(s) for s in solved}
     names = [v for v in VARIANTS if v in joint]
     single = {s.attrs["variant"]: _per_manoeuvre(s) for s in solved}
-    chi2, dof = _between_variants(joint, limit)
+    tests = {"variants": _between_variants(joint, limit), "catalogue": _against_catalogue(joint, limit)}
     own = [s for name in names for s in solved if s.attrs["variant"] == name]
     values = {
         "offset": [np.where(_determined(joint[v]["covariance"], limit), joint[v]["offset"], np.nan) for v in names],
@@ -48,8 +48,9 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
         "manoeuvre_determined": _each(names, single, limit),
         "manoeuvre_chi2": [s["chi2"].values for s in own],
         "manoeuvre_dof": [s["dof"].values for s in own],
-        "variants_chi2": chi2,
-        "variants_dof": dof,
+    }
+    values |= {
+        f"{test}_{n}": value for test, pair in tests.items() for n, value in zip(("chi2", "dof"), pair, strict=True)
     }
     values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
     attrs = {"method": method, "consistency_level": settings["consistency_level"], "direction": "proof_mass_to_com"}
@@ -122,34 +123,53 @@ def _determined(covariance, limit):
 
 
 def _between_variants(joint, limit):
-    """Chi-square of the differences to the torquer's solution.
+    """Chi-square and degrees of freedom of the angular accelerometer against the star camera, without the catalogue.
 
-    All variants share the noise of the linear channels; what differs is the regressor, so the covariance of a
-    difference is that of the variant less that of the shared noise, plus the torquer's catalogue errors where the
-    variant does not share them.
+    Neither holds inertia or dipole of the catalogue, so this test has no prior in it. Both share the noise of the
+    linear channels; what is left is their own, so the covariance of the difference is the sum of both less twice that
+    of the shared noise. acc_calibrated is acc scaled to the torquers: it says nothing that mtq and acc do not say.
     """
-    others = [v for v in joint if v != "mtq"]
-    used = np.logical_and.reduce([_determined(j["covariance"], limit) for j in joint.values()])
-    if "mtq" not in joint or not others or not used.any():
+    return _difference(joint, ("acc", "sca"), limit, np.zeros((0, 3)))
+
+
+def _against_catalogue(joint, limit):
+    """Chi-square and degrees of freedom of the torquers against a measured angular acceleration.
+
+    The prior error of inertia and dipole per current is in the covariance, so where the catalogue is better than its
+    prior the chi-square is small: this test sees a catalogue that is worse than it says, nothing finer.
+    """
+    for name in ("acc", "sca"):
+        chi2, dof = _difference(joint, ("mtq", name), limit, joint.get("mtq", {}).get("catalogue", np.zeros((0, 3))))
+        if dof:
+            return chi2, dof
+    return 0.0, 0
+
+
+def _difference(joint, names, limit, moves):
+    """Chi-square of the difference of two variants over the components that both determine.
+
+    Parameters
+    ----------
+    joint : solutions by variant
+    names : two variants
+    limit : m, of a component that is determined
+    moves : (k, 3) m, change of the difference by one standard deviation of prior errors
+    """
+    if not set(names) <= set(joint):
         return 0.0, 0
-    base = joint["mtq"]
-    keep, count = np.flatnonzero(np.tile(used, len(others))), len(others)
-    covariance = np.zeros((3 * count, 3 * count))
-    for i, name in enumerate(others):
-        block = slice(3 * i, 3 * i + 3)
-        covariance[block, block] = _excess(joint[name]["covariance"], base["noise"], used)
-    moves = [np.zeros_like(base["catalogue"]) if v == "acc_calibrated" else base["catalogue"] for v in others]
-    stacked = np.concatenate(moves, axis=1)
-    covariance += stacked.T @ stacked
-    difference = np.concatenate([joint[v]["offset"] - base["offset"] for v in others])[keep]
-    chi2 = difference @ np.linalg.pinv(covariance[np.ix_(keep, keep)], rcond=1e-10) @ difference
-    return float(chi2), int(keep.size)
-
-
-def _excess(covariance, noise, used):
-    """Covariance beyond the shared noise (3, 3), never negative, 0.1 % of the noise as floor; zero where not used."""
+    one, other = (joint[name] for name in names)
+    used = _determined(one["covariance"], limit) & _determined(other["covariance"], limit)
+    if not used.any():
+        return 0.0, 0
     pick = np.ix_(used, used)
-    size, vectors = np.linalg.eigh(covariance[pick] - noise[pick])
-    result = np.zeros((3, 3))
-    result[pick] = (vectors * np.clip(size, 0, None)) @ vectors.T + 0.001 * noise[pick]
-    return result
+    shared = joint.get("mtq", one)["noise"]
+    covariance = sum(_excess(j["covariance"][pick], shared[pick]) for j in (one, other))
+    covariance += (moves.T @ moves)[pick]
+    difference = (one["offset"] - other["offset"])[used]
+    return float(difference @ np.linalg.solve(covariance, difference)), int(used.sum())
+
+
+def _excess(covariance, noise):
+    """Covariance beyond the shared noise, never negative, 0.1 % of the noise as floor."""
+    size, vectors = np.linalg.eigh(covariance - noise)
+    return (vectors * np.clip(size, 0, None)) @ vectors.T + 0.001 * noise

@@ -276,8 +276,14 @@ COMBINE = {
     },
     "manoeuvre_chi2": {"dims": "variant manoeuvre", "units": "1", "long_name": "squared whitened residuals"},
     "manoeuvre_dof": {"dims": "variant manoeuvre", "units": "1", "long_name": "degrees of freedom", "dtype": "i4"},
-    "variants_chi2": {"dims": "", "units": "1", "long_name": "disagreement of the angular accelerations"},
+    "variants_chi2": {"dims": "", "units": "1", "long_name": "disagreement of acc and sca"},
     "variants_dof": {"dims": "", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
+    "catalogue_chi2": {
+        "dims": "",
+        "units": "1",
+        "long_name": "disagreement of mtq and acc beyond the catalogue's error",
+    },
+    "catalogue_dof": {"dims": "", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
     "kind": {
         "dims": "manoeuvre",
         "units": "1",

@@ -178,6 +178,49 @@ def test_variants_that_disagree_are_found():
     assert float(off["variants_chi2"]) > 100
 
 
+def drawn(rng, information, own):
+    """Estimates of five manoeuvres: mtq and acc with the same noise, sca with errors of its own added."""
+    shared = np.matvec(np.linalg.cholesky(np.linalg.inv(information)), rng.standard_normal((5, 3)))
+    mine = shared + np.einsum("ikp,ik->ip", own, rng.standard_normal(own.shape[:2]))
+    return {"mtq": shared, "acc_calibrated": shared, "acc": shared, "sca": mine}
+
+
+def own_modes(dataset):
+    """The same equations with modes of single manoeuvres, none of the catalogue."""
+    none = np.zeros(dataset.sizes["mode_index"])
+    return dataset.assign(mode_shared=("mode_index", none), mode_catalogue=("mode_index", none))
+
+
+def test_agreement_of_measured_variants_is_a_chi_square():
+    """Recovery: 150 draws, acc and sca share noise, sca has errors of its own; p uniform (Kolmogorov-Smirnov, 1e-4)."""
+    rng, found = np.random.default_rng(), []
+    A = rng.standard_normal((5, 20, 3)) * 1e5
+    information = np.swapaxes(A, 1, 2) @ A
+    own = 4e-6 * rng.standard_normal((5, 6, 3))
+    for _ in range(150):
+        offsets = drawn(rng, information, own)
+        combined = four(lambda v, o=offsets: own_modes(solved(v, o[v], information, own * (v == "sca"))))
+        found.append(estimation.chi2_probability(float(combined["variants_chi2"]), int(combined["variants_dof"])))
+    assert stats.kstest(found, "uniform").pvalue > 1e-4
+    assert int(combined["variants_dof"]) == 3
+
+
+def test_an_error_of_the_catalogue_is_seen_by_its_own_test_alone():
+    """Analytic: mtq and acc_calibrated off by 3 and by 30 prior sigma along x; acc and sca agree all the same."""
+    information = np.broadcast_to(np.eye(3) * 1e16, (3, 3, 3))
+    mode = np.broadcast_to(np.array([[1e-5, 0.0, 0.0]]), (3, 1, 3))
+
+    def make(variant, by):
+        held = variant in ("mtq", "acc_calibrated")
+        return solved(variant, np.array([[by * held, 0.0, 0.0]] * 3), information, mode if held else None)
+
+    some, much = (four(lambda v, b=b: make(v, b)) for b in (3e-5, 3e-4))
+    for combined in (some, much):
+        assert float(combined["variants_chi2"]) == pytest.approx(0.0, abs=1e-9)
+    assert float(some["catalogue_chi2"]) == pytest.approx(9.0, rel=1e-3)
+    assert float(much["catalogue_chi2"]) == pytest.approx(900.0, rel=1e-3)
+
+
 def test_no_manoeuvre_that_can_be_solved_gives_no_number():
     """Contract: blocks without samples leave every component undetermined."""
     combined = four(lambda v: solved(v, np.full((2, 3), np.nan), np.zeros((2, 3, 3))))
