@@ -129,12 +129,26 @@ def source(*, event=None, data=None, satellite=None, date=None):
     """Source of a catalogue event or of a folder, one day of it or all; one satellite stands for its pair."""
     letter = COMMON[PAIRS[satellite]] if satellite in PAIRS else satellite
     days = _dates(data, letter) if data is not None and date is None and Path(data).is_dir() else []
-    joined = len(days) > 1 and (calendar.fromisoformat(days[-1]) - calendar.fromisoformat(days[0])).days < LONGEST
+    joined = len(days) > 1 and _span(days) < LONGEST
     first = days[0] if joined else date
     found = common.source_of("kbr_phase_centre", RANGING, event=event, data=data, satellite=letter, date=first)
     pair = PAIRS.get(found.satellite, found.satellite)
     name = found.event if event is not None else f"grace-{pair.lower()}-{found.date}"
     return common.Source(name, pair, None if joined else found.date, found.folder)
+
+
+def days(data):
+    """Folders, pairs and dates of the events below a folder; days that a run would join are one event, without date."""
+    found = {}
+    for folder, letter, date in common.days_of(RANGING, data):
+        found.setdefault((folder, PAIRS[letter]), set()).add(date)
+    joined = {place for place, dates in found.items() if _span(dates) < LONGEST}
+    return [(*place, day) for place in found for day in ([None] if place in joined else sorted(found[place]))]
+
+
+def _span(dates):
+    """Days between the first and the last date."""
+    return (calendar.fromisoformat(max(dates)) - calendar.fromisoformat(min(dates))).days
 
 
 def document(ref):
