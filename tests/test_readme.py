@@ -17,6 +17,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+\.\d+")
+INVENTED = "grace-c-2020-03-01"  # day of the simulation; a page shows how to add it
 TOLERANCE_UM = 0.6  # half a sigma of x; what moves more deserves another README
 
 
@@ -42,7 +43,7 @@ def test_every_command_line_exists(words):
     from gravcal.effects import effect
 
     command = get_command(app)
-    while hasattr(command, "commands"):
+    while hasattr(command, "commands") and words:
         command = command.commands[words[0]]
         words = words[1:]
     options = {name for parameter in command.params for name in parameter.opts}
@@ -56,7 +57,7 @@ def test_every_command_line_exists(words):
         if option == "--effect":
             slug, _, parameter = name.rpartition(".")
             assert parameter in [one.name for one in effect(slug).parameters]
-        if value.startswith("grace-c-") and option == calibration:
+        if value.startswith("grace-c-") and option == calibration and value != INVENTED:
             assert catalog.event(value).calibration == calibration
 
 

@@ -1,0 +1,43 @@
+"""Site of the documentation: `make docs` builds it into build/docs, without network."""
+
+import re
+from importlib.metadata import version as _version
+from pathlib import Path
+
+project = "gravcal"
+author = "the gravcal contributors"
+project_copyright = "the gravcal contributors, MIT licence"
+version = release = _version("gravcal")
+
+extensions = ["myst_parser"]
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 3
+nitpicky = True
+
+html_theme = "furo"
+html_title = "gravcal"
+html_copy_source = False
+html_show_sphinx = False
+html_theme_options = {"navigation_with_keys": True}
+pygments_style = "friendly"
+
+
+HERE = Path(__file__).parent
+PAGES = {"overview": "README.md", "changes": "CHANGELOG.md"}  # of the project's first folder, shown in the site
+ELSEWHERE = {"](../README.md": "](overview.md", "](CHANGELOG.md": "](changes.md", "](docs/": "]("}
+
+
+def _source(_app, name, source):
+    """Show README and changes as pages, and let links lead to them."""
+    text = (HERE.parent / PAGES[name]).read_text() if name in PAGES else source[0]
+    if name == "index":  # pages that are still to be written
+        lines = text.splitlines()
+        text = "\n".join(line for line in lines if not re.fullmatch(r"\w+", line) or (HERE / f"{line}.md").exists())
+    for before, after in ELSEWHERE.items():
+        text = text.replace(before, after)
+    source[0] = text
+
+
+def setup(app):
+    """Register the hook."""
+    app.connect("source-read", _source)

@@ -1,0 +1,114 @@
+"""The site of the documentation builds without a warning, needs no network, and what it says to type works."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from gravcal.data.catalog_events import CALIBRATIONS
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"^```(bash|toml|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+TYPED = ("first_steps", "adding_a_satellite", "adding_an_event", "adding_an_effect", "adding_a_calibration")
+ENDLESS = ("gravcal browse", "gravcal serve")  # they go on until they are ended
+LOADED = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src", "object": "data"}
+
+
+class Loads(HTMLParser):
+    """Addresses that a page makes the browser ask for."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attributes):
+        """Note what the tag loads; a link that only names a relation loads nothing."""
+        known = dict(attributes)
+        if tag == "link" and known.get("rel") not in ("stylesheet", "icon", "preload"):
+            return
+        if known.get(LOADED.get(tag)):
+            self.found.append(known[LOADED[tag]])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Return the folder of the site, built as `make docs` does it."""
+    out = tmp_path_factory.mktemp("site")
+    command = (sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", DOCS, out / "html")
+    done = subprocess.run([*map(str, command), "-d", str(out / "trees")], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return out / "html"
+
+
+def test_every_page_is_in_the_site(site):
+    """Contract: each page of docs, README and changes, and the pictures."""
+    built = {path.stem for path in site.glob("*.html")}
+    assert {path.stem for path in DOCS.glob("*.md")} <= built
+    assert "Four calibrations, one chain" in (site / "overview.html").read_text()
+    assert list((site / "_images").glob("*.png"))
+
+
+def test_the_site_needs_no_network(site):
+    """Contract: scripts, styles, fonts and pictures come from the site itself."""
+    for page in site.glob("*.html"):
+        seen = Loads()
+        seen.feed(page.read_text())
+        assert seen.found
+        assert not [address for address in seen.found if re.match(r"(https?:)?//", address)], page.name
+    for style in site.rglob("*.css"):
+        assert not re.findall(r"(?:url\(|@import)\s*['\"]?(?:https?:)?//", style.read_text()), style.name
+
+
+def test_every_calibration_has_a_page_in_the_site(site):
+    """Contract: one page for each calibration, reached from the first page."""
+    first = (site / "index.html").read_text()
+    missing = [name for name in CALIBRATIONS if f'href="{name}.html"' not in first]
+    assert missing == []
+
+
+def steps(page):
+    """What a page says to type or to write, in order: (language, text)."""
+    return BLOCK.findall((DOCS / f"{page}.md").read_text())
+
+
+def perform(language, text, folder, environment):
+    """Do one block of a page in a folder; the environment after it."""
+    if language == "toml":
+        path = folder / re.match(r"# (\S+)", text).group(1)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return
+    if language == "python":
+        run((sys.executable, "-c", text), folder, environment)
+        return
+    for line in text.splitlines():
+        if line.startswith("export "):
+            name, _, value = line.removeprefix("export ").partition("=")
+            environment[name] = str(folder / value)
+        elif line.strip() and not line.startswith(ENDLESS):
+            run(("bash", "-c", line), folder, environment)
+
+
+def run(command, folder, environment):
+    """Run a command that must succeed."""
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", TYPED)
+def test_what_a_page_says_works_in_an_empty_folder(page, tmp_path):
+    """Contract: every block of shell, TOML and Python of the page, in order, without a change."""
+    programs = str(Path(sys.executable).parent)
+    environment = os.environ | {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    blocks = steps(page)
+    assert blocks
+    for language, text in blocks:
+        perform(language, text, folder, environment)
