@@ -99,7 +99,7 @@ def _large(place, plain, before, effects):
     for repeat in range(4):
         cases.written(place / str(repeat), Case(plain.seed, plain.kind, effects))
         seen = cases.ratio(before, _blocks(place / str(repeat)))
-        if not np.isfinite(seen):
+        if not np.isfinite(seen) or seen < 1e-3:
             return None
         if LARGE[0] < seen < LARGE[1]:
             return (cases.scaled(effects, TARGET / seen),)

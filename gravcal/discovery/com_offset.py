@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.discovery_candidates import DAMPING, MODES_HZ
+from gravcal.calibrations.com_offset.discovery_candidates import DAMPING, MODES_HZ, candidates
 from gravcal.calibrations.com_offset.discovery_event import event
 from gravcal.calibrations.com_offset.discovery_view import CHANNELS
 from gravcal.discovery.blocks import Block, Candidate
@@ -38,10 +38,11 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     """
     if not aligned.sizes["manoeuvre"]:
         return _nothing()
-    views, blocks, candidates, quiet = event(aligned, field, smoothed, solved, **settings)
+    views, blocks, quiet = event(aligned, field, smoothed, solved, **settings)
+    found = candidates(views, smoothed, aligned["start"].values)
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet)
-    made = [Block(**b) for b in blocks], [Candidate(**c) for c in candidates]
+    made = [Block(**b) for b in blocks], [Candidate(**c) for c in found]
     result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
     numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, _offset(solved))
     for finding in numbers["findings"]:

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import discovery_noise, discovery_timing
-from gravcal.calibrations.com_offset.discovery_candidates import attitude_of_torques, candidates
+from gravcal.calibrations.com_offset.discovery_candidates import attitude_of_torques
 from gravcal.calibrations.com_offset.discovery_scene import scenes
 from gravcal.calibrations.com_offset.discovery_view import View, block_of, view_of
 from gravcal.calibrations.com_offset.noise import QUIET_S
@@ -16,8 +16,8 @@ from gravcal.methods import estimation
 
 def event(
     aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved: xr.Dataset, **settings
-) -> tuple[list[View], list[dict], list[dict], dict]:
-    """Blocks and candidates of an event.
+) -> tuple[list[View], list[dict], dict]:
+    """Blocks of an event.
 
     Parameters
     ----------
@@ -28,7 +28,6 @@ def event(
     -------
     views : one a manoeuvre
     blocks : fields of `gravcal.discovery.blocks.Block`, one a view and one of edge times
-    found : fields of `gravcal.discovery.blocks.Candidate`
     quiet : {channel: samples an axis that its noise was measured from}
     """
     normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
@@ -39,7 +38,7 @@ def event(
     wider = [attitude_of_torques(v) for v in views]
     noise["attitude"] = discovery_noise.attitude(smoothed, made, wider, settings)
     blocks = [block_of(v, aligned, smoothed, settings) for v in views] + [discovery_timing.block(smoothed)]
-    return views, blocks, candidates(views, smoothed, aligned["start"].values), quiet
+    return views, blocks, quiet
 
 
 def _quiet(aligned, field, settings):
