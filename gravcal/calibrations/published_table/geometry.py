@@ -30,12 +30,12 @@ class Arc:
     Attributes
     ----------
     dipole_b : (n, 3) A m2; alpha_b : (n, 3) rad s-2, angular acceleration by it
-    design : (3 n, 3) reading per offset, mean and trend removed, rows weighted
+    solution : (3, 3 n) offset from the weighted rows of the reading, CoM paper eq. 6
     """
 
     dipole_b: np.ndarray
     alpha_b: np.ndarray
-    design: np.ndarray
+    solution: np.ndarray
 
     def answer(self, reading_b: np.ndarray) -> np.ndarray:
         """Change (3, q) m of the estimated offset by errors (n, 3, q) m s-2 of the reading.
@@ -44,15 +44,16 @@ class Arc:
         ----------
         reading_b : (n, 3, q) m s-2
         """
-        return np.linalg.lstsq(self.design, detrended(reading_b), rcond=None)[0]
+        return self.solution @ detrended(reading_b)
 
 
 def detrended(reading_b: np.ndarray) -> np.ndarray:
     """Weighted rows (3 n, q) of a reading (n, 3, q) with mean and trend of each axis removed."""
     time = np.linspace(-1, 1, reading_b.shape[0])
     shape = np.linalg.qr(np.stack([np.ones_like(time), time], axis=1))[0]
-    flat = reading_b - np.einsum("nk,mk,maq->naq", shape, shape, reading_b)
-    return (np.sqrt(WEIGHTS)[:, None] * flat).reshape(-1, reading_b.shape[2])
+    slow = shape @ (shape.T @ reading_b.reshape(len(shape), -1))
+    rest = reading_b - slow.reshape(reading_b.shape)
+    return (np.sqrt(WEIGHTS)[:, None] * rest).reshape(-1, reading_b.shape[2])
 
 
 def euler_columns(alpha_b: np.ndarray) -> np.ndarray:
@@ -91,4 +92,4 @@ def arc(kind: str, latitude_class: str, heading: int, about: tuple) -> Arc:
     wave = np.where((time // (PERIOD_S / 2)) % 2 == 0, 1.0, -1.0)
     dipole_b = dipole * wave[:, None] * np.eye(3)[rod]
     alpha = np.cross(dipole_b, field_b) / np.array(moments)
-    return Arc(dipole_b, alpha, detrended(euler_columns(alpha)))
+    return Arc(dipole_b, alpha, np.linalg.pinv(detrended(euler_columns(alpha))))
