@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gravcal.data import epochs
 from gravcal.data.archive import LevelOneFile
 from gravcal.data.refusal import refuse
 
@@ -90,7 +91,7 @@ def read(file: LevelOneFile, start: float | None = None, stop: float | None = No
 
     Raises
     ------
-    ProductError : not a netCDF file, a variable or unit is missing or wrong, time does not increase
+    ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
     """
     import h5py
 
@@ -98,11 +99,17 @@ def read(file: LevelOneFile, start: float | None = None, stop: float | None = No
         with h5py.File(file.path, "r") as content:
             _check(content, file)
             time = content["time"][:].astype(float)
-            _check_time(time, file)
-            part = _part(time, start, stop)
-            values = {name: content[name][part].astype(float) for name in VARIABLES[file.product]}
+            names = VARIABLES[file.product]
+            if epochs.increasing(time):
+                part = _part(time, start, stop)
+                values = {name: content[name][part].astype(float) for name in names}
+            else:
+                time, values = epochs.in_order(time, {name: content[name][:] for name in names})
+                part = _part(time, start, stop)
+                values = {name: column[part] for name, column in values.items()}
     except OSError as reason:
         refuse(file.path, f"no readable netCDF file ({reason})", f"an {file.product} file", "Fetch the file again.")
+    epochs.check_day(time, file.path, file.date)
     return {"time": time[part]} | _joined(file.product, values)
 
 
@@ -134,15 +141,6 @@ def _check(content, file):
         shape = (count,) if width == 1 else (count, width)
         if content[name].shape != shape:
             refuse(file.path, f"{name} of shape {content[name].shape}", f"{shape}", "Write it along time.")
-
-
-def _check_time(time, file):
-    """Epochs that increase."""
-    wrong = np.flatnonzero(~(np.diff(time) > 0))
-    if wrong.size or not np.isfinite(time).all() or time.size < 2:
-        where = int(wrong[0]) + 1 if wrong.size else 0
-        found = f"{time.size} epochs, number {where} not after the one before"
-        refuse(file.path, found, "finite, strictly increasing times", "Sort the records and drop repeated ones.")
 
 
 def loader(file: LevelOneFile) -> Callable[[], dict[str, np.ndarray]]:

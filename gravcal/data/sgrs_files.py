@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.data import netcdf, product
+from gravcal.data import epochs, netcdf, product
 from gravcal.data.archive import LevelOneFile
 from gravcal.data.refusal import refuse
 
@@ -85,7 +85,7 @@ def read(file: LevelOneFile, truth: bool = False):
 
     Raises
     ------
-    ProductError : not a netCDF file, a variable or unit is missing or wrong, time does not increase
+    ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
     """
     try:
         content = netcdf.from_bytes(Path(file.path).read_bytes())
@@ -97,9 +97,12 @@ def read(file: LevelOneFile, truth: bool = False):
     sizes = WIDTHS | {"time": content["time"].size, "sensor": _sensors(content, file)}
     for name, (dims, unit, _) in wanted.items():
         _check(content, file, name, (unit, tuple(sizes[dim] for dim in dims)))
-    _check_time(content["time"].values, file)
-    values = {name: (dims, content[name].values.astype(float)) for name, (dims, _, _) in wanted.items()}
-    return _labelled(values, content["time"].values.astype(float), wanted)
+    alone = {name: content[name].values.astype(float) for name, (dims, _, _) in wanted.items() if "time" not in dims}
+    along = {name: content[name].values.astype(float) for name in wanted if name not in alone}
+    time, along = epochs.in_order(content["time"].values.astype(float), along)
+    epochs.check_day(time, file.path, file.date)
+    values = {name: (dims, (along | alone)[name]) for name, (dims, _, _) in wanted.items()}
+    return _labelled(values, time, wanted)
 
 
 def sensor_positions(file: LevelOneFile) -> np.ndarray:
@@ -156,12 +159,3 @@ def _check(content, file, name, expected):
         refuse(file.path, f"{name} in {found}", f"{name} in {unit}", "Convert it, or correct its units.")
     if content[name].shape != shape:
         refuse(file.path, f"{name} of shape {content[name].shape}", str(shape), REPAIR)
-
-
-def _check_time(time, file):
-    """Epochs that increase."""
-    wrong = np.flatnonzero(~(np.diff(time) > 0))
-    if wrong.size or time.size < 2 or not np.isfinite(time).all():
-        where = int(wrong[0]) + 1 if wrong.size else 0
-        found = f"{time.size} epochs, number {where} not after the one before"
-        refuse(file.path, found, "finite, strictly increasing times", "Sort the records and drop repeated ones.")

@@ -13,7 +13,7 @@ def columns(sensors=2, count=20):
     """Any numbers of the right shapes."""
     rng = np.random.default_rng(0)
     return {
-        "time": 6e8 + np.arange(count),
+        "time": 633787200.0 + np.arange(count),
         "linear": rng.standard_normal((count, sensors, 3)),
         "angular": rng.standard_normal((count, sensors, 3)),
         "q": rng.standard_normal((count, 4)),
@@ -44,7 +44,7 @@ def test_a_file_reads_back_exactly_and_twice_the_same_bytes(tmp_path, sensors):
 def test_other_writers_are_read(tmp_path):
     """Contract: netCDF-4 by xarray and h5netcdf, single precision."""
     one = written(tmp_path)
-    read = sgrs_files.read(one).astype("f4").assign_coords(time=sgrs_files.read(one)["time"])
+    read = sgrs_files.read(one).astype("f4").assign_coords(time=sgrs_files.read(one)["time"] + 86400.0)
     read.to_netcdf(tmp_path / "SGRS_2020-02-02_S_01.nc", engine="h5netcdf")
     assert sgrs_files.read(sgrs_files.find(tmp_path, "2020-02-02"))["linear"].dtype == float
     assert_array_equal(sgrs_files.sensor_positions(one), columns()["sensor_position"])
@@ -55,7 +55,8 @@ def test_other_writers_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"time": 6e8 - np.arange(20)}, "not after the one before"),
+        ({"time": 6e8 + np.arange(20)}, "expected one on the day 2020-02-01"),
+        ({"time": np.full(20, np.nan)}, "0 epochs"),
         (columns(3), "3 sensors"),
         ({"q": np.zeros((20, 3))}, "q of shape"),
     ],
@@ -88,3 +89,16 @@ def test_wrong_units_missing_variables_and_other_files_are_refused(tmp_path):
         sgrs_files.find(tmp_path / "none")
     with pytest.raises(ProductError, match="no SGRS file of 2021-01-01"):
         sgrs_files.find(tmp_path, "2021-01-01")
+
+
+def test_records_out_of_order_are_sorted_and_contradictions_left_out(tmp_path):
+    """Contract: as for Level-1 files; a repeated record is read once, one that contradicts it is not used."""
+    given = columns()
+    time = given["time"].copy()
+    time[[4, 5]] = time[[5, 4]]
+    time[11] = time[10]
+    read = sgrs_files.read(written(tmp_path, time=time))
+    assert np.all(np.diff(read["time"].values) > 0)
+    assert read["time"].size == time.size - 1
+    assert np.all(read["linear"].values[4] == given["linear"][5])
+    assert np.isnan(read["linear"].values[10]).all()

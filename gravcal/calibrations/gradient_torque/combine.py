@@ -83,7 +83,11 @@ def _clean(drags, truth, step, values):
 
 
 def _rms(values, axis):
-    return np.sqrt(np.mean(values**2, axis=axis))
+    """Root mean square of what is there, NaN where nothing is."""
+    there = np.isfinite(values)
+    count = there.sum(axis=axis)
+    total = np.where(there, values, 0.0) ** 2
+    return np.sqrt(np.where(count > 0, total.sum(axis=axis), np.nan) / np.maximum(count, 1))
 
 
 def _identifiability(modelled, found, choices, satellite):
@@ -119,7 +123,8 @@ def _arc(modelled, found, choices, satellite):
     at = time.size // 4 + every * np.arange(choices[0])
     motion = {name: modelled[name].values[at] for name in ("gradient_b",)}
     motion |= {name: modelled[name].values[0][at] for name in ("rate_b", "rate_dot_b")}
-    motion["drag_b"] = found["drag_b"].values[at]
+    drag = found["drag_b"].values
+    motion["drag_b"] = np.where(np.isfinite(drag[at]), drag[at], np.nanmean(drag, axis=0))
     band = 1 / np.sqrt(2 * step)
     place = modelled["sensor_position_b"].values[0]
     spread = np.sqrt(np.mean(np.diagonal(modelled["motion_covariance"].values[0], axis1=1, axis2=2)))

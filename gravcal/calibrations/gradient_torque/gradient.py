@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations.building import build
 from gravcal.calibrations.gradient_torque import attitude, laws, pointing, spline
@@ -54,14 +55,15 @@ def gradient(
     """
     _check(observed, single_sensor, gap_limit_s)
     field = gravity_field.truncated(field_of(stored), 0, field_degree)
-    time, position = observed["time"].values, observed["position"].values
+    time = observed["time"].values
+    position, velocity = (bridged(time, observed[name].values, gap_limit_s) for name in ("position", "velocity"))
     R_ei = earth.R_ei(time)
     gradient_i = gravity.rotate_tensor(
         np.swapaxes(R_ei, 1, 2), gravity_field.gradient_e(field, np.matvec(R_ei, position))
     )
     frame = attitude.Frame(
-        pointing.orbit_frame(position, observed["velocity"].values),
-        pointing.orbit_rates(time, position, observed["velocity"].values),
+        pointing.orbit_frame(position, velocity),
+        pointing.orbit_rates(time, position, velocity),
     )
     places = observed["sensor_position"].values
     uses = {"one_sensor": [min(single_sensor, len(places)) - 1], "two_sensor": list(range(len(places)))}
@@ -82,6 +84,27 @@ def gradient(
     }
     values |= _of_motion(solved, gradient_i, position)
     return build(GRADIENT, values, title="Gravity gradient and rates along the orbit", field=field.name)
+
+
+def bridged(time: np.ndarray, values: np.ndarray, gap_limit_s: float) -> np.ndarray:
+    """Orbit with missing rows filled by a cubic spline.
+
+    Parameters
+    ----------
+    time : (n,) s; values : (n, 3), m or m s-1, NaN where missing; gap_limit_s : s, longest gap filled
+    """
+    good = np.isfinite(values).all(axis=1)
+    if good.all():
+        return values
+    known = time[good]
+    worst = max(np.diff(known).max(), known[0] - time[0], time[-1] - known[-1]) if known.size > 3 else np.inf
+    if worst > gap_limit_s:
+        raise EstimationError(
+            f"SGRS file: found {worst:.0f} s without position or velocity, expected at most {gap_limit_s:g} s. "
+            f"Cut the record there, or raise gap_limit_s.",
+            gap=float(worst),
+        )
+    return CubicSpline(known - time[0], values[good])(time - time[0])
 
 
 def _of_motion(solved, gradient_i, position):

@@ -87,5 +87,18 @@ def amplitude_spectrum(series, step):
     """
     n = series.shape[-2]
     window = np.hanning(n)[:, None]
+    missing = ~np.isfinite(series).all(axis=-1)
+    if missing.any() and not missing.all():
+        series = _bridged(series, missing)
     spectrum = np.fft.rfft(window * (series - series.mean(axis=-2, keepdims=True)), axis=-2)
     return np.fft.rfftfreq(n, step)[1:], np.abs(spectrum[..., 1:, :]) * 2 / window.sum()
+
+
+def _bridged(series, missing):
+    """Straight lines over missing epochs (..., n, 3)."""
+    flat, gone = series.reshape(-1, *series.shape[-2:]).copy(), missing.reshape(-1, series.shape[-2])
+    index = np.arange(series.shape[-2])
+    for one, lost in zip(flat, gone, strict=True):
+        if not lost.all():
+            one[lost] = np.stack([np.interp(index[lost], index[~lost], column[~lost]) for column in one.T], axis=1)
+    return flat.reshape(series.shape)

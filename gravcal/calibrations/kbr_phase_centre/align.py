@@ -39,7 +39,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]
     streams = [_states(orbit) for orbit in orbits] + [_attitudes(camera) for camera in cameras]
     values = _ranging(kbr, break_limit_m)
-    time = _common_grid([stream[0] for stream in streams], observed[1:], values["time_kbr"])
+    time = _common_grid([stream[0] for stream in streams], observed, values["time_kbr"])
     on_grid = [interpolated(*stream, time, gap_limit_s) for stream in streams]
     with np.errstate(invalid="ignore"):
         unit = [q / np.linalg.norm(q, axis=1, keepdims=True) for q in on_grid[2:]]
@@ -97,7 +97,8 @@ def _attitudes(camera):
 
 def _common_grid(times, observed, time_kbr):
     """Whole seconds that all four streams and the ranging share."""
-    sources = [*(d.attrs.get("file", d.attrs.get("product", "")) for d in observed), "the ranging"]
+    names = [one.attrs.get("file", one.attrs.get("product", "")) for one in observed]
+    sources = [*names[1:], names[0]]
     for time, name in zip([*times, time_kbr], sources, strict=True):
         if time.size < 2:
             raise EstimationError(
