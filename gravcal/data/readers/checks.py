@@ -29,7 +29,8 @@ MEANING = {
 NORM_LIMIT = 1e-6
 KNOWN_TIMES = {"GPS": b"G", "OBC": b"R", "receiver": b"R", "LRI": b"SB"}
 DAY_S = 86400
-MARGIN_S = 4 * 3600  # Level-1A files overlap their day by up to three hours
+MARGIN_S = 4 * 3600  # files by an on-board or receiver clock overlap their day by up to three hours
+GPS_MARGIN_S = 600  # files in GPS time hold their day; USO1B begins five minutes before
 
 
 def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np.ndarray:
@@ -148,7 +149,8 @@ def check_identity(file, header, table, arrays, expected):
         refuse(where, f"a file of {file.date}", day, "Take the file of the right day.", date=file.date)
     seconds = arrays[table.time[0]]
     if (day or file.date) and len(seconds) and not table.constant:
-        _check_day(where, day or file.date, seconds)
+        exact = table.time_scale == "GPS" and table.name.endswith("1B")
+        _check_day(where, day or file.date, seconds, GPS_MARGIN_S if exact else MARGIN_S)
     if "time_ref" in arrays:
         _check_time_ref(where, table, arrays["time_ref"])
 
@@ -160,12 +162,12 @@ def _letter_of_records(arrays, table):
     return chr(np.bincount(arrays[table.id_name].view(np.uint8)).argmax())
 
 
-def _check_day(where, date, seconds):
+def _check_day(where, date, seconds, margin):
     if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", date):
         refuse(where, f"the date {date}", "YYYY-MM-DD", "Correct the date.")
     noon_2000 = np.datetime64("2000-01-01T12:00:00")
     start = int((np.datetime64(date) - noon_2000) / np.timedelta64(1, "s"))
-    inside = (seconds >= start - MARGIN_S) & (seconds < start + DAY_S + MARGIN_S)
+    inside = (seconds >= start - margin) & (seconds < start + DAY_S + margin)
     if not inside.any():
         first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
         refuse(

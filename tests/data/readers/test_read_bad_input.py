@@ -137,6 +137,13 @@ def test_wrong_day_is_refused(tmp_path, attitude, attitude_file):
     _refused(write(attitude, tmp_path / "SCA1B_2023-06-04_C_04.txt"), "no record of 2023-06-04")
 
 
+def test_gps_times_of_the_next_morning_are_the_wrong_day(tmp_path, attitude, acceleration):
+    """Contract: a Level-1B file in GPS time holds its day alone; on-board tags may lie hours beyond it."""
+    late = attitude | {"gps_time": attitude["gps_time"] + 3600}
+    _refused(write(late, tmp_path / "SCA1B_2023-05-31_C_04.txt"), "no record of 2023-05-31")
+    read(write(acceleration, tmp_path / "ACC1A_2023-05-31_C_04.txt"))
+
+
 def test_tags_of_another_time_scale_are_refused(acceleration_file):
     """Contract: ACC1A holds receiver tags, R; a G says something else happened to it."""
     _damaged(acceleration_file, lambda lines: [line.replace(b"  R  ", b"  G  ") for line in lines])
