@@ -71,23 +71,25 @@ def view(
     scenes = [_scene(part, inertia_b, settings) for part in _parts(usable, settings["block_s"])]
     blocks = [_block(scene, noise) for scene in scenes]
     found = [_firings(scenes, firings)]
-    share = _share(blocks, _whitened(found[0], scenes, noise)["columns"])
+    bases = [placebo.basis(b["own"]) for b in blocks]
+    share = _share(blocks, bases, _whitened(found[0], scenes, noise)["columns"])
     found += [*_others(scenes, Firings(firings.time, firings.impulse_b * share))]
     found += drivers.candidates(scenes, other, orbit)
     found = [_whitened(c, scenes, noise) for c in found]
-    factor, gains = _inflation(blocks, scenes, firings, noise, found)
+    factor, gains = _inflation(blocks, bases, (scenes, firings, noise), found)
     scaled = [b | {k: b[k] / np.sqrt(factor) for k in ("observed", "own")} for b in blocks]
     found = [c | {"columns": [p / np.sqrt(factor) for p in c["columns"]]} for c in found]
     return scaled, found, {"inflation": factor, "placebo_gains": gains.tolist(), "quiet_epochs": noise.samples}
 
 
-def _inflation(blocks, scenes, firings, noise, found):
+def _inflation(blocks, bases, given, found):
     """Of `placebo`, with firings, their delay and the camera in use in the model."""
+    scenes, firings, noise = given
     names = ("torque.thruster_firings", "timing.thruster_delay", "unknown:star_camera_in_use")
     present = [c["columns"] for c in found if c["cause"] in names]
     moved = (Firings(firings.time + s, firings.impulse_b) for s in placebo.SHIFTS_S)
     wrong = (_whitened(_firings(scenes, m), scenes, noise)["columns"] for m in moved)
-    return placebo.inflation(blocks, present, wrong)
+    return placebo.inflation(blocks, bases, present, wrong)
 
 
 def _whitened(candidate, scenes, noise):
@@ -95,11 +97,11 @@ def _whitened(candidate, scenes, noise):
     return candidate | {"columns": rows}
 
 
-def _share(blocks, columns):
+def _share(blocks, bases, columns):
     """Share of the nominal impulses (3,) that fits best: where the delays, not linear, are differentiated."""
     normal, right = np.zeros((3, 3)), np.zeros(3)
-    for block, column in zip(blocks, columns, strict=True):
-        clean = estimation.without(block["own"], column)
+    for block, basis, column in zip(blocks, bases, columns, strict=True):
+        clean = placebo.less(basis, column)
         normal, right = normal + clean.T @ clean, right + clean.T @ block["observed"]
     return estimation.stable_inverse(normal) @ right
 
