@@ -39,9 +39,10 @@ def calibrate(source, chosen):
     quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
     made = [_solved(source, chosen, (aligned, smoothed, quiet), variant) for variant in VARIANTS]
     angular, solved = zip(*made, strict=True)
-    combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
+    name = "" if chosen.method == "gravcal" else chosen.method  # a repeat for comparison has links of its own
+    combined = com_offset.combine(*solved, **chosen.for_stage("combine"), variant=name)
     products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found)
-    return com_offset.report(*products, **_report_settings(source, chosen))
+    return com_offset.report(*products, **_report_settings(source, chosen), variant=name)
 
 
 def _aligned(source, chosen):

@@ -40,7 +40,7 @@ def document(combined, solved, smoothed, field, detected, survey=None, *, event,
         "record": parts.record(detected),
         "field_check": parts.field_check(field),
         "attitude": parts.attitude(smoothed),
-        "roll_response": parts.roll_response(survey, settings),
+        "roll_response": None if detected.sizes["manoeuvre"] else parts.roll_response(survey, settings),
     }
     tail = {"settings": as_plain(settings), "provenance": as_plain(provenance)}
     if detected.sizes["manoeuvre"] == 0 or combined is None:

@@ -170,7 +170,7 @@ def attitude(smoothed):
 
 
 def roll_response(survey, settings):
-    """Slope of the measured roll motion on (m x B)_x, beside what the catalogue expects.
+    """Slope of the measured roll motion on (m x B)_x, beside what the catalogue expects; for want of a manoeuvre.
 
     Parameters
     ----------

@@ -1,0 +1,41 @@
+"""The flow of com_offset on invented files: what is delivered where."""
+
+import json
+
+import pytest
+from independent import make_event
+
+from flows import com_offset as flow
+from flows import engine
+from gravcal.data import catalog
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Folder with one pitch and one roll, and its truth."""
+    folder = tmp_path_factory.mktemp("flow") / "files"
+    return folder, make_event(folder, 5, manoeuvres=[("pitch", "high"), ("roll", "high")], field_generation=14)
+
+
+def run(folder, **settings):
+    """Report product of a folder."""
+    chosen = catalog.parameters("com_offset").with_settings(settings)
+    return engine.run(flow.calibrate, flow.source(data=folder), chosen, engine="inline")
+
+
+def test_a_repeat_by_the_published_method_leaves_the_latest_result_in_place(files, tmp_path, monkeypatch):
+    """Contract: latest/<event>/com_offset.report is ours; the repeat has a link that says what it is."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
+    ours, printed = run(files[0]), run(files[0], method="published")
+    latest = tmp_path / "latest" / ours.event
+    assert (latest / "com_offset.report").resolve() == ours.folder.resolve()
+    assert (latest / "com_offset.report.published").resolve() == printed.folder.resolve()
+    assert json.loads((printed.folder / "result.json").read_text())["method"] == "published"
+
+
+def test_an_event_with_manoeuvres_says_nothing_of_the_roll_response(files, tmp_path, monkeypatch):
+    """Contract: the slope of roll acceleration is for a record without manoeuvre; with one it means nothing."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
+    document = flow.document(run(files[0]))
+    assert document["status"] == "delivered"
+    assert document["roll_response"] is None
