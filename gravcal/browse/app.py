@@ -59,7 +59,7 @@ def bokeh_script():
 
 
 def bound(host, port):
-    """Socket to listen on.
+    """Socket that listens.
 
     Parameters
     ----------
@@ -75,6 +75,7 @@ def bound(host, port):
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((host.strip("[]"), port))
+        listening.listen(128)  # who asks before the server has started waits
     except OSError as error:
         listening.close()
         raise GravcalError(

@@ -31,7 +31,7 @@ def home(request):
     """Calibrations with their state, and all events."""
     rows = shelf.results()
     counts = {name: [row for row in rows if row["calibration"] == name] for name in NAMES}
-    return _filled("home.html", request, rows=rows, counts=counts)
+    return _filled("home.html", request, rows=rows, counts=counts, waiting=shelf.waiting(rows))
 
 
 @page
@@ -40,17 +40,17 @@ def timeline(request):
     name = request.path_params["calibration"]
     if name not in NAMES:
         return not_found(request, None)
-    return _filled("timeline.html", request, name=name, title=years.TITLES[name], letters=years.satellites(name),
-                   points=years.points(name))  # fmt: skip
+    points = years.points(name)
+    letters = sorted({point.satellite for point in points})
+    return _filled("timeline.html", request, name=name, title=years.TITLES[name], letters=letters, points=points)
 
 
 @page
 def timeline_figure(request):
     """Figure of one satellite over the years."""
     name, satellite = request.path_params["calibration"], request.path_params["satellite"]
-    if name not in NAMES or satellite not in years.satellites(name):
-        return JSONResponse({"error": "found no result"}, 404)
-    return JSONResponse(years.figure(name, satellite))
+    drawn = years.figure(name, satellite) if name in NAMES else None
+    return JSONResponse(drawn) if drawn else JSONResponse({"error": "found no result"}, 404)
 
 
 @page

@@ -1,5 +1,6 @@
 """What lies in the store, for the pages: nothing is written, set aside or made again by looking."""
 
+import functools
 import json
 from dataclasses import dataclass
 
@@ -58,10 +59,7 @@ def file(found, name):
 def document(found):
     """Result document of a report product, or None."""
     path = file(found, "result.json")
-    try:
-        return json.loads(path.read_bytes()) if path else None
-    except (OSError, ValueError):
-        return None
+    return _json(path) if path else None
 
 
 def results():
@@ -71,11 +69,35 @@ def results():
     -------
     rows : list of dict: event, calibration, state, mood, said, made, products, report (Entry or None), run, document
     """
-    everything = [one for one in entries() if one.newest]
+    by_event = {}
+    for one in entries():
+        if one.newest:
+            by_event.setdefault(one.ref.event, []).append(one)
     runs = {(run["event"], run["flow"]): run for run in journal.runs()}
+    everything = [one for own in by_event.values() for one in own]
     names = {(one.ref.event, one.ref.kind.partition(".")[0]) for one in everything if one.ref.kind != "ingest"}
-    rows = [_result(event, calibration, everything, runs) for event, calibration in sorted(names | set(_failed(runs)))]
+    rows = [_result(*name, by_event.get(name[0], []), runs) for name in sorted(names | set(_failed(runs)))]
     return sorted(rows, key=lambda row: row["made"], reverse=True)
+
+
+def waiting(rows):
+    """Events of the catalogue that are not in the store, by calibration.
+
+    Parameters
+    ----------
+    rows : of ``results``
+
+    Returns
+    -------
+    names : dict, calibration -> list of str
+    """
+    from gravcal.data import catalog
+
+    here, missing = {row["event"] for row in rows}, {}
+    for event in catalog.events():
+        if event.name not in here:
+            missing.setdefault(event.calibration, []).append(event.name)
+    return missing
 
 
 def chain(event):
@@ -94,13 +116,14 @@ def chain(event):
     runs = [run for run in journal.runs() if run["event"] == event]
     states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
     keys = {name: one["key"] for run in runs for name, one in run["stages"].items()}
-    waiting = [one for one in entries() if one.newest and one.ref.event == event]
+    known = {one.ref.key: one for one in entries()}
+    waiting = [one for one in known.values() if one.newest and one.ref.event == event]
     equal = {(one.ref.stage, one.ref.digest): one for one in waiting}
     nodes = {}
     while waiting:
         one = waiting.pop()
-        below = [entry(key) for key in _inputs(one)]
-        below = [equal.get((part.ref.stage, part.ref.digest), part) for part in below if part]
+        below = [known[key] for key in _inputs(one) if key in known]
+        below = [equal.get((part.ref.stage, part.ref.digest), part) for part in below]
         waiting += [part for part in below if part.ref.key not in nodes]
         state = states.get(one.ref.stage, "stored") if keys.get(one.ref.stage) == one.ref.key else "stored"
         nodes[one.ref.key] = Node(one.ref.stage, one.ref.key, state, one, tuple(part.ref.key for part in below))
@@ -131,6 +154,15 @@ def siblings(found):
     ]
 
 
+@functools.lru_cache(maxsize=4096)
+def _json(path):
+    """Document of a report; it never changes."""
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
 def _record(folder):
     """Record of a product folder whose file is there, or None."""
     if folder not in _known:
@@ -159,9 +191,8 @@ def _failed(runs):
     return [where for where, run in runs.items() if run["status"] == "failed"]
 
 
-def _result(event, calibration, everything, runs):
+def _result(event, calibration, own, runs):
     """Row of one event and calibration."""
-    own = [one for one in everything if one.ref.event == event]
     own = [one for one in own if one.ref.kind.startswith(f"{calibration}.") or one.ref.kind == "ingest"]
     report = next((one for one in own if one.ref.stage == f"{calibration}.report"), None)
     run = runs.get((event, calibration))

@@ -32,11 +32,6 @@ class Point:
     said: str
 
 
-def satellites(calibration):
-    """Letters of the satellites with a result."""
-    return sorted({point.satellite for point in points(calibration)})
-
-
 def points(calibration):
     """Values of all reports of a calibration.
 
@@ -64,12 +59,14 @@ def figure(calibration, satellite):
 
     Returns
     -------
-    item : dict, as Bokeh's embed_item takes it
+    item : dict, as Bokeh's embed_item takes it; None where there is no result
     """
     from bokeh.embed import json_item
     from bokeh.layouts import column
 
     own = [point for point in points(calibration) if point.satellite == satellite]
+    if not own:
+        return None
     said = printed(calibration, satellite)
     trimmed = trims(satellite) if calibration == "com_offset" else []
     panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
@@ -97,22 +94,45 @@ def trims(satellite):
 
 
 def printed(calibration, satellite):
-    """Printed values of the catalogue as points; a unit of its own for each component is converted to ours."""
-    if calibration != "com_offset":
-        return []
-    from gravcal.data import catalog
+    """Printed values of the catalogue as points, in the units of ours.
 
-    name = catalog.satellite(satellite).name
+    Parameters
+    ----------
+    calibration, satellite : str
+    """
+    from gravcal.data import catalog
+    from gravcal.errors import CatalogError
+
+    section, unit = PRINTED.get(calibration, ("", ""))
+    try:
+        name = catalog.satellite(satellite).name if section else ""
+    except CatalogError:
+        return []
     found = []
-    for one in catalog.published(calibration).get("history", ()):
-        if one.events and not one.events[0].startswith(name):
-            continue
-        date = datetime.datetime.fromisoformat(one.labels["date"])
-        for number, axis in enumerate(AXES):
-            sigma = one.sigma[number] if one.sigma else None
-            event = one.events[0] if one.events else ""
-            found.append(Point(satellite, axis, "µm", date, one.value[number], sigma, event, "printed", one.source))
+    for one in catalog.published(calibration).get(section, ()) if section else ():
+        date = _printed_date(one, name)
+        if date:
+            found += [_printed_point(one, satellite, unit, number, date) for number in range(3)]
     return found
+
+
+def _printed_date(one, satellite):
+    """Date of a printed value if it belongs to a satellite, else None: its own, else that of its event."""
+    own = [event for event in one.events if event.startswith(satellite)]
+    if one.labels.get("satellite", satellite) != satellite or (one.events and not own) or len(one.value) != 3:
+        return None
+    text = one.labels.get("date") or (own[0] if own else "")
+    found = re.search(r"\d{4}-\d{2}-\d{2}", text)
+    return datetime.datetime.fromisoformat(found.group()) if found else None
+
+
+def _printed_point(one, satellite, unit, number, date):
+    """One component of a printed value."""
+    units = one.unit.split(", ")
+    factor = METRES[units[number] if len(units) == 3 else units[0]] / METRES[unit]
+    sigma = one.sigma[number] * factor if one.sigma else None
+    event = one.events[0] if one.events else ""
+    return Point(satellite, AXES[number], unit, date, one.value[number] * factor, sigma, event, "printed", one.source)
 
 
 def _com_offset(document):
@@ -150,6 +170,9 @@ def _gradient_torque(document):
         yield _letters(document["event"]), name.replace("_", " "), "m s-2", one.get("sigma_total_rms"), None
 
 
+#: Section of the printed values that a time line shows, and its unit.
+PRINTED = {"com_offset": ("history", "µm"), "kbr_phase_centre": ("vkb1b", "mm")}
+METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 VALUES = {
     "com_offset": _com_offset,
     "kbr_phase_centre": _kbr_phase_centre,

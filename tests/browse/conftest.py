@@ -11,6 +11,7 @@ from gravcal.data import journal
 def shop(store_folder):
     """Return the references of an invented store."""
     shelf._known.clear()
+    shelf._json.cache_clear()
     series.overview.cache_clear()
     variables.listed.cache_clear()
     first = calibration(EVENT, 1.0, gain=1.0)

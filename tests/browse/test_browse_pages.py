@@ -1,11 +1,17 @@
 """The pages as a client sees them: content, and what they refuse."""
 
+import contextlib
+import http.client
 import re
+import subprocess
+import sys
+import urllib.parse
 
 import pytest
 from invented_store import EVENT, client
 
-from gravcal.browse import graph, guard, shelf
+from gravcal.browse import app, graph, guard, shelf, timeline
+from gravcal.errors import GravcalError
 
 
 @pytest.fixture
@@ -180,3 +186,54 @@ def test_what_is_not_there_is_said(ask, shop):
 def test_only_loopback_needs_no_token(host, local):
     """Contract: what counts as this machine."""
     assert guard.is_loopback(host) is local
+
+
+def test_printed_values_come_in_our_units():
+    """Published: Table 7 of 10.3390/rs14143395 prints 1443.7 mm, -370.6 um, 145.0 um for C on 2020-09-17."""
+    points = timeline.printed("kbr_phase_centre", "C")
+    assert [round(point.value, 6) for point in points] == [1443.7, -0.3706, 0.145]  # mm
+    assert {point.date.date().isoformat() for point in points} == {"2020-09-17"}
+    assert timeline.printed("kbr_phase_centre", "Z") == []
+
+
+def test_the_time_line_shows_value_error_and_verdict(ask, shop):
+    """Contract: the adopted offset with its total error at the date of its first manoeuvre."""
+    points = [point for point in timeline.points("com_offset") if point.event == EVENT]
+    assert [(point.panel, point.value, point.sigma) for point in points] == [
+        ("x", 10.0, 8.0),
+        ("y", 0.0, 9.0),
+        ("z", -5.0, 1.0),
+    ]  # um
+    assert {(point.mood, point.date.date().isoformat()) for point in points} == {("good", "2020-02-26")}
+    assert ask("/timeline/com_offset/C.json").status_code == 200
+    assert ask("/timeline/com_offset/D.json").status_code == 404
+
+
+def started(*options):
+    """Process of `gravcal browse` and the address that it prints."""
+    program = (sys.executable, "-c", "from flows.cli import main; main()", "browse", *options)
+    process = subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return process, process.stdout.readline().strip()
+
+
+@pytest.mark.parametrize(("options", "token"), [((), False), (("--host", "0.0.0.0"), True)])
+def test_the_command_prints_an_address_that_answers(shop, options, token):
+    """Contract: loopback without a token; on all addresses only with the one printed."""
+    process, address = started("--port", "0", *options)
+    try:
+        parts = urllib.parse.urlsplit(address)
+        assert bool(parts.query) is token
+        line = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=30)
+        line.request("GET", "/")
+        assert line.getresponse().status == (401 if token else 200)
+        line.close()
+    finally:
+        process.terminate()
+        process.communicate(timeout=30)
+
+
+def test_a_port_in_use_is_an_error_with_a_remedy():
+    """Contract: one line that says what to do."""
+    with contextlib.closing(app.bound("127.0.0.1", 0)) as taken:
+        with pytest.raises(GravcalError, match="Give another --port"):
+            app.bound("127.0.0.1", taken.getsockname()[1])
