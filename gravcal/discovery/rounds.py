@@ -145,10 +145,13 @@ def _best(problem, used, rows, choice):
     """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
     everything, rows = rows, [t for t in rows if t.significance < choice.level]
     for trial in _ranked(rows, choice.tie)[:12]:
+        if trial.kind == "line":  # between two frequencies of the search
+            at, at_sigma = trials.located(trial, everything)
+            trial = replace(trial, at=at, at_sigma=at_sigma)
         grown, index = trials.with_candidate(problem, trial)
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
-            if trial.kind in ("line", "step"):
+            if trial.kind == "step":
                 at, at_sigma = trials.located(trial, everything)
                 trial = replace(trial, at=at, at_sigma=at_sigma)
             return grown, (index, trial)
