@@ -62,7 +62,7 @@ def test_every_file_of_the_packages_is_in_the_wheel(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     files = [path for name in PACKAGES for path in (ROOT / name).rglob("*") if path.is_file()]
     wanted = {path.relative_to(ROOT).as_posix() for path in files if "__pycache__" not in path.parts}
-    assert {".py", ".toml", ".csv", ".json", ".shc", ".html", ".css"} <= {Path(name).suffix for name in wanted}
+    assert {".py", ".toml", ".csv", ".json", ".shc", ".html", ".css", ".js"} <= {Path(name).suffix for name in wanted}
     assert not wanted - names
 
 
