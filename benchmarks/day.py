@@ -58,8 +58,8 @@ def _inside(files, rounds):
     return show(
         [
             Figure("reading: six Level-1 files to products", f"{watch.middle(reading):.3g} s", watch.span(reading)),
-            at_most("beyond reading", watch.middle(beyond[1]), 2.0, " s", watch.span(beyond[1])),
-            Figure("  of it processor time", f"{watch.middle(processor):.3g} s", watch.span(processor)),
+            at_most("beyond reading, processor time", watch.middle(processor), 2.0, " s", watch.span(processor)),
+            Figure("  by the clock on the wall", f"{watch.middle(beyond[1]):.3g} s", watch.span(beyond[1])),
             Figure("  with loading of modules and kernels", f"{watch.middle(beyond[0]):.3g} s", watch.span(beyond[0])),
         ],
         "min .. max",

@@ -84,7 +84,8 @@ def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
 
     Notes
     -----
-    offset = (rcvtime_intg + rcvtime_frac) - obctime; formats.md, 2.5 step 1.
+    offset = (rcvtime_intg + rcvtime_frac) - obctime; GRACE-FO Level-1 Handbook (JPL D-56935), TIM1B; and
+    docs/real_data.md, Time.
     """
     obc_second = np.asarray(obc_second, np.int64)
     offset = (np.asarray(rcv_second, np.int64) - obc_second) + np.asarray(rcv_fraction, float)
@@ -104,7 +105,7 @@ def clk1b_clock(rcv_second, eps_time, eps_drift, qualflg) -> Clock:
 
     Notes
     -----
-    t_gps = rcv_time + eps_time; formats.md, 2.5 step 2.
+    t_gps = rcv_time + eps_time; GRACE-FO Level-1 Handbook (JPL D-56935), CLK1B; docs/real_data.md, Time.
     """
     return _clock(np.asarray(rcv_second, np.int64), np.asarray(eps_time, float), np.asarray(eps_drift, float), qualflg)
 

@@ -20,7 +20,7 @@ def survey(aligned: xr.Dataset, checked: xr.Dataset) -> xr.Dataset:
 
     Rate and torque pass the same operator: the slope of a parabola over five samples of the attitude, and of the torque
     integrated twice. A quadratic drift of the rate is estimated along, and the error counts the correlation of the
-    residuals. slope = k / Ixx; formats.md 4.7.
+    residuals. slope = k / Ixx, dipole per current over roll inertia (docs/com_offset.md, Limits).
 
     Parameters
     ----------
