@@ -85,8 +85,10 @@ def _watched(command, environment, store, count):
             time.sleep(0.1)
             done = len(list((store / "latest").glob("*"))) if count > 100 else 0
             if count > 100 and done >= count // 10:
-                seen.setdefault("early", _memory(process.pid))
-                seen["late"] = _memory(process.pid) or seen.get("late")
+                found = _memory(process.pid)
+                if found is not None:
+                    seen.setdefault("early", found)
+                    seen["late"] = found
         seconds = time.perf_counter() - start, _processor() - before
         if process.returncode:
             raise subprocess.CalledProcessError(process.returncode, command)
@@ -102,11 +104,11 @@ def _processor():
 
 
 def _memory(pid):
-    """Memory in MB of the process that schedules and of the Prefect server below it."""
+    """Memory in MB of the process that schedules and of the Prefect server below it; None without a server."""
     try:
         process = psutil.Process(pid)
         server = [one for one in process.children() if "flows.prefect_server" in one.cmdline()]
-        return tuple(one.memory_info().rss / 1e6 for one in [process, *server])
+        return (process.memory_info().rss / 1e6, server[0].memory_info().rss / 1e6) if server else None
     except psutil.Error:
         return None
 

@@ -109,9 +109,8 @@ def cluster(campaign, count):
             _check_versions(client)
             yield client
         return
-    local = LocalCluster(
-        n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None, silence_logs=50
-    )
+    here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+    local = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **here)
     with local, Client(local) as client:
         yield client
 

@@ -70,6 +70,7 @@ def _flow_on(url, campaign, waiting, calibrate, slots):
 
     def events():
         known["run"] = get_run_context().flow_run.id
+        prefect_server.sign(url, known["run"])
         known["rows"] = in_flow(campaign, waiting, calibrate, slots)
         shown, left_out = table(list(known["rows"].values()))
         description = f"Events of the campaign that had something to make{left_out}"
@@ -78,8 +79,7 @@ def _flow_on(url, campaign, waiting, calibrate, slots):
     with temporary_settings({PREFECT_API_URL: url, PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
         runner, name = ThreadPoolTaskRunner(max_workers=slots), f"campaign {campaign.calibration}"
         try:
-            with prefect.tags(prefect_server.own_tag()):
-                prefect.flow(events, name=name, task_runner=runner, persist_result=False)()
+            prefect.flow(events, name=name, task_runner=runner, persist_result=False)()
         finally:
             if "run" in known:
                 prefect_server.drain(url, known["run"], len(known["rows"]))

@@ -94,6 +94,7 @@ def _flow_on(url, body, arguments, engine, steps):
 
     def stages():
         known["run"] = get_run_context().flow_run.id
+        prefect_server.sign(url, known["run"])
         _show_plan(steps)
         with stage.using(engine):
             ref = body(*arguments)
@@ -107,8 +108,7 @@ def _flow_on(url, body, arguments, engine, steps):
             stages, name=body.flow_name, task_runner=runner, persist_result=False, validate_parameters=False
         )
         try:
-            with prefect.tags(prefect_server.own_tag()):
-                return wrapped()
+            return wrapped()
         finally:
             if known:
                 prefect_server.drain(url, known["run"], len(engine.pending))

@@ -9,7 +9,7 @@ from pathlib import Path
 from flows import engine, prefect_server
 
 RUNNER = """
-import importlib, json, sys, urllib.request
+import importlib, json, os, platform, sys, urllib.request
 sys.path.insert(0, sys.argv[1])
 from flows import engine, prefect_server
 from gravcal.data.archive import LevelOneFile
@@ -20,7 +20,9 @@ def watch(url, run, expected):
     drain(url, run, expected)
     found = prefect_server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [str(run)]}}})
     states.update({one["name"].rpartition("-")[0]: one["state"]["name"] for one in found})
-    seen.append(prefect_server.ask(url, f"/flow_runs/{run}")["name"])
+    seen.append(prefect_server.ask(url, f"/flow_runs/{run}")["tags"])
+    assert seen[-1] == [f"{prefect_server.OWN}{platform.node()}-{os.getpid()}"]
+    assert not any(one["tags"] for one in found)
     wanted = {"artifacts": {"flow_run_id": {"any_": [str(run)]}}}
     table = prefect_server.ask(url, "/artifacts/filter", wanted)[0]["data"]
     plan.extend(row["action"] for row in json.loads(table))
@@ -115,8 +117,10 @@ def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
 
     def answer(url, path, question=None):
         asked.append(path)
-        return [{"id": name, "tags": [tag]} for name, tag in tags.items()] if path == "/flow_runs/filter" else {}
+        runs = [{"id": name, "tags": [tag]} for name, tag in tags.items()]
+        return {"/flow_runs/filter": runs, "/task_runs/filter": [{"id": "task"}]}.get(path)
 
     monkeypatch.setattr(prefect_server, "ask", answer)
     prefect_server.bury("http://nowhere")
-    assert asked == ["/flow_runs/filter", "/flow_runs/gone/set_state"]
+    marked = ["/task_runs/filter", "/task_runs/task/set_state", "/flow_runs/gone/set_state"]
+    assert asked == ["/flow_runs/filter", *marked]
