@@ -30,6 +30,7 @@ STYLE = {
     "axes.spines.right": False,
     "axes.formatter.useoffset": False,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # no search for room above the ticks: a tenth of the drawing time
     "grid.color": "#E4E4E4",
     "grid.linewidth": 0.5,
     "xtick.labelsize": 7,
