@@ -20,6 +20,8 @@ VECTORS = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b
 JOINED = dict.fromkeys(VECTORS, (0, 3)) | {"time_acc": (0,), "gradient_b": (0, 3, 3), "sca_modes": (6, 0, 3)}
 #: Degree of the slow torque where no manoeuvre is there and control goes on.
 SURVEY_DEGREE = 5
+#: A noise model takes this many samples a coefficient, few manoeuvres a short one: else it follows the fit's own notch.
+SAMPLES_PER_ORDER, FEW_ORDER = 84, 6
 #: A change of the noise's reflection coefficients that moves the weights by less than their own error.
 SETTLED = 0.02
 WHITE = [NoiseModel(np.zeros(0), np.ones(1), 1.0)] * 3
@@ -32,7 +34,7 @@ def fit_all(found: list[Window], choice: Choice, order: int) -> tuple[list, list
     ----------
     found : windows
     choice : Choice
-    order : of the noise model
+    order : highest of the noise model
 
     Returns
     -------
@@ -44,6 +46,8 @@ def fit_all(found: list[Window], choice: Choice, order: int) -> tuple[list, list
         return [None] * len(found), WHITE
     sigma = 3e-6  # rad, only the start of the iteration
     noise = [NoiseModel(np.zeros(0), np.array([sigma**2]), 1.0)] * 3
+    samples = sum(int(w.good.sum()) for w in usable)
+    order = min(order, max(FEW_ORDER, samples // SAMPLES_PER_ORDER))
     fits, before = {}, np.inf
     for _ in range(3):
         start = {key: fit.solution for key, fit in fits.items()}

@@ -146,27 +146,29 @@ def _against_catalogue(joint, limit):
 
 
 def _difference(joint, names, limit, moves):
-    """Chi-square of the difference of two variants over the components that both determine.
+    """Chi-square of the difference of two variants over the directions that both determine.
+
+    Directions, not components: what one manoeuvre leaves open along x leaks into z by their correlation.
 
     Parameters
     ----------
     joint : solutions by variant
     names : two variants
-    limit : m, of a component that is determined
+    limit : m, of a direction that is determined
     moves : (k, 3) m, change of the difference by one standard deviation of prior errors
     """
     if not set(names) <= set(joint):
         return 0.0, 0
     one, other = (joint[name] for name in names)
-    used = _determined(one["covariance"], limit) & _determined(other["covariance"], limit)
-    if not used.any():
+    known = [one["covariance"], other["covariance"], joint.get("mtq", one)["noise"]]
+    if not np.isfinite(known).all():
         return 0.0, 0
-    pick = np.ix_(used, used)
-    shared = joint.get("mtq", one)["noise"]
-    covariance = sum(_excess(j["covariance"][pick], shared[pick]) for j in (one, other))
-    covariance += (moves.T @ moves)[pick]
-    difference = (one["offset"] - other["offset"])[used]
-    return float(difference @ np.linalg.solve(covariance, difference)), int(used.sum())
+    size, vectors = np.linalg.eigh((known[0] + known[1]) / 2)
+    basis = vectors[:, size < limit**2]
+    own, others, shared = (basis.T @ matrix @ basis for matrix in known)
+    covariance = _excess(own, shared) + _excess(others, shared) + basis.T @ moves.T @ moves @ basis
+    difference = basis.T @ (one["offset"] - other["offset"])
+    return float(difference @ np.linalg.solve(covariance, difference)), basis.shape[1]
 
 
 def _excess(covariance, noise):
