@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, hidden, residuals, trials
+from gravcal.discovery import adequacy, attribution, hidden, pairs, residuals, trials
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.problem import Problem, prepare
 
@@ -144,7 +144,12 @@ def baseline_of(problem: Problem, indices) -> np.ndarray:
 def _best(problem, used, rows, choice):
     """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
     everything, rows = rows, [t for t in rows if t.significance < choice.level]
-    for trial in _ranked(rows, choice.tie)[:12]:
+    ranked = _ranked(rows, choice.tie)
+    if ranked and ranked[0].kind == "unknown":
+        pair = pairs.best_pair(problem, baseline_of(problem, used), everything, choice.level)
+        if pair and pair[1] > ranked[0].score - choice.tie:
+            ranked = [pair[0], *ranked]
+    for trial in ranked[:12]:
         if trial.kind == "line":  # between two frequencies of the search
             at, at_sigma = trials.located(trial, everything)
             trial = replace(trial, at=at, at_sigma=at_sigma)
