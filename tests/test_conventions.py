@@ -1,12 +1,15 @@
 """Products open anywhere: the CF conventions 1.11, checked by IOOS compliance-checker on products of every kind."""
 
 import importlib
+import json
+import re
 import warnings
+from importlib import resources
 from pathlib import Path
 
 import pytest
 
-from gravcal.data import catalog, location, product
+from gravcal.data import catalog, housekeeping, location, product
 
 SMALL = {
     "com_offset": {"manoeuvres": "pitch_high,roll_high"},
@@ -105,3 +108,35 @@ def test_every_unit_of_the_level_one_files_is_known_to_udunits():
         table = tables.product(name)
         for column in (*table.columns, *table.optional, *table.repeated):
             Unit(column.units)
+
+
+def report_of(made, calibration):
+    """Folder of a calibration's report."""
+    return made[f"{calibration}.report"].parent
+
+
+@pytest.mark.parametrize("calibration", SMALL)
+def test_a_report_begins_with_its_verdict_and_needs_nothing_else(made, calibration):
+    """Contract: verdict first, one style for all, no script, nothing asked of other hosts, pictures described."""
+    page = (report_of(made, calibration) / "report.html").read_text()
+    body = page.partition("<body>")[2].lstrip()
+    assert body.startswith('<p class="verdict')
+    style = (resources.files("gravcal.report") / "report.css").read_text()
+    assert style.strip() in page
+    assert "<script" not in page
+    assert not re.findall(r"""(?:src|href)=["'](?!data:|#|https://doi\.org)[^"']+""", page)
+    assert all("alt=" in tag for tag in re.findall(r"<img[^>]*>", page))
+
+
+@pytest.mark.parametrize("calibration", SMALL)
+def test_every_number_of_a_report_can_be_traced(made, calibration, monkeypatch):
+    """Contract: what the document and the page name finds the product, as `gravcal products show` looks for it."""
+    folder = report_of(made, calibration)
+    document = json.loads((folder / "result.json").read_text())
+    page = (folder / "report.html").read_text()
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(folder.resolve().parent.parent.parent))
+    keys = document["provenance"]["products"]
+    assert len(keys) >= 4
+    for name, key in keys.items():
+        assert housekeeping.resolve(key).ref.stage == name
+        assert key[:12] in page, name

@@ -60,7 +60,9 @@ def linked_keys():
 
 
 def resolve(text):
-    """Product by key, beginning of a key, ``event/stage``, or path of its file or folder.
+    """Product by key, beginning of a key or of its content's digest (as reports print it), ``event/stage``, or path.
+
+    Of products with the same content the one that a readable link leads to is meant.
 
     Returns
     -------
@@ -75,6 +77,8 @@ def resolve(text):
     found = found or [entry for entry in everything if entry.newest and entry.ref.name == text]
     if not found and re.fullmatch(r"[0-9a-f]{4,64}", text):
         found = [entry for entry in everything if entry.ref.key.startswith(text)]
+        equal = [entry for entry in everything if entry.ref.digest.startswith(text)]
+        found = found or [entry for entry in equal if entry.newest] or equal
     if len(found) == 1:
         return found[0]
     raise ProductError(
