@@ -30,12 +30,20 @@ ELSEWHERE = {"](../README.md": "](overview.md", "](CHANGELOG.md": "](changes.md"
 def _source(_app, name, source):
     """Show README and changes as pages, and let links lead to them."""
     text = (HERE.parent / PAGES[name]).read_text() if name in PAGES else source[0]
-    if name == "index":  # pages that are still to be written
-        lines = text.splitlines()
-        text = "\n".join(line for line in lines if not re.fullmatch(r"\w+", line) or (HERE / f"{line}.md").exists())
+    if name == "index":
+        text = _listed(text)
     for before, after in ELSEWHERE.items():
         text = text.replace(before, after)
     source[0] = text
+
+
+def _listed(text):
+    """First page without pages still to be written, and with those that it does not name, in the last list."""
+    pages = {path.stem for path in HERE.glob("*.md")} - {"index"}
+    lines = [line for line in text.splitlines() if not re.fullmatch(r"\w+", line) or line in pages]
+    rest = sorted(pages - set(re.findall(r"^(?:.*<)?(\w+)>?$", "\n".join(lines), re.MULTILINE)))
+    last = len(lines) - 1 - lines[::-1].index("```")
+    return "\n".join(lines[:last] + rest + lines[last:]) + "\n"
 
 
 def setup(app):
