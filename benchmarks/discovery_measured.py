@@ -1,6 +1,6 @@
 """Findings in measured data, and the figures of docs/discoveries.md.
 
-python -m benchmarks.discovery_measured --data FOLDER [--figures docs/figures]; FOLDER holds grace-2014-01-15 and others
+python -m benchmarks.discovery_measured --data FOLDER [--figures docs/images]; FOLDER holds grace-2014-01-15 and others
 """
 
 import argparse

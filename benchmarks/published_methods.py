@@ -44,7 +44,8 @@ def com_offset(runs):
         truth = 1e-6 * np.asarray(event.truth["offset_um"])
         for method, kept in found.items():
             extra = {"method": method} | ({"dynamics": "published"} if method == "published" else {})
-            combined = events.calibrated(event, **extra)["com_offset.combine"]
+            made = events.calibrated(event, **extra)
+            combined = next(v for k, v in made.items() if k.startswith("com_offset.combine"))
             sigma = np.sqrt(np.diagonal(combined["covariance"].values, axis1=1, axis2=2))
             kept.append((combined["offset"].values - truth, sigma))
     print(f"com_offset, {runs} events, accelerometer tags {DELAY_S} s late: rms error um, rms error/sigma; x y z")
