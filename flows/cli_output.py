@@ -93,9 +93,7 @@ def campaign(summary, json_path):
     if not to_screen(json_path):
         return
     names = ("event", "status", "made", "reused", "seconds")
-    rows = [
-        [*(row.get(name, "") for name in names), row.get("error") or row.get("report", "")] for row in summary["events"]
-    ]
+    rows = [[*(row.get(name, "") for name in names), row.get("error") or _linked(row)] for row in summary["events"]]
     table([*names, "report or reason"], rows)
     say(", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items())))
 
@@ -207,6 +205,16 @@ def _value(value, sigma):
 def _error(value, sigma, truth):
     """Error in sigmas."""
     return "" if value is None else f"{(value - truth) / sigma:+.2f}"
+
+
+def _linked(row):
+    """Readable link to the report of an event, its folder where no link leads there."""
+    from gravcal.data import location
+
+    if not row.get("report"):
+        return ""
+    links = sorted((location.folder() / "latest" / row["event"]).glob("*.report"))
+    return str(next((path for path in links if path.samefile(row["report"])), row["report"]))
 
 
 def _where(ref):
