@@ -214,7 +214,7 @@ def _linked(row):
     if not row.get("report"):
         return ""
     links = sorted((location.folder() / "latest" / row["event"]).glob("*.report"))
-    return str(next((path for path in links if path.samefile(row["report"])), row["report"]))
+    return str(next((p for p in links if p.exists() and p.samefile(row["report"])), row["report"]))
 
 
 def _where(ref):
