@@ -63,7 +63,7 @@ def torque(modelled, observed, stored, *, lowest_degree, highest_degree, spectru
     return torque_science.torque(modelled, observed, stored, **settings)
 
 
-@stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=1)
+@stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=2)
 def drag(
     modelled,
     *,

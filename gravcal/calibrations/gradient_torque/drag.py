@@ -73,7 +73,7 @@ def drag(
     }
     if method == "one_sensor" and control_hz > 0:
         choices = (torque_step_s, torque_noise_order, control_hz, control_damping)
-        values |= balance(modelled, values, choices, satellite)
+        values |= balance(modelled, values, choices, satellite, place)
     return build(DRAG, values, title=f"Drag, {variant}", sources=", ".join(SOURCES))
 
 

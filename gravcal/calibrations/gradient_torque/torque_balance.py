@@ -9,7 +9,7 @@ from gravcal.physics.frames import cross_matrix
 ROUNDS = 3  # noise model and solution in turn
 
 
-def balance(modelled, found, choices, satellite):
+def balance(modelled, found, choices, satellite, place):
     """Centre of pressure, and what the torque balance would add to the drag.
 
     Parameters
@@ -17,7 +17,8 @@ def balance(modelled, found, choices, satellite):
     modelled : Dataset, "gradient_torque.gradient"
     found : drag_b (n, 3) m s-2 and its covariance (n, 3, 3)
     choices : step s, order of the noise model, control Hz, damping 1
-    satellite : inertia, mass, centre_of_pressure with sigma
+    satellite : inertia, mass, centre_of_pressure with sigma, angular_noise_density
+    place : (3,) m, of the test mass whose readings gave drag and angular acceleration
 
     Returns
     -------
@@ -38,7 +39,9 @@ def balance(modelled, found, choices, satellite):
     torque = _means(_torque(modelled, satellite["inertia"]) + pushed, width)
     arm = -satellite["mass"] * cross_matrix(_means(found["drag_b"], width))
     prior = np.array(satellite["centre_of_pressure"]), np.array(satellite["centre_of_pressure_sigma"])
-    value, covariance, rest = _solve(torque, arm, prior, (step, order))
+    spread = np.array(satellite["angular_noise_density"]) ** 2 / (2 * step)
+    shared = _shared(np.array(satellite["inertia"]), satellite["mass"], np.asarray(place), spread)
+    value, covariance, rest = _solve(torque, arm, prior, (step, order), shared)
     return {
         "pressure": value,
         "pressure_covariance": covariance,
@@ -62,19 +65,51 @@ def _torque(modelled, inertia):
     return np.matvec(J, wd) + np.cross(w, np.matvec(J, w)) - gradient
 
 
-def _solve(torque, arm, prior, choices):
+def _shared(inertia, mass, place, variance):
+    """Errors that regressor and torque have in common: those of the angular acceleration.
+
+    An error d turns the drag by r x d and the torque by J d, so that least squares would be biased.
+
+    Parameters
+    ----------
+    inertia : (3, 3) kg m2; mass : kg; place : (3,) m; variance : (3,) rad2 s-4 of a mean
+
+    Returns
+    -------
+    of_value : callable, centre of pressure (3,) m -> (axis, 3) N2 m, expected regressor times residual of one mean
+    """
+    drag = cross_matrix(place) * np.sqrt(variance)  # columns: one standard deviation about each axis
+    regressor = np.stack([-mass * cross_matrix(column) for column in drag.T])
+    turned = (inertia * np.sqrt(variance)).T
+
+    def of_value(value):
+        return np.einsum("jki,jk->ki", regressor, turned - regressor @ value)
+
+    return of_value
+
+
+def _power(model, count):
+    """Sum of the squared weights that whitening gives to one sample."""
+    impulse = np.zeros((count, 1))
+    impulse[count // 2] = 1.0
+    return float(np.sum(noise.whiten(model, impulse, np.ones(count, dtype=bool)) ** 2))
+
+
+def _solve(torque, arm, prior, choices, shared):
     """Centre of pressure with its covariance, and the rms of what is left; whitened axis by axis."""
+    value = prior[0]
     columns = [np.column_stack([arm[:, k], np.ones(len(torque))]) for k in range(3)]
     models = [noise.NoiseModel(np.zeros(0), np.array([max(np.var(torque[:, k]), 1e-30)]), choices[0]) for k in range(3)]
     valid = np.isfinite(torque).all(axis=1) & np.isfinite(arm).all(axis=(1, 2))
     for _ in range(ROUNDS):
         normal, right = np.diag(1 / prior[1] ** 2), prior[0] / prior[1] ** 2
-        nuisance = []
+        nuisance, common = [], shared(value)
         for k in range(3):
             white = noise.whiten(models[k], np.column_stack([torque[:, k], columns[k]]), valid)
             y, A, N = white[:, 0], white[:, 1:4], white[:, 4:]
             reduced, y_reduced = estimation.without(N, A), estimation.without(N, y)
-            normal, right = normal + reduced.T @ reduced, right + reduced.T @ y_reduced
+            biased = np.count_nonzero(valid) * _power(models[k], 101) * common[k]
+            normal, right = normal + reduced.T @ reduced, right + reduced.T @ y_reduced - biased
             nuisance.append((y, A, N))
         value = np.linalg.solve(normal, right)
         gains = [np.linalg.lstsq(N, y - A @ value, rcond=None)[0] for y, A, N in nuisance]
