@@ -98,7 +98,7 @@ def _large(place, plain, before, effects):
     """Effects at the wanted ratio, by proportion from a size that stands far above rounding; None out of reach."""
     for repeat in range(4):
         cases.written(place / str(repeat), Case(plain.seed, plain.kind, effects))
-        seen = cases.ratio(before, _blocks(place / str(repeat)))
+        seen = cases.ratio(before[0], _blocks(place / str(repeat), before[1])[0])
         if not np.isfinite(seen) or seen < 1e-3:
             return None
         if LARGE[0] < seen < LARGE[1]:
@@ -136,12 +136,14 @@ def _products(folder):
     )
 
 
-def _blocks(folder):
-    """Blocks of the files of a folder."""
+def _blocks(folder, noise=None):
+    """Blocks of the files of a folder, and the noise that they were whitened with."""
     from gravcal.calibrations.com_offset.discovery_event import event
 
     products, scene, chosen = _products(folder)
-    return event(*products, **scene, angular_drift_degree=chosen["angular_drift_degree"])[1]
+    degree = chosen["angular_drift_degree"]
+    views, blocks, _ = event(*products, noise=noise, **scene, angular_drift_degree=degree)
+    return blocks, views[0].noise
 
 
 def _outcome(folder, case):

@@ -22,11 +22,21 @@ UNLISTED = {
     "odd_settling": ({"value": {"y": 1e-9}, "decay_s": 40.0}, ("time",)),
     "odd_angular_field": ({"value": {"y": 1e-4}}, ("torquer_current", "field")),
     "odd_pointing": ({"value": {"yz": 1e-6}}, ("attitude",)),
-    "odd_dipole_viscosity": ({"value": 0.02, "lag_s": 20.0}, ("torquer_current",)),
 }
 #: Listed effects that cannot be drawn as a direction of their parameters.
 SPECIAL = ("accelerometer.stray_tone", "accelerometer.bias_step", "accelerometer.flexible_mode", "torque.dipole_lag")
-SKIPPED = ("accelerometer.offset", "torque.thruster_firings", "timing.thruster_delay", "timing.clock_drift")
+#: Part of the baseline, of other records, or slow, so that free drifts and torques take them up whatever their size.
+SLOW = ("constant", "aerodynamic", "radiation", "gravity_gradient", "residual_dipole", "eddy_current")
+SKIPPED = (
+    "accelerometer.offset",
+    "accelerometer.temperature",
+    "attitude.star_camera_misalignment",
+    "magnetometer.bias",
+    "torque.thruster_firings",
+    "timing.thruster_delay",
+    "timing.clock_drift",
+    *(f"torque.{name}" for name in SLOW),
+)
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
 
 

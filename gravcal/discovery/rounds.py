@@ -167,7 +167,7 @@ def _ranked(rows, tie):
     """Best first; a listed cause goes before one in no list that is not clearly better."""
     rows = sorted(rows, key=lambda t: -t.score)
     listed = [t for t in rows if not t.cause.startswith("unknown:")]
-    if listed and listed[0].score > rows[0].score - tie:
+    if listed and listed[0].score > rows[0].score - tie / 2:
         return listed + [t for t in rows if t.cause.startswith("unknown:")]
     return rows
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gravcal.effects import Context, effect
-from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic, surroundings
+from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic
 from gravcal.simulation import attitude, orbit, streams
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
@@ -255,24 +255,7 @@ def _with_effects(steps, around, body, start, slow, states, control, injected, s
     parts = (np.arange(PARTS) + 0.5) / PARTS
     inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
     for closed in (True, False):
-        R_bi = frames.R_bi_from_quaternion(states[:, :4])
-        field_b = np.matvec(R_bi, _nodes(around, steps.bound, around.field_i))
-        extra = surroundings.extras(
-            steps.bound[:-1], around.time, around.position_i, R_bi[:-1], scene.mass, scene.drag_b
-        )
-        gradient_b = R_bi @ gravity.gradient_i(_nodes(around, steps.bound, around.position_i)) @ np.swapaxes(R_bi, 1, 2)
-        context = Context(
-            time=inner,
-            rate_b=np.repeat(states[:-1, 4:], PARTS, axis=0),
-            dipole_b=np.repeat(control[0], PARTS, axis=0),
-            field_b=np.repeat(field_b[:-1], PARTS, axis=0),
-            inertia_b=scene.inertia_b,
-            start=scene.start,
-            stop=scene.stop,
-            epoch=scene.spans[0, 0],
-            gradient_b=np.repeat(gradient_b[:-1], PARTS, axis=0),
-            extra={k: v if np.ndim(v) == 0 else np.repeat(v, PARTS, axis=0) for k, v in extra.items()},
-        )
+        context = streams.context_of_steps(inner, PARTS, steps, around, states, control[0], scene)
         mean = lambda name, context=context: channel(injected, name, context).reshape(-1, PARTS, 3).mean(axis=1)  # noqa: E731
         dipole, torque = (np.repeat(mean(name)[:, None], 2, axis=1) for name in ("dipole_b", "torque_b"))
         again = None if closed else control

@@ -102,6 +102,29 @@ def phase_range(pair, centre: np.ndarray, time: np.ndarray) -> tuple[np.ndarray,
     return np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1), np.linalg.norm(u, axis=1)
 
 
+def _surroundings(pair, centre, time):
+    """What effects of the ranging look at beside angle and range: lines of sight, orbit, sunlight."""
+    states = [path(time) for path in pair.path]
+    toward = states[1][:, :3] - states[0][:, :3]
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    lines = []
+    for k, R_bi in enumerate(pairs.nominal(*states)):
+        turn = frames.R_bi_from_quaternion(pairs.turned(pair.pointing[k](time)))
+        lines.append(np.matvec(turn, np.matvec(R_bi, (toward, -toward)[k])))
+    line, position = np.stack(lines, axis=1), states[0][:, :3]
+    normal = np.cross(position[0], states[0][0, 3:])
+    node = np.cross([0.0, 0.0, 1.0], normal)
+    across = np.cross(normal, node) / np.linalg.norm(normal)
+    every = max(time.size // 8640, 1)
+    return {
+        "line_of_sight_b": line,
+        "antenna_x": np.asarray(centre)[:, 0],
+        "antenna_correction": np.einsum("nka,ka->n", line, centre),
+        "argument": np.arctan2(position @ across, position @ node),
+        "warmth": surroundings.warmth(time, time[::every], position[::every]),
+    }
+
+
 def ranging(pair, centre, chosen, injected, rng) -> dict:
     """Columns of KBR1B: phase at a high rate, CRN-filtered, biased, with light-time terms.
 
@@ -117,7 +140,10 @@ def ranging(pair, centre, chosen, injected, rng) -> dict:
     time = pair.day - pairs.EDGE + step * np.arange(round((constants.DAY + 2 * pairs.EDGE) / step))
     true, com = phase_range(pair, centre, time)
     angle = np.stack([pointing(time)[:, 1:] for pointing in pair.pointing], axis=1)
-    context = Context(time=time, extra={"angle": angle, "range": com, "range_rate": np.gradient(com, step)})
+    extra = {"angle": angle, "range": com, "range_rate": np.gradient(com, step)}
+    if any(entry.channel == "range" for entry, _ in injected.values()):
+        extra |= _surroundings(pair, centre, time)
+    context = Context(time=time, extra=extra)
     light = _light_time(com, context.extra["range_rate"])
     raw = true + _added(injected, "range", context, time.shape) - light + _phase_noise(time.size, chosen, rng)
     at = pair.day + np.arange(0, constants.DAY, chosen.ranging_step_s)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gravcal.effects import Context, effect
-from gravcal.physics import constants, earth, frames, surroundings
+from gravcal.physics import constants, earth, frames, gravity, surroundings
 from gravcal.simulation import sensors
 
 MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the real file of 2023-06-01
@@ -130,6 +130,37 @@ def _extras(time, motion, scene):
     position_i = scene.orbit(orbit)[:, :3]
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
     return surroundings.extras(time, orbit, position_i, R_bi, scene.mass, scene.drag_b)
+
+
+def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) -> Context:
+    """What dipole and torque effects look at, at `parts` epochs inside each integration step.
+
+    Parameters
+    ----------
+    inner : (n parts,) s
+    parts : of a step
+    steps, around : Steps of n steps, Surroundings
+    states : (n + 1, 7) attitude and rate
+    dipole_b : (n, 3) A m2, commanded
+    scene : Scene
+    """
+    begin, state = steps.bound[:-1], states[:-1]
+    nodes = lambda values: np.stack([np.interp(begin, around.time, c) for c in values.T], axis=1)  # noqa: E731
+    R_bi, position_i = frames.R_bi_from_quaternion(state[:, :4]), nodes(around.position_i)
+    extra = surroundings.extras(begin, around.time, around.position_i, R_bi, scene.mass, scene.drag_b)
+    spread = lambda v: v if np.ndim(v) == 0 else np.repeat(v, parts, axis=0)  # noqa: E731
+    return Context(
+        time=inner,
+        rate_b=spread(state[:, 4:]),
+        gradient_b=spread(R_bi @ gravity.gradient_i(position_i) @ np.swapaxes(R_bi, 1, 2)),
+        dipole_b=spread(dipole_b),
+        field_b=spread(np.matvec(R_bi, nodes(around.field_i))),
+        inertia_b=scene.inertia_b,
+        start=scene.start,
+        stop=scene.stop,
+        epoch=scene.spans[0, 0],
+        extra={name: spread(value) for name, value in extra.items()},
+    )
 
 
 def _drag(epochs, motion, scene, chosen):

@@ -15,13 +15,19 @@ from gravcal.methods import estimation
 
 
 def event(
-    aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved: xr.Dataset, **settings
+    aligned: xr.Dataset,
+    field: xr.Dataset,
+    smoothed: xr.Dataset,
+    solved: xr.Dataset,
+    noise: dict | None = None,
+    **settings,
 ) -> tuple[list[View], list[dict], dict]:
     """Blocks of an event.
 
     Parameters
     ----------
     aligned, field, smoothed, solved : products of com_offset, solved with variant mtq
+    noise : {channel: noise model of each axis}, where it is not to be measured in these records
     settings : of the stages attitude, noise and solve, with inertia, dipole_per_current, angular_drift_degree, mass
 
     Returns
@@ -32,11 +38,12 @@ def event(
     """
     normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
     offset = estimation.stable_inverse(normal) @ right
-    noise, quiet = _quiet(aligned, field, settings)
+    measured, quiet = ({}, {}) if noise else _quiet(aligned, field, settings)
     made = scenes(aligned, field, smoothed, settings)
-    views = [view_of(s, (aligned, field, smoothed), noise, offset, settings["mass"]) for s in made]
-    wider = [attitude_of_torques(v) for v in views]
-    noise["attitude"] = discovery_noise.attitude(smoothed, made, wider, settings)
+    views = [view_of(s, (aligned, field, smoothed), noise or measured, offset, settings["mass"]) for s in made]
+    if not noise:
+        wider = [attitude_of_torques(v) for v in views]
+        measured["attitude"] = discovery_noise.attitude(smoothed, made, wider, settings)
     blocks = [block_of(v, aligned, smoothed, settings) for v in views] + [discovery_timing.block(smoothed)]
     return views, blocks, quiet
 
