@@ -11,7 +11,7 @@ import xarray as xr
 from gravcal.effects import Context
 from gravcal.methods import crn
 from gravcal.methods.noise import coloured
-from gravcal.physics import constants, earth, frames
+from gravcal.physics import constants, earth, frames, surroundings
 from gravcal.simulation import kbr_phase_centre_pair as pairs
 from gravcal.simulation import sensors
 
