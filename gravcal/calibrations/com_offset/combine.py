@@ -69,6 +69,7 @@ def _selected(solved):
         "covariance_total": total,
         "catalogue": np.zeros((0, 3)),
         "noise": total,
+        "own": np.zeros((3, 3)),
         "chi2": 0.0,
         "dof": 0,
     }
@@ -88,7 +89,7 @@ def _joint(solved):
     if not seen.size:
         none = np.full((3, 3), np.inf)
         nothing = {"offset": np.full(3, np.nan), "catalogue": np.zeros((catalogue.sum(), 3)), "chi2": 0.0, "dof": 0}
-        return nothing | {"covariance": none, "covariance_total": none, "noise": none}
+        return nothing | {"covariance": none, "covariance_total": none, "noise": none, "own": none}
     parts = [solved[n].values[seen] for n in ("right", "normal", "information")]
     scores = [estimation.Score(*part) for part in zip(*parts, strict=True)]
     shift = solved["mode_shift"].values[seen]
@@ -100,10 +101,22 @@ def _joint(solved):
         "covariance": total,
         "covariance_total": total + given.T @ given,
         "catalogue": given,
-        "noise": joined.covariance,
+        **_parts(scores, list(shift[:, ~shared])),
         "chi2": joined.chi2,
         "dof": joined.dof,
     }
+
+
+def _parts(scores, own):
+    """Covariance of a combination in two parts, of the noise of the linear channels and of the own modes.
+
+    With P = (I^-1 + M M')^-1, T = sum P: of the noise T^-1 (sum P I^-1 P) T^-1, of the modes T^-1 (sum P M M' P) T^-1.
+    """
+    weight = [estimation.weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
+    total = estimation.stable_inverse(PRIOR + sum(w @ s.information for w, s in zip(weight, scores, strict=True)))
+    noise = sum(w @ s.information @ w.T for w, s in zip(weight, scores, strict=True))
+    moves = [m @ (w @ s.information).T for w, s, m in zip(weight, scores, own, strict=True)]
+    return {"noise": total @ noise @ total.T, "own": total @ sum(m.T @ m for m in moves) @ total.T}
 
 
 def _per_manoeuvre(solved):
@@ -126,8 +139,8 @@ def _between_variants(joint, limit):
     """Chi-square and degrees of freedom of the angular accelerometer against the star camera, without the catalogue.
 
     Neither holds inertia or dipole of the catalogue, so this test has no prior in it. Both share the noise of the
-    linear channels; what is left is their own, so the covariance of the difference is the sum of both less twice that
-    of the shared noise. acc_calibrated is acc scaled to the torquers: it says nothing that mtq and acc do not say.
+    linear channels; what is left is their own modes, and the noise by which they are worse than the best weights
+    (mtq). acc_calibrated is acc scaled to the torquers: it says nothing that mtq and acc do not say.
     """
     return _difference(joint, ("acc", "sca"), limit, np.zeros((0, 3)))
 
@@ -165,13 +178,14 @@ def _difference(joint, names, limit, moves):
         return 0.0, 0
     size, vectors = np.linalg.eigh((known[0] + known[1]) / 2)
     basis = vectors[:, size < limit**2]
-    own, others, shared = (basis.T @ matrix @ basis for matrix in known)
-    covariance = _excess(own, shared) + _excess(others, shared) + basis.T @ moves.T @ moves @ basis
+    inner = [{n: basis.T @ j[n] @ basis for n in ("own", "noise")} for j in (one, other)]
+    shared = basis.T @ known[2] @ basis
+    covariance = sum(j["own"] + _excess(j["noise"], shared) for j in inner) + basis.T @ moves.T @ moves @ basis
     difference = basis.T @ (one["offset"] - other["offset"])
     return float(difference @ np.linalg.solve(covariance, difference)), basis.shape[1]
 
 
 def _excess(covariance, noise):
-    """Covariance beyond the shared noise, never negative, 0.1 % of the noise as floor."""
+    """Noise beyond the shared one, never negative, 0.1 % of that as floor."""
     size, vectors = np.linalg.eigh(covariance - noise)
     return (vectors * np.clip(size, 0, None)) @ vectors.T + 0.001 * noise

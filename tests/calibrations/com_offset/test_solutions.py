@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from gravcal.calibrations.com_offset.combine import combine
+from gravcal.calibrations.com_offset.combine import _joint, combine
 from gravcal.calibrations.com_offset.solve import _columns, solve
 from gravcal.data import catalog
 from gravcal.methods import estimation
@@ -203,6 +203,16 @@ def test_agreement_of_measured_variants_is_a_chi_square():
         found.append(estimation.chi2_probability(float(combined["variants_chi2"]), int(combined["variants_dof"])))
     assert stats.kstest(found, "uniform").pvalue > 1e-4
     assert int(combined["variants_dof"]) == 3
+
+
+def test_both_parts_of_a_covariance_add_up_to_it():
+    """Analytic: noise and own modes of single manoeuvres are together the covariance of their combination."""
+    rng = np.random.default_rng()
+    A = rng.standard_normal((5, 20, 3)) * 1e5
+    information, own = np.swapaxes(A, 1, 2) @ A, 4e-6 * rng.standard_normal((5, 6, 3))
+    joint = _joint(own_modes(solved("sca", np.zeros((5, 3)), information, own)))
+    assert_allclose(joint["noise"] + joint["own"], joint["covariance"], rtol=1e-3)  # the loose prior is in neither
+    assert np.all(np.linalg.eigvalsh(joint["noise"] - np.linalg.inv(information.sum(axis=0))) > -1e-16)
 
 
 def test_an_error_of_the_catalogue_is_seen_by_its_own_test_alone():
