@@ -57,10 +57,7 @@ def gradient(
     field = gravity_field.truncated(field_of(stored), 0, field_degree)
     time = observed["time"].values
     position, velocity = (bridged(time, observed[name].values, gap_limit_s) for name in ("position", "velocity"))
-    R_ei = earth.R_ei(time)
-    gradient_i = gravity.rotate_tensor(
-        np.swapaxes(R_ei, 1, 2), gravity_field.gradient_e(field, np.matvec(R_ei, position))
-    )
+    gradient_i = _gradient_i(field, time, position)
     frame = attitude.Frame(
         pointing.orbit_frame(position, velocity),
         pointing.orbit_rates(time, position, velocity),
@@ -84,6 +81,12 @@ def gradient(
     }
     values |= _of_motion(solved, gradient_i, position)
     return build(GRADIENT, values, title="Gravity gradient and rates along the orbit", field=field.name)
+
+
+def _gradient_i(field, time, position):
+    """Gravity gradient (n, 3, 3) s-2 in i."""
+    R_ei = earth.R_ei(time)
+    return gravity.rotate_tensor(np.swapaxes(R_ei, 1, 2), gravity_field.gradient_e(field, np.matvec(R_ei, position)))
 
 
 def bridged(time: np.ndarray, values: np.ndarray, gap_limit_s: float) -> np.ndarray:
