@@ -134,7 +134,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     steps, ref = plan(body, *arguments)
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"
-    with journal.recorded(body.flow_name, _event(arguments)) as note, one_thread():
+    with journal.recorded(body.flow_name, _event(arguments), [step.stage for step in steps]) as note, one_thread():
         heard = _both(note, listener)
         if engine == "prefect":
             from flows import prefect_engine

@@ -17,13 +17,14 @@ STATES = {"cached": "reused", "made": "made"}
 
 
 @contextlib.contextmanager
-def recorded(flow, event=None):
+def recorded(flow, event=None, planned=()):
     """Listener of (call, state, ref) whose run is recorded at the end, also when it fails.
 
     Parameters
     ----------
     flow : str, name of the flow
     event : str or None, by default that of the first stage
+    planned : stages in the order of the flow; where an error does not say its stage, the first not done is named
     """
     record = {"event": event, "flow": flow, "status": "delivered", "started": _now(), "stages": {}}
     begin = time.perf_counter()
@@ -35,8 +36,9 @@ def recorded(flow, event=None):
     try:
         yield listener
     except BaseException as error:
-        facts = getattr(error, "facts", {})
-        record |= {"status": "failed", "failed": facts.get("stage"), "error": f"{type(error).__name__}: {error}"}
+        missing = next((stage for stage in planned if stage not in record["stages"]), None)
+        failed = getattr(error, "facts", {}).get("stage") or missing
+        record |= {"status": "failed", "failed": failed, "error": f"{type(error).__name__}: {error}"}
         raise
     finally:
         record["seconds"] = round(time.perf_counter() - begin, 3)

@@ -36,6 +36,7 @@ def test_a_failed_run_is_recorded_with_its_reason(pipeline):
     record = journal.last("fake-1", pipeline.name)
     assert (record["status"], record["error"]) == ("failed", "ValueError: no mean")
     assert "join" not in states(pipeline)
+    assert record["failed"] == f"{pipeline.name}.join"
     assert [one["event"] for one in journal.runs()] == ["fake-1"]
 
 
