@@ -234,6 +234,5 @@ def test_the_command_prints_an_address_that_answers(shop, options, token):
 
 def test_a_port_in_use_is_an_error_with_a_remedy():
     """Contract: one line that says what to do."""
-    with contextlib.closing(app.bound("127.0.0.1", 0)) as taken:
-        with pytest.raises(GravcalError, match="Give another --port"):
-            app.bound("127.0.0.1", taken.getsockname()[1])
+    with contextlib.closing(app.bound("127.0.0.1", 0)) as taken, pytest.raises(GravcalError, match="another --port"):
+        app.bound("127.0.0.1", taken.getsockname()[1])
