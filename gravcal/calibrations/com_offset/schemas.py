@@ -54,12 +54,7 @@ SURVEY = {
 
 ATTITUDE = {
     "rod": {"dims": "arc", "units": "1", "long_name": "torquer with the wave: 0 x, 1 y, 2 z, -1 none", "dtype": "i1"},
-    "gap": {
-        "dims": "arc",
-        "units": "1",
-        "long_name": "why an arc is not used: 1 orbit, 2 star camera missing for too long",
-        "dtype": "u1",
-    },
+    "gap": {"dims": "arc", "units": "1", "long_name": "too long to use the arc: 1 orbit, 2 star camera", "dtype": "u1"},
     "time_sca": {"dims": "time_sca"},
     "time_acc": {"dims": "time_acc"},
     "rate_b": {"dims": "time_acc axis", "units": "rad s-1", "frame": "b", "long_name": "body rate"},
@@ -278,11 +273,7 @@ COMBINE = {
     "manoeuvre_dof": {"dims": "variant manoeuvre", "units": "1", "long_name": "degrees of freedom", "dtype": "i4"},
     "variants_chi2": {"dims": "", "units": "1", "long_name": "disagreement of acc and sca"},
     "variants_dof": {"dims": "", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
-    "catalogue_chi2": {
-        "dims": "",
-        "units": "1",
-        "long_name": "disagreement of mtq and acc beyond the catalogue's error",
-    },
+    "catalogue_chi2": {"dims": "", "units": "1", "long_name": "disagreement of mtq and acc, catalogue's error within"},
     "catalogue_dof": {"dims": "", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
     "kind": {
         "dims": "manoeuvre",
