@@ -68,12 +68,13 @@ def _hidden(kind, seed, rng):
             return _outcome(folder, Case(seed, kind, {})) | {"hidden": []}
         plain = Case(seed, kind, {})
         truth = cases.written(folder / "plain", plain)
-        before = _blocks(folder / "plain")
-        effects, names, ratios = {}, [], []
+        before = _blocks(folder / "plain", listed=kind == "unlisted")
+        effects, names, left = {}, [], 0.0
         for _ in range(2 if kind == "two" else 1):
-            added, name, found = _scaled_to(folder, (plain, truth, before), rng, names)
-            effects, names, ratios = effects | added, [*names, name], [*ratios, found]
-        return _outcome(folder, Case(seed, kind, effects)) | {"hidden": names, "effects": effects, "ratio": ratios}
+            added, left, name = _scaled_to(folder, (plain, truth, before), rng, names)
+            effects, names = effects | added, [*names, name]
+        hidden = {"hidden": names, "effects": effects, "left_by_listed": left}
+        return _outcome(folder, Case(seed, kind, effects)) | hidden
 
 
 def _scaled_to(folder, clean, rng, taken):
@@ -90,7 +91,7 @@ def _scaled_to(folder, clean, rng, taken):
             continue
         found = _large(folder / f"try-{attempt}-{len(taken)}", plain, before, effects)
         if found is not None:
-            return found[0], name, TARGET
+            return *found, name
     raise ValueError("no effect reached the ratio in forty draws")
 
 
@@ -98,11 +99,11 @@ def _large(place, plain, before, effects):
     """Effects at the wanted ratio, by proportion from a size that stands far above rounding; None out of reach."""
     for repeat in range(4):
         cases.written(place / str(repeat), Case(plain.seed, plain.kind, effects))
-        seen = cases.ratio(before[0], _blocks(place / str(repeat), before[1])[0])
+        seen, left = cases.ratio(before[0], _blocks(place / str(repeat), before[1])[0], before[2])
         if not np.isfinite(seen) or seen < 1e-3:
             return None
         if LARGE[0] < seen < LARGE[1]:
-            return (cases.scaled(effects, TARGET / seen),)
+            return cases.scaled(effects, TARGET / seen), left * TARGET**2
         factor = float(np.clip(LARGE[0] * 1.5 / seen, 1e-4, 30.0))
         if repeat and factor == 30.0:
             return None
@@ -136,14 +137,16 @@ def _products(folder):
     )
 
 
-def _blocks(folder, noise=None):
-    """Blocks of the files of a folder, and the noise that they were whitened with."""
+def _blocks(folder, noise=None, *, listed=False):
+    """Blocks of the files of a folder, the noise that they were whitened with, and candidates if they are wanted."""
+    from gravcal.calibrations.com_offset.discovery_candidates import candidates
     from gravcal.calibrations.com_offset.discovery_event import event
 
     products, scene, chosen = _products(folder)
     degree = chosen["angular_drift_degree"]
     views, blocks, _ = event(*products, noise=noise, **scene, angular_drift_degree=degree)
-    return blocks, views[0].noise
+    found = candidates(views, products[2], products[0]["start"].values) if listed else []
+    return blocks, views[0].noise, found
 
 
 def _outcome(folder, case):

@@ -144,22 +144,30 @@ def _second_simulator():
     return make_event
 
 
-def ratio(clean, changed) -> float:
+def ratio(clean, changed, candidates=()) -> tuple[float, float]:
     """Signal-to-noise ratio of the difference of two events with the same noise, all baseline parameters free.
 
     Parameters
     ----------
-    clean, changed : (blocks, candidates) of `gravcal.calibrations.com_offset.discovery_event.event`
+    clean, changed : blocks of `gravcal.calibrations.com_offset.discovery_event.event`, whitened alike
+    candidates : fields of listed candidates on the clean event
+
+    Returns
+    -------
+    ratio : 1
+    left : share of its square that the best of the candidates leaves
     """
     from gravcal.discovery import attribution, rounds
-    from gravcal.discovery.blocks import Block
+    from gravcal.discovery.blocks import Block, Candidate
     from gravcal.discovery.problem import prepare
 
     blocks = []
     for one, other in zip(clean, changed, strict=True):
         if one["observed"].shape != other["observed"].shape:
-            return np.nan
+            return np.nan, np.nan
         blocks.append(Block(**(one | {"observed": other["observed"] - one["observed"]})))
-    problem = prepare(blocks, [])
+    problem = prepare(blocks, [Candidate(**c) for c in candidates if not c["cause"].startswith("unknown:")])
     gram = attribution.projected(problem.gram.sum(axis=0), rounds.baseline_of(problem, ()))
-    return float(np.sqrt(gram[0, 0]))
+    gains = [attribution.ratio(gram, place, problem.size).gain for place in problem.places]
+    whole = max(float(gram[0, 0]), 1e-300)
+    return float(np.sqrt(whole)), 1 - max(gains, default=0.0) / whole

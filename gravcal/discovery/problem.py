@@ -103,6 +103,8 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
 def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:
     """Products of a block's columns in alternate stretches of time, (2, m, m): observed, wanted, own.
 
+    A block shorter than a stretch is parted row by row.
+
     Parameters
     ----------
     problem : Problem
@@ -113,4 +115,6 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
     block = problem.blocks[index]
     columns = np.concatenate([problem.columns[index][:, np.append(0, wanted)], problem.bases[index]], axis=1)
     first = np.floor((block.time - block.time.min()) / segment_s) % 2 == 0
+    if first.all():  # a block of few numbers, such as edge times
+        first = np.arange(block.time.size) % 2 == 0
     return np.stack([columns[rows].T @ columns[rows] for rows in (first, ~first)])

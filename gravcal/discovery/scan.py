@@ -85,7 +85,7 @@ def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
     spans, spacing = [], []
     for block in blocks:
         time = block.time[(block.channel == channel) & (block.axis == 0)]
-        if time.size > 20:
+        if time.size > 20 and np.ptp(time) > 0:
             spans.append(np.ptp(time))
             spacing.append(np.median(np.diff(time)))
     if not spans:

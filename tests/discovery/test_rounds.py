@@ -63,3 +63,16 @@ def test_the_basis_spans_the_columns():
     basis = basis_of(np.concatenate([columns, columns[:, :1]], axis=1))
     assert basis.shape == (50, 4)
     assert np.allclose(columns - basis @ (basis.T @ columns), 0, atol=1e-12)
+
+
+def test_a_cause_of_a_few_numbers_is_tested_on_every_second_of_them():
+    """Recovery: a delay seen in eight edge times of one block, twenty sigma in all, is held out row by row."""
+    rng = np.random.default_rng(9)
+    rows = np.array(["timing"] * 8), np.zeros(8, dtype=int), np.arange(8.0)
+    observed = rng.standard_normal(8) + 20 / np.sqrt(8)
+    block = Block("timing", observed, np.zeros((8, 1)), np.zeros((8, 0)), *rows)
+    other, _ = made(rng)
+    delay = Candidate("case.delay", "", ["delay"], ["s"], [np.ones((8, 1)), *([None] * len(other))])
+    found = search([block, *other], [delay], CHOICE, rng).findings
+    assert [f.cause for f in found] == ["case.delay"]
+    assert abs(found[0].value[0] - 20 / np.sqrt(8)) < 4 * found[0].sigma[0]
