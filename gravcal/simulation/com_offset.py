@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.effects import Context, effect
+from gravcal.effects import effect
 from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic
 from gravcal.simulation import attitude, orbit, streams
+from gravcal.simulation.injection import channel
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
 AREAS = {
@@ -163,22 +164,6 @@ def _truth(scene, effects, seed, day, chosen):
         "effects": {slug: dict(given) for slug, given in effects.items()},
         "noise_scale": chosen.noise_scale,
     }
-
-
-def channel(injected, name: str, context: Context) -> np.ndarray:
-    """Sum of the contributions of the injected effects to one channel.
-
-    Parameters
-    ----------
-    injected : {slug: (Effect, values)}
-    name : key of CHANNELS
-    context : on the epochs of the channel
-    """
-    total = np.zeros(context.time.shape if name.endswith("_delay") else (context.time.size, 3))
-    for entry, values in injected.values():
-        if entry.channel == name:
-            total = total + entry.contribution(context, values)
-    return total
 
 
 def _fly_span(span, scene, satellite, chosen, injected, clock, rng):

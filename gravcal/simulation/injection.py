@@ -58,3 +58,31 @@ def added(effects: Mapping[str, Mapping[str, float]], channel: str, context: Con
     known = [(effect(slug), given) for slug, given in effects.items()]
     parts = [e.contribution(context, e.values(given)) for e, given in known if e.channel == channel]
     return np.sum(parts, axis=0) if parts else 0.0
+
+
+def channel(injected, name: str, context: Context) -> np.ndarray:
+    """Sum of the contributions of the injected effects to one channel.
+
+    Parameters
+    ----------
+    injected : {slug: (Effect, values)}
+    name : key of CHANNELS
+    context : on the epochs of the channel
+    """
+    total = np.zeros(context.time.shape if name.endswith("_delay") else (context.time.size, 3))
+    for entry, values in injected.values():
+        if entry.channel == name:
+            total = total + _contribution(entry, context, values)
+    return total
+
+
+def _contribution(entry, context, values):
+    """Contribution of an effect; one that looks at what this satellite has not is refused."""
+    try:
+        return entry.contribution(context, values)
+    except KeyError as missing:
+        raise CatalogError(
+            f"effect {entry.slug}: found no {missing} in this simulation, which it needs. It belongs to "
+            "another calibration; see gravcal effects.",
+            effect=entry.slug,
+        ) from missing

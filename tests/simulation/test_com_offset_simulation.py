@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from gravcal.data import catalog
 from gravcal.effects import catalogue, effect
+from gravcal.errors import CatalogError
 from gravcal.simulation.com_offset import simulate
 
 DAY = 633787200.0  # GPS s, 2020-02-01 12:00:00 before the epoch of a day file; any midnight will do
@@ -28,7 +29,8 @@ TOUCHES = {
     "dipole_b": (LINEAR | ANGULAR | ATTITUDE | FIELD | CURRENT, ATTITUDE),
     "torque_b": (LINEAR | ANGULAR | ATTITUDE | FIELD | CURRENT, ATTITUDE),
 }
-SLUGS = sorted(s for s, e in catalogue().items() if e.channel in TOUCHES and s != "accelerometer.offset")
+OTHERS = ("inertial_sensor.", "gradient.", "accelerometer.offset")
+SLUGS = sorted(s for s, e in catalogue().items() if e.channel in TOUCHES and not s.startswith(OTHERS))
 
 
 def event(seed=5, effects=None, **settings):
@@ -156,3 +158,9 @@ def test_an_unknown_effect_or_parameter_is_refused():
     for wrong in ({"torque.dipole_gian.rod_x": 0.1}, {"torque.dipole_gain.rod_q": 0.1}, {"dipole_gain": 1.0}):
         with pytest.raises(CatalogError):
             by_slug(wrong)
+
+
+def test_an_effect_of_another_instrument_is_refused():
+    """Contract: an effect that looks at voltages has nothing to look at here, and the error says so."""
+    with pytest.raises(CatalogError, match="inertial_sensor.quadratic"):
+        event(effects={"inertial_sensor.quadratic": {"x": 1.0}})
