@@ -122,9 +122,9 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
             break
         problem, chosen = _revised(problem, [*chosen, found], choice)
     chosen = _renamed(problem, chosen, choice)
+    chosen, after = _settled(problem, chosen, choice, noise, before)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
-    after = adequacy.test(problem, baseline, noise) if chosen else before
     return _result(problem, findings, (before, after), baseline, first)
 
 
@@ -195,14 +195,37 @@ def _renamed(problem, chosen, choice):
     """A listed cause on whose value the blocks do not agree gives way to the best one in no list."""
     for position, (index, _) in enumerate(chosen):
         others = [k for i, (k, _) in enumerate(chosen) if i != position]
-        if not problem.candidates[index].listed or _agreed(problem, others, index):
-            continue
-        rows = trials.tried(problem, baseline_of(problem, others), choice, others)
-        rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level]
-        if rows:
-            best = max(rows, key=lambda t: t.score)
-            chosen = [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
+        if problem.candidates[index].listed and not _agreed(problem, others, index):
+            chosen = _given_way(problem, chosen, position, choice, -np.inf)
     return chosen
+
+
+def _settled(problem, chosen, choice, noise, before):
+    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good."""
+    if not chosen:
+        return chosen, before
+    after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
+    if after.p >= choice.level:
+        return chosen, after
+    other = chosen
+    for position, (index, trial) in enumerate(chosen):
+        if problem.candidates[index].listed:
+            other = _given_way(problem, other, position, choice, trial.score - choice.tie)
+    if other == chosen:
+        return chosen, after
+    again = adequacy.test(problem, baseline_of(problem, [k for k, _ in other]), noise)
+    return (other, again) if again.p > after.p else (chosen, after)
+
+
+def _given_way(problem, chosen, position, choice, least):
+    """Names with one replaced by the best significant cause in no list, if its score is above the least."""
+    others = [k for i, (k, _) in enumerate(chosen) if i != position]
+    rows = trials.tried(problem, baseline_of(problem, others), choice, others)
+    rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level and t.score > least]
+    if not rows:
+        return chosen
+    best = max(rows, key=lambda t: t.score)
+    return [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
 
 
 def _agreed(problem, others, index):
