@@ -108,6 +108,8 @@ def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size:
 def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> float:
     """Gain in chi-square of each block predicted from all others, summed over blocks.
 
+    What the others do not see at all is left at zero, and so gains nothing.
+
     Parameters
     ----------
     grams : (b, m, m), own columns projected out
@@ -115,18 +117,23 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
     index : (q,) indices of the candidate's columns
     """
     total, gain = grams.sum(axis=0), 0.0
-    both = np.concatenate([baseline, index])
+    both, whole = np.concatenate([baseline, index]), np.diag(total)
     for one in grams:
         others = total - one
-        gain += _cost(one, baseline, _solved(others, baseline)) - _cost(one, both, _solved(others, both))
+        before, after = (_solved(others, i, whole) for i in (baseline, both))
+        gain += _cost(one, baseline, before) - _cost(one, both, after)
     return float(gain)
 
 
-def _solved(gram, index):
-    inner = gram[np.ix_(index, index)]
+def _solved(gram, index, whole):
+    """Values (n,) of the columns at `index`, zero where less than a thousandth of their information is in `gram`."""
+    seen = np.diag(gram)[index] > 1e-3 * whole[index]
+    value, kept = np.zeros(index.size), index[seen]
+    inner = gram[np.ix_(kept, kept)]
     scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     scaled = linalg.pinvh(inner / np.outer(scale, scale), rtol=1e-9)
-    return scaled @ (gram[index, 0] / scale) / scale
+    value[seen] = scaled @ (gram[kept, 0] / scale) / scale
+    return value
 
 
 def _cost(gram, index, value):

@@ -101,9 +101,10 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
 
 
 def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:
-    """Products of a block's columns in alternate stretches of time, (2, m, m): observed, wanted, own.
+    """Products of a block's columns in alternate stretches of time, (2, m, m): observed, wanted.
 
-    A block shorter than a stretch is parted row by row.
+    Own columns are free in each half, as edges and drifts of one half say nothing of the other. A block shorter than
+    a stretch is parted row by row.
 
     Parameters
     ----------
@@ -113,8 +114,26 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
     wanted : (w,) indices of columns
     """
     block = problem.blocks[index]
-    columns = np.concatenate([problem.columns[index][:, np.append(0, wanted)], problem.bases[index]], axis=1)
+    columns = problem.columns[index][:, np.append(0, wanted)]
     first = np.floor((block.time - block.time.min()) / segment_s) % 2 == 0
     if first.all():  # a block of few numbers, such as edge times
         first = np.arange(block.time.size) % 2 == 0
-    return np.stack([columns[rows].T @ columns[rows] for rows in (first, ~first)])
+    parts = []
+    for rows in (first, ~first):
+        basis = basis_of(block.own[rows])
+        part = columns[rows] - basis @ (basis.T @ columns[rows])
+        parts.append(part.T @ part)
+    return np.stack(parts)
+
+
+def baseline_of(problem: Problem, indices) -> np.ndarray:
+    """Indices of the shared columns and of those of some candidates.
+
+    Parameters
+    ----------
+    problem : Problem
+    indices : of candidates
+    """
+    shared = np.arange(problem.shared.start, problem.shared.stop)
+    parts = [np.arange(problem.places[k].start, problem.places[k].stop) for k in indices]
+    return np.concatenate([shared, *parts]).astype(int)

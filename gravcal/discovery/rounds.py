@@ -7,12 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, hidden, pairs, residuals, trials
+from gravcal.discovery import adequacy, attribution, hidden, naming, pairs, residuals, trials
 from gravcal.discovery.blocks import Block, Candidate
-from gravcal.discovery.problem import Problem, prepare
-
-#: Extra chi-square per gained chi-square, and its probability, at which the blocks do not agree on one value.
-DISAGREE = (0.15, 1e-4)
+from gravcal.discovery.problem import Problem, baseline_of, prepare
 
 
 @dataclass(frozen=True)
@@ -121,24 +118,11 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
         if found is None:
             break
         problem, chosen = _revised(problem, [*chosen, found], choice)
-    chosen = _renamed(problem, chosen, choice)
-    chosen, after = _settled(problem, chosen, choice, noise, before)
+    chosen = naming.renamed(problem, naming.merged(problem, chosen, choice), choice)
+    chosen, after = naming.settled(problem, chosen, choice, noise, before)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return _result(problem, findings, (before, after), baseline, first)
-
-
-def baseline_of(problem: Problem, indices) -> np.ndarray:
-    """Indices of the shared columns and of those of some candidates.
-
-    Parameters
-    ----------
-    problem : Problem
-    indices : of candidates
-    """
-    shared = np.arange(problem.shared.start, problem.shared.stop)
-    parts = [np.arange(problem.places[k].start, problem.places[k].stop) for k in indices]
-    return np.concatenate([shared, *parts]).astype(int)
 
 
 def _best(problem, used, rows, choice):
@@ -189,54 +173,6 @@ def _revised(problem, chosen, choice):
         if [k for k, _ in chosen] == before:
             break
     return problem, chosen
-
-
-def _renamed(problem, chosen, choice):
-    """A listed cause on whose value the blocks do not agree gives way to the best one in no list."""
-    for position, (index, _) in enumerate(chosen):
-        others = [k for i, (k, _) in enumerate(chosen) if i != position]
-        if problem.candidates[index].listed and not _agreed(problem, others, index):
-            chosen = _given_way(problem, chosen, position, choice, -np.inf)
-    return chosen
-
-
-def _settled(problem, chosen, choice, noise, before):
-    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good."""
-    if not chosen:
-        return chosen, before
-    after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
-    if after.p >= choice.level:
-        return chosen, after
-    other = chosen
-    for position, (index, trial) in enumerate(chosen):
-        if problem.candidates[index].listed:
-            other = _given_way(problem, other, position, choice, trial.score - choice.tie)
-    if other == chosen:
-        return chosen, after
-    again = adequacy.test(problem, baseline_of(problem, [k for k, _ in other]), noise)
-    return (other, again) if again.p > after.p else (chosen, after)
-
-
-def _given_way(problem, chosen, position, choice, least):
-    """Names with one replaced by the best significant cause in no list, if its score is above the least."""
-    others = [k for i, (k, _) in enumerate(chosen) if i != position]
-    rows = trials.tried(problem, baseline_of(problem, others), choice, others)
-    rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level and t.score > least]
-    if not rows:
-        return chosen
-    best = max(rows, key=lambda t: t.score)
-    return [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
-
-
-def _agreed(problem, others, index):
-    """Whether all blocks agree on the value of a cause."""
-    from scipy.stats import chi2 as chi2_distribution
-
-    baseline, place = baseline_of(problem, others), problem.places[index]
-    extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
-    gain = attribution.ratio(attribution.projected(problem.gram.sum(axis=0), baseline), place, problem.size).gain
-    share, level = DISAGREE
-    return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level
 
 
 def _finding(problem, chosen, position, choice):

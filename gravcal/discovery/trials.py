@@ -13,6 +13,8 @@ from gravcal.discovery.problem import Problem, extended, halves
 
 #: Share of the family-wise level that each kind of trial may spend.
 SHARES = {"listed": 0.5, "unknown": 0.2, "line": 0.2, "step": 0.1}
+#: Share of the largest block's information from which another block can test a cause.
+SHARED = 0.02
 #: What a parameter costs when causes with different numbers of parameters are compared (Akaike).
 COST = 2.0
 
@@ -170,13 +172,13 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
     place = problem.places[index]
     where = np.arange(place.start, place.stop)
     size = np.einsum("bqq->bq", problem.gram[:, where][:, :, where])
-    together = np.sum(size > 1e-6 * size.max(axis=0), axis=0)
+    together = np.sum(size > SHARED * size.max(axis=0), axis=0)
     if np.all(together > 1):
         return attribution.held_out(problem.gram, baseline, where), "manoeuvres"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):
         mine = where[size[i] > 0]
         parts = halves(problem, int(i), segment_s, np.concatenate([baseline, mine]))
-        fixed = np.concatenate([1 + np.arange(baseline.size), np.arange(1 + baseline.size + mine.size, parts.shape[1])])
+        fixed = 1 + np.arange(baseline.size)
         gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(mine.size))
     return float(gain), "blocks"
