@@ -1,0 +1,96 @@
+"""A second look at the names: one name a cause, one value for all blocks, nothing listed where too much is left."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gravcal.discovery import adequacy, attribution, trials
+from gravcal.discovery.problem import Problem, baseline_of
+
+#: Extra chi-square per gained chi-square, and its probability, at which the blocks do not agree on one value.
+DISAGREE = (0.15, 1e-4)
+
+
+def merged(problem: Problem, chosen: list, choice) -> list:
+    """Several forms of one listed cause become the form with all its parameters.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : list of (index, Trial)
+    choice : rounds.Choice
+    """
+    causes = [problem.candidates[k].cause for k, _ in chosen]
+    twice = next((c for c in causes if causes.count(c) > 1 and not c.startswith("unknown:")), None)
+    wide = [k for k, c in enumerate(problem.candidates) if c.cause == twice and not c.local]
+    if twice is None or not wide:
+        return chosen
+    whole = max(wide, key=lambda k: len(problem.candidates[k].names))
+    kept = [one for one, cause in zip(chosen, causes, strict=True) if cause != twice]
+    rows = trials.tried(problem, baseline_of(problem, [k for k, _ in kept]), choice, [k for k, _ in kept])
+    found = [t for t in rows if t.index == whole]
+    return [*kept, (whole, found[0])] if found else chosen
+
+
+def renamed(problem, chosen, choice):
+    """A listed cause on whose value the blocks do not agree gives way to the best one in no list.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : list of (index, Trial)
+    choice : rounds.Choice
+    """
+    for position, (index, _) in enumerate(chosen):
+        others = [k for i, (k, _) in enumerate(chosen) if i != position]
+        if problem.candidates[index].listed and not _agreed(problem, others, index):
+            chosen = _given_way(problem, chosen, position, choice, -np.inf)
+    return chosen
+
+
+def settled(problem, chosen, choice, noise, before):
+    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : list of (index, Trial)
+    choice : rounds.Choice
+    noise : (n, draws) a block, of `residuals.drawn`
+    before : adequacy of the baseline
+    """
+    if not chosen:
+        return chosen, before
+    after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
+    if after.p >= choice.level:
+        return chosen, after
+    other = chosen
+    for position, (index, trial) in enumerate(chosen):
+        if problem.candidates[index].listed:
+            other = _given_way(problem, other, position, choice, trial.score - choice.tie)
+    if other == chosen:
+        return chosen, after
+    again = adequacy.test(problem, baseline_of(problem, [k for k, _ in other]), noise)
+    return (other, again) if again.p > after.p else (chosen, after)
+
+
+def _given_way(problem, chosen, position, choice, least):
+    """Names with one replaced by the best significant cause in no list, if its score is above the least."""
+    others = [k for i, (k, _) in enumerate(chosen) if i != position]
+    rows = trials.tried(problem, baseline_of(problem, others), choice, others)
+    rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level and t.score > least]
+    if not rows:
+        return chosen
+    best = max(rows, key=lambda t: t.score)
+    return [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
+
+
+def _agreed(problem, others, index):
+    """Whether all blocks agree on the value of a cause."""
+    from scipy.stats import chi2 as chi2_distribution
+
+    baseline, place = baseline_of(problem, others), problem.places[index]
+    extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
+    gain = attribution.ratio(attribution.projected(problem.gram.sum(axis=0), baseline), place, problem.size).gain
+    share, level = DISAGREE
+    return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level
