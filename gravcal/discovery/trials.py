@@ -160,7 +160,8 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
     """Chi-square gained on data left out, and which: "manoeuvres" or "blocks" of time.
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
-    fitted in every second stretch of time and tested on the others.
+    fitted in every second stretch of time and tested on the others. Of a cause with parameters of both kinds the
+    better of the two counts.
 
     Parameters
     ----------
@@ -173,12 +174,13 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
     where = np.arange(place.start, place.stop)
     size = np.einsum("bqq->bq", problem.gram[:, where][:, :, where])
     together = np.sum(size > SHARED * size.max(axis=0), axis=0)
+    across = attribution.held_out(problem.gram, baseline, where) if np.any(together > 1) else -np.inf
     if np.all(together > 1):
-        return attribution.held_out(problem.gram, baseline, where), "manoeuvres"
+        return across, "manoeuvres"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):
         mine = where[size[i] > 0]
         parts = halves(problem, int(i), segment_s, np.concatenate([baseline, mine]))
         fixed = 1 + np.arange(baseline.size)
         gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(mine.size))
-    return float(gain), "blocks"
+    return (float(across), "manoeuvres") if across > gain else (float(gain), "blocks")
