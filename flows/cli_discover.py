@@ -53,7 +53,7 @@ def _say(document, files):
     change = document.get("calibration_change", {})
     if rows and change.get("change"):
         names = zip(change["names"], change["change"], change["change_in_old_sigma"], strict=True)
-        moved = ", ".join(f"{n} {c:+.1f} ({s:+.1f} old sigma)" for n, c, s in names)
-        output.say(f"Calibration result moves by {moved} {change['unit']}.")
+        moved = ", ".join(f"{n} {c:+.1f} ({s:+.1f} old sigma)" for n, c, s in names if c is not None and s is not None)
+        output.say(f"Calibration result moves by {moved or 'what cannot be said'} {change['unit']}.")
     for path in files:
         output.say(str(path))
