@@ -99,6 +99,7 @@ def residuals(found):
     channel, block = found["channel"].values, found["block"].values
     drop = found["residual_before"].values ** 2 - found["residual_after"].values ** 2
     pairs = sorted({(int(c), int(b)) for c, b in zip(channel, block, strict=True)})
+    pairs = [(c, b) for c, b in pairs if np.sum((channel == c) & (block == b)) >= 60]  # not a handful of edge times
     gains = [drop[(channel == c) & (block == b)].sum() for c, b in pairs]
     if not gains or max(gains) < 10:
         return None
@@ -108,6 +109,8 @@ def residuals(found):
     parts, start = [legend(LINES)], found["time_row"].values[here].min()
     for axis, (box,) in enumerate(boxes(3, 1, 270)):
         rows = here & (found["component"].values == axis)
+        if not rows.any():
+            continue
         time = found["time_row"].values[rows] - start
         series = [_smoothed(found[f"residual_{w}"].values[rows]) for w in ("before", "after")]
         panel = Panel(box, (0.0, float(time[-1])), limits(*series))
