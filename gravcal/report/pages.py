@@ -7,6 +7,7 @@ from importlib import resources
 TEMPLATES = (
     "report.css",
     "parts.html",
+    "page.html",
     "com_offset.html",
     "com_offset_history.html",
     "kbr_phase_centre.html",
