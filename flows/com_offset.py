@@ -35,10 +35,7 @@ def calibrate(source, chosen):
         aligned = _extended(source, chosen, aligned, checked)
         checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
-    smoothed = _smoothed(source, chosen, aligned, checked)
-    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
-    made = [_solved(source, chosen, (aligned, smoothed, quiet), variant) for variant in VARIANTS]
-    angular, solved = zip(*made, strict=True)
+    smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
     name = "" if chosen.method == "gravcal" else chosen.method  # a repeat for comparison has links of its own
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"), variant=name)
     products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found)
@@ -60,30 +57,36 @@ def _smoothed(source, chosen, aligned, checked):
     return com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **torquers)
 
 
-def _solved(source, chosen, products, variant):
-    """Angular acceleration of a variant, and the offset of every manoeuvre from it."""
-    aligned, smoothed, quiet = products
+def _solved(source, chosen, aligned, checked, variants):
+    """Attitude; angular acceleration of each variant, and the offset of every manoeuvre from it."""
     satellite = catalog.satellite(source.satellite).settings()
     settings = {n: satellite[n] for n in TORQUERS_WITH_SIGMA} | chosen.for_stage("angular_acceleration")
-    angular = com_offset.angular_acceleration(smoothed, aligned, variant=variant, **settings)
-    equations = (aligned, smoothed, angular, quiet)
-    return angular, com_offset.solve(*equations, variant=variant, **chosen.for_stage("solve"))
+    smoothed = _smoothed(source, chosen, aligned, checked)
+    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
+    angular, solved = [], []
+    for variant in variants:
+        angular.append(com_offset.angular_acceleration(smoothed, aligned, variant=variant, **settings))
+        equations = (aligned, smoothed, angular[-1], quiet)
+        solved.append(com_offset.solve(*equations, variant=variant, **chosen.for_stage("solve")))
+    return smoothed, angular, solved
 
 
 def baseline(source, chosen):
     """Products that discovery looks at: aligned, field, attitude, and the solution with the torquers."""
     _, aligned, checked = _aligned(source, chosen)
-    smoothed = _smoothed(source, chosen, aligned, checked)
-    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
-    return aligned, checked, smoothed, _solved(source, chosen, (aligned, smoothed, quiet), "mtq")[1]
+    return _with_torquers(source, chosen, aligned, checked)
+
+
+def _with_torquers(source, chosen, aligned, checked):
+    """Aligned, field, attitude, and the solution with the torquers."""
+    smoothed, _, (solved,) = _solved(source, chosen, aligned, checked, ("mtq",))
+    return aligned, checked, smoothed, solved
 
 
 def combined(source, chosen, aligned):
     """Offset from aligned records, all angular accelerations."""
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
-    smoothed = _smoothed(source, chosen, aligned, checked)
-    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
-    solved = [_solved(source, chosen, (aligned, smoothed, quiet), variant)[1] for variant in VARIANTS]
+    solved = _solved(source, chosen, aligned, checked, VARIANTS)[2]
     return com_offset.combine(*solved, **chosen.for_stage("combine"))
 
 
@@ -98,13 +101,9 @@ def scene_settings(source, chosen):
 
 def _extended(source, chosen, aligned, checked):
     """Records without the effects of the model that was given."""
-    smoothed = _smoothed(source, chosen, aligned, checked)
-    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
-    solved = _solved(source, chosen, (aligned, smoothed, quiet), "mtq")[1]
+    products = _with_torquers(source, chosen, aligned, checked)
     scene = scene_settings(source, chosen)
-    return discovery.extend(
-        aligned, checked, smoothed, solved, scene=scene, variant="extended", **chosen.for_stage("extend")
-    )
+    return discovery.extend(*products, scene=scene, variant="extended", **chosen.for_stage("extend"))
 
 
 def _report_settings(source, chosen):

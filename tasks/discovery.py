@@ -38,7 +38,7 @@ def com_offset(
     return com_offset_science.discover(aligned, checked, smoothed, solved, **scene, **settings)
 
 
-_INPUTS = ("aligned", "checked", "smoothed", "solved", "scene", "model")
+_INPUTS = ("aligned", "checked", "smoothed", "solved", "scene")
 
 
 @stage(reads=READ, writes="com_offset.align", version=1)

@@ -10,12 +10,12 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.discovery_candidates import DAMPING, MODES_HZ, candidates
 from gravcal.calibrations.com_offset.discovery_event import event
+from gravcal.calibrations.com_offset.discovery_scene import offset_of
 from gravcal.calibrations.com_offset.discovery_view import CHANNELS
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.schemas import DISCOVERY
 from gravcal.discovery.summary import summary
-from gravcal.methods import estimation
 
 MODE_STEP_HZ = float(np.diff(MODES_HZ).mean())
 #: A line or a step that is found along the frequency or time axis, by channel.
@@ -44,7 +44,7 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet)
     made = [Block(**b) for b in blocks], [Candidate(**c) for c in found]
     result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
-    numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, _offset(solved))
+    numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
     for finding in numbers["findings"]:
         _physical(finding, views)
     return dataset(result, numbers)
@@ -95,11 +95,6 @@ def _size_of(view, channel, axis, frequency):
     signal[:, axis, 0] = np.sqrt(2) * np.sin(2 * np.pi * frequency * view.scene.time)
     rows = view.rows({channel: signal})[:, 0]
     return float(np.sqrt(np.mean(rows[rows != 0] ** 2)))
-
-
-def _offset(solved):
-    normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
-    return estimation.stable_inverse(normal) @ right
 
 
 def dataset(result, numbers: dict) -> xr.Dataset:

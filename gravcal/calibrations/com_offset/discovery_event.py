@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import discovery_noise, discovery_timing
 from gravcal.calibrations.com_offset.discovery_candidates import attitude_of_torques
-from gravcal.calibrations.com_offset.discovery_scene import scenes
+from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
 from gravcal.calibrations.com_offset.discovery_view import View, block_of, view_of
 from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.errors import ProductError
-from gravcal.methods import estimation
 
 
 def event(
@@ -36,8 +34,7 @@ def event(
     blocks : fields of `gravcal.discovery.blocks.Block`, one a view and one of edge times
     quiet : {channel: samples an axis that its noise was measured from}
     """
-    normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
-    offset = estimation.stable_inverse(normal) @ right
+    offset = offset_of(solved)
     measured, quiet = ({}, {}) if noise else _quiet(aligned, field, settings)
     made = scenes(aligned, field, smoothed, settings)
     views = [view_of(s, (aligned, field, smoothed), noise or measured, offset, settings["mass"]) for s in made]

@@ -10,6 +10,7 @@ import xarray as xr
 from gravcal.calibrations.com_offset import motion
 from gravcal.calibrations.com_offset.attitude_fit import slow_torque_response
 from gravcal.calibrations.com_offset.windows import Window, operator_for, windows
+from gravcal.methods import estimation
 from gravcal.methods.resampling import Resampler
 from gravcal.physics import dynamics, frames
 
@@ -61,6 +62,17 @@ def scenes(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, setting
     found = windows(aligned, field, settings["inertia"], np.asarray(settings["dipole_per_current"]), full)
     made = [_scene(aligned, smoothed, i, w, settings) for i, w in enumerate(found)]
     return [s for s in made if s is not None]
+
+
+def offset_of(solved: xr.Dataset) -> np.ndarray:
+    """Offset (3,) m of all manoeuvres together, of which the scenes are seen.
+
+    Parameters
+    ----------
+    solved : Dataset, "com_offset.solve"
+    """
+    normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
+    return estimation.stable_inverse(normal) @ right
 
 
 def _scene(aligned, smoothed, index, window, settings):

@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import discovery_candidates, discovery_drivers
-from gravcal.calibrations.com_offset.discovery_scene import scenes
+from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
 from gravcal.calibrations.com_offset.discovery_view import View, turning, view_of
 from gravcal.effects import Context, effect
-from gravcal.methods import estimation
 from gravcal.physics import frames
 
 #: Tags that a delay moves.
@@ -35,8 +34,7 @@ def extend(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved:
     extended : Dataset, "com_offset.align"
     """
     model = settings["model"]
-    normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
-    offset = estimation.stable_inverse(normal) @ right
+    offset = offset_of(solved)
     made = scenes(aligned, field, smoothed, settings)
     views = [view_of(s, (aligned, field, smoothed), {}, offset, settings["mass"]) for s in made]
     extended = aligned.copy(deep=True)
