@@ -17,10 +17,11 @@ def com_offset(source, chosen):
     scene = calibration.scene_settings(source, chosen)
     found = discovery.com_offset(*products, scene=scene, **chosen.for_stage("discovery"))
     extended = discovery.extend_by(*products, found, scene=scene, variant="discovered")
-    results = [calibration.combined(source, chosen, aligned) for aligned in (products[0], extended)]
+    after = calibration.combined(source, chosen, extended)
+    before = calibration.combined(source, chosen, products[0])  # last: latest/ leads to it
     values = {name: entry.value for name, entry in chosen.entries.items()}
     named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
-    return discovery.com_offset_report(found, *results, settings=values, **named)
+    return discovery.com_offset_report(found, before, after, settings=values, **named)
 
 
 FLOWS = {"com_offset": com_offset}
