@@ -1,7 +1,7 @@
 """Ranging: what the microwave or laser link reads beside the distance of the phase centres.
 
 The context of these effects holds, beside the time, `extra["angle"]` (n, 2, 2) rad: pitch and yaw of both satellites
-against the line of sight; `extra["range"]` (n,) m and `extra["range_rate"]` (n,) m s-1.
+against the line of sight; `extra["range"]` (n,) m and `extra["range_rate"]` (n,) m s-1. `context.epoch` is noon.
 """
 
 from __future__ import annotations
@@ -41,6 +41,16 @@ def _centre(context: Context, values):
     return -context.extra["line_of_sight_b"].reshape(-1, 6) @ np.asarray(values)
 
 
+def _drift(context: Context, values):
+    """Phase centres that move along; at `context.epoch` they are where the calibration says."""
+    return (context.time - context.epoch) * _centre(context, values)
+
+
+def _curvature(context: Context, values):
+    """Phase front that is no sphere about the phase centre; the sum of both axes of a satellite is its x."""
+    return context.extra["angle"].reshape(-1, 4) ** 2 @ np.asarray(values)
+
+
 def _mounting(context: Context, values):
     """Star cameras turned: the arm x of the antenna is seen along y and z, R_A c_A moves by v x c."""
     line, arm = context.extra["line_of_sight_b"], context.extra["antenna_x"]
@@ -49,9 +59,14 @@ def _mounting(context: Context, values):
     return -np.concatenate([levers, others], axis=1) @ np.asarray(values)
 
 
-def _orbit(context: Context, values):
-    angle = context.extra["argument"]
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.asarray(values)
+def _orbit(cycles):
+    """Cosine and sine of a multiple of the argument of latitude."""
+
+    def contribution(context: Context, values):
+        angle = cycles * context.extra["argument"]
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1) @ np.asarray(values)
+
+    return contribution
 
 
 def _thermal(context: Context, values):
@@ -107,6 +122,22 @@ EFFECTS = (
         "10.3390/rs14143395, eq. 13 (erratum K-1)",
     ),
     Effect(
+        "ranging.phase_centre_drift",
+        "range",
+        tuple(
+            Parameter(f"{a}_{k}", "m s-1", f"phase centre of {k} moves along {a} at", 1e-8) for k in "ab" for a in "xyz"
+        ),
+        _drift,
+        "a millimetre a day; assumed, no source prints one",
+    ),
+    Effect(
+        "ranging.phase_centre_curvature",
+        "range",
+        tuple(Parameter(n, "m rad-2", f"reading is longer by this times the square of {n}", 5e-4) for n in _PLACES),
+        _curvature,
+        "phase centre that differs by twice this between the planes; assumed, no source prints one",
+    ),
+    Effect(
         "ranging.star_camera_misalignment",
         "range",
         tuple(Parameter(n, "rad", f"attitude in error about {n}", 3e-4) for n in _PLACES),
@@ -119,8 +150,18 @@ EFFECTS = (
         tuple(
             Parameter(n, "m", f"orbit error with the {n} of the argument of latitude", 3e-3) for n in ("cosine", "sine")
         ),
-        _orbit,
+        _orbit(1),
         "resonance of orbit errors, 10.3390/rs14143395, Sec. 4.1",
+    ),
+    Effect(
+        "ranging.slow_orbit_error",
+        "range",
+        tuple(
+            Parameter(n, "m", f"orbit error with the {n} of twice the argument of latitude", 3e-3)
+            for n in ("cosine", "sine")
+        ),
+        _orbit(2),
+        "reduced-dynamic orbits, 2 cycles per revolution; 10.3390/rs14143395, Sec. 4.1",
     ),
     Effect(
         "ranging.thermal",

@@ -143,7 +143,7 @@ def ranging(pair, centre, chosen, injected, rng) -> dict:
     extra = {"angle": angle, "range": com, "range_rate": np.gradient(com, step)}
     if any(entry.channel == "range" for entry, _ in injected.values()):
         extra |= _surroundings(pair, centre, time)
-    context = Context(time=time, extra=extra)
+    context = Context(time=time, extra=extra, epoch=pair.day + constants.DAY / 2)
     light = _light_time(com, context.extra["range_rate"])
     raw = true + _added(injected, "range", context, time.shape) - light + _phase_noise(time.size, chosen, rng)
     at = pair.day + np.arange(0, constants.DAY, chosen.ranging_step_s)

@@ -14,6 +14,9 @@ SIZE = {
     "ranging.star_camera_misalignment": {"pitch_a": 1e-3},
     "ranging.once_per_revolution": {"sine": 1e-3},
     "ranging.thermal": {"swing": 1e-4},
+    "ranging.slow_orbit_error": {"cosine": 1e-3},
+    "ranging.phase_centre_drift": {"x_a": 1e-8},
+    "ranging.phase_centre_curvature": {"pitch_a": 1e-3},
 }
 
 
@@ -32,7 +35,7 @@ def plain():
 
 @pytest.mark.parametrize("slug", sorted(SIZE))
 def test_an_effect_changes_the_range_by_what_it_is(plain, slug):
-    """Analytic: antenna correction 2.89 m, an arm longer by 1 mm, a wave of 1 mm, warmth from 0 to 1."""
+    """Analytic: antenna correction 2.89 m, an arm longer by 1 mm, waves of 1 mm, warmth from 0 to 1, a day, 3 deg."""
     before, truth = plain
     added = ranges({slug: SIZE[slug]})[0] - before
     if slug == "ranging.antenna_correction":
@@ -40,7 +43,11 @@ def test_an_effect_changes_the_range_by_what_it_is(plain, slug):
         assert np.median(added) == pytest.approx(-arms, abs=2e-3)
     if slug == "ranging.phase_centre":
         assert np.median(added) == pytest.approx(-1e-3, abs=1e-5)
-    if slug == "ranging.once_per_revolution":
+    if slug == "ranging.phase_centre_drift":
+        assert np.ptp(added) == pytest.approx(8.64e-4, rel=1e-3)
+    if slug == "ranging.phase_centre_curvature":
+        assert added.max() == pytest.approx(1e-3 * np.radians(3) ** 2, rel=0.1)  # and the motion of the control loop
+    if slug in ("ranging.once_per_revolution", "ranging.slow_orbit_error"):
         assert np.std(added) == pytest.approx(1e-3 / np.sqrt(2), rel=0.05)
     if slug == "ranging.thermal":
         assert 0 <= added.min() < added.max() <= 1.01e-4
