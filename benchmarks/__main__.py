@@ -16,6 +16,7 @@ NAMES = {
     "campaign": ("benchmarks.campaign", "run"),
     "scale": ("benchmarks.scale", "run"),
     "discovery": ("benchmarks.discovery", "run"),
+    "browse": ("benchmarks.browse", "run"),
     "others": ("benchmarks.others", "run"),
 }
 

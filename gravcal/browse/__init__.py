@@ -2,6 +2,7 @@
 
 shelf      what lies in the store: events with their state, chains of stages, records
 variables  what a product holds; one column of it in pieces
+quick      long series read past HDF5
 series     a column at the resolution of the screen; differences and spectra
 plots      figures (Bokeh) with the data the page asks for
 timeline   results over the years, with trims and printed values

@@ -56,7 +56,9 @@ def ready():
     import h5netcdf  # noqa: F401
     from bokeh.embed import json_item
 
-    json_item(_empty("time", "", ""))
+    drawn = _empty("time", "", "")
+    drawn.line([0.0, 1.0], [0.0, 1.0])
+    json_item(drawn)
 
 
 def chosen(variable, columns=()):

@@ -1,8 +1,8 @@
 """A column at the resolution of the screen.
 
-The first look at a column reads it once, in pieces, and keeps the lowest and highest value of every 64 samples; from
-then on a wide view needs no file, and a narrow one reads only what it shows. Every peak of the data is drawn: a pixel
-shows the range of all samples it stands for. Gaps stay gaps.
+The first look at a column reads it once, several pieces at a time, and keeps the lowest and highest value of every 64
+samples; from then on a wide view needs no file, and a narrow one reads only what it shows. Every peak of the data is
+drawn: a pixel shows the range of all samples it stands for. Gaps stay gaps.
 """
 
 import functools
@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.browse import variables
+from gravcal.browse import quick, variables
 
 BLOCK = 64
 PIECE = BLOCK * 16384
+PART = BLOCK * 1024  # samples that stay in the processor's cache
 BINS = 1500  # ranges across the screen; each is drawn as its lowest and highest value
 GAP = 4.0  # a step longer than this many typical ones is not drawn as a line
 SEGMENT = 65536  # samples of one segment of a spectrum, at most
@@ -51,8 +52,7 @@ def overview(column, coordinate):
     column : variables.Column
     coordinate : variables.Column or None, then the number of the sample stands for it
     """
-    parts = [_extremes(piece) for piece in variables.pieces(column, PIECE)]
-    low, high = (np.concatenate([part[side] for part in parts]) for side in (0, 1))
+    low, high = _of_column(column)
     x, end = _coarse(coordinate) if coordinate else (np.arange(0.0, column.size, BLOCK), column.size - 1.0)
 
     def finely(start, stop):
@@ -147,15 +147,40 @@ def spectrum(whole):
     return frequency[1:], np.sqrt(power[1:]), said
 
 
+def _of_column(column):
+    """Lowest and highest of every block of a column."""
+    values = quick.mapped(column)
+    if values is None:
+        parts = [_extremes(piece) for piece in variables.pieces(column, PIECE)]
+    else:
+        parts = quick.together(lambda start: _extremes(values[start : start + PIECE]), range(0, column.size, PIECE))
+    return tuple(np.concatenate([part[side] for part in parts]) for side in (0, 1))
+
+
 def _extremes(values):
-    """Lowest and highest of every block."""
-    starts = np.arange(0, values.size, BLOCK)
-    return np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    """Lowest and highest of every block, NaN where all are."""
+    low, high = (np.empty(-(-values.size // BLOCK)) for _ in range(2))
+    for start in range(0, values.size, PART):
+        part = values[start : start + PART]
+        block, whole = start // BLOCK, part.size // BLOCK
+        across = np.ascontiguousarray(part[: whole * BLOCK].reshape(-1, BLOCK).T)
+        np.fmin.reduce(across, axis=0, out=low[block : block + whole])
+        np.fmax.reduce(across, axis=0, out=high[block : block + whole])
+    if values.size % BLOCK:
+        rest = values[values.size // BLOCK * BLOCK :]
+        low[-1], high[-1] = np.fmin.reduce(rest), np.fmax.reduce(rest)
+    return low, high
 
 
 @functools.lru_cache(maxsize=32)
 def _coarse(coordinate):
     """Every 64th value of a coordinate, and the last one."""
+    values = quick.mapped(coordinate)
+    if values is not None:
+        return np.array(values[::BLOCK]), float(values[-1])
+    found = quick.sampled(coordinate, BLOCK)
+    if found is not None:
+        return found
     kept, last = [], np.nan
     for piece in variables.pieces(coordinate, PIECE):
         kept.append(piece[::BLOCK].copy())
