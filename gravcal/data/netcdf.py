@@ -6,9 +6,9 @@ depends on the clock. Names along a dimension, in memory a coordinate of that na
 ``<dimension>_label`` of the file, as the CF conventions want.
 """
 
-import io
 import uuid
 import zlib
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -18,7 +18,8 @@ BARE_DIMENSION = (
 SMALL = 4096  # bytes; below this a compressed chunk costs more than it saves
 TRIED = 2048  # values on which compression is tried; noise hardly shrinks and takes nearly all of the time
 LABEL = "_label"
-RESERVED = {"CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates"}
+REFERENCES = {"REFERENCE_LIST", "DIMENSION_LIST"}
+RESERVED = REFERENCES | {"CLASS", "NAME", "_Netcdf4Dimid", "_Netcdf4Coordinates"}
 HIDDEN = RESERVED | {"_FillValue", "_NCProperties", "coordinates"}
 
 
@@ -65,22 +66,25 @@ def from_bytes(image):
     -------
     dataset : Dataset
     """
-    import h5py
     import xarray as xr
+    from h5py import h5f, h5p
 
-    with h5py.File(io.BytesIO(image), "r", track_order=True) as file:
-        nodes = {_unlabelled(name, node): node for name, node in file.items() if not _is_bare(node)}
-        variables = {
-            name: (_dimensions(name, node), _values(node), _read_attributes(node)) for name, node in nodes.items()
-        }
-        coordinates = {name for name, node in nodes.items() if variables[name][0] == (name,)}
-        for node in [file, *nodes.values()]:
-            coordinates |= set(_text(node.attrs.get("coordinates", "")).split())
-        attributes = _read_attributes(file)
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_fapl_core(backing_store=False)
+    access.set_file_image(image)
+    file = h5f.open(uuid.uuid4().hex.encode(), h5f.ACC_RDONLY, fapl=access)
+    try:
+        variables, attributes = _read_variables(file), _read_attributes(file)
+    finally:
+        file.close()
+    coordinates = {name for name, content in variables.items() if content[0] == (name,)}
+    for _, _, labels in [((), (), attributes), *variables.values()]:
+        coordinates |= set(labels.get("coordinates", "").split())
+    variables = {name: (*content, _own(labels)) for name, (*content, labels) in variables.items()}
     return xr.Dataset(
         {name: content for name, content in variables.items() if name not in coordinates},
         {name: content for name, content in variables.items() if name in coordinates},
-        attributes,
+        _own(attributes),
     )
 
 
@@ -89,12 +93,6 @@ def _with_labels(dataset):
     texts = [name for name in dataset.coords if dataset[name].dims == (name,) and dataset[name].dtype == object]
     labels = {name + LABEL: (name, dataset[name].values, dataset[name].attrs) for name in texts}
     return dataset.drop_vars(texts).assign_coords(labels) if texts else dataset
-
-
-def _unlabelled(name, node):
-    """Name of a variable in memory: the names along a dimension bear the dimension's name."""
-    dimensions = _dimensions(name, node)
-    return dimensions[0] if node.dtype == object and len(dimensions) == 1 and dimensions[0] + LABEL == name else name
 
 
 def _of_type(variable):
@@ -181,18 +179,55 @@ def _write_attributes(node, attributes):
             created.write(values, mtype=held)
 
 
+def _read_variables(file):
+    """Dimensions, values and attributes of each variable by name, in the order of the file; low-level calls again."""
+    from h5py import h5, h5d, h5g, h5p
+
+    root, names = h5g.open(file, b"/"), []
+    tracked = root.get_create_plist().get_link_creation_order() & h5p.CRT_ORDER_TRACKED
+    root.links.iterate(names.append, idx_type=h5.INDEX_CRT_ORDER if tracked else h5.INDEX_NAME)
+    variables = {}
+    for name in names:
+        node = h5d.open(root, name)
+        labels = _read_attributes(node)
+        if labels.get("NAME", "").startswith(BARE_DIMENSION):
+            continue
+        dimensions, values, text = _dimensions(node, name, labels), _values(node), name.decode()
+        labelled = values.dtype == object and len(dimensions) == 1 and dimensions[0] + LABEL == text
+        variables[dimensions[0] if labelled else text] = dimensions, values, labels
+    return variables
+
+
 def _read_attributes(node):
-    """Attributes as str, int, float, list of str or arrays of numbers."""
-    return {name: _plain(value) for name, value in node.attrs.items() if name not in HIDDEN}
+    """Attributes as str, int, float, list of str or arrays of numbers, those of the file format included."""
+    from h5py import h5a
+
+    opened = (h5a.open(node, index=number) for number in range(h5a.get_num_attrs(node)))
+    named = ((attribute.name.decode(), attribute) for attribute in opened)
+    return {name: _attribute(node, name, attribute) for name, attribute in named if name not in REFERENCES}
 
 
-def _plain(value):
+def _attribute(node, name, attribute):
     """One attribute as it was before writing."""
-    if isinstance(value, np.ndarray) and value.dtype == object:
-        return [_text(item) for item in value]
-    if isinstance(value, np.generic) and value.dtype.kind in "iuf":
-        return value.item()
-    return value if isinstance(value, np.ndarray) else _text(value)
+    from h5py import AttributeManager, h5s, h5t
+
+    kind = attribute.get_type()
+    if isinstance(kind, h5t.TypeStringID) and not kind.is_variable_str() and not attribute.shape:
+        values = np.zeros((), f"S{kind.get_size()}")
+        if attribute.get_space().get_simple_extent_type() != h5s.NULL:
+            attribute.read(values, mtype=kind)
+        return values.item().decode()
+    if isinstance(kind, (h5t.TypeIntegerID, h5t.TypeFloatID)):
+        values = np.zeros(attribute.shape, attribute.dtype)
+        attribute.read(values)
+        return values if values.ndim else values.item()
+    found = AttributeManager(SimpleNamespace(id=node))[name]
+    return [_text(item) for item in found] if isinstance(found, np.ndarray) else _text(found)
+
+
+def _own(labels):
+    """Attributes that are the variable's own, not those of the file format."""
+    return {name: value for name, value in labels.items() if name not in HIDDEN}
 
 
 def _text(value):
@@ -204,20 +239,28 @@ def _text(value):
 
 def _values(node):
     """Values of one variable; text as str objects."""
+    from h5py import Dataset, h5s
+
     if node.dtype == object:
-        return np.asarray(node.asstr()[...], dtype=object)
-    return node[...]
+        return np.asarray(Dataset(node).asstr()[...], dtype=object)
+    values = np.zeros(node.shape, node.dtype)
+    if values.size:
+        node.read(h5s.ALL, h5s.ALL, values)
+    return values
 
 
-def _is_bare(node):
-    """Whether the node only carries a dimension."""
-    return _text(node.attrs.get("NAME", "")).startswith(BARE_DIMENSION)
-
-
-def _dimensions(name, node):
+def _dimensions(node, name, labels):
     """Names of the dimensions of one variable."""
-    if "CLASS" in node.attrs and "DIMENSION_LIST" not in node.attrs:
-        return (name,)
-    if "DIMENSION_LIST" not in node.attrs:
-        return ()
-    return tuple(node.file[references[0]].name.lstrip("/") for references in node.attrs["DIMENSION_LIST"])
+    from h5py import h5a, h5ds, h5i
+
+    if not h5a.exists(node, b"DIMENSION_LIST"):
+        return (name.decode(),) if "CLASS" in labels else ()
+    found = []
+
+    def note(scale):
+        found.append(h5i.get_name(scale).decode().lstrip("/"))
+        return True  # the first one is enough
+
+    for axis in range(node.rank):
+        h5ds.iterate(node, axis, note)
+    return tuple(found)
