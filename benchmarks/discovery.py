@@ -143,8 +143,8 @@ def _blocks(folder, noise=None, *, listed=False):
     from gravcal.calibrations.com_offset.discovery_event import event
 
     products, scene, chosen = _products(folder)
-    degree = chosen["angular_drift_degree"]
-    views, blocks, _ = event(*products, noise=noise, **scene, angular_drift_degree=degree)
+    degrees = {name: chosen[name] for name in ("linear_drift_degree", "angular_drift_degree")}
+    views, blocks, _ = event(*products, noise=noise, **scene, **degrees)
     found = candidates(views, products[2], products[0]["start"].values) if listed else []
     return blocks, views[0].noise, found
 

@@ -35,7 +35,7 @@ for _kind, _schema in KINDS.items():
     product.register(_kind, _schema)
 
 
-@stage(reads=["ingest"], writes="com_offset.detect", version=1)
+@stage(reads=["ingest"], writes="com_offset.detect", version=2)
 def detect(magnetometer, *, period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma):
     """Manoeuvres in the torquer currents."""
     return detect_science.detect(

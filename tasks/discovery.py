@@ -18,7 +18,7 @@ for _kind, _schema in KINDS.items():
 READ = ["com_offset.align", "com_offset.field", "com_offset.attitude", "com_offset.solve"]
 
 
-@stage(reads=READ, writes="com_offset.discovery", version=1)
+@stage(reads=READ, writes="com_offset.discovery", version=2)
 def com_offset(
     aligned,
     checked,
@@ -29,6 +29,7 @@ def com_offset(
     tie_chi2,
     round_limit,
     segment_s,
+    linear_drift_degree,
     angular_drift_degree,
     discovery_seed,
     scene,

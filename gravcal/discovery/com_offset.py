@@ -29,8 +29,8 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     Parameters
     ----------
     aligned, field, smoothed, solved : Dataset, products of com_offset, solved with variant mtq
-    settings : of the stages attitude, noise and solve, with inertia, dipole_per_current, angular_drift_degree, mass,
-        discovery_level, tie_chi2, round_limit, segment_s, discovery_seed
+    settings : of the stages attitude, noise and solve, with inertia, dipole_per_current, linear_drift_degree,
+        angular_drift_degree, mass, discovery_level, tie_chi2, round_limit, segment_s, discovery_seed
 
     Returns
     -------

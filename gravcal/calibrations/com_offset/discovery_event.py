@@ -26,7 +26,8 @@ def event(
     ----------
     aligned, field, smoothed, solved : products of com_offset, solved with variant mtq
     noise : {channel: noise model of each axis}, where it is not to be measured in these records
-    settings : of the stages attitude, noise and solve, with inertia, dipole_per_current, angular_drift_degree, mass
+    settings : of the stages attitude, noise and solve, with inertia, dipole_per_current, linear_drift_degree,
+        angular_drift_degree, mass
 
     Returns
     -------

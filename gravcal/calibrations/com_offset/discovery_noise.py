@@ -20,7 +20,7 @@ def linear(aligned: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float
     Parameters
     ----------
     aligned : Dataset, "align"
-    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
+    settings : lowpass_hz, half_width_s, step_s, linear_drift_degree, noise_order, quiet_margin_s
     """
     time = aligned["time_acc"].values
     good = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
@@ -31,7 +31,7 @@ def linear(aligned: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float
         if operator is not None:
             reading = np.nan_to_num(aligned["linear_b"].values[inside])
             pieces.append(operator(reading - reading[len(reading) // 2]))
-    return _model(pieces, settings["drift_degree"], settings)
+    return _model(pieces, settings["linear_drift_degree"], settings)
 
 
 def _model(pieces, degree, settings):

@@ -13,10 +13,8 @@ def block(smoothed: xr.Dataset) -> dict:
     ----------
     smoothed : Dataset, "com_offset.attitude"
     """
-    late, sigma = smoothed["acc_shift"].values - smoothed["sca_shift"].values, smoothed["acc_shift_sigma"].values
-    sigma = np.hypot(sigma, smoothed["sca_shift_sigma"].values)
-    rows = np.append(late, float(smoothed["acc_delay"]))
-    spread = np.append(sigma, float(smoothed["acc_delay_sigma"]))
+    rows = np.append(smoothed["acc_shift"].values - smoothed["sca_shift"].values, float(smoothed["acc_delay"]))
+    spread = _spread(smoothed)
     used = np.isfinite(rows) & np.isfinite(spread) & (spread > 0)
     count = rows.size
     return {
@@ -39,9 +37,8 @@ def columns(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray |
     smoothed : Dataset, "com_offset.attitude"
     starts : (k,) s, of the manoeuvres
     """
-    sigma = np.hypot(smoothed["acc_shift_sigma"].values, smoothed["sca_shift_sigma"].values)
-    spread = np.append(sigma, float(smoothed["acc_delay_sigma"]))
-    count = sigma.size
+    spread = _spread(smoothed)
+    count = spread.size - 1
     middle = starts - starts[0]
     column = {
         "timing.accelerometer_delay": np.append(np.ones(count), 1.0),
@@ -54,3 +51,16 @@ def columns(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray |
         return None
     used = np.isfinite(spread) & (spread > 0)
     return np.where(used, column / np.where(used, spread, 1), 0.0)[:, None]
+
+
+def _spread(smoothed):
+    """Errors (k + 1,) s of the rows.
+
+    Where between two samples of the accelerometer an edge falls cannot be told from momentary readings: the wave's
+    period is a whole number of samples, so that all edges of a manoeuvre fall on the same part of it.
+    """
+    steps = np.diff(smoothed["time_acc"].values)
+    between = float(np.median(steps)) / np.sqrt(12) if steps.size else 0.0
+    parts = smoothed["acc_shift_sigma"].values, smoothed["sca_shift_sigma"].values
+    each = np.sqrt(parts[0] ** 2 + parts[1] ** 2 + between**2)
+    return np.append(each, np.hypot(float(smoothed["acc_delay_sigma"]), between))

@@ -132,7 +132,7 @@ def block_of(view: View, aligned, smoothed, settings: dict) -> dict:
     ----------
     view : View
     aligned, smoothed : Dataset, products of com_offset
-    settings : drift_degree, angular_drift_degree
+    settings : linear_drift_degree, angular_drift_degree
 
     Returns
     -------
@@ -186,7 +186,7 @@ def _own(view, settings):
     eye = np.eye(3)
     columns = []
     for channel, time, degree in (
-        ("linear", scene.time, settings["drift_degree"]),
+        ("linear", scene.time, settings["linear_drift_degree"]),
         ("angular", scene.time, settings["angular_drift_degree"]),
         ("magnetometer", mag, 0),
     ):

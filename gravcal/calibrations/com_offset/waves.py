@@ -25,7 +25,9 @@ class Wave:
 
 
 def plateaus(time: np.ndarray, current: np.ndarray, threshold: float, longest_step: float) -> list[tuple]:
-    """Runs of samples of one sign beyond the threshold.
+    """Runs of samples of one sign beyond the threshold, without a jump of more than half of their size.
+
+    A control current of the same sign that follows the wave at once is not part of its last half period.
 
     Parameters
     ----------
@@ -38,8 +40,10 @@ def plateaus(time: np.ndarray, current: np.ndarray, threshold: float, longest_st
     -------
     runs : list of (first index, last index, mean mA)
     """
-    sign = np.where(np.abs(np.nan_to_num(current)) > threshold, np.sign(np.nan_to_num(current)), 0)
-    change = (np.diff(sign) != 0) | (np.diff(time) > longest_step)
+    size = np.abs(np.nan_to_num(current))
+    sign = np.where(size > threshold, np.sign(np.nan_to_num(current)), 0)
+    jump = np.abs(np.diff(size)) > np.maximum(size[1:], size[:-1]) / 2
+    change = (np.diff(sign) != 0) | (np.diff(time) > longest_step) | jump
     first = np.concatenate([[0], np.flatnonzero(change) + 1])
     last = np.concatenate([np.flatnonzero(change), [sign.size - 1]])
     return [(a, b, float(current[a : b + 1].mean())) for a, b in zip(first, last, strict=True) if sign[a] != 0]

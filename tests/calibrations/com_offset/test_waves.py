@@ -152,6 +152,17 @@ def test_plateaus_end_at_gaps_and_missing_values():
     assert [(a, b) for a, b, _ in found] == [(1, 2), (4, 4), (5, 5), (6, 7)]
 
 
+def test_a_control_current_of_the_same_sign_is_not_part_of_the_last_half_period():
+    """Analytic: 20 mA of control follow the wave at once; level and last edge are those of the wave."""
+    time = np.arange(0, 600, 0.5) + 0.083
+    current = square(time, 100.0)
+    stop = np.flatnonzero(current)[-1]
+    current[stop + 1 :] = 20.0 * np.sign(current[stop])
+    (wave,) = find_waves(time, current, 2, SETTINGS)
+    np.testing.assert_allclose(np.abs(wave.level), 110.0)
+    assert wave.lower[-1] == time[stop] and wave.upper[-1] == time[stop + 1]
+
+
 def magnetometer(time, currents, field_ut, flag=None):
     """MAG1B as the reader returns it."""
     second = np.floor(time).astype(np.int64)
