@@ -127,11 +127,11 @@ def _whiten(columns, valid, rows, sigma):
             known = 0
             continue
         use = min(known, order)
-        for c in range(m):
-            total = columns[t, c]
-            for j in range(use):
-                total -= rows[use, j] * columns[t - 1 - j, c]
-            out[t, c] = total / sigma[use]
+        out[t] = columns[t]
+        for j in range(use):
+            for c in range(m):
+                out[t, c] -= rows[use, j] * columns[t - 1 - j, c]
+        out[t] /= sigma[use]
         known += 1
     return out
 

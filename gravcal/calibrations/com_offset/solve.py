@@ -39,45 +39,52 @@ def solve(
     -------
     solved : Dataset, "com_offset.solve"
     """
+    variant = angular.attrs["variant"]
+    given = [_arrays(product) for product in (aligned, smoothed, angular)]
     if settings["method"] == "published":
-        return _published(aligned, smoothed, angular)
+        return _published(*given, variant)
     noise = models_of(measured)
     source = "quiet data" if noise else "residuals"
-    blocks = [_block(aligned, smoothed, angular, i, settings) for i in range(aligned.sizes["manoeuvre"])]
+    blocks = [_block(*given, i, settings | {"variant": variant}) for i in range(aligned.sizes["manoeuvre"])]
     if not noise:
         noise = _residual_noise(blocks, settings)
     whitened = [_whitened(b, noise) for b in blocks]
-    scores = [None if w is None else estimation.score(*w[:4]) for w in whitened]
+    scores = [_score(w) for w in whitened]
     joint = _joint(scores)
     values = _values(blocks, whitened, scores, joint, angular.sizes["mode_index"])
     values |= {n: angular[n].values for n in ("mode_shared", "mode_catalogue")}
-    values |= _where(aligned)
+    values |= _where(given[0])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)
     values |= {"frequency": FREQUENCY, "noise_density": density}
-    attrs = {"variant": angular.attrs["variant"], "direction": "proof_mass_to_com", "noise_source": source}
+    attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": source}
     return build(SOLVE, values, **attrs)
+
+
+def _arrays(product):
+    """Variables of a product as bare arrays, by name."""
+    return {name: variable.values for name, variable in product.variables.items()}
 
 
 def _where(aligned):
     """Kind, times and latitude of every manoeuvre."""
-    start, stop = aligned["start"].values, aligned["stop"].values
-    position, time = aligned["position_e"].values, aligned["time_orbit"].values
+    start, stop = aligned["start"], aligned["stop"]
+    position, time = aligned["position_e"], aligned["time_orbit"]
     sine = position[:, 2] / np.linalg.norm(position, axis=1)
     latitude = np.arcsin(np.interp((start + stop) / 2, time, sine))
-    return {"kind": aligned["kind"].values, "start": start, "stop": stop, "latitude": latitude}
+    return {"kind": aligned["kind"], "start": start, "stop": stop, "latitude": latitude}
 
 
-def _published(aligned, smoothed, angular):
+def _published(aligned, smoothed, angular, variant):
     """Offsets and formal errors as printed."""
-    count = aligned.sizes["manoeuvre"]
+    count = aligned["start"].size
     offset, information, where = np.full((count, 3), np.nan), np.zeros((count, 3, 3)), _where(aligned)
     for i in range(count):
-        inside = np.flatnonzero(smoothed["acc_manoeuvre"].values == i)
-        if inside.size < 200:
+        inside = _samples(smoothed, i)
+        if inside is None:
             continue
-        time = smoothed["time_acc"].values[inside]
+        time = smoothed["time_acc"][inside]
         linear, marked = _reading(aligned, time)
-        rates = smoothed["rate_b"].values[inside], angular["rate_dot_b"].values[inside]
+        rates = smoothed["rate_b"][inside], angular["rate_dot_b"][inside]
         kept = published.components(int(where["kind"][i]), float(where["latitude"][i]))
         offset[i], formal = published.solve_one(time, ~marked, linear, rates, kept)
         information[i][np.ix_(kept, kept)] = estimation.stable_inverse(formal[np.ix_(kept, kept)])
@@ -85,7 +92,7 @@ def _published(aligned, smoothed, angular):
     values |= {"offset": offset, "information": information, "normal": information}
     values |= {"right": np.matvec(information, np.nan_to_num(offset)), "mode_shared": [], "mode_catalogue": []}
     values |= {"frequency": FREQUENCY, "noise_density": np.full((3, FREQUENCY.size), np.nan)}
-    attrs = {"variant": angular.attrs["variant"], "direction": "proof_mass_to_com", "noise_source": "published"}
+    attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": "published"}
     return build(SOLVE, values, **attrs)
 
 
@@ -102,38 +109,51 @@ def _joint(scores):
 
 
 def _block(aligned, smoothed, angular, index, settings):
-    """Resampled reading, columns, instruments, modes and drift of one manoeuvre; None without samples."""
-    inside = np.flatnonzero(smoothed["acc_manoeuvre"].values == index)
-    if inside.size < 200:
+    """Resampled reading, columns, instruments, modes and drift of one manoeuvre; None without samples.
+
+    The columns are linear in the angular acceleration, so that this is resampled, not its nine columns.
+    """
+    inside = _samples(smoothed, index)
+    if inside is None:
         return None
-    time = smoothed["time_acc"].values[inside]
+    time = smoothed["time_acc"][inside]
     linear, marked = _reading(aligned, time)
-    value, modes = angular["rate_dot_b"].values[inside], angular["mode"].values[:, inside]
+    value, modes = angular["rate_dot_b"][inside], angular["mode"][:, inside]
     good = ~marked & np.isfinite(value).all(axis=1)
     operator = _operator(_ends(aligned, smoothed, index), time, good, settings)
     if operator.valid.sum() < 60:
         return None
-    rate, gradient = smoothed["rate_b"].values[inside], smoothed["gradient_b"].values[inside]
-    columns = lambda rate_dot: operator(_columns(time, rate, np.nan_to_num(rate_dot), gradient))  # noqa: E731
-    instruments = None
-    if angular.attrs["variant"] != "mtq":
-        wave = angular["ratio"].values * smoothed["magnetic_b"].values[inside]
-        instruments = columns(smoothed["smooth_b"].values[inside] + wave)
+    still = operator(_columns(time, smoothed["rate_b"][inside], np.zeros(3), smoothed["gradient_b"][inside]))
+    driven = [value]
+    if settings["variant"] != "mtq":
+        driven.append(smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside])
+    series = np.stack([linear - linear[good].mean(axis=0), *driven, *modes], axis=1)
+    reading, *turning = np.moveaxis(operator(np.nan_to_num(series)), 1, 0)
+    turning = [_columns(operator.time, np.zeros(3), one, np.zeros((3, 3))) for one in turning]
     return {
         "operator": operator,
-        "reading": operator(np.nan_to_num(linear - linear[good].mean(axis=0))),
-        "design": columns(value),
-        "instruments": instruments,
-        "modes": [operator(_columns(time, 0 * rate, m, 0 * gradient)) for m in modes],
+        "reading": reading,
+        "design": still + turning[0],
+        "instruments": still + turning[1] if driven[1:] else None,
+        "modes": turning[len(driven) :],
         "drift": estimation.polynomial(operator.time, settings["drift_degree"], *operator.time[[0, -1]]),
     }
 
 
+def _samples(smoothed, index):
+    """Samples of one manoeuvre, as a slice where they are in one piece; None where there are too few."""
+    inside = np.flatnonzero(smoothed["acc_manoeuvre"] == index)
+    if inside.size < 200:
+        return None
+    whole = slice(inside[0], inside[-1] + 1)
+    return whole if whole.stop - whole.start == inside.size else inside
+
+
 def _reading(aligned, time):
     """Linear acceleration (n, 3) at epochs of the record and which of them are not usable (n,)."""
-    at = np.searchsorted(aligned["time_acc"].values, time)
-    linear = aligned["linear_b"].values[at]
-    return linear, (aligned["acc_flag"].values[at] != 0) | ~np.isfinite(linear).all(axis=1)
+    at = np.searchsorted(aligned["time_acc"], time)
+    linear = aligned["linear_b"][at]
+    return linear, (aligned["acc_flag"][at] != 0) | ~np.isfinite(linear).all(axis=1)
 
 
 def _operator(ends, time, good, settings):
@@ -144,12 +164,9 @@ def _operator(ends, time, good, settings):
 
 def _ends(aligned, smoothed, index):
     """First and last edge as the accelerometer sees them."""
-    count = int(np.isfinite(aligned["edge_lower"].values[index]).sum())
-    late = np.nan_to_num(smoothed["acc_shift"].values[index])
-    return (
-        aligned["edge_upper"].values[index, 0] + max(late, 0.0),
-        aligned["edge_lower"].values[index, count - 1] + min(late, 0.0),
-    )
+    count = int(np.isfinite(aligned["edge_lower"][index]).sum())
+    late = np.nan_to_num(smoothed["acc_shift"][index])
+    return aligned["edge_upper"][index, 0] + max(late, 0.0), aligned["edge_lower"][index, count - 1] + min(late, 0.0)
 
 
 def _columns(time, rate, rate_dot, gradient):
@@ -159,25 +176,41 @@ def _columns(time, rate, rate_dot, gradient):
 
 
 def _whitened(block, noise):
-    """Whitened reading, columns, drift, instruments and modes of a block, the rows of the three axes stacked."""
+    """Whitened reading, columns and instruments without drift, modes; the rows of the three axes stacked.
+
+    Returns
+    -------
+    white : dict of "reading", "design", "instruments" or None, "modes", "rows" that count, "dof"; None without block
+    """
     if block is None:
         return None
-    valid = block["operator"].valid
-    turn = lambda columns: np.concatenate([whiten(noise[a], columns[:, a], valid) for a in range(3)])  # noqa: E731
-    width = block["drift"].shape[1]
-    drift = np.zeros((3 * valid.size, 3 * width))
+    valid, drift = block["operator"].valid, block["drift"]
+    own = [block["design"], *([] if block["instruments"] is None else [block["instruments"]]), *block["modes"]]
+    columns = np.concatenate([block["reading"][:, :, None], *own], axis=2)
+    white = []
     for a in range(3):
-        rows = slice(a * valid.size, (a + 1) * valid.size)
-        drift[rows, a * width : (a + 1) * width] = whiten(noise[a], block["drift"], valid)
-    instruments = None if block["instruments"] is None else turn(block["instruments"])
-    return turn(block["reading"]), turn(block["design"]), drift, instruments, [turn(m) for m in block["modes"]]
+        turned = whiten(noise[a], np.concatenate([columns[:, a], drift], axis=1), valid)
+        white.append(estimation.without(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
+    reading, *parts = np.split(np.concatenate(white), np.arange(1, columns.shape[2], 3), axis=1)
+    found = {"reading": reading[:, 0], "design": parts.pop(0)}
+    found["instruments"] = None if block["instruments"] is None else parts.pop(0)
+    rows = 3 * int(valid.sum())
+    return found | {"modes": parts, "rows": rows, "dof": rows - 3 * drift.shape[1]}
+
+
+def _score(white):
+    """Estimating equation of one manoeuvre; None without block."""
+    if white is None:
+        return None
+    none = np.zeros((white["reading"].size, 0))
+    return estimation.score(white["reading"], white["design"], none, white["instruments"])
 
 
 def _residual_noise(blocks, settings):
     """Noise from the residuals of a first solution with white noise, where quiet data are missing."""
     white = [NoiseModel(np.zeros(0), np.array([1e-18]), settings["step_s"])] * 3
     whitened = [_whitened(b, white) for b in blocks]
-    joint = _joint([None if w is None else estimation.score(*w[:4]) for w in whitened])
+    joint = _joint([_score(w) for w in whitened])
     pieces = [_residual(b, joint) for b in blocks if b is not None]
     removed = len(pieces) * (settings["drift_degree"] + 1) + 1
     order = settings["noise_order"]
@@ -208,31 +241,29 @@ def _values(blocks, whitened, scores, joint, modes):
         for name, value in _estimate(white, score, joint).items():
             table[name][i] = value
         valid = block["operator"].valid
-        drift = block["drift"][valid]
+        both = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
+        both = estimation.without(block["drift"][valid], both)
         series["time_grid"].append(block["operator"].time[valid])
         series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
-        series["reading"].append(estimation.without(drift, block["reading"][valid]))
-        series["model"].append(estimation.without(drift, block["design"][valid] @ joint))
+        series["reading"].append(both[:, :3])
+        series["model"].append(both[:, 3:])
     return table | {n: np.concatenate(v) for n, v in series.items()}
 
 
 def _estimate(white, score, joint):
     """Numbers of one manoeuvre; noise of the columns weakens its equation, modes act on the joint offset."""
-    y, A, drift, Z, modes = white
-    clean = estimation.without(drift, A if Z is None else Z)
-    gain = estimation.stable_inverse(score.information) @ clean.T
-    residual = estimation.without(drift, y - A @ joint)
-    used = np.any(drift != 0, axis=1)
+    A, Z = white["design"], white["instruments"]
+    gain = estimation.stable_inverse(score.information) @ (A if Z is None else Z).T
+    residual = white["reading"] - A @ joint
     extra = 0.0
     if Z is not None:
-        noisy = estimation.without(clean, estimation.without(drift, A))
-        extra = float(np.sum((noisy @ joint) ** 2) / max(used.sum(), 1))
+        extra = float(np.sum((estimation.without(Z, A) @ joint) ** 2) / max(white["rows"], 1))
     return {
         "offset": score.determined(joint, DIRECTION_LIMIT_M),
         "right": score.right / (1 + extra),
         "normal": score.normal / (1 + extra),
         "information": score.information / (1 + extra),
-        "mode_shift": np.array([-gain @ m @ joint for m in modes]).reshape(-1, 3),
+        "mode_shift": np.array([-gain @ m @ joint for m in white["modes"]]).reshape(-1, 3),
         "chi2": float(residual @ residual),
-        "dof": int(used.sum() - drift.shape[1]),
+        "dof": white["dof"],
     }
