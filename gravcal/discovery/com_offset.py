@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.discovery_candidates import DAMPING, MODES_HZ, candidates
 from gravcal.calibrations.com_offset.discovery_event import event
 from gravcal.calibrations.com_offset.discovery_scene import offset_of
 from gravcal.calibrations.com_offset.discovery_view import CHANNELS
+from gravcal.discovery import products
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
-from gravcal.discovery.schemas import DISCOVERY
 from gravcal.discovery.summary import summary
 
 MODE_STEP_HZ = float(np.diff(MODES_HZ).mean())
@@ -37,7 +34,7 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     found : Dataset, "com_offset.discovery"; attribute `numbers` holds the summary as JSON
     """
     if not aligned.sizes["manoeuvre"]:
-        return _nothing()
+        return products.nothing()
     views, blocks, quiet = event(aligned, field, smoothed, solved, **settings)
     found = candidates(views, smoothed, aligned["start"].values)
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
@@ -47,13 +44,7 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
     for finding in numbers["findings"]:
         _physical(finding, views)
-    return dataset(result, numbers)
-
-
-def _nothing():
-    """Product of a record without manoeuvre."""
-    values = {name: [] for name in DISCOVERY}
-    return build(DISCOVERY, values, numbers=json.dumps({"status": "no_manoeuvre"}), channels="", blocks="")
+    return products.dataset(result, numbers, CHANNELS)
 
 
 def _physical(finding, views):
@@ -95,47 +86,3 @@ def _size_of(view, channel, axis, frequency):
     signal[:, axis, 0] = np.sqrt(2) * np.sin(2 * np.pi * frequency * view.scene.time)
     rows = view.rows({channel: signal})[:, 0]
     return float(np.sqrt(np.mean(rows[rows != 0] ** 2)))
-
-
-def dataset(result, numbers: dict) -> xr.Dataset:
-    """Product of a search: residuals before and after, adequacy, and the numbers.
-
-    Parameters
-    ----------
-    result : rounds.Result
-    numbers : of `summary.summary`
-    """
-    blocks, before, after = result.problem.blocks, result.before, result.after
-    rows = before.rows
-    names = list(dict.fromkeys([*CHANNELS, *(str(c) for b in blocks for c in b.channel)]))
-    place = {name: k for k, name in enumerate(names)}
-    labels = {b.label: k for k, b in enumerate(blocks)}
-    values = {
-        "time_row": np.concatenate([b.time for b in blocks]),
-        "channel": np.concatenate([[place[str(c)] for c in b.channel] for b in blocks]),
-        "component": np.concatenate([b.axis for b in blocks]),
-        "block": np.concatenate([np.full(b.time.size, k) for k, b in enumerate(blocks)]),
-        "observed": np.concatenate([b.observed for b in blocks]),
-        "residual_before": np.concatenate(before.rest),
-        "residual_after": np.concatenate(after.rest),
-        "test_block": [labels[r["block"]] for r in rows],
-        "test_channel": [place[r["channel"]] for r in rows],
-        "test_band": [r["band"] for r in rows],
-        "power_before": [r["ratio"] for r in rows],
-        "power_after": [r["ratio"] for r in after.rows],
-        "p_band_before": [r["p"] for r in rows],
-        "p_band_after": [r["p"] for r in after.rows],
-    }
-    text = json.dumps(_known(numbers), allow_nan=False, sort_keys=True)
-    return build(DISCOVERY, values, numbers=text, channels=" ".join(names), blocks=", ".join(labels))
-
-
-def _known(value):
-    """NaN and infinity become null."""
-    if isinstance(value, dict):
-        return {k: _known(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_known(v) for v in value]
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
