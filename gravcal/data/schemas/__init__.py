@@ -55,13 +55,23 @@ def validate(document, name=None):
 
 @lru_cache(maxsize=len(DOCUMENTS))
 def _validator(name):
-    """Validator with the shared definitions at hand."""
+    """Validator with the shared definitions in place: looking them up took most of the time."""
     from jsonschema import Draft202012Validator
-    from referencing import Registry, Resource
 
-    common = Resource.from_contents(schema("common"))
-    registry = Registry().with_resource(common.id(), common)
-    return Draft202012Validator(schema(name), registry=registry)
+    return Draft202012Validator(_without_references(schema(name), schema("common")["$defs"]))
+
+
+def _without_references(item, definitions):
+    """Schema with each reference to a shared definition replaced by what it says."""
+    if isinstance(item, list):
+        return [_without_references(part, definitions) for part in item]
+    if not isinstance(item, dict):
+        return item
+    rest = {name: _without_references(part, definitions) for name, part in item.items() if name != "$ref"}
+    if "$ref" not in item:
+        return rest
+    meant = _without_references(definitions[item["$ref"].rpartition("/")[2]], definitions)
+    return {"allOf": [meant, rest]} if rest else meant
 
 
 def _walk(item, path):
