@@ -83,8 +83,8 @@ def _days(source):
 
 def _known(event):
     """Letter and manoeuvre of all that the catalogue holds for an event."""
-    known = {one.name: one for one in catalog.events(calibration="kbr_phase_centre")}.get(event)
-    found = known.found if known else ()
+    known = catalog.event(event) if event in catalog.names("events") else None
+    found = known.found if known and known.calibration == "kbr_phase_centre" else ()
     return [(letter, one) for one in found for letter in (one.satellite or known.letters)]
 
 

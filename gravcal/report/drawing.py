@@ -258,3 +258,18 @@ def band(panel: Panel, low: float, high: float, colour: str, opacity: float) -> 
     _, (top, bottom) = placed(panel, [panel.x[0]] * 2, [high, low])
     size = f'width="{FINE * panel.box[2]:g}" height="{max(bottom - top, 1):.0f}"'
     return f'<rect x="0" y="{top:.0f}" {size} fill="{colour}" fill-opacity="{opacity:g}"/>'
+
+
+def strip(panel: Panel, start: float, stop: float, colour: str, opacity: float) -> str:
+    """Coloured strip from top to bottom of the panel.
+
+    Parameters
+    ----------
+    panel : Panel
+    start, stop : values
+    colour : of COLOURS
+    opacity : 0 to 1
+    """
+    (left, right), _ = placed(panel, [start, stop], [panel.y[0]] * 2)
+    size = f'width="{max(right - left, 1):.0f}" height="{FINE * panel.box[3]:g}"'
+    return f'<rect x="{left:.0f}" y="0" {size} fill="{colour}" fill-opacity="{opacity:g}"/>'

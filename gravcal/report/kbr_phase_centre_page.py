@@ -2,7 +2,6 @@
 
 from gravcal.report import kbr_phase_centre_figures as figures
 from gravcal.report import kbr_phase_centre_tables as tables
-from gravcal.report.figures import image
 from gravcal.report.pages import render
 from gravcal.report.plain import gps_text
 
@@ -111,7 +110,7 @@ def _section(title, own_tables, own_figures, notes=()):
 
 def _figure(name, draw, *given):
     title, caption = CAPTIONS[name]
-    return {"image": image(draw, *given), "source": "", "title": title, "caption": caption}
+    return {"drawing": draw(*given), "source": "", "title": title, "caption": caption}
 
 
 def _numbered(sections):
@@ -119,6 +118,6 @@ def _numbered(sections):
     number = 0
     for section in sections:
         for one in section["figures"]:
-            number += one["image"] is not None
+            number += one["drawing"] is not None
             one["number"] = number
     return sections

@@ -83,3 +83,10 @@ def test_a_series_without_values_draws_nothing():
     assert drawing.dots(PANEL, np.arange(3.0), nothing, Look("#000000", shape="circle")) == ""
     low, high = drawing.limits(nothing)
     assert high > low
+
+
+def test_a_strip_stands_from_top_to_bottom():
+    """Analytic: from 2 to 3 on a scale of 0 to 10 over 100 units is the third tenth of the fine grid."""
+    panel = Panel((0, 0, 100, 50), (0.0, 10.0), (0.0, 1.0))
+    text = drawing.strip(panel, 2.0, 3.0, "#000000", 0.5)
+    assert 'x="200" y="0" width="100" height="500"' in text

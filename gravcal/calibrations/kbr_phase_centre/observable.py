@@ -111,11 +111,10 @@ def published_columns(time: np.ndarray, columns: np.ndarray, derivative: int, ha
     -----
     D and D D of Remote Sens. 2022, 14, 3395, eqs. 17 and 19; the window is not printed (erratum K-4).
     """
-    from scipy.ndimage import correlate1d
-
     lag = np.arange(-half_width, half_width + 1)
     taps = np.linalg.pinv(np.vander(lag, 4, increasing=True))[1]
     step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
     for _ in range(derivative):
-        columns = correlate1d(columns, taps / step, axis=0, mode="nearest")
+        widened = np.pad(columns, ((half_width, half_width), (0, 0)), mode="edge")
+        columns = np.lib.stride_tricks.sliding_window_view(widened, lag.size, axis=0) @ (taps / step)
     return columns
