@@ -167,9 +167,8 @@ def _sums(field, position_e, derivatives):
         refuse("position_e", "a point within 100 km of the centre or not finite", "positions in metres", "Convert it.")
     if field.degree > LIMIT:
         refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
-    table, alpha, beta = _prepared(field, derivatives)
     flat = np.ascontiguousarray(position.reshape(-1, 3) / field.radius)
-    sums = sum_series(flat, table, alpha, beta)
+    sums = sum_series(flat, *_prepared(field, derivatives), len(derivatives))
     scale = field.gm / field.radius ** (1 + len(derivatives[0]))
     return (scale * sums).reshape(*position.shape[:-1], len(derivatives))
 
@@ -182,7 +181,7 @@ def _prepared(field, derivatives):
             for k in range(len(name)):
                 if name[: k + 1] not in known:
                     known[name[: k + 1]] = _derivative(known[name[:k]], name[k])
-        field.tables[derivatives] = _table([known[name] for name in derivatives])
+        field.tables[derivatives] = _tables([known[name] for name in derivatives])
     return field.tables[derivatives]
 
 
@@ -210,26 +209,30 @@ def _derivative(K, axis):
     return out
 
 
-def _table(series):
-    """Kernel arrays: coefficients by order and degree above the order, and the two recursion factors."""
-    from gravcal.physics.gravity_field_kernel import ROWS
+def _tables(series):
+    """Kernel arrays: coefficients by order and degree above the order, in tiles, and the two recursion factors."""
+    from gravcal.physics.gravity_field_vectors import TILE
 
     orders = series[0].shape[0]
-    padded = -(-orders // ROWS) * ROWS + ROWS
-    table = np.zeros((orders, 2 * len(series), padded))
-    alpha, beta = np.zeros((2, orders, padded))
+    table = np.zeros((orders, orders, -(-2 * len(series) // TILE) * TILE))
+    alpha, beta = np.zeros((2, orders, orders))
     sectorial = np.sqrt(np.concatenate([[1.0], np.cumprod(_sectorial_factors(orders))]))
     for m in range(orders):
         n = np.arange(m, orders)
         for k, K in enumerate(series):
-            table[m, 2 * k, : n.size] = sectorial[m] * K[n, m].real
-            table[m, 2 * k + 1, : n.size] = -sectorial[m] * K[n, m].imag
-        n = n[1:].astype(float)
-        with np.errstate(invalid="ignore"):
-            alpha[m, 1 : n.size + 1] = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
-            inner = (2 * n + 1) * (n + m - 1) * (n - m - 1) / ((2 * n - 3) * (n + m) * (n - m))
-        beta[m, 1 : n.size + 1] = np.sqrt(np.where(n > m + 1, inner, 0.0))
-    return table, alpha, beta
+            table[m, : n.size, 2 * k] = sectorial[m] * K[n, m].real
+            table[m, : n.size, 2 * k + 1] = -sectorial[m] * K[n, m].imag
+        alpha[m, 1 : n.size], beta[m, 1 : n.size] = _factors(n[1:].astype(float), m)
+    tiles = table.reshape(orders, orders, -1, TILE).transpose(0, 2, 1, 3)
+    return np.ascontiguousarray(tiles), alpha, beta
+
+
+def _factors(n, m):
+    """Factors alpha and beta of the recursion over the degree."""
+    outer = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
+    with np.errstate(invalid="ignore"):
+        inner = (2 * n + 1) * (n + m - 1) * (n - m - 1) / ((2 * n - 3) * (n + m) * (n - m))
+    return outer, np.sqrt(np.where(n > m + 1, inner, 0.0))
 
 
 def _sectorial_factors(orders):

@@ -1,4 +1,4 @@
-"""Compiled sum of several solid-harmonic series at many points; blocks of points side by side fill whole registers.
+"""Compiled sum of several solid-harmonic series at many points.
 
 The series share one recursion. With x' = x R/r2, z' = z R/r2, q' = R2/r2 and for every order m
 
@@ -7,37 +7,39 @@ The series share one recursion. With x' = x R/r2, z' = z R/r2, q' = R2/r2 and fo
 
 there is no division by the sine of the colatitude: poles are points like any other. Holmes and Featherstone 2002,
 J. Geodesy 76, eqs. 11-13, with the powers of sin(colatitude) in (x' + i y')^m.
+
+Nearly all of the time goes into the recursion and the sum over n. These two are written in vectors of LANES points
+(gravity_field_vectors.py): TILE sums and the row a_n stay in registers for all degrees.
 """
 
 import numpy as np
 from numba import njit
 
-BLOCK = 256  # points side by side
-ROWS = 8  # degrees added in one pass
+from gravcal.physics.gravity_field_vectors import BLOCK, LANES, TILE, lump, recur
 
 
 @njit(cache=True)
-def sum_series(point, table, alpha, beta):
-    """Sums (n, k) of k series at points (n, 3) in units of the reference radius.
+def sum_series(point, tiles, alpha, beta, count):
+    """Sums (n, count) of series at points (n, 3) in units of the reference radius.
 
-    table (orders, 2 k, degrees): real parts and negative imaginary parts of K in pairs, degree counted from the order.
+    tiles (orders, tiles, degrees, TILE): real and negative imaginary parts of K in turn, degree counted from the order;
+    zeros fill the last tile. alpha, beta (orders, degrees): factors of the recursion.
     """
-    orders, parts, _ = table.shape
-    out = np.empty((point.shape[0], parts // 2))
-    a, lumped = np.empty((table.shape[2] + ROWS, BLOCK)), np.empty((parts, BLOCK))
-    work, total = np.empty((7, BLOCK)), np.empty((parts // 2, BLOCK))
+    orders = tiles.shape[0]
+    out = np.empty((point.shape[0], count))
+    rows, lumped = np.empty(orders * LANES), np.empty((tiles.shape[1] * TILE, BLOCK))
+    work, total = np.empty((7, BLOCK)), np.empty((count, BLOCK))
     for start in range(0, point.shape[0], BLOCK):
         size = min(BLOCK, point.shape[0] - start)
         _begin(point, start, size, work)
         total[:] = 0.0
         for m in range(orders):
-            _recur(work[2], work[3], alpha[m], beta[m], orders - m, a)
-            _lump(table[m], orders - m, a, lumped)
-            for k in range(parts // 2):
+            _lump_block(work[2], work[3], (alpha[m], beta[m], tiles[m]), rows[: (orders - m) * LANES], lumped)
+            for k in range(count):
                 _close(work[4], work[5], lumped[2 * k], lumped[2 * k + 1], total[k])
             _turn(work)
         for i in range(size):
-            for k in range(parts // 2):
+            for k in range(count):
                 out[start + i, k] = total[k, i]
     return out
 
@@ -55,44 +57,14 @@ def _begin(point, start, size, work):
 
 
 @njit(cache=True)
-def _recur(z, q, alpha, beta, count, a):
-    """Rows a_n of one order, count of them and then up to a multiple of ROWS."""
-    a[0] = 1.0
-    for n in range(1, (count + ROWS - 1) // ROWS * ROWS):
-        if n == 1:
-            _next(alpha[n], 0.0, z, q, (a[0], a[0], a[1]))
-        else:
-            _next(alpha[n], beta[n], z, q, (a[n - 1], a[n - 2], a[n]))
-
-
-@njit(cache=True, fastmath={"contract"})
-def _next(alpha, beta, z, q, rows):
-    last, before, out = rows
-    for i in range(BLOCK):
-        out[i] = alpha * z[i] * last[i] - beta * q[i] * before[i]
-
-
-@njit(cache=True, fastmath={"contract"})
-def _lump(coefficients, count, a, lumped):
-    """Sums over the degree of one order, several degrees in one pass so that sums stay in registers."""
-    for p in range(coefficients.shape[0]):
-        row, c = lumped[p], coefficients[p]
-        row[:] = 0.0
-        for n in range(0, count, ROWS):
-            _eight(
-                (c[n], c[n + 1], c[n + 2], c[n + 3], c[n + 4], c[n + 5], c[n + 6], c[n + 7]),
-                (a[n], a[n + 1], a[n + 2], a[n + 3], a[n + 4], a[n + 5], a[n + 6], a[n + 7]),
-                row,
-            )
-
-
-@njit(cache=True, fastmath={"contract"})
-def _eight(coefficients, rows, out):
-    c0, c1, c2, c3, c4, c5, c6, c7 = coefficients
-    a0, a1, a2, a3, a4, a5, a6, a7 = rows
-    for i in range(BLOCK):
-        four = c0 * a0[i] + c1 * a1[i] + c2 * a2[i] + c3 * a3[i]
-        out[i] += four + c4 * a4[i] + c5 * a5[i] + c6 * a6[i] + c7 * a7[i]
+def _lump_block(z, q, order, rows, lumped):
+    """Sums over the degree of one order, all points of a block; rows holds a_n of LANES points at a time."""
+    alpha, beta, tiles = order
+    degrees = rows.size // LANES
+    for i in range(0, BLOCK, LANES):
+        recur(z[i:].ctypes.data, q[i:].ctypes.data, alpha.ctypes.data, beta.ctypes.data, degrees, rows.ctypes.data)
+        for t in range(tiles.shape[0]):
+            lump(tiles[t].ctypes.data, rows.ctypes.data, degrees, lumped[t * TILE :, i:].ctypes.data)
 
 
 @njit(cache=True, fastmath={"contract"})
