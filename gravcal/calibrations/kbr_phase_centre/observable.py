@@ -50,7 +50,7 @@ def observable(
     filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
     through = crn.operator(filter_, derivative, good, (time[0], 1.0), at)
     line = np.concatenate(list(pointed["line_of_sight_b"].values), axis=1)
-    modelled = through(np.column_stack([pointed["range_com"] + pointed["second_order"], -line]))
+    modelled = through(np.column_stack([pointed["range_com"].values + pointed["second_order"].values, -line]))
     x = np.repeat(np.asarray(nominal_m, dtype=float).reshape(2, 3)[:, 0], 2)
     arms = line[:, [2, 1, 5, 4]] * x
     levers = [crn.operator(filter_, d, good, (time[0], 1.0), at)(arms) for d in range(derivative + 1)]

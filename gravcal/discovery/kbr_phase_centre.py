@@ -1,0 +1,121 @@
+"""Discovery in a ranging calibration: the view of its sub-manoeuvres, the rounds, and what is kept of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.kbr_phase_centre import discovery_candidates as listed
+from gravcal.calibrations.kbr_phase_centre.discovery_noise import with_pointing
+from gravcal.calibrations.kbr_phase_centre.discovery_view import View, blocks, factors, view, white
+from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
+from gravcal.discovery import products
+from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.rounds import Choice, search
+from gravcal.discovery.summary import summary
+from gravcal.discovery.widening import widened
+
+CHANNELS = ("range",)
+TONES = {"range": "unknown:time"}
+SEARCH = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
+#: Epochs round that of the search at which a phase break is looked for again, s.
+FINE_S = np.arange(-40.0, 41.0, 2.0)
+
+
+def discover(aligned, pointed, equations, measured, solved, **settings) -> xr.Dataset:
+    """What the model of a ranging calibration gets wrong, and why.
+
+    Range, range rate and range acceleration of a product come from one phase; the range stands for all three.
+
+    Parameters
+    ----------
+    aligned, pointed, equations, measured, solved : Dataset, products of kbr_phase_centre, of the range
+    settings : of `discovery_view.view`, with discovery_level, tie_chi2, round_limit, segment_s, discovery_seed
+
+    Returns
+    -------
+    found : Dataset, "kbr_phase_centre.discovery"; attribute `numbers` holds the summary as JSON
+    """
+    if not pointed.sizes["manoeuvre"]:
+        return products.nothing()
+    own = {name: value for name, value in settings.items() if name not in SEARCH}
+    seen = view(aligned, pointed, equations, measured, solved, **own)
+    rows, tried, quiet, scale = made(seen, measured)
+    limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
+    choice = Choice(*limits, listed.BREAK, TONES, segment_s=settings["segment_s"], quiet=quiet)
+    result = search(rows, tried, choice, np.random.default_rng(settings["discovery_seed"]))
+    numbers = summary(widened(result), choice, list(PARAMETERS), "mm", 1e3, seen.centre)
+    for finding, one in zip(numbers["findings"], result.findings, strict=True):
+        _physical(finding, one, result, seen, scale)
+    return products.dataset(result, numbers, CHANNELS)
+
+
+def made(seen: View, measured: xr.Dataset) -> tuple[list[Block], list[Candidate], dict, list[np.ndarray]]:
+    """Blocks and candidates of a view, how well the noise is known, and the factors of the noise.
+
+    Parameters
+    ----------
+    seen : View
+    measured : Dataset, "kbr_phase_centre.noise"
+    """
+    shapes = listed.shapes(seen)
+    columns = listed.table(seen, shapes)
+    known = sum(len(s["names"]) for s in shapes if not s["cause"].startswith("unknown:"))
+    scale = factors(seen, with_pointing(seen, measured, columns[:, :known]))
+    rows = [Block(**b) for b in blocks(seen, scale)]
+    tried = [Candidate(**c) for c in listed.candidates(seen, scale, shapes, columns)]
+    return rows, tried, {"range": _known(seen, measured)}, scale
+
+
+def _known(seen, measured):
+    """Samples that the noise is known from: quiet ones for ranging, those of the manoeuvres for star cameras."""
+    inside = seen.residual.size
+    quiet = float(measured["seconds"]) / seen.step_s if measured.attrs["source_data"] == "quiet" else inside
+    return 1 / (1 / max(quiet, 1.0) + 1 / max(inside, 1))
+
+
+def _physical(finding, one, result, seen, scale):
+    """Parameters as the effect of the catalogue has them, in place."""
+    if finding["cause"] == listed.BREAK:
+        finding["parameters"] = _break(one, result, seen, scale)
+    if "frequency" in finding["parameters"]:
+        finding["parameters"] = _tone(finding["parameters"], seen, scale)
+
+
+def _break(one, result, seen, scale):
+    """Size and epoch of a phase break, on a finer grid than that of the search."""
+    columns = result.problem.candidates[one.index].columns
+    k = next(i for i, c in enumerate(columns) if c is not None)
+    arc, basis = seen.arcs[k], result.problem.bases[k]
+    begin = float(one.form.rpartition("time ")[2].removesuffix(" s"))
+    epochs = begin + FINE_S
+    shapes = white(scale[k], listed.steps(seen, arc, epochs))
+    shapes = shapes - basis @ (basis.T @ shapes)
+    middle = shapes[:, int(np.argmin(np.abs(epochs - begin)))]
+    rest = result.after.rest[k] + middle * one.value[0]
+    size = np.einsum("nk,nk->k", shapes, shapes)
+    value = shapes.T @ rest / size
+    weight = np.exp((value**2 * size - np.max(value**2 * size)) / 2)
+    weight = weight / weight.sum()
+    best, at = int(np.argmax(weight)), float(weight @ epochs)
+    spread = float(np.sqrt(weight @ (epochs - at) ** 2 + (FINE_S[1] - FINE_S[0]) ** 2 / 12))
+    sigma = max(float(one.sigma[0]), 1 / float(np.sqrt(size[best])))
+    found = {"size": {"value": float(value[best]), "sigma": sigma, "unit": "m"}}
+    return found | {"time": {"value": at, "sigma": spread, "unit": "s"}}
+
+
+def _tone(parameters, seen, scale):
+    """Amplitude of a line in the range: rms over the sub-manoeuvres, its whitened size over that of a unit sine."""
+    phase = 2 * np.pi * parameters["frequency"]["value"]
+    squares, errors, units = [], [], []
+    for k, (arc, factor) in enumerate(zip(seen.arcs, scale, strict=True)):
+        unit = white(factor, np.sqrt(2) * np.sin(phase * arc.time)[:, None])
+        for part in (f"cosine_x_{k}", f"sine_x_{k}"):
+            if part in parameters:
+                squares.append(parameters[part]["value"] ** 2)
+                errors.append(parameters[part]["sigma"] ** 2)
+                units.append(np.mean(unit**2) / 2)
+    size = max((np.sum(squares) - np.sum(errors)) / np.sum(units), 0.0)
+    sigma = np.sqrt(np.mean(errors) / np.sum(units))
+    amplitude = {"value": float(np.sqrt(size)), "sigma": float(sigma), "unit": "m"}
+    return {"frequency": parameters["frequency"], "amplitude": amplitude}
