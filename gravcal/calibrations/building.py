@@ -27,7 +27,8 @@ def build(schema: Mapping[str, Mapping[str, str]], values: Mapping[str, object],
             continue
         dims = tuple(stated["dims"].split())
         label = {k: stated[k] for k in ("units", "frame", "long_name") if k in stated}
-        labelled[name] = (dims, np.asarray(values[name], dtype=stated.get("dtype", "f8")), label)
-    coords = {name: entry for name, entry in labelled.items() if entry[0] == (name,)}
+        array = np.asarray(values[name], dtype=stated.get("dtype", "f8"))
+        labelled[name] = xr.Variable(dims, array, label, fastpath=True)  # the other path imports dask.array
+    coords = {name: entry for name, entry in labelled.items() if entry.dims == (name,)}
     data = {name: entry for name, entry in labelled.items() if name not in coords}
     return xr.Dataset(data, coords=coords, attrs={"time_scale": "GPS"} | attrs)

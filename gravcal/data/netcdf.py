@@ -80,7 +80,10 @@ def from_bytes(image):
     coordinates = {name for name, content in variables.items() if content[0] == (name,)}
     for _, _, labels in [((), (), attributes), *variables.values()]:
         coordinates |= set(labels.get("coordinates", "").split())
-    variables = {name: (*content, _own(labels)) for name, (*content, labels) in variables.items()}
+    variables = {
+        name: xr.Variable(dims, np.asarray(values), _own(labels), fastpath=True)  # the other path imports dask.array
+        for name, (dims, values, labels) in variables.items()
+    }
     return xr.Dataset(
         {name: content for name, content in variables.items() if name not in coordinates},
         {name: content for name, content in variables.items() if name in coordinates},

@@ -188,7 +188,9 @@ def noise(measured):
     measured : Dataset, "kbr_phase_centre.noise"
     """
     keys = dict(zip(NOISE, ("density", "model", "in_manoeuvres"), strict=True))
-    known = {name: 1e6 * np.sqrt(measured[key].values) for name, key in keys.items() if np.any(measured[key] > 0)}
+    known = {
+        name: 1e6 * np.sqrt(measured[key].values) for name, key in keys.items() if np.any(measured[key].values > 0)
+    }
     curves = {NOISE[name]: values for name, values in known.items()}
     panel = _densities(boxes(1, 1, 240)[0][0], measured["frequency"].values, curves, "noise, µm/√Hz")
     return drawn(240, "noise", legend({name: NOISE[name] for name in known}), panel)

@@ -1,5 +1,8 @@
 """Products: schemas, deterministic files that other libraries open, and content digests."""
 
+import subprocess
+import sys
+
 import netCDF4
 import numpy as np
 import pytest
@@ -187,3 +190,18 @@ def test_any_numbers_and_attributes_survive_a_round_trip(values, attributes):
     again = netcdf.from_bytes(netcdf.to_bytes(dataset))
     xr.testing.assert_identical(again, dataset)
     assert product.digest(again) == product.digest(dataset)
+
+
+def test_a_product_comes_and_goes_without_dask_array():
+    """Contract: building, writing and reading a product does not load what half a second of every start went into."""
+    code = (
+        "import sys, numpy as np\n"
+        "from gravcal.calibrations.building import build\n"
+        "from gravcal.data import netcdf, product\n"
+        "schema = {'time': {'dims': 'time'}, 'rate_b': {'dims': 'time axis', 'units': 'rad s-1'}}\n"
+        "made = build(schema, {'time': np.arange(3.0), 'rate_b': np.eye(3)})\n"
+        "read = netcdf.from_bytes(netcdf.to_bytes(product.settled(made)))\n"
+        "assert read['rate_b'].dims == ('time', 'axis') and 'time' in read.coords\n"
+        "assert 'dask.array' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

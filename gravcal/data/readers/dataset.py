@@ -133,7 +133,7 @@ def _assembled(arrays, seconds, ticks, flag, table):
         variables["current_b"] = _current(arrays, table)
     if table.receiver_time:
         variables |= _receiver_time(arrays, table)
-    return xr.Dataset(variables)
+    return xr.Dataset({name: xr.Variable(*one, fastpath=True) for name, one in variables.items()})
 
 
 def _held(arrays, table):
