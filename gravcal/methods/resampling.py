@@ -136,6 +136,20 @@ def lowpass_resampler(
     return Resampler(time_out, start, weights, valid & (weights != 0).any(axis=1))
 
 
+def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
+    """Low-pass and resampling inside an arc, its support never beyond the ends.
+
+    Parameters
+    ----------
+    time : (n,) s; good : (n,) bool, accelerometer samples of the arc
+    start, stop : s
+    lowpass_hz, half_width_s, step_s : Hz, s, s
+    """
+    begin = np.ceil((start + half_width_s) / step_s) * step_s
+    grid = np.arange(begin, stop - half_width_s, step_s)
+    return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
+
+
 @functools.lru_cache(maxsize=4)
 def _cubics(lowpass_hz, half_width_s):
     """Kernel h(s) on 0 <= s <= half width, as one cubic for each interval, (INTERVALS, 4)."""

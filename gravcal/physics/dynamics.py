@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.physics import attitude_kernel
 from gravcal.physics.frames import vex
 from gravcal.physics.shapes import check_increasing, check_shape, refuse
 
@@ -182,6 +181,8 @@ def integrate_with_sensitivity(time, state, torque, max_step=2.0):
 
 def _propagate(time, state, torque, max_step, columns):
     """Rows of quaternion, rate, rate derivative and sensitivity at each epoch."""
+    from gravcal.physics import attitude_kernel  # its tables are those of scipy.integrate: a third of a second to load
+
     time = check_increasing("integrate: time", time, strictly=False) - state.time
     out = np.empty((time.size, 10 + 6 * columns))
     if time.size == 0:
@@ -208,6 +209,8 @@ def _start(state, columns):
 
 def _problem(torque, origin, duration):
     """Inputs of the kernel, in seconds since the epoch of the state."""
+    from gravcal.physics import attitude_kernel
+
     inertia = check_shape("torque.inertia", torque.inertia, (3, 3))
     edges = check_increasing("torque.edges", torque.edges) - origin
     dipole = check_shape("torque.dipole_b", torque.dipole_b, (max(edges.size - 1, 0), 3))

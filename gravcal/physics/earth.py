@@ -7,7 +7,7 @@ table finals2000A of the package astropy-iers-data (no astropy). Daily and half-
 
 import erfa
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from gravcal.physics.constants import (
     DAY,
@@ -197,7 +197,7 @@ def _pole(time):
     if 3 * time.size < grid.size:
         before, here, after = (_pole_at(time + lag) for lag in (-PRECESSION_STEP, 0.0, PRECESSION_STEP))
         return here, (after - before)[:2] / (2 * PRECESSION_STEP)
-    spline = CubicSpline(grid, _pole_at(grid), axis=1)
+    spline = scipy.interpolate.CubicSpline(grid, _pole_at(grid), axis=1)
     return spline(time), spline(time, 1)[:2]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import astropy_iers_data
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from gravcal.physics.constants import ARCSECOND, DAY, GPS_EPOCH_MJD, TAI_MINUS_GPS
 from gravcal.physics.shapes import refuse
@@ -43,7 +43,7 @@ def orientation_parameters(time_gps, outside):
     table = _table()
     low, high = np.searchsorted(table[0], [np.min(time_gps), np.max(time_gps)])
     rows = slice(max(low - 6, 0), high + 6)
-    return CubicSpline(table[0, rows], table[1:, rows], axis=1)(time_gps)
+    return scipy.interpolate.CubicSpline(table[0, rows], table[1:, rows], axis=1)(time_gps)
 
 
 def coverage():

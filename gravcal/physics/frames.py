@@ -5,7 +5,7 @@ frame by phi about n into the body frame. ``R_bi`` takes inertial components to 
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+import scipy
 
 from gravcal.physics.shapes import check_increasing, check_shape, refuse
 
@@ -58,7 +58,7 @@ def R_bi_from_quaternion(quaternion):
     -----
     R_bi = (s^2 - v.v) 1 + 2 v v^T - 2 s [v x]; Remote Sens. 2022, 14, 4030, eq. 11.
     """
-    return np.swapaxes(_unflatten(Rotation.as_matrix, quaternion, (4,)), -1, -2)
+    return np.swapaxes(_unflatten(scipy.spatial.transform.Rotation.as_matrix, quaternion, (4,)), -1, -2)
 
 
 def quaternion_from_R_bi(R_bi):
@@ -73,7 +73,9 @@ def quaternion_from_R_bi(R_bi):
     quaternion : (..., 4) scalar first
     """
     R = check_shape("quaternion_from_R_bi", R_bi, (..., 3, 3))
-    q = Rotation.from_matrix(np.swapaxes(R, -1, -2).reshape(-1, 3, 3)).as_quat(canonical=True, scalar_first=True)
+    q = scipy.spatial.transform.Rotation.from_matrix(np.swapaxes(R, -1, -2).reshape(-1, 3, 3)).as_quat(
+        canonical=True, scalar_first=True
+    )
     return q.reshape(*R.shape[:-2], 4)
 
 
@@ -145,7 +147,7 @@ def from_rotation_vector(angle_b):
     quaternion : (..., 4) (cos(phi/2), n sin(phi/2))
     """
     angle = check_shape("from_rotation_vector", angle_b, (..., 3))
-    q = Rotation.from_rotvec(angle.reshape(-1, 3)).as_quat(scalar_first=True)
+    q = scipy.spatial.transform.Rotation.from_rotvec(angle.reshape(-1, 3)).as_quat(scalar_first=True)
     return q.reshape(*angle.shape[:-1], 4)
 
 
@@ -160,7 +162,7 @@ def rotation_vector(quaternion):
     -------
     angle_b : (..., 3) rad
     """
-    return _unflatten(Rotation.as_rotvec, quaternion, (4,))
+    return _unflatten(scipy.spatial.transform.Rotation.as_rotvec, quaternion, (4,))
 
 
 def attitude_error(quaternion, reference):
@@ -199,8 +201,11 @@ def interpolate(time, quaternion, at):
         found, expected = f"epochs {at.min():.6f} to {at.max():.6f} s", f"{time[0]:.6f} to {time[-1]:.6f} s"
         refuse("interpolate: at", found, expected, "Attitude is not extrapolated; cut the epochs.")
     origin = time[0]
-    slerp = Slerp(
-        time - origin, Rotation.from_quat(check_shape("interpolate", quaternion, (None, 4)), scalar_first=True)
+    slerp = scipy.spatial.transform.Slerp(
+        time - origin,
+        scipy.spatial.transform.Rotation.from_quat(
+            check_shape("interpolate", quaternion, (None, 4)), scalar_first=True
+        ),
     )
     return continuous(slerp(at - origin).as_quat(scalar_first=True))
 
@@ -211,5 +216,5 @@ def _unflatten(method, quaternion, core):
         worst = np.linalg.norm(q, axis=-1).ravel()
         worst = worst[np.nanargmax(np.abs(worst - 1))] if np.any(np.isfinite(worst)) else np.nan
         refuse(method.__name__, f"a quaternion of norm {worst:.9f}", "norm 1 within 5e-7", "Flag it or normalise it.")
-    values = method(Rotation.from_quat(q.reshape(-1, 4), scalar_first=True))
+    values = method(scipy.spatial.transform.Rotation.from_quat(q.reshape(-1, 4), scalar_first=True))
     return values.reshape(*q.shape[:-1], *values.shape[1:])

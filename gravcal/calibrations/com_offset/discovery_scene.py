@@ -9,9 +9,9 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import motion
 from gravcal.calibrations.com_offset.attitude_fit import slow_torque_response
-from gravcal.calibrations.com_offset.windows import Window, operator_for, windows
+from gravcal.calibrations.com_offset.windows import Window, windows
 from gravcal.methods import estimation
-from gravcal.methods.resampling import Resampler
+from gravcal.methods.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames
 
 

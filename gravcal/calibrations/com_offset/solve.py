@@ -9,10 +9,10 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
 from gravcal.calibrations.com_offset.schemas import SOLVE
-from gravcal.calibrations.com_offset.windows import operator_for
 from gravcal.effects import Context, effect
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, fit_noise, whiten
+from gravcal.methods.resampling import operator_for
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2

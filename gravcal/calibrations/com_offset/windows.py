@@ -10,7 +10,6 @@ import xarray as xr
 from gravcal.calibrations.align import SURVEY_S
 from gravcal.calibrations.com_offset import motion
 from gravcal.calibrations.com_offset.motion import Arc
-from gravcal.methods.resampling import lowpass_resampler
 from gravcal.physics import frames, gravity
 
 
@@ -141,20 +140,6 @@ def _star_camera(aligned, origin, stop):
 
 def _first(quaternion):
     return quaternion[0]
-
-
-def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
-    """Low-pass and resampling inside an arc, its support never beyond the ends.
-
-    Parameters
-    ----------
-    time : (n,) s; good : (n,) bool, accelerometer samples of the arc
-    start, stop : s
-    lowpass_hz, half_width_s, step_s : Hz, s, s
-    """
-    begin = np.ceil((start + half_width_s) / step_s) * step_s
-    grid = np.arange(begin, stop - half_width_s, step_s)
-    return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
 
 
 def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
