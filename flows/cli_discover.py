@@ -7,7 +7,7 @@ import typer
 
 from flows import cli_output as output
 
-WHAT = "com_offset, or a view of measured data: attitude, ranging, magnetometer, published_table"
+WHAT = "com_offset or kbr_phase_centre, or a view of measured data: attitude, ranging, magnetometer, published_table"
 
 
 def discover(
@@ -53,7 +53,7 @@ def _say(document, files):
     change = document.get("calibration_change", {})
     if rows and change.get("change"):
         names = zip(change["names"], change["change"], change["change_in_old_sigma"], strict=True)
-        moved = ", ".join(f"{n} {c:+.1f} ({s:+.1f} old sigma)" for n, c, s in names if c is not None and s is not None)
+        moved = ", ".join(f"{n} {c:+.3g} ({s:+.1f} old sigma)" for n, c, s in names if c is not None and s is not None)
         output.say(f"Calibration result moves by {moved or 'what cannot be said'} {change['unit']}.")
     for path in files:
         output.say(str(path))

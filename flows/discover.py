@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 from flows import com_offset as calibration
+from flows import discover_ranging
 from flows.engine import flow
 from gravcal.report import pages
 from tasks import common, discovery
@@ -24,7 +25,7 @@ def com_offset(source, chosen):
     return discovery.com_offset_report(found, before, after, settings=values, **named)
 
 
-FLOWS = {"com_offset": com_offset}
+FLOWS = {"com_offset": com_offset, "kbr_phase_centre": discover_ranging.kbr_phase_centre}
 
 
 def document(ref):

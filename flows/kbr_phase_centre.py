@@ -10,7 +10,7 @@ from pathlib import Path
 
 from flows.engine import flow
 from gravcal.data import catalog
-from tasks import common, kbr_phase_centre
+from tasks import common, discovery_ranging, kbr_phase_centre
 from tasks.stage import read
 
 ORIGIN = datetime(2000, 1, 1, 12)
@@ -28,20 +28,56 @@ LONGEST = 31
 @flow(name="kbr_phase_centre")
 def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
-    nominal = {"nominal_m": _nominal(source.satellite)}
     aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    if chosen.model:
+        products = _of_range(source, chosen, aligned)
+        aligned = discovery_ranging.extend(
+            *products, scene=scene_settings(source, chosen), variant="extended", **chosen.for_stage("extend")
+        )
+    pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
+    described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **chosen.for_stage("routine"))
+    return kbr_phase_centre.report(combined, pointed, quiet, described, *solved, **_report_settings(source, chosen))
+
+
+def _solved(source, chosen, aligned, observables=OBSERVABLES):
+    """Pointing, observation equations, noise, solutions, and all observables beside each other."""
+    nominal = {"nominal_m": _nominal(source.satellite)}
     pointed = kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
     settings = chosen.for_stage("observable") | nominal
-    equations = [kbr_phase_centre.observable(aligned, pointed, variant=name, **settings) for name in OBSERVABLES]
+    equations = [kbr_phase_centre.observable(aligned, pointed, variant=name, **settings) for name in observables]
     quiet = kbr_phase_centre.noise(equations[0], **chosen.for_stage("noise"))
     settings = chosen.for_stage("solve") | nominal
     solved = [
         kbr_phase_centre.solve(one, quiet, variant=name, **settings)
-        for name, one in zip(OBSERVABLES, equations, strict=True)
+        for name, one in zip(observables, equations, strict=True)
     ]
-    combined = kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
-    described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **chosen.for_stage("routine"))
-    return kbr_phase_centre.report(combined, pointed, quiet, described, *solved, **_report_settings(source, chosen))
+    if observables != OBSERVABLES:
+        return pointed, equations, quiet, solved, None
+    return pointed, equations, quiet, solved, kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
+
+
+def _of_range(source, chosen, aligned):
+    """Products of the range that discovery looks at."""
+    pointed, equations, quiet, solved, _ = _solved(source, chosen, aligned, OBSERVABLES[:1])
+    return aligned, pointed, equations[0], quiet, solved[0]
+
+
+def baseline(source, chosen):
+    """Products that discovery looks at: aligned; pointing, observation equations, noise and solution of the range."""
+    aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    return _of_range(source, chosen, aligned)
+
+
+def combined(source, chosen, aligned):
+    """Phase centres from aligned records, all observables."""
+    return _solved(source, chosen, aligned)[-1]
+
+
+def scene_settings(source, chosen):
+    """What the view of a campaign needs beside the products."""
+    known = chosen.for_stage("observable") | chosen.for_stage("solve")
+    names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz")
+    return {name: known[name] for name in names} | {"nominal_m": _nominal(source.satellite)}
 
 
 @flow(name="kbr_phase_centre_detect")

@@ -7,8 +7,6 @@ import json
 from gravcal.data.schemas import VERSION
 from gravcal.report.words import NOT_DETERMINED, plus_minus, probability, signed
 
-#: Angular acceleration whose result stands for the calibration.
-ADOPTED = "acc_calibrated"
 MOVED = ("change", "change_in_old_sigma")
 
 
@@ -128,33 +126,9 @@ def change_table(numbers: dict) -> dict:
         pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
         moved = [NOT_DETERMINED if one[w][k] is None else signed(one[w][k], 1) for w in MOVED]
         rows.append([name, *pair, *moved])
-    heads = ["axis", "before", "after", "change", "change over old error"]
+    heads = ["parameter", "before", "after", "change", "change over old error"]
     caption = f"Calibration result in {one['unit']} ({one['variant']}); the error after holds that of the findings."
     return _table(caption, heads, rows, words=(0,))
-
-
-def with_calibration(numbers: dict, before, after) -> dict:
-    """Numbers with the change of the calibration result as the calibration itself finds it.
-
-    Parameters
-    ----------
-    numbers : of `gravcal.discovery.summary.summary`
-    before, after : Dataset, combined products of the baseline and of the records without the findings
-    """
-    import numpy as np
-
-    names = before.attrs["variants"].split()
-    index = names.index(ADOPTED) if ADOPTED in names else 0
-    extra = np.array(numbers["calibration_change"]["covariance_of_findings"], dtype=float)
-    offset = [1e6 * d["offset"].values[index] for d in (before, after)]
-    covariance = [1e12 * d["covariance"].values[index] for d in (before, after)]
-    sigma = [np.sqrt(np.diag(c)) for c in (covariance[0], covariance[1] + extra)]
-    change = offset[1] - offset[0]
-    found = {"before": offset[0], "sigma_before": sigma[0], "after": offset[1], "sigma_after": sigma[1]}
-    found |= {"change": change, "change_in_old_sigma": change / sigma[0]}
-    plain = {k: [float(v) if np.isfinite(v) else None for v in values] for k, values in found.items()}
-    own = numbers["calibration_change"]
-    return numbers | {"calibration_change": own | {"variant": names[index], "joint_fit": own} | plain}
 
 
 def gain_table(numbers: dict) -> dict:
@@ -190,7 +164,8 @@ def hidden_table(numbers: dict) -> dict | None:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
         bias = ", ".join(signed(v, 1) for v in one["bias"])
         rows.append([one["cause"], where, f"{one['signal_to_noise']:.1f}", f"{bias} {unit}"])
-    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "bias of x, y, z"]
+    names = ", ".join(numbers["calibration_change"]["names"])
+    heads = ["cause", "direction, in units of a plausible size", "signal to noise", f"bias of {names}"]
     caption = "Causes of a plausible size that would move the result without being seen."
     return _table(caption, heads, rows, words=(0, 1, 3)) if rows else None
 

@@ -11,6 +11,7 @@ from gravcal.data.schemas import validate
 from gravcal.report import discovery as words
 from gravcal.report import discovery_figures as figures
 from gravcal.report import pages
+from gravcal.report.discovery_change import with_calibration
 
 
 def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, satellite: str, settings: dict):
@@ -31,7 +32,7 @@ def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     """
     numbers = json.loads(found.attrs["numbers"])
     if combined and "calibration_change" in numbers:
-        numbers = words.with_calibration(numbers, *combined)
+        numbers = with_calibration(numbers, calibration, *combined)
     label = product.digest(found)[:12]
     provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
     document = words.document(numbers, calibration, event, provenance)
@@ -72,7 +73,12 @@ def page(found: xr.Dataset, document: dict, label: str, satellite: str) -> str:
 
 def _sections(found, document):
     parts = [
-        ("What is wrong", WRONG, [], [(figures.power, POWER), (figures.spectra, SPECTRA)]),
+        (
+            "What is wrong",
+            f"{WRONG} {MORE.get(document['calibration'], '')}".strip(),
+            [],
+            [(figures.power, POWER), (figures.spectra, SPECTRA)],
+        ),
         ("The cause", CAUSE, [words.findings_table(document), words.tied_table(document)], [(figures.residuals, REST)]),
         ("The gain", GAIN, [words.change_table(document), words.gain_table(document)], []),
         ("What this data cannot show", HIDDEN, [words.hidden_table(document)], []),
@@ -94,6 +100,13 @@ WRONG = (
     "verdict is that of the most unusual number among all channels, manoeuvres, bands, candidates, lines and steps, "
     "set against noise drawn through the same fit."
 )
+MORE = {
+    "kbr_phase_centre": (
+        "Range, range rate and range acceleration come from one phase; the range stands for all three. Only a tilted "
+        "antenna feels the noise of the star cameras, so this part is that of the manoeuvres beside everything that a "
+        "listed cause could explain."
+    ),
+}
 CAUSE = (
     "For each cause the gain in chi-square when it is added with all baseline parameters free. A cause is named only "
     "if its chance, corrected for everything that was tried, is below the level, and if it also gains on data that it "
