@@ -11,7 +11,7 @@ import itertools
 import os
 from dataclasses import dataclass
 
-from flows import campaign_work, command, engine
+from flows import campaign_here, campaign_work, command, engine
 from gravcal.data import location
 from gravcal.errors import GravcalError, ProductError
 
@@ -79,9 +79,14 @@ def run(campaign, sources, listener=None):
     engine.single_threaded()
     rows = {}
     waiting = _waiting(campaign, sources, rows, listener)
-    head = list(itertools.islice(waiting, 2 * AHEAD * _processes(campaign)))
+    head, modules = campaign_here.look_ahead(waiting, 2 * AHEAD * _processes(campaign))
+    if head and modules is not None and campaign.engine != "flow" and not campaign.scheduler:
+        work = functools.partial(_made, campaign, folder=str(location.folder()))
+        rows |= campaign_here.run(head, work, _processes(campaign), modules, listener)
+        head = [event for event in head if event[0] not in rows]
     if head:
-        rows |= _run_waiting(campaign, head, itertools.chain(head, waiting), listener)
+        rest = ((number, source) for number, source, _ in waiting)
+        rows |= _run_waiting(campaign, head, itertools.chain(head, rest), listener)
     events = [rows[number] for number in range(len(sources))]
     counts = collections.Counter(row["status"] for row in events)
     status = "failed" if set(counts) - set(ENDED_WELL) else "delivered" if counts["delivered"] else "no_manoeuvre"
@@ -146,11 +151,11 @@ def in_threads(waiting, calibrate, slots):
 
 
 def _waiting(campaign, sources, rows, listener):
-    """Numbers and sources of the events that have something to make; rows of the others join ``rows``."""
+    """Number and source of the events that have something to make, and what; rows of the others join ``rows``."""
     for number, source in enumerate(sources):
-        row = _answer(campaign, source)
+        row, rest = _answer(campaign, source)
         if row is None:
-            yield number, source
+            yield number, source, rest
             continue
         rows[number] = row
         if listener:
@@ -158,10 +163,10 @@ def _waiting(campaign, sources, rows, listener):
 
 
 def _answer(campaign, source):
-    """Row of an event that needs no worker: it is refused, or made in this process, or all in the store."""
+    """Row of an event that needs no worker: refused, made in this process, or all in the store; or what is left."""
     here = campaign.workers == 0 and campaign.engine != "flow"
     if here or isinstance(source, campaign_work.Refused):
-        return _made(campaign, source, str(location.folder()))
+        return _made(campaign, source, str(location.folder())), None
     return campaign_work.reuse(campaign.calibration, source, campaign.chosen)
 
 

@@ -1,15 +1,18 @@
 """One event of a campaign, as it runs in a worker process; knows nothing of Prefect."""
 
 import importlib
+import math
 import os
 import time
 import traceback
 from dataclasses import dataclass
 
-from flows.engine import existing, one_thread, single_threaded
+from flows.engine import Left, left, one_thread, single_threaded
 from gravcal.data import journal
 from gravcal.errors import GravcalError
 from tasks import stage
+
+UNKNOWN = Left(None, [], math.inf, frozenset())  # what an event has left to make that could not be looked at
 
 
 @dataclass(frozen=True)
@@ -51,25 +54,30 @@ def calibrate(calibration, source, chosen, store):
 
 
 def reuse(calibration, source, chosen):
-    """Row of an event whose products are all in the store, otherwise None.
+    """Row of an event whose products are all in the store, or what it has left to make.
 
     Parameters
     ----------
     calibration, source, chosen : as for ``calibrate``
+
+    Returns
+    -------
+    row : dict or None
+    rest : engine.Left or None
     """
     from flows import command
 
     module, started = command.flow_module(calibration), time.perf_counter()
     try:
-        ref, found = existing(module.calibrate, source, chosen)
-        if ref is None:
-            return None
-        with journal.recorded(module.calibrate.flow_name, ref.event) as note:
-            for call, one in found:
+        rest = left(module.calibrate, source, chosen)
+        if rest.ref is None:
+            return None, rest
+        with journal.recorded(module.calibrate.flow_name, rest.ref.event) as note:
+            for call, one in rest.found:
                 note(call, "cached", one)
-        return _row(module, ref) | _effort(0, len(found), started)
+        return _row(module, rest.ref) | _effort(0, len(rest.found), started), None
     except Exception:  # noqa: BLE001 - what goes wrong goes wrong again in its worker, which says it
-        return None
+        return None, UNKNOWN
 
 
 def version():

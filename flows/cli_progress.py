@@ -87,13 +87,16 @@ def events_progress(total):
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.fields[said]}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(
+        *columns, console=Console(stderr=True), transient=True, auto_refresh=False
+    ) as bar:  # forks: no thread
         row, counts = bar.add_task("", total=total, said=""), {"done": 0, "failed": 0}
 
         def listener(event):
             counts["failed" if event["status"] == "failed" else "done"] += 1
             left = total - counts["done"] - counts["failed"]
-            bar.update(row, advance=1, said=f"{counts['done']} done, {counts['failed']} failed, {left} left")
+            said = f"{counts['done']} done, {counts['failed']} failed, {left} left"
+            bar.update(row, advance=1, said=said, refresh=True)
 
         yield listener
 

@@ -9,6 +9,7 @@ ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts P
 """
 
 import contextlib
+import math
 import os
 import sys
 from dataclasses import dataclass
@@ -84,35 +85,40 @@ def plan(body, *arguments):
     return planner.steps, ref
 
 
-def existing(body, *arguments):
-    """Result of a flow whose products are all in the store, and its calls; (None, []) at the first that is not.
+@dataclass(frozen=True)
+class Left:
+    """What a flow has left to make.
+
+    Attributes
+    ----------
+    ref : ProductRef of the result, None where something is missing
+    found : list of (call, ProductRef) of what is there
+    seconds : that what is missing took the last time, infinite where that is not known
+    modules : names of the modules that it runs
+    """
+
+    ref: ProductRef | None
+    found: list
+    seconds: float
+    modules: frozenset
+
+
+def left(body, *arguments):
+    """What a flow has left to make; nothing is computed.
 
     Parameters
     ----------
     body : flow
     *arguments : those of the flow
-
-    Returns
-    -------
-    ref : ProductRef or None
-    found : list of (call, ProductRef)
     """
-    found = []
-
-    def look(call):
-        recipe, _ = stage.recipe(call)
-        ref = store.find(keys.key(recipe))
-        if ref is None:
-            raise Unknown("not made yet", event=call.event)
-        store.point(ref)
-        found.append((call, ref))
-        return ref
-
-    with stage.using(look):
+    seeker = Seeker()
+    with stage.using(seeker):
         try:
-            return body(*arguments), found
+            ref = body(*arguments)
         except Unknown:
-            return None, []
+            seeker.seconds = math.inf
+    modules = frozenset(name for name in seeker.modules if ":" not in name)
+    return Left(None if seeker.modules else ref, seeker.found, seeker.seconds, modules)
 
 
 def run(body, *arguments, engine="prefect", listener=None, server=None):
@@ -160,6 +166,29 @@ def _both(first, second):
     return listener
 
 
+class Seeker:
+    """Engine that makes nothing: what is there, how long the rest took the last time, and the modules it runs."""
+
+    def __init__(self):
+        self.found, self.seconds, self.modules = [], 0.0, set()
+
+    def __call__(self, call):
+        """Reference of the product, without key and digest if it is not there."""
+        recipe, modules = stage.recipe(call)
+        ref = store.find(keys.key(recipe)) if not _unknown(call) else None
+        if ref is None:
+            self.seconds += store.last_seconds(call.unmade)
+            self.modules |= set(modules)
+            return call.unmade
+        store.point(ref)
+        self.found.append((call, ref))
+        return ref
+
+    def resolve(self, ref):
+        """The reference itself if its product is there; nobody knows what follows from its content otherwise."""
+        return _known(ref)
+
+
 class Planner:
     """Engine that makes nothing and notes what would be made."""
 
@@ -169,7 +198,7 @@ class Planner:
     def __call__(self, call):
         """Reference of the product: complete if it is there, without key and digest if it would be made."""
         recipe, modules = stage.recipe(call)
-        unknown = [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
+        unknown = _unknown(call)
         found = None if unknown else store.find(keys.key(recipe))
         if found:
             self._note(call, "reuse", (), found)
@@ -183,13 +212,23 @@ class Planner:
 
     def resolve(self, ref):
         """The reference itself if its product is there; otherwise the plan ends here."""
-        if ref.digest is None:
-            raise Unknown(f"after {ref.stage}", event=ref.event)
-        return ref
+        return _known(ref)
 
     def _note(self, call, action, reasons, ref):
         """Add a step."""
         self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref))
+
+
+def _unknown(call):
+    """Stages of the inputs of a call that are not made yet."""
+    return [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
+
+
+def _known(ref):
+    """Reference of a product that is there."""
+    if ref.digest is None:
+        raise Unknown(f"after {ref.stage}", event=ref.event)
+    return ref
 
 
 def warn(message):

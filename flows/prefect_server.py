@@ -6,7 +6,6 @@ starts under a lock (two first starts at once would migrate one database twice),
 """
 
 import contextlib
-import ctypes
 import fcntl
 import json
 import os
@@ -20,6 +19,7 @@ import urllib.request
 from dataclasses import dataclass
 from pathlib import Path
 
+from flows.children import die_with
 from gravcal.data import location
 
 HOST = "127.0.0.1"
@@ -204,10 +204,8 @@ def free_port(wanted=None):
 
 def serve(port, parent):
     """Be the server, until the parent ends."""
-    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG, linux/prctl.h
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if os.getppid() != parent:
-        return
+    die_with(parent)
     os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(port)}
     import uvicorn
 

@@ -15,6 +15,7 @@ import errno
 import fcntl
 import hashlib
 import json
+import math
 import os
 import platform
 import shutil
@@ -126,6 +127,17 @@ def point(ref):
         aside = link.with_name(f".{link.name}.{uuid.uuid4().hex[:8]}")
         aside.symlink_to(target)
         aside.replace(link)
+
+
+def last_seconds(ref):
+    """Seconds that the newest product of this name took to compute; infinite where there is none.
+
+    Parameters
+    ----------
+    ref : ProductRef, made or not
+    """
+    record = read_record(location.folder() / "latest" / ref.event / ref.stage) or {}
+    return record.get("seconds", math.inf)
 
 
 @contextlib.contextmanager

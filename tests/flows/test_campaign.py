@@ -91,6 +91,36 @@ def test_a_killed_worker_is_replaced_and_its_event_completed(environment, events
     assert summary["counts"] == {"delivered": 4}
 
 
+def test_little_work_starts_neither_prefect_nor_dask(environment, events, tmp_path):
+    """Contract: what took a moment the last time is done at once by forks; on an empty store nobody knows."""
+    absent = tmp_path / "absent"
+    for name in ("prefect", "distributed"):
+        (absent / name).mkdir(parents=True)
+        (absent / name / "__init__.py").write_text("raise ImportError('not to be imported')")
+    without = environment | {"PYTHONPATH": str(absent), "GRAVCAL_PRODUCTS": os.environ["GRAVCAL_PRODUCTS"]}
+    command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--workers", "2"]
+    refused = subprocess.run(command, capture_output=True, text=True, check=False, env=without)
+    assert "not to be imported" in refused.stderr
+    campaign(environment, events, "--workers", "0")
+    (events / "2" / "MAG1B_2020-02-01_C_04.txt").write_text("-" * 500)
+    code, summary = campaign(without, events, "--workers", "2", "--set", "gain=3")
+    assert code == 0
+    assert [(row["made"], row["reused"]) for row in summary["events"]] == [(1, 1), (2, 0), (1, 1), (1, 1)]
+
+
+def test_an_event_whose_fork_is_killed_is_completed_by_a_worker(environment, events, pipeline, tmp_path):
+    """Contract: kill -9 in the middle of an event that has little left to make."""
+    campaign(environment, events, "--workers", "0")
+    mark = tmp_path / "killed"
+    lines = f"    import os, pathlib\n    mark = pathlib.Path({str(mark)!r})\n    if not mark.exists():\n"
+    lines += "        mark.write_text('')\n        os.kill(os.getpid(), 9)\n    values ="
+    first = pipeline.folder / "first.py"
+    first.write_text(first.read_text().replace("    values =", lines))
+    code, summary = campaign(environment, events, "--engine", "inline")
+    assert mark.exists()
+    assert (code, summary["counts"]) == (0, {"delivered": 4})
+
+
 def test_an_existing_cluster_does_the_same_work(environment, events):
     """Contract: --scheduler names a cluster; the code is the same, and the cluster lives on."""
     command = [sys.executable, str(SCRIPT), "cluster"]

@@ -84,4 +84,4 @@ def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
         (tree / path.name).symlink_to(path)
     (source,) = campaign.sources("com_offset", None, tmp_path)
     assert source.folder == Path(tmp_path)
-    assert engine.existing(command.flow_module("com_offset").calibrate, source, command.chosen("com_offset", None))[0]
+    assert engine.left(command.flow_module("com_offset").calibrate, source, command.chosen("com_offset", None)).ref
