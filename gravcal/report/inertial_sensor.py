@@ -69,8 +69,14 @@ def document(given, *, event, settings):
     if "bias" in given:
         head["roll"] = roll(given["bias"])
     keys = {f"inertial_sensor.{name}": product.digest(one)[:12] for name, one in given.items()}
+    unknown = NOT_DETERMINED | ({"bias": given["bias"].attrs["not_determined"]} if _without_bias(given) else {})
     tail = {"settings": as_plain(settings), "provenance": {"products": keys}}
-    return head | {"verdict": {"text": verdict(head)}, "not_determined": NOT_DETERMINED} | tail
+    return head | {"not_determined": unknown, "verdict": {"text": verdict(head)}} | tail
+
+
+def _without_bias(given):
+    """Whether there was a roll that tells no bias."""
+    return "bias" in given and "not_determined" in given["bias"].attrs
 
 
 def _manoeuvres(detected):
@@ -151,17 +157,17 @@ def roll(biased):
         "segments": int(np.count_nonzero(biased.used)),
         "segments_found": int(biased.used.size),
         "constant_y": {
-            "value": float(biased.bias[1]),
-            "sigma": float(biased.bias_sigma[1]),
-            "sigma_total": float(biased.bias_sigma_total[1]),
-            "volt": float(biased.bias_volt[1]),
+            "value": number(biased.bias[1]),
+            "sigma": number(biased.bias_sigma[1]),
+            "sigma_total": number(biased.bias_sigma_total[1]),
+            "volt": number(biased.bias_volt[1]),
             "meaning": "b_y minus the constant acceleration of the satellite along y",
         },
         "budget": {
             name: numbers(biased[name].values)
             for name in ("statistical_sigma", "offset_sigma", "wander", "offset_effect")
         },
-        "z_noise": z_noise(biased),
+        "z_noise": z_noise(biased) if biased.sizes["frequency"] else None,
         "source": biased.attrs["factors_from"],
     }
 
@@ -205,14 +211,17 @@ def verdict(found):
             f"centre of mass to test mass {text} um (k_y of the ground)"
         )
     if "roll" in found:
-        bias = found["roll"]["bias"]
-        text = ", ".join(
-            f"b_{axis} {v:.5e} +- {s:.0e}"
-            for axis, v, s in zip(AXES, bias["value"], bias["sigma"], strict=True)
-            if v is not None
-        )
-        parts.append(f"{text} m s-2 from {found['roll']['segments']} segments, b_y not separable")
+        parts.append(_bias_line(found["roll"]))
     return ". ".join(parts) + "."
+
+
+def _bias_line(rolled):
+    """Bias of the roll, or that there is none."""
+    if rolled["bias"]["value"] == [None] * 3:
+        return f"Bias not determined: {rolled['segments']} of {rolled['segments_found']} segments of the roll usable"
+    known = zip(AXES, rolled["bias"]["value"], rolled["bias"]["sigma"], strict=True)
+    text = ", ".join(f"b_{axis} {v:.5e} +- {s:.0e}" for axis, v, s in known if v is not None)
+    return f"{text} m s-2 from {rolled['segments']} segments, b_y not separable"
 
 
 def _dataset(found):

@@ -98,6 +98,8 @@ def _roll(document, given, published):
     """Sections of the roll."""
     roll = document["roll"]
     noise = roll["z_noise"]
+    if "bias" in document["not_determined"]:
+        return [_section("Bias", [], [], [f"Not determined: {document['not_determined']['bias']}"])]
     notes = [
         f"{roll['segments']} of {roll['segments_found']} segments used. Scale factors and offset: {roll['source']}.",
         f"b_y: {document['not_determined']['bias_y']}.",

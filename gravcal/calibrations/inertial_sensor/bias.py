@@ -12,6 +12,7 @@ from gravcal.calibrations.inertial_sensor import roll_segments, schemas
 from gravcal.calibrations.inertial_sensor.robust_mean import robust_mean
 from gravcal.errors import EstimationError
 
+ENOUGH = 3  # segments, of which a mean and its scatter can be told
 SEPARABLE = (1, 0, 1)  # about y the direction cosines are constant: b_y and the constant acceleration are one sum (T-9)
 
 
@@ -79,25 +80,46 @@ def bias(
 
     Returns
     -------
-    biased : Dataset, "inertial_sensor.bias"
+    biased : Dataset, "inertial_sensor.bias"; beside a swing also without usable segments, the bias NaN
+
+    Raises
+    ------
+    EstimationError : fewer than three usable segments and no swing, so that nothing is delivered
     """
     sensor = sensor_of(swing, assumed)
     bins = {name: segmented[name].values for name in segmented.variables}
-    step = float(np.median(np.diff(bins["time"][:1000])))
+    step = float(np.median(np.diff(bins["time"][:1000]))) if bins["time"].size > 1 else segment_s
     limits = {"step_s": step, "segment_s": segment_s, "uniformity": uniformity_limit, "share": share_limit}
     printed = method == "published"
     changes = (1, 0) if printed else (amplitude_degree, amplitude_harmonics)
     model = roll_segments.Model(trend_degree, *changes, not printed)
     solved = roll_segments.solve(bins, sensor.k, sensor.offset, model, limits)
-    if np.count_nonzero(solved.used) < 3:
-        raise EstimationError(
-            f"roll: found {np.count_nonzero(solved.used)} usable of {solved.used.size} segments, expected three. "
-            f"Raise uniformity_limit ({uniformity_limit:g}) or lower share_limit ({share_limit:g}).",
-            segments=int(solved.used.size),
-        )
-    values = estimates(solved, sensor) | _segments(solved)
-    values |= spectra(bins, solved, sensor, k_z_before, limits)
-    return build(schemas.BIAS, values, method=method, factors_from="swing" if swing else "assumed")
+    facts = {"method": method, "factors_from": "swing" if swing else "assumed"}
+    few = _too_few(solved, limits)
+    if not few:
+        values = estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, limits)
+        return build(schemas.BIAS, values | _segments(solved), **facts)
+    if not swing:
+        raise EstimationError(f"roll: {few}", segments=int(solved.used.size))
+    return build(schemas.BIAS, _undetermined() | _segments(solved), not_determined=few, **facts)
+
+
+def _too_few(solved, limits):
+    """Why the segments do not suffice; empty if they do."""
+    usable = int(np.count_nonzero(solved.used))
+    if usable >= ENOUGH:
+        return ""
+    return (
+        f"found {usable} usable of {solved.used.size} segments, expected {ENOUGH}. Raise uniformity_limit "
+        f"({limits['uniformity']:g}), lower share_limit ({limits['share']:g}), or give a longer roll."
+    )
+
+
+def _undetermined():
+    """Values of a roll that tells no bias."""
+    own = [name for name, stated in schemas.BIAS.items() if stated["dims"] == "axis"]
+    unknown = dict.fromkeys(own, np.full(3, np.nan)) | {"separable": SEPARABLE}
+    return unknown | {"frequency": np.zeros(0), "density": np.zeros((3, 0))}
 
 
 def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
@@ -143,8 +165,8 @@ def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
 def _segments(solved):
     return {
         "time_segment": solved.time,
-        "segment_bias": -solved.constant,
-        "segment_sigma": solved.sigma,
+        "segment_bias": -solved.constant.reshape(-1, 3),
+        "segment_sigma": solved.sigma.reshape(-1, 3),
         "used": solved.used,
         "uniformity": solved.uniformity,
     }

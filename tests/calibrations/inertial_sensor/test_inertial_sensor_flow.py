@@ -109,6 +109,28 @@ def test_a_roll_without_a_swing_uses_the_assumed_factors(both, tmp_path):
     assert document["roll"]["source"] == "assumed"
 
 
+@pytest.mark.parametrize("limit", [1e-5, 1.0])
+def test_a_roll_of_few_good_segments_does_not_take_the_swing_with_it(both, tmp_path, limit):
+    """Contract: swing delivered, bias null, the reason said; no segment uniform enough, or too few in all."""
+    settings = {"uniformity_limit": limit} if limit < 1 else {"segment_s": 4500.0}
+    document, ref = run(both[0], **settings)
+    validate(document)
+    assert document["status"] == "delivered"
+    assert within(document["swing"]["delay_s"]["value"], document["swing"]["delay_s"]["sigma"], both[1]["delay_s"])
+    assert document["roll"]["bias"]["value"] == [None] * 3
+    assert "expected 3" in document["not_determined"]["bias"]
+    assert "Bias not determined" in document["verdict"]["text"]
+    assert "Not determined: found" in (ref.folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_lone_roll_of_few_good_segments_fails(both, tmp_path):
+    """Contract: nothing could be delivered, so the error says what was found and what to do."""
+    for path in both[0].glob("*_2022-05-19_*"):
+        (tmp_path / path.name).symlink_to(path)
+    with pytest.raises(EstimationError, match="found 0 usable of 4 segments, expected 3"):
+        run(tmp_path, uniformity_limit=1e-5)
+
+
 def test_quiet_data_give_no_manoeuvre(tmp_path):
     """Contract: status no_manoeuvre, report all the same."""
     simulated(tmp_path, manoeuvre="none")
