@@ -95,8 +95,9 @@ def roll(seed, chosen, settings):
     for place, covariance in ((truth.offset, zero), (used, held)):
         solved = segments.solve(reduced, truth.k, place, model, limits)
         found = bias.estimates(solved, bias.Sensor(truth.k, 0 * truth.k, place, covariance, covariance))
-        drift = np.stack([np.interp(solved.time, flown.knot, column) for column in flown.drift.T], axis=1)
-        true = truth.bias + drift[solved.used].mean(axis=0) - np.array([0.0, chosen.radiation_m_s2, 0.0])
+        inside = solved.time[solved.used][:, None] + settings.segment_s * np.linspace(-0.5, 0.5, 101)
+        drift = np.array([np.interp(inside, flown.knot, column).mean() for column in flown.drift.T])
+        true = truth.bias + drift - np.array([0.0, chosen.radiation_m_s2, 0.0])
         out.append((found["bias"] - true, found["bias_sigma"], np.abs(truth.bias)))
     return out, int(np.count_nonzero(solved.used))
 

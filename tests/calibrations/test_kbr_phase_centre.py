@@ -5,7 +5,9 @@ from kbr_campaign import STILL, campaign, process, sigma_mm, simulated, true_mm
 from numpy.testing import assert_allclose
 from scipy import stats
 
+from benchmarks import kbr_phase_centre as study
 from gravcal.calibrations.kbr_phase_centre.schemas import SUBSETS
+from gravcal.data import catalog
 
 Y_AND_Z = [1, 2, 4, 5]
 
@@ -41,6 +43,17 @@ def test_errors_are_those_of_the_reported_sigma():
     low, high = stats.chi2.ppf([0.0025, 0.9975], 48) / 48
     for mean_square in np.mean(np.square(z), axis=(0, 2)):
         assert low < mean_square < high
+
+
+def test_least_squares_comes_within_a_twentieth_of_the_bound():
+    """Recovery: exact, without draws: weights under the true noise against the bound; 3 % go to the orbit."""
+    _, products = campaign()
+    invented = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0})
+    degree = catalog.parameters("kbr_phase_centre").orbit_degree
+    scatter = study.exact_scatter(products.equations[0], products.noise, invented, degree)
+    ratio = scatter / study.bound(products.equations[0], invented)
+    assert np.all((ratio > 1.0) & (ratio < 1.05))
+    assert_allclose(1e3 * scatter, sigma_mm(products.combined)[0], rtol=0.1)  # sigma as measured on one campaign
 
 
 def test_accuracy_is_that_asked_for():
