@@ -79,13 +79,14 @@ def run(campaign, sources, listener=None):
     engine.single_threaded()
     rows = {}
     waiting = _waiting(campaign, sources, rows, listener)
-    head, modules = campaign_here.look_ahead(waiting, 2 * AHEAD * _processes(campaign))
-    if head and modules is not None and campaign.engine != "flow" and not campaign.scheduler:
+    head = []
+    if campaign.engine != "flow" and not campaign.scheduler:
         work = functools.partial(_made, campaign, folder=str(location.folder()))
-        rows |= campaign_here.run(head, work, _processes(campaign), modules, listener)
-        head = [event for event in head if event[0] not in rows]
+        made, head = campaign_here.run(waiting, work, _processes(campaign), listener)
+        rows |= made
+    rest = ((number, source) for number, source, _ in waiting)
+    head += itertools.islice(rest, 2 * AHEAD * _processes(campaign))
     if head:
-        rest = ((number, source) for number, source, _ in waiting)
         rows |= _run_waiting(campaign, head, itertools.chain(head, rest), listener)
     events = [rows[number] for number in range(len(sources))]
     counts = collections.Counter(row["status"] for row in events)
@@ -151,11 +152,11 @@ def in_threads(waiting, calibrate, slots):
 
 
 def _waiting(campaign, sources, rows, listener):
-    """Number and source of the events that have something to make, and what; rows of the others join ``rows``."""
+    """Number, source and seconds left of the events that have something to make; rows of the others join ``rows``."""
     for number, source in enumerate(sources):
-        row, rest = _answer(campaign, source)
+        row, seconds = _answer(campaign, source)
         if row is None:
-            yield number, source, rest
+            yield number, source, seconds
             continue
         rows[number] = row
         if listener:
@@ -163,10 +164,10 @@ def _waiting(campaign, sources, rows, listener):
 
 
 def _answer(campaign, source):
-    """Row of an event that needs no worker: refused, made in this process, or all in the store; or what is left."""
+    """Row of an event that needs no worker: refused, made here, or all in the store; and the seconds left to do."""
     here = campaign.workers == 0 and campaign.engine != "flow"
     if here or isinstance(source, campaign_work.Refused):
-        return _made(campaign, source, str(location.folder())), None
+        return _made(campaign, source, str(location.folder())), 0.0
     return campaign_work.reuse(campaign.calibration, source, campaign.chosen)
 
 

@@ -4,7 +4,6 @@ How long a stage takes is known from its last product. What is not known, as on 
 """
 
 import contextlib
-import importlib
 import multiprocessing
 import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -15,56 +14,41 @@ from flows.children import die_with
 LITTLE_S = 20.0  # work on all events together; starting Prefect and Dask takes six seconds
 
 
-def look_ahead(waiting, most):
-    """Events that have something to make, and whether these are all and little work.
+def run(waiting, work, processes, listener=None):
+    """Rows of the first events, made by forks while the next are looked at, until it would be too much work.
 
     Parameters
     ----------
-    waiting : iterator of (number, source, engine.Left)
-    most : int, events to look at where there is more
-
-    Returns
-    -------
-    head : list of (number, source)
-    modules : set of str that the work needs; None where it is not little, or there are more events
-    """
-    head, modules, seconds = [], set(), 0.0
-    for number, source, left in waiting:
-        head.append((number, source))
-        modules |= left.modules
-        seconds += left.seconds
-        if len(head) >= most and seconds > LITTLE_S:
-            return head, None
-    return head, modules if seconds <= LITTLE_S else None
-
-
-def run(events, work, processes, modules, listener=None):
-    """Rows by number, made by forks of this process; an event whose fork died has none.
-
-    Parameters
-    ----------
-    events : list of (number, source)
+    waiting : iterator of (number, source, seconds that are left to do)
     work : function of a source that returns its row
     processes : int
-    modules : set of str, loaded before, so that not every fork has to
     listener : function of one row, or None
 
     Returns
     -------
     rows : dict of number to row
+    others : list of (number, source): those whose fork died, and the one that was too much; more may wait
     """
-    for name in sorted(modules):
-        with contextlib.suppress(Exception):  # what is wrong with it is said by the event that needs it
-            importlib.import_module(name)
-    rows, forks = {}, multiprocessing.get_context("fork")
-    pool = ProcessPoolExecutor(min(processes, len(events)), forks, die_with, (os.getpid(),))
+    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("fork"), die_with, (os.getpid(),))
+    rows, given, others, total = {}, {}, [], 0.0
     try:
-        futures = {pool.submit(work, source): number for number, source in events}
-        for future in as_completed(futures):
+        for number, source, seconds in waiting:
+            total += seconds
+            if total > LITTLE_S:
+                others.append((number, source))
+                break
             with contextlib.suppress(BrokenProcessPool):
-                rows[futures[future]] = future.result()
-                if listener:
-                    listener(rows[futures[future]])
+                given[pool.submit(work, source)] = number, source
+                continue
+            others.append((number, source))
+        for future in as_completed(given):
+            number, source = given[future]
+            try:
+                rows[number] = future.result()
+            except BrokenProcessPool:
+                others.append((number, source))
+            else:
+                listener(rows[number]) if listener else None
     finally:
         pool.shutdown(cancel_futures=True)
-    return rows
+    return rows, sorted(others, key=lambda event: event[0])

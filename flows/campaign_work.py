@@ -7,12 +7,10 @@ import time
 import traceback
 from dataclasses import dataclass
 
-from flows.engine import Left, left, one_thread, single_threaded
+from flows.engine import left, one_thread, single_threaded
 from gravcal.data import journal
 from gravcal.errors import GravcalError
 from tasks import stage
-
-UNKNOWN = Left(None, [], math.inf, frozenset())  # what an event has left to make that could not be looked at
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ def calibrate(calibration, source, chosen, store):
 
 
 def reuse(calibration, source, chosen):
-    """Row of an event whose products are all in the store, or what it has left to make.
+    """Row of an event whose products are all in the store, or how much it has left to do.
 
     Parameters
     ----------
@@ -63,7 +61,7 @@ def reuse(calibration, source, chosen):
     Returns
     -------
     row : dict or None
-    rest : engine.Left or None
+    seconds : that the rest took the last time, infinite where that is not known
     """
     from flows import command
 
@@ -71,13 +69,13 @@ def reuse(calibration, source, chosen):
     try:
         rest = left(module.calibrate, source, chosen)
         if rest.ref is None:
-            return None, rest
+            return None, rest.seconds
         with journal.recorded(module.calibrate.flow_name, rest.ref.event) as note:
             for call, one in rest.found:
                 note(call, "cached", one)
-        return _row(module, rest.ref) | _effort(0, len(rest.found), started), None
+        return _row(module, rest.ref) | _effort(0, len(rest.found), started), 0.0
     except Exception:  # noqa: BLE001 - what goes wrong goes wrong again in its worker, which says it
-        return None, UNKNOWN
+        return None, math.inf
 
 
 def version():

@@ -94,13 +94,11 @@ class Left:
     ref : ProductRef of the result, None where something is missing
     found : list of (call, ProductRef) of what is there
     seconds : that what is missing took the last time, infinite where that is not known
-    modules : names of the modules that it runs
     """
 
     ref: ProductRef | None
     found: list
     seconds: float
-    modules: frozenset
 
 
 def left(body, *arguments):
@@ -116,9 +114,8 @@ def left(body, *arguments):
         try:
             ref = body(*arguments)
         except Unknown:
-            seeker.seconds = math.inf
-    modules = frozenset(name for name in seeker.modules if ":" not in name)
-    return Left(None if seeker.modules else ref, seeker.found, seeker.seconds, modules)
+            return Left(None, seeker.found, math.inf)
+    return Left(None if ref.digest is None else ref, seeker.found, seeker.seconds)
 
 
 def run(body, *arguments, engine="prefect", listener=None, server=None):
@@ -167,18 +164,16 @@ def _both(first, second):
 
 
 class Seeker:
-    """Engine that makes nothing: what is there, how long the rest took the last time, and the modules it runs."""
+    """Engine that makes nothing: what is there, and how long the rest took the last time."""
 
     def __init__(self):
-        self.found, self.seconds, self.modules = [], 0.0, set()
+        self.found, self.seconds = [], 0.0
 
     def __call__(self, call):
         """Reference of the product, without key and digest if it is not there."""
-        recipe, modules = stage.recipe(call)
-        ref = store.find(keys.key(recipe)) if not _unknown(call) else None
+        ref = None if _unknown(call) else store.find(keys.key(stage.recipe(call)[0]))
         if ref is None:
             self.seconds += store.last_seconds(call.unmade)
-            self.modules |= set(modules)
             return call.unmade
         store.point(ref)
         self.found.append((call, ref))

@@ -59,6 +59,7 @@ def _dataset(document):
     name = document.get("adopted", {}).get("variant")
     block = document["variants"][name] if name else {}
     number = lambda key: [np.nan if v is None else 1e-6 * v for v in block.get(key, [None] * 3)]  # noqa: E731
-    values = {key: number(f"{key}_um") for key in ("offset", "sigma", "sigma_total")}
+    values = {key: np.array(number(f"{key}_um")) for key in ("offset", "sigma", "sigma_total")}
     attrs = {"status": document["status"], "adopted": name or "none", "event": document["event"]}
-    return xr.Dataset({key: ("axis", value) for key, value in values.items()}, attrs=attrs)
+    columns = {key: xr.Variable("axis", value, fastpath=True) for key, value in values.items()}  # without dask.array
+    return xr.Dataset(columns, attrs=attrs)
