@@ -66,7 +66,7 @@ def _estimates(combined, pointed, settings):
         "manoeuvres": parts.manoeuvres(combined, pointed),
         "subsets": parts.subsets(combined),
         "geometry": parts.geometry(combined, pointed),
-        "consistency": {"manoeuvres": tests},
+        "consistency": {"manoeuvres": tests, "scatter_between_manoeuvres_mm": parts.scatter(combined)},
         "sigma0": {name: numbers(combined["sigma0"].values[k, 0]) for k, name in enumerate(OBSERVABLES)},
         "trust": parts.trust(combined),
         "indistinguishable_from_calibration": parts.INDISTINGUISHABLE,

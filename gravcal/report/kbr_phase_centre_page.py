@@ -12,6 +12,10 @@ CAPTIONS = {
         "Pointing of the line of sight in both satellites: left the record, wiggles shaded; right the first "
         "wiggle of each.",
     ),
+    "routine": (
+        "pointing angles",
+        "Pointing of the line of sight in both satellites: left the record, right a part of it.",
+    ),
     "series": (
         "ranging minus orbit",
         "Ranging minus orbit and the fitted phase centres in one pitch and one yaw wiggle, slow part removed from "
@@ -53,7 +57,7 @@ def page(document, products, published, files):
     delivered = "satellites" in document
     sections = _sections(document, pointed, measured, solved, published) if delivered else []
     if not delivered:
-        sections = [_section("Pointing", [], [_figure("angles", figures.angles, pointed)])]
+        sections = [_section("Pointing", [], [_figure("routine", figures.angles, pointed)])]
     sections.append(_section("Without wiggles", [tables.routine(document)], [], [document["routine_pointing"]["text"]]))
     good = document["verdict"].get("accuracy_met")
     return render(

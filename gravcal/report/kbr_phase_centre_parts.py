@@ -116,6 +116,19 @@ def manoeuvres(combined, pointed):
     return rows
 
 
+def scatter(combined):
+    """Error of the mean of y and z as the scatter between sub-manoeuvres shows it, mm; null with fewer than two."""
+    satellite, axis = combined["satellite_index"].values, combined["axis_index"].values
+    found = {}
+    for o, name in enumerate(OBSERVABLES):
+        found[name] = {}
+        for k, letter in enumerate(combined.attrs["satellites"]):
+            own = [1e3 * combined["arc_value"].values[o, (satellite == k) & (axis == a)] for a in (1, 0)]
+            spread = [np.std(v, ddof=1) / np.sqrt(v.size) if v.size > 1 else np.nan for v in own]
+            found[name][letter] = [None, *numbers(spread)]
+    return found
+
+
 def subsets(combined):
     """Positive only, mirror only and x fixed, with the shifts that the geometry predicts."""
     found = {}

@@ -134,12 +134,15 @@ def manoeuvres(document):
             ]
         )
     heads = ["wiggle", "start, s", "length, s", "offset, °", "amplitude, °", "", *TITLES.values()]
+    spread = document["consistency"]["scatter_between_manoeuvres_mm"]["range_rate"]
+    told = [f"{k} {axis} {_number(v, 4)}" for k, both in spread.items() for axis, v in zip("yz", both[1:], strict=True)]
     agree = "; ".join(
         f"{TITLES[name]} {chi_square(test)}" for name, test in document["consistency"]["manoeuvres"].items()
     )
     caption = (
         f"Sub-manoeuvres found in the pointing angles, and the component each tells alone, millimetres. "
-        f"Disagreement, chi-square / degrees of freedom, probability: {agree}."
+        f"Disagreement, chi-square / degrees of freedom, probability: {agree}. "
+        f"Error of the mean by the scatter between wiggles, range rate: {', '.join(told)}."
     )
     return _table(caption, heads, rows)
 

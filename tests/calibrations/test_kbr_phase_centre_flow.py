@@ -62,6 +62,16 @@ def test_files_in_vectors_out(campaign):
 
 
 @pytest.mark.usefixtures("shared_store")
+def test_the_scatter_between_wiggles_stands_beside_the_errors(campaign):
+    """Analytic: two wiggles for each component: the error of their mean is half their difference; x has none."""
+    document, _ = run(campaign[0])
+    told = document["consistency"]["scatter_between_manoeuvres_mm"]["range_rate"]["C"]
+    own = [one["estimates_mm"]["range_rate"]["value"] for one in document["manoeuvres"] if one["satellite"] == "C"]
+    assert told[0] is None
+    assert_allclose(told[1:], [abs(own[2] - own[3]) / 2, abs(own[0] - own[1]) / 2], rtol=1e-9)  # yaw tells y
+
+
+@pytest.mark.usefixtures("shared_store")
 def test_the_page_holds_tables_and_figures(campaign):
     """Contract: five figures, the printed tables beside the result, nothing fetched from elsewhere."""
     _, ref = run(campaign[0])
