@@ -9,7 +9,7 @@ from pathlib import Path
 from flows.engine import flow
 from gravcal.data import catalog
 from tasks import common, inertial_sensor
-from tasks.stage import read
+from tasks.stage import numbers, read
 
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
 ORIGIN = datetime(2000, 1, 1, 12)
@@ -20,13 +20,13 @@ def calibrate(source, chosen):
     """Scale factors and offset from a swing, bias from a roll."""
     days = _days(source)
     found = _detected(days, source, chosen)
-    seen = read(found)
+    seen = numbers(found, "swing_start", "swing_stop", "roll_start", "roll_stop")
     parts = {"detect": found}
-    if seen.sizes["swing"]:
-        files = _files(days, float(seen.swing_start[0]), float(seen.swing_stop[0]), chosen.margin_s)
+    if seen["swing_start"].size:
+        files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
         parts |= _swing(found, files, source, chosen)
-    if seen.sizes["roll"]:
-        files = _files(days, float(seen.roll_start[0]), float(seen.roll_stop[-1]), 0.0)
+    if seen["roll_start"].size:
+        files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
         rolled = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
         swing = [parts[name] for name in ("scale", "offset") if name in parts]
         parts["bias"] = inertial_sensor.bias(rolled, *swing, assumed=_assumed(chosen), **chosen.for_stage("bias"))

@@ -149,6 +149,18 @@ def read(ref):
     return dataset
 
 
+def numbers(ref, *names):
+    """Some variables of a product as plain arrays {name: array}; as `read`, without loading what datasets need."""
+    engine = _engine.get()
+    if getattr(engine, "resolve", None):
+        ref = engine.resolve(ref)
+    found = store.arrays(ref, names)
+    if found is None:
+        dataset = read(ref)
+        found = {name: dataset[name].values for name in names}
+    return found
+
+
 def forget():
     """Forget calls and contents, so that a process that lives long does not grow."""
     _calls.clear()

@@ -91,6 +91,26 @@ def from_bytes(image):
     )
 
 
+def arrays(image, names):
+    """Some variables of a netCDF-4 file as plain arrays, without what datasets need to be loaded.
+
+    Parameters
+    ----------
+    image : bytes
+    names : of the variables
+
+    Returns
+    -------
+    arrays : {name: array}
+    """
+    import io
+
+    import h5py
+
+    with h5py.File(io.BytesIO(image)) as file:
+        return {name: file[name][()] for name in names}
+
+
 def _with_labels(dataset):
     """Dataset whose text coordinates bear the name of their dimension with ``_label``: CF wants numbers under it."""
     texts = [name for name in dataset.coords if dataset[name].dims == (name,) and dataset[name].dtype == object]

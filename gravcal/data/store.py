@@ -81,6 +81,22 @@ def load(ref):
     return dataset.copy(deep=True)
 
 
+def arrays(ref, names):
+    """Some variables of a product as plain arrays {name: array}, verified; None if it is damaged.
+
+    Parameters
+    ----------
+    ref : ProductRef; names : of the variables
+    """
+    record = read_record(ref.folder)
+    image = _verified_bytes(ref.folder, record) if record else None
+    if image is None:
+        return None
+    from gravcal.data import netcdf
+
+    return netcdf.arrays(image, names)
+
+
 def put(key, recipe, made, facts):
     """Publish a product; if another process was first, its product is returned.
 
