@@ -31,6 +31,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
     parser.add_argument("--events", type=int, help="events of the campaign, by default 20")
+    parser.add_argument("--whole", action="store_true", help="whole days in the campaign, 200 MB each")
     options = parser.parse_args()
     options.rounds = options.rounds or (2 if options.quick else 7)
     unknown = [name for name in options.names if name not in NAMES]

@@ -7,6 +7,7 @@ import json
 import os
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from benchmarks import stopwatch as watch
@@ -21,12 +22,14 @@ def run(options) -> list[Figure]:
     count, rounds = (4, 1) if options.quick else (20, 3)
     count = options.events or count
     windows = "seven windows" if count <= SEVEN else "one window"
+    whole = " in whole days" if options.whole else ""
     title(
-        f"campaign: com_offset, {count} events of {windows}, {options.workers} workers; load {os.getloadavg()[0]:.1f}"
+        f"campaign: com_offset, {count} events of {windows}{whole}, {options.workers} workers; "
+        f"load {os.getloadavg()[0]:.1f}"
     )
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        _simulate(root / "level1", count, options.seed)
+        _simulate(root / "level1", count, options)
         command = [*CLI, "campaign", "com_offset", "--data", str(root / "level1")]
         figures = _cold(command, root, count, options)
         cold, command = figures.pop(), [*command, "--workers", str(options.workers)]
@@ -35,36 +38,39 @@ def run(options) -> list[Figure]:
 
 
 def _cold(command, root, count, options):
-    """Figures of runs on empty stores with all workers and with one; at the end the seconds of the first."""
+    """Figures of runs on empty stores with all workers and with one; at the end wall and processor of the first."""
     _campaign(
         [*command[:-1], str(_first(root)), "--workers", "1"], _store(root, "first")
     )  # migrates Prefect's database
-    cold, busy = _campaign([*command, "--workers", str(options.workers)], _store(root, "products"))
+    (cold, processor), busy = _campaign([*command, "--workers", str(options.workers)], _store(root, "products"))
     share = 100 * (1 - busy / (options.workers * cold))
     figures = [
         Figure("empty store", f"{cold:.3g} s"),
         Figure("  for each event", f"{cold / count:.3g} s"),
+        Figure("  processor time for each event", f"{processor / count:.3g} s"),
         Figure("  work on one event", f"{busy / count:.3g} s"),
     ]
     if count >= 200:
         figures.append(at_most("  orchestration, waiting of workers included", share, 10.0, " %"))
     elif not options.quick:
-        alone, work = _campaign([*command, "--workers", "1"], _store(root, "alone"))
+        (alone, _), work = _campaign([*command, "--workers", "1"], _store(root, "alone"))
         figures.append(Figure("empty store, one worker", f"{alone:.3g} s"))
         figures.append(Figure("  work on one event", f"{work / count:.3g} s"))
         figures.append(at_least(f"  speed-up of {options.workers} workers", alone / cold, 1.6))
-    return [*figures, cold]
+    return [*figures, (cold, processor)]
 
 
 def _again(command, environment, cold, rounds):
     """Figures of runs that find what they need, wholly or in part."""
-    changed = [_seconds([*command, "--set", f"noise_order={19 - i}"], environment) for i in range(rounds)]
-    pairs = [(_seconds(command, environment), _seconds([*CLI, "--help"], environment)) for _ in range(rounds)]
+    changed = [_spent([*command, "--set", f"noise_order={19 - i}"], environment)[0] for i in range(rounds)]
+    commands = command, [*CLI, "--help"]
+    pairs = [[_spent(one, environment)[0][0] for one in commands] for _ in range(rounds)]
     extra = [again - start for again, start in pairs]
-    share = [100 * seconds / cold for seconds in changed]
+    wall, processor = ([100 * spent[i] / cold[i] for spent in changed] for i in (0, 1))
     return [
-        Figure("noise_order changed: noise, solve, combine, report", f"{watch.middle(changed):.3g} s"),
-        at_most("  of the cold run", watch.middle(share), 10.0, " %", watch.span(share)),
+        Figure("noise_order changed: noise, solve, combine, report", f"{watch.middle([c[0] for c in changed]):.3g} s"),
+        at_most("  of the cold run", watch.middle(wall), 10.0, " %", watch.span(wall)),
+        Figure("  of its processor time", f"{watch.middle(processor):.3g} %", watch.span(processor)),
         at_most("nothing to do beyond start-up", watch.middle(extra), 2.0, " s", watch.span(extra)),
     ]
 
@@ -85,24 +91,32 @@ def _first(root):
 
 
 def _campaign(command, environment):
-    """Wall time of a campaign, and seconds that its events took."""
-    start = time.perf_counter()
-    summary = json.loads(output([*command, "--json", "-"], environment))
-    return time.perf_counter() - start, sum(row["seconds"] for row in summary["events"])
+    """Wall and processor time of a campaign, and seconds that its events took."""
+    spent, text = _spent([*command, "--json", "-"], environment)
+    return spent, sum(row["seconds"] for row in json.loads(text)["events"])
 
 
-def _simulate(files, count, seed):
+def _simulate(files, count, options):
     """Level-1 files of as many days."""
+    settings = {"manoeuvres": "pitch_high"} if count > SEVEN else {}
+    settings |= {"span": "day"} if options.whole else {}
+    with ProcessPoolExecutor(options.workers) as pool:
+        list(pool.map(_day, *zip(*[(files, options.seed, number, settings) for number in range(count)], strict=True)))
+
+
+def _day(files, seed, number, settings):
+    """Level-1 files of one day."""
     from flows import com_offset
 
-    for number in range(count):
-        date = datetime.date(2020, 3, 1) + datetime.timedelta(days=number)
-        settings = {"date": date.isoformat()} | ({} if count <= SEVEN else {"manoeuvres": "pitch_high"})
-        com_offset.simulate(files, seed=seed + number, truth=None, effects={}, settings=settings)
+    date = datetime.date(2020, 3, 1) + datetime.timedelta(days=number)
+    settings = {"date": date.isoformat()} | settings
+    com_offset.simulate(files, seed=seed + number, truth=None, effects={}, settings=settings)
 
 
-def _seconds(command, environment):
-    """Wall time of a command."""
-    start = time.perf_counter()
-    output(command, environment)
-    return time.perf_counter() - start
+def _spent(command, environment):
+    """Wall and processor seconds of a command with all that it started, and what it printed."""
+    start, before = time.perf_counter(), os.times()
+    text = output(command, environment)
+    wall, after = time.perf_counter() - start, os.times()
+    used = after.children_user - before.children_user + after.children_system - before.children_system
+    return (wall, used), text
