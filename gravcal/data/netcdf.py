@@ -18,8 +18,8 @@ BARE_DIMENSION = (
 SMALL = 4096  # bytes; below this a compressed chunk costs more than it saves
 TRIED = 2048  # values on which compression is tried; noise hardly shrinks and takes nearly all of the time
 LABEL = "_label"
-REFERENCES = {"REFERENCE_LIST", "DIMENSION_LIST"}
-RESERVED = REFERENCES | {"CLASS", "NAME", "_Netcdf4Dimid", "_Netcdf4Coordinates"}
+RESERVED = {"CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates"}
+UNREAD = {b"REFERENCE_LIST", b"DIMENSION_LIST", b"_Netcdf4Dimid", b"_Netcdf4Coordinates", b"_FillValue"}
 HIDDEN = RESERVED | {"_FillValue", "_NCProperties", "coordinates"}
 
 
@@ -222,18 +222,20 @@ def _read_variables(file):
 
 
 def _read_attributes(node):
-    """Attributes as str, int, float, list of str or arrays of numbers, those of the file format included."""
+    """Attributes as str, int, float, list of str or arrays of numbers, with those of the format that tell of axes."""
     from h5py import h5a
 
-    opened = (h5a.open(node, index=number) for number in range(h5a.get_num_attrs(node)))
-    named = ((attribute.name.decode(), attribute) for attribute in opened)
-    return {name: _attribute(node, name, attribute) for name, attribute in named if name not in REFERENCES}
+    names = []
+    h5a.iterate(node, names.append)
+    wanted = set(names) - UNREAD if b"CLASS" in names else set(names) - UNREAD - {b"NAME"}
+    return {name.decode(): _attribute(node, name) for name in names if name in wanted}
 
 
-def _attribute(node, name, attribute):
+def _attribute(node, name):
     """One attribute as it was before writing."""
-    from h5py import AttributeManager, h5s, h5t
+    from h5py import AttributeManager, h5a, h5s, h5t
 
+    attribute = h5a.open(node, name)
     kind = attribute.get_type()
     if isinstance(kind, h5t.TypeStringID) and not kind.is_variable_str() and not attribute.shape:
         values = np.zeros((), f"S{kind.get_size()}")
@@ -244,7 +246,7 @@ def _attribute(node, name, attribute):
         values = np.zeros(attribute.shape, attribute.dtype)
         attribute.read(values)
         return values if values.ndim else values.item()
-    found = AttributeManager(SimpleNamespace(id=node))[name]
+    found = AttributeManager(SimpleNamespace(id=node))[name.decode()]
     return [_text(item) for item in found] if isinstance(found, np.ndarray) else _text(found)
 
 
@@ -264,9 +266,10 @@ def _values(node):
     """Values of one variable; text as str objects."""
     from h5py import Dataset, h5s
 
-    if node.dtype == object:
+    dtype = node.dtype
+    if dtype.kind == "O":
         return np.asarray(Dataset(node).asstr()[...], dtype=object)
-    values = np.zeros(node.shape, node.dtype)
+    values = np.empty(node.shape, dtype)
     if values.size:
         node.read(h5s.ALL, h5s.ALL, values)
     return values
