@@ -151,12 +151,16 @@ def _blocks(folder, noise=None, *, listed=False):
 
 def _outcome(folder, case):
     """What discovery says of a case."""
-    from gravcal.discovery.com_offset import discover
+    from flows import com_offset
+    from flows import discover as flow
+    from gravcal.data import catalog
+    from tasks.stage import read
 
     truth = cases.written(folder / "final", case)
-    products, scene, chosen = _products(folder / "final")
+    _products(folder / "final")
     begun = time.process_time()
-    numbers = json.loads(discover(*products, **scene, **chosen).attrs["numbers"])
+    source, chosen = com_offset.source(data=folder / "final"), catalog.parameters("com_offset")
+    numbers = json.loads(read(flow.searched(source, chosen)[1]).attrs["numbers"])
     spent = time.process_time() - begun
     change = numbers["calibration_change"]
     error = (np.array(change["after"]) - truth["offset_um"]) / np.array(change["sigma_after"])

@@ -77,6 +77,11 @@ def baseline(source, chosen):
     return _with_torquers(source, chosen, aligned, checked)
 
 
+def solved_with_torquers(source, chosen, aligned):
+    """The same products from aligned records."""
+    return _with_torquers(source, chosen, aligned, com_offset.field(aligned, **chosen.for_stage("field")))
+
+
 def _with_torquers(source, chosen, aligned, checked):
     """Aligned, field, attitude, and the solution with the torquers."""
     smoothed, _, (solved,) = _solved(source, chosen, aligned, checked, ("mtq",))

@@ -14,15 +14,24 @@ from tasks import common, discovery
 @flow(name="com_offset_discovery")
 def com_offset(source, chosen):
     """Causes of what the centre-of-mass calibration of one day leaves unexplained."""
-    products = calibration.baseline(source, chosen)
+    products, found = searched(source, chosen)
     scene = calibration.scene_settings(source, chosen)
-    found = discovery.com_offset(*products, scene=scene, **chosen.for_stage("discovery"))
     extended = discovery.extend_by(*products, found, scene=scene, variant="discovered")
     after = calibration.combined(source, chosen, extended)
     before = calibration.combined(source, chosen, products[0])  # last: latest/ leads to it
     values = {name: entry.value for name, entry in chosen.entries.items()}
     named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
     return discovery.com_offset_report(found, before, after, settings=values, **named)
+
+
+def searched(source, chosen):
+    """Products of the baseline and the causes found in them, strong ones round their own extended model."""
+    products = calibration.baseline(source, chosen)
+    scene, settings = calibration.scene_settings(source, chosen), chosen.for_stage("discovery")
+    first = discovery.com_offset(*products, scene=scene, **settings, variant="first")
+    extended = discovery.extend_by(*products, first, scene=scene, variant="first")
+    again = calibration.solved_with_torquers(source, chosen, extended)
+    return products, discovery.com_offset_again(*again, first, scene=scene, **settings)
 
 
 FLOWS = {"com_offset": com_offset, "kbr_phase_centre": discover_ranging.kbr_phase_centre}

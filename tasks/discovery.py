@@ -39,7 +39,29 @@ def com_offset(
     return com_offset_science.discover(aligned, checked, smoothed, solved, **scene, **settings)
 
 
-_INPUTS = ("aligned", "checked", "smoothed", "solved", "scene")
+@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.discovery", version=1)
+def com_offset_again(
+    aligned,
+    checked,
+    smoothed,
+    solved,
+    first,
+    *,
+    discovery_level,
+    tie_chi2,
+    round_limit,
+    segment_s,
+    linear_drift_degree,
+    angular_drift_degree,
+    discovery_seed,
+    scene,
+):
+    """The same round the extended model, where its effects are large."""
+    settings = {name: value for name, value in locals().items() if name not in _INPUTS}
+    return com_offset_science.discover_again(aligned, checked, smoothed, solved, first, **scene, **settings)
+
+
+_INPUTS = ("aligned", "checked", "smoothed", "solved", "first", "scene")
 
 
 @stage(reads=READ, writes="com_offset.align", version=1)

@@ -1,12 +1,22 @@
 """What every test has: a store of its own, and a small invented pipeline for tests of the machinery."""
 
 import importlib
+import os
+import secrets
 import sys
 import textwrap
 
 import pytest
 
 from gravcal.data import fingerprint, memory
+
+os.environ.setdefault("GRAVCAL_TEST_SEED", str(secrets.randbelow(2**31)))
+
+
+def pytest_report_header():
+    """Seed of everything that is hidden at random in this run."""
+    return f"GRAVCAL_TEST_SEED={os.environ['GRAVCAL_TEST_SEED']}"
+
 
 PIPELINE = {
     "__init__.py": "",

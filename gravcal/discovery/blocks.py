@@ -42,6 +42,7 @@ class Candidate:
     names, units : (q,) parameters
     columns : one (n, q) or None a block
     prior : (q,) plausible sizes, none if empty
+    at, at_sigma : epoch s of a step, frequency Hz of a line, and its error
     """
 
     cause: str
@@ -50,6 +51,8 @@ class Candidate:
     units: list[str]
     columns: list[np.ndarray | None]
     prior: list[float] = field(default_factory=list)
+    at: float = np.nan
+    at_sigma: float = np.nan
 
     @property
     def listed(self) -> bool:

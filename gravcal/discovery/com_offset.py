@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.com_offset import discovery_tones
+from gravcal.calibrations.com_offset.discovery_again import with_model
 from gravcal.calibrations.com_offset.discovery_candidates import DAMPING, MODES_HZ, candidates
 from gravcal.calibrations.com_offset.discovery_event import event
 from gravcal.calibrations.com_offset.discovery_scene import offset_of
@@ -14,6 +18,7 @@ from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
 
+LARGE = 400.0  # chi-square of an effect whose second order may be seen
 MODE_STEP_HZ = float(np.diff(MODES_HZ).mean())
 #: A line or a step that is found along the frequency or time axis, by channel.
 STEP = "accelerometer.bias_step"
@@ -35,19 +40,59 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     """
     if not aligned.sizes["manoeuvre"]:
         return products.nothing()
+    return products.dataset(*_searched(aligned, field, smoothed, solved, (), settings), CHANNELS)
+
+
+def discover_again(aligned, field, smoothed, solved, first, **settings) -> xr.Dataset:
+    """The search anew, round the extended model that a first search has found.
+
+    What was found is left as it is where a single cause of less than 20 sigma that moves no tag describes the data.
+
+    Parameters
+    ----------
+    aligned, field, smoothed, solved : Dataset, of the records without the effects that were found
+    first : Dataset, "com_offset.discovery"
+    settings : as of `discover`
+
+    Returns
+    -------
+    found : Dataset, "com_offset.discovery"
+    """
+    numbers = json.loads(first.attrs["numbers"])
+    if not _worth_another(numbers):
+        return first
+    result, again = _searched(aligned, field, smoothed, solved, numbers["findings"], settings)
+    again |= {name: numbers[name] for name in ("adequate_before", "p_before", "tried")}
+    return products.dataset(result, again, CHANNELS)
+
+
+def _worth_another(numbers):
+    """Whether the effects are so large, or so many, that their second order may matter."""
+    findings = numbers.get("findings", [])
+    if len(findings) != 1:
+        return bool(findings)
+    (found,) = findings
+    large = found["heldout_gain"]["in_sample_chi2"] > LARGE
+    return large or found["cause"].startswith("timing.") or not numbers["adequate_after"]
+
+
+def _searched(aligned, field, smoothed, solved, model, settings):
+    """Result of a search and its numbers."""
     views, blocks, quiet = event(aligned, field, smoothed, solved, **settings)
-    found = candidates(views, smoothed, aligned["start"].values)
+    starts = aligned["start"].values
+    blocks = with_model(blocks, views, smoothed, starts, model) if model else blocks
+    found = candidates(views, smoothed, starts)
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet)
     made = [Block(**b) for b in blocks], [Candidate(**c) for c in found]
     result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
     numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
     for finding in numbers["findings"]:
-        _physical(finding, views)
-    return products.dataset(result, numbers, CHANNELS)
+        _physical(finding, views, made[0])
+    return result, numbers
 
 
-def _physical(finding, views):
+def _physical(finding, views, blocks):
     """Parameters as the effect of the catalogue has them, in place."""
     cause, parameters = finding["cause"], finding["parameters"]
     if cause == "torque.saturation":  # found as the dipole that is missing at full current
@@ -58,6 +103,7 @@ def _physical(finding, views):
         parameters["frequency"] = {"value": frequency, "sigma": MODE_STEP_HZ / np.sqrt(12), "unit": "Hz"}
         parameters["damping"] = {"value": DAMPING, "sigma": np.nan, "unit": "1"}
     if "frequency" in parameters and cause in TONES.values():
+        finding["waves"] = discovery_tones.waves(finding, views, blocks)
         finding["parameters"] = _amplitudes(finding, views)
 
 

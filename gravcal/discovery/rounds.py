@@ -135,7 +135,7 @@ def _best(problem, used, rows, choice):
             ranked = [pair[0], *ranked]
     for trial in ranked[:12]:
         if trial.kind == "line":  # between two frequencies of the search
-            at, at_sigma = trials.located(trial, everything)
+            at, at_sigma = trials.tuned(problem, baseline_of(problem, used), trial)
             trial = replace(trial, at=at, at_sigma=at_sigma)
         grown, index = trials.with_candidate(problem, trial)
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
@@ -189,7 +189,13 @@ def _finding(problem, chosen, position, choice):
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
     words |= {"kind": kind, "separation": apart}
-    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=trial.at, at_sigma=trial.at_sigma)
+    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, **_where(trial, candidate))
+
+
+def _where(trial, candidate):
+    """Epoch or frequency: of the trial that located it, else of the candidate that was made of it."""
+    found = trial if np.isfinite(trial.at) else candidate
+    return {"at": found.at, "at_sigma": found.at_sigma}
 
 
 def _parameters(problem, gram, index):

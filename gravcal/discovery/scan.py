@@ -106,7 +106,29 @@ def lines(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channe
     rest : (n, d) a block, of `residuals.projected`
     channel : name
     """
-    grid, count = frequencies(problem.blocks, channel), rest[0].shape[1]
+    grid = frequencies(problem.blocks, channel)
+    gain, dof = _gains(problem, baseline, rest, channel, grid)
+    place, at = np.repeat([0, 1, 2, -1], grid.size), np.tile(grid, 4)
+    return Scan("line", channel, place, at, gain.reshape(-1, rest[0].shape[1]), dof.ravel())
+
+
+def line_gain(
+    problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channel: str, axis: int, grid
+) -> np.ndarray:
+    """Gain (f,) of a line at given frequencies.
+
+    Parameters
+    ----------
+    problem, baseline, rest, channel : as of `lines`
+    axis : of the line, -1 for all three
+    grid : (f,) Hz
+    """
+    return _gains(problem, baseline, rest, channel, np.asarray(grid))[0][axis, :, 0]
+
+
+def _gains(problem, baseline, rest, channel, grid):
+    """Gain (4, f, d) and parameters (4, f): each axis, then all together."""
+    count = rest[0].shape[1]
     inverse = residuals.inverse_of_baseline(problem, baseline)
     gain, dof = np.zeros((4, grid.size, count)), np.zeros((4, grid.size), dtype=int)
     for i, block in enumerate(problem.blocks):
@@ -119,8 +141,7 @@ def lines(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channe
             gain[axis] += _line_gain(block.time[rows], rest[i][rows], problem.bases[i][rows], fixed, inverse, grid)
             dof[axis] += 2
     gain[3], dof[3] = gain[:3].sum(axis=0), dof[:3].sum(axis=0)
-    place, at = np.repeat([0, 1, 2, -1], grid.size), np.tile(grid, 4)
-    return Scan("line", channel, place, at, gain.reshape(-1, count), dof.ravel())
+    return gain, dof
 
 
 def _line_gain(time, rest, basis, fixed, inverse, grid):
@@ -134,7 +155,9 @@ def _line_gain(time, rest, basis, fixed, inverse, grid):
     lost += np.einsum("kfs,kft->fst", cross, np.einsum("kj,jft->kft", inverse, cross))
     inner = np.einsum("nfs,nft->fst", shape, shape) - lost + 1e-9 * time.size * np.eye(2)
     right = (flat.T @ rest).reshape(grid.size, 2, -1)
-    return np.einsum("fsd,fsd->fd", right, np.linalg.solve(inner, right))
+    a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+    cosine, sine = right[:, 0], right[:, 1]
+    return (c * cosine**2 - 2 * b * cosine * sine + a * sine**2) / (a * c - b**2)
 
 
 def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarray:

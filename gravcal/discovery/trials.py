@@ -103,8 +103,29 @@ def _corrected(trials):
     return [replace(t, significance=float(min(1.0, np.exp(t.log_p + times[t.kind])))) for t in trials]
 
 
+def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, float]:
+    """Frequency of a line with its error, between the frequencies of the search: where the gain is largest.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    trial : Trial of kind "line"
+    """
+    rest = residuals.projected(problem, baseline, residuals.measured(problem))
+    at, width = trial.at, np.sqrt(12) * trial.at_sigma
+    for _ in range(3):
+        grid = at + width * np.linspace(-1, 1, 21)
+        gain = scan.line_gain(problem, baseline, rest, trial.channel, trial.place, grid)
+        best = int(np.clip(np.argmax(gain), 1, grid.size - 2))
+        at, width = grid[best], width / 5
+    below, middle, above = gain[best - 1 : best + 2]
+    bend = (2 * middle - below - above) / (grid[1] - grid[0]) ** 2
+    return float(at), float(np.sqrt(2 / bend)) if bend > 0 else float(trial.at_sigma)
+
+
 def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
-    """Epoch or frequency of a step or a line with its error: mean and spread under the likelihood of its neighbours.
+    """Epoch of a step with its error: mean and spread under the likelihood of its neighbours.
 
     Parameters
     ----------
@@ -137,7 +158,8 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
 def _step(problem, trial):
     columns = [b.local[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
     form = f"{problem.blocks[trial.place].label}, time {trial.at:.0f} s"
-    return Candidate(trial.cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns)
+    where = {"at": trial.at, "at_sigma": trial.at_sigma}
+    return Candidate(trial.cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns, **where)
 
 
 def _line(problem, trial):
@@ -153,7 +175,8 @@ def _line(problem, trial):
     used = np.sum([np.sum(m**2, axis=0) for m in merged], axis=0) > 0
     merged = [m[:, used] for m in merged]
     names = [n for n, u in zip(names, used, strict=True) if u]
-    return Candidate(trial.cause, f"{trial.channel} reading, {trial.at:.4f} Hz", names, ["1"] * len(names), merged)
+    form, where = f"{trial.channel} reading, {trial.at:.4f} Hz", {"at": trial.at, "at_sigma": trial.at_sigma}
+    return Candidate(trial.cause, form, names, ["1"] * len(names), merged, **where)
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:

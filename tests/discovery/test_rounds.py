@@ -76,3 +76,18 @@ def test_a_cause_of_a_few_numbers_is_tested_on_every_second_of_them():
     found = search([block, *other], [delay], CHOICE, rng).findings
     assert [f.cause for f in found] == ["case.delay"]
     assert abs(found[0].value[0] - 20 / np.sqrt(8)) < 4 * found[0].sigma[0]
+
+
+def test_a_line_is_found_between_the_frequencies_of_the_search():
+    """Recovery: a sine of S/N 60 in two blocks, a third of the spacing off the grid; frequency within 4 sigma."""
+    rng = np.random.default_rng(21)
+    time, true = np.arange(0, 150, 0.5), 0.2113
+    blocks = []
+    for k in range(2):
+        observed = rng.standard_normal(time.size) + 4.9 * np.sin(2 * np.pi * true * time + k)
+        rows = np.array(["linear"] * time.size), np.zeros(time.size, dtype=int), time
+        blocks.append(Block(f"block {k}", observed, np.zeros((time.size, 1)), np.ones((time.size, 1)), *rows))
+    choice = Choice(0.005, 9.0, 4, "case.step", {"linear": "case.tone"})
+    (found,) = search(blocks, [], choice, rng).findings
+    assert found.cause == "case.tone"
+    assert abs(found.at - true) < 4 * found.at_sigma < 4e-4

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import discovery_candidates, discovery_drivers
+from gravcal.calibrations.com_offset import discovery_candidates, discovery_drivers, discovery_tones
 from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
 from gravcal.calibrations.com_offset.discovery_view import View, turning, view_of
 from gravcal.effects import Context, effect
@@ -41,7 +41,7 @@ def extend(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved:
     for entry in model:
         if not _delayed(extended, entry):
             for view in views:
-                _subtract(extended, view, contribution(view, entry))
+                _subtract(extended, view, contribution(view, entry), _turns(entry))
     return extended.assign_attrs(model=" ".join(e["cause"] for e in model))
 
 
@@ -53,15 +53,26 @@ def _delayed(extended, entry):
     if known.channel not in TAGS:
         return False
     name = TAGS[known.channel]
-    values = known.values(_values(entry))
+    values = known.values(determined(entry))
     if known.slug.endswith("delay"):  # drifts are below the tags' own error within a day
         extended.coords[name] = extended[name] - values[0]
     return True
 
 
-def _values(entry: Mapping) -> dict[str, float]:
-    """Values by parameter, none where not determined."""
-    return {n: p["value"] for n, p in entry["parameters"].items() if p["value"] is not None}
+def _turns(entry):
+    """Whether an entry is a torque, which turns the body itself."""
+    return not entry["cause"].startswith("unknown:") and effect(entry["cause"]).channel in ("dipole_b", "torque_b")
+
+
+def determined(entry: Mapping) -> dict[str, float]:
+    """Values by parameter, none where not determined.
+
+    Parameters
+    ----------
+    entry : {"parameters": {name: {"value"}}}
+    """
+    values = {n: p["value"] for n, p in entry["parameters"].items()}
+    return {n: v for n, v in values.items() if v is not None and np.isfinite(v)}
 
 
 def contribution(view: View, entry: Mapping) -> dict[str, np.ndarray]:
@@ -72,15 +83,17 @@ def contribution(view: View, entry: Mapping) -> dict[str, np.ndarray]:
     view : View
     entry : {"cause", "form", "parameters"}
     """
+    if "frequency" in entry["parameters"] and entry["cause"] in ("accelerometer.stray_tone", "unknown:time"):
+        return discovery_tones.reading(view, entry)
     if entry["cause"].startswith("unknown:"):
         return _empirical(view, entry)
     known = effect(entry["cause"])
-    values = known.values(_values(entry))
+    values = known.values(determined(entry))
     if known.channel in ("dipole_b", "torque_b"):
         torque = discovery_candidates.torque_by(known, values)
         return {channel: signal[:, :, 0] for channel, signal in turning(view, torque).items()}
     channel = discovery_candidates.READ.get(known.channel)
-    if channel is None or known.slug == "accelerometer.stray_tone":  # phases differ from manoeuvre to manoeuvre
+    if channel is None:
         return {}
     if channel == "magnetometer":
         time = view.magnetometer[0]
@@ -94,13 +107,13 @@ def _empirical(view, entry):
     found = [s for s in discovery_drivers.shapes(view) if (s["cause"], s["form"]) == (entry["cause"], entry["form"])]
     if not found:
         return {}
-    values = _values(entry)
+    values = determined(entry)
     weights = np.array([values.get(n, 0.0) for n in found[0]["names"]])
     return {channel: columns @ weights for channel, columns in found[0]["signal"](view).items()}
 
 
-def _subtract(extended, view, added):
-    """Contribution taken out of the records, in place."""
+def _subtract(extended, view, added, turned):
+    """Contribution taken out of the records, in place; where the body itself turned, the field turns with it."""
     scene = view.scene
     for channel, name in (("linear", "linear_b"), ("angular", "angular_b")):
         if channel in added:
@@ -110,6 +123,30 @@ def _subtract(extended, view, added):
         turn = frames.from_rotation_vector(-added["attitude"][scene.sca_good])
         values = extended["quaternion"].values
         values[rows] = frames.quaternion_product(values[rows], turn)
+        if turned:
+            _turn_field(extended, scene, added["attitude"])
     if "magnetometer" in added:
-        rows = np.searchsorted(extended["time_mag"].values, view.magnetometer[0])
-        extended["field_measured_b"].values[rows] -= added["magnetometer"]
+        _subtract_field(extended, view.magnetometer[0], added["magnetometer"])
+
+
+def _turn_field(extended, scene, angle):
+    """Field in a body that did not turn by `angle` (k, 3) rad, in place: the axes differ, not the field."""
+    from scipy.spatial.transform import Rotation
+
+    time, values = extended["time_mag"].values, extended["field_measured_b"].values
+    rows = slice(*np.searchsorted(time, scene.sca_time[[0, -1]]))
+    turn = np.stack([np.interp(time[rows], scene.sca_time, a) for a in angle.T], axis=1)
+    values[rows] = Rotation.from_rotvec(turn).apply(values[rows])
+
+
+def _subtract_field(extended, time, added):
+    """Contribution taken out of the field, in place; a value that is written twice stays the same in both records."""
+    values = extended["field_measured_b"].values
+    rows = np.searchsorted(extended["time_mag"].values, time)
+    size = len(values) - 1
+    again = [np.all(values[np.clip(rows + d, 0, size)] == values[rows], axis=1) for d in (-1, 1)]
+    for step, same in zip((-1, 1), again, strict=True):
+        others = np.clip(rows[same] + step, 0, size)
+        fresh = ~np.isin(others, rows)
+        values[others[fresh]] -= added[same][fresh]
+    values[rows] -= added

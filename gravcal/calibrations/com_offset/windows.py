@@ -121,13 +121,15 @@ def _single_edges(lower, upper, aligned):
 
 
 def _star_camera(aligned, origin, stop):
-    """Star-camera samples on their 1 Hz grid, the origin in front, gaps marked."""
+    """Star-camera samples on their 1 Hz grid, wherever in the second it lies, the origin in front, gaps marked."""
     time, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
     good = (aligned["sca_flag"].values == 0) & np.isfinite(quaternion).all(axis=1)
     inside = good & (time > origin) & (time < stop)
     if inside.sum() < 8:
         return np.array([origin]), np.zeros((1, 4)), np.zeros(1, dtype=bool)
-    grid = np.arange(np.ceil(origin + 1e-6), stop, 1.0)
+    phase = float(np.median((time[inside] - np.floor(time[inside][0]) + 0.5) % 1.0)) - 0.5
+    phase = 0.0 if abs(phase) < 1e-3 else phase
+    grid = np.arange(np.ceil(origin - phase + 1e-6), stop - phase, 1.0) + phase
     index = np.clip(np.searchsorted(time, grid - 1e-6), 0, time.size - 1)
     present = inside[index] & (np.abs(time[index] - grid) < 1e-3)
     values = frames.continuous(np.where(present[:, None], quaternion[index], _first(quaternion[inside])))

@@ -160,7 +160,8 @@ def test_a_control_current_of_the_same_sign_is_not_part_of_the_last_half_period(
     current[stop + 1 :] = 20.0 * np.sign(current[stop])
     (wave,) = find_waves(time, current, 2, SETTINGS)
     np.testing.assert_allclose(np.abs(wave.level), 110.0)
-    assert wave.lower[-1] == time[stop] and wave.upper[-1] == time[stop + 1]
+    assert wave.lower[-1] == time[stop]
+    assert wave.upper[-1] == time[stop + 1]
 
 
 def magnetometer(time, currents, field_ut, flag=None):
