@@ -106,6 +106,10 @@ def swing(scaled, moved):
         "delay_s": estimate(scaled.delay, scaled.delay_sigma),
         "arm_x_mm": 1e3 * float(scaled.arm_x[arm]),
         "arms": {f"{1e3 * float(a):.2f} mm": _linear(scaled, i) for i, a in enumerate(scaled.arm_x.values)},
+        "k_budget_relative": {
+            cause: dict(zip(AXES, numbers(row), strict=True))
+            for cause, row in zip(scaled.attrs["causes"].split(), scaled.k_budget.values, strict=True)
+        },
         "filter_minus_batch": _agreement(scaled),
         "budget_um": {
             name: numbers(1e6 * one)
@@ -165,7 +169,7 @@ def roll(biased):
         },
         "budget": {
             name: numbers(biased[name].values)
-            for name in ("statistical_sigma", "offset_sigma", "wander", "offset_effect")
+            for name in ("statistical_sigma", "offset_sigma", "factor_sigma", "wander", "offset_effect")
         },
         "z_noise": z_noise(biased) if biased.sizes["frequency"] else None,
         "source": biased.attrs["factors_from"],

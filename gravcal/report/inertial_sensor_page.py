@@ -72,7 +72,8 @@ def _swing(document, given, published):
     notes = [
         f"{name.replace('_', ' ')}: {why}." for name, why in document["not_determined"].items() if "bias" not in name
     ]
-    own = [tables.factors(document, published), tables.arms(document), tables.actuation(published)]
+    own = [tables.factors(document, published), tables.arms(document), tables.factor_budget(document)]
+    own.append(tables.actuation(published))
     return [
         _section("Scale factors", own, scale, [_delay(document), *notes]),
         _section("Offset", [tables.offset(document, published), tables.budget(document)], moved, [OFFSET_NOTE]),

@@ -114,6 +114,22 @@ def arms(document):
     )
 
 
+def factor_budget(document):
+    """Where the total error of the linear factors comes from.
+
+    Parameters
+    ----------
+    document : result document
+    """
+    swing = document["swing"]
+    words = {"beta": "β of the swing", "mass": "mass M", "inertia": "inertia J", "arm": "arm l"}
+    parts = swing["k_budget_relative"].items()
+    rows = [[words[name], *(f"{100 * shares[axis]:.2f}" for axis in "xz")] for name, shares in parts]
+    rows.append(["total", *(f"{100 * swing['k'][a]['sigma_total'] / swing['k'][a]['value']:.2f}" for a in "xz")])
+    caption = "Error budget of the linear factors, % (k = β J/(M l), erratum T-6)."
+    return table(caption, ["cause", "k_x", "k_z"], rows, strong=len(rows) - 1)
+
+
 def offset(document, published):
     """Table 5: offset beside the printed one.
 
@@ -196,6 +212,7 @@ def bias_budget(document):
     words = {
         "statistical_sigma": "scatter of the segments",
         "offset_sigma": "error of the offset (Ω² p)",
+        "factor_sigma": "error of the scale factor (swing, M, l, J), times b",
         "wander": "slow wander, not an error of the mean",
         "offset_effect": "bias if the offset term were dropped, minus the bias",
     }

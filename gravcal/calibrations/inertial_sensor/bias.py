@@ -148,15 +148,17 @@ def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
         np.sqrt(np.diag(slope @ matrix @ slope.T)) for matrix in (sensor.covariance, sensor.covariance_total)
     )
     sigma = np.hypot(statistical, common)
+    factor = np.abs(value) * sensor.k_sigma / sensor.k
     return {
         "bias": value,
         "bias_sigma": sigma,
-        "bias_sigma_total": np.hypot(np.hypot(statistical, wider), value * sensor.k_sigma / sensor.k),
+        "bias_sigma_total": np.hypot(np.hypot(statistical, wider), factor),
         "bias_volt": [m.value for m in volts],
         "bias_volt_sigma": [m.sigma for m in volts],
         "separable": SEPARABLE,
         "statistical_sigma": statistical,
         "offset_sigma": common,
+        "factor_sigma": factor,
         "wander": [m.wander for m in means],
         "offset_effect": -slope @ sensor.offset,
     }

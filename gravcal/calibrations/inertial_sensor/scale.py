@@ -19,6 +19,7 @@ from gravcal.errors import EstimationError
 from gravcal.methods import kalman
 from gravcal.physics import frames, gravity
 
+LINEAR = ("k", "k_sigma", "k_sigma_total")
 EDGE = 5.0  # s fitted before the first and after the last reversal
 
 
@@ -50,10 +51,11 @@ def scale(
     tied = linear_factors.linear_factors(
         values["beta"], values["beta_sigma"], geometry, (k_y, k_y_sigma), method == "published"
     )
-    values |= {name: tied[name] for name in ("k", "k_sigma", "k_sigma_total", "ratio_relative_sigma")}
+    values |= {name: tied[name] for name in (*LINEAR, "ratio_relative_sigma", "k_budget")}
     arm = int(np.argmin(np.abs(np.array(linear_factors.ARMS_X) - arm_x_mm * 1e-3)))
     values |= {"arm_x": linear_factors.ARMS_X, "chosen_arm": arm}
-    return build(schemas.SCALE, values, method=method, estimated="beta_x beta_y delay")
+    causes = " ".join(linear_factors.CAUSES)
+    return build(schemas.SCALE, values, method=method, estimated="beta_x beta_y delay", causes=causes)
 
 
 def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: np.ndarray) -> swing_model.Swing:

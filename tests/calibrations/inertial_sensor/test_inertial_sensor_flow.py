@@ -84,6 +84,19 @@ def test_what_is_not_determined_is_null_and_said(delivered):
     assert "rolling about y" in document["not_determined"]["bias_y"]
 
 
+def test_mass_inertia_and_arm_enter_the_factors_and_the_factors_the_bias(delivered):
+    """Contract: the squares of the budget add up to the total errors (errata T-6, T-8)."""
+    swing, roll = delivered["document"]["swing"], delivered["document"]["roll"]
+    for axis, index in (("x", 0), ("z", 2)):
+        k, parts = swing["k"][axis], [one[axis] for one in swing["k_budget_relative"].values()]
+        assert np.linalg.norm(parts) == pytest.approx(k["sigma_total"] / k["value"], rel=1e-9)
+        factor = roll["budget"]["factor_sigma"][index]
+        assert factor == pytest.approx(abs(roll["bias"]["value"][index]) * k["sigma_total"] / k["value"], rel=1e-9)
+        assert factor < roll["bias"]["sigma_total"][index]
+    assert set(swing["k_budget_relative"]) == {"beta", "mass", "inertia", "arm"}
+    assert swing["k_budget_relative"]["mass"]["y"] is None
+
+
 def test_the_page_holds_tables_and_figures(delivered):
     """Contract: nine figures, nothing fetched from elsewhere."""
     page = delivered["page"]
