@@ -69,9 +69,7 @@ def _swing(document, given, published):
             figures.offset_convergence, given, "offset", "Offset by the Kalman filter against batch least squares."
         ),
     ]
-    notes = [
-        f"{name.replace('_', ' ')}: {why}." for name, why in document["not_determined"].items() if "bias" not in name
-    ]
+    notes = [f"{name}: {why}." for name, why in document["not_determined"].items() if "bias" not in name]
     own = [tables.factors(document, published), tables.arms(document), tables.factor_budget(document)]
     own.append(tables.actuation(published))
     return [
