@@ -205,6 +205,8 @@ def parameter_errors(row):
         if one["cause"] in row["hidden"] and not one["tied_with"]:
             given = catalogue()[one["cause"]].values(row["hidden"][one["cause"]])
             true = dict(zip((p.name for p in catalogue()[one["cause"]].parameters), given, strict=True))
+            if not {n for n, v in true.items() if v} <= set(one["parameters"]):
+                continue  # named by one of several parameters that the data do not tell apart
             pairs = [(one["parameters"][n], v) for n, v in true.items() if n in one["parameters"]]
             found += [(p["value"] - v) / p["sigma"] for p, v in pairs if p["value"] is not None]
     return found

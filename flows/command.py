@@ -194,10 +194,11 @@ def report_files(event, out):
 def failed(calibration, event, error):
     """Result document of a run that failed."""
     from gravcal import __version__
+    from gravcal.data.schemas import VERSION
 
     facts = {name: value for name, value in getattr(error, "facts", {}).items() if _is_plain(value)}
     return {
-        "schema_version": 1,
+        "schema_version": VERSION,
         "status": "failed",
         "calibration": calibration,
         "event": event,

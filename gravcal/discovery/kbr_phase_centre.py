@@ -11,12 +11,13 @@ from gravcal.calibrations.kbr_phase_centre.discovery_view import View, blocks, f
 from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
 from gravcal.discovery import products
 from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.lines import amplitude, lines
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
-from gravcal.discovery.widening import widened
+from gravcal.discovery.widening import named_parameters, widened
 
 CHANNELS = ("range",)
-TONES = {"range": "unknown:time"}
+LINE = "unknown:time"
 SEARCH = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 #: Epochs round that of the search at which a phase break is looked for again, s.
 FINE_S = np.arange(-40.0, 41.0, 2.0)
@@ -42,12 +43,40 @@ def discover(aligned, pointed, equations, measured, solved, **settings) -> xr.Da
     seen = view(aligned, pointed, equations, measured, solved, **own)
     rows, tried, quiet, scale = made(seen, measured)
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
-    choice = Choice(*limits, listed.BREAK, TONES, segment_s=settings["segment_s"], quiet=quiet)
-    result = search(rows, tried, choice, np.random.default_rng(settings["discovery_seed"]))
+    choice = Choice(*limits, listed.BREAK, {}, segment_s=settings["segment_s"], quiet=quiet)
+    result, waves = searched(rows, tried, choice, settings["discovery_seed"], seen, scale)
     numbers = summary(widened(result), choice, list(PARAMETERS), "mm", 1e3, seen.centre)
-    for finding, one in zip(numbers["findings"], result.findings, strict=True):
-        _physical(finding, one, result, seen, scale)
+    for position, finding in enumerate(numbers["findings"]):
+        if finding["form"] in waves:
+            finding["parameters"] = amplitude(waves[finding["form"]], finding["parameters"])
+        _physical(finding, position, result, seen, scale)
+        finding["heldout"] = "blocks"  # halves of sub-manoeuvres
     return products.dataset(result, numbers, CHANNELS)
+
+
+def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: View, scale) -> tuple:
+    """Result of the rounds and lines by their form: rounds, lines in what is left, rounds with these beside all others.
+
+    Parameters
+    ----------
+    rows, tried : blocks and candidates
+    choice : Choice without lines
+    seed : of the draws of noise
+    seen : View
+    scale : factors of its noise
+    """
+
+    def wave(k, frequency):
+        phase = 2 * np.pi * frequency * (seen.arcs[k].time - seen.context.epoch)
+        return white(scale[k], np.stack([np.cos(phase), np.sin(phase)], axis=1))
+
+    result = search(rows, tried, choice, np.random.default_rng(seed))
+    groups = [int(arc.label.split()[0]) - 1 for arc in seen.arcs]
+    found = lines(result, "range", wave, groups, (LINE, "m", choice.level))
+    if found:
+        more = [*tried, *(one.candidate for one in found)]
+        result = search(rows, more, choice, np.random.default_rng(seed))
+    return result, {one.candidate.form: one for one in found}
 
 
 def made(seen: View, measured: xr.Dataset) -> tuple[list[Block], list[Candidate], dict, list[np.ndarray]]:
@@ -74,12 +103,13 @@ def _known(seen, measured):
     return 1 / (1 / max(quiet, 1.0) + 1 / max(inside, 1))
 
 
-def _physical(finding, one, result, seen, scale):
-    """Parameters as the effect of the catalogue has them, in place."""
+def _physical(finding, position, result, seen, scale):
+    """Parameters as the effect of the catalogue has them, in place; those of the form named if others blur all."""
+    one = result.findings[position]
+    if not np.isfinite(one.value).any():
+        finding["parameters"] = named_parameters(result, position)
     if finding["cause"] == listed.BREAK:
         finding["parameters"] = _break(one, result, seen, scale)
-    if "frequency" in finding["parameters"]:
-        finding["parameters"] = _tone(finding["parameters"], seen, scale)
 
 
 def _break(one, result, seen, scale):
@@ -102,20 +132,3 @@ def _break(one, result, seen, scale):
     sigma = max(float(one.sigma[0]), 1 / float(np.sqrt(size[best])))
     found = {"size": {"value": float(value[best]), "sigma": sigma, "unit": "m"}}
     return found | {"time": {"value": at, "sigma": spread, "unit": "s"}}
-
-
-def _tone(parameters, seen, scale):
-    """Amplitude of a line in the range: rms over the sub-manoeuvres, its whitened size over that of a unit sine."""
-    phase = 2 * np.pi * parameters["frequency"]["value"]
-    squares, errors, units = [], [], []
-    for k, (arc, factor) in enumerate(zip(seen.arcs, scale, strict=True)):
-        unit = white(factor, np.sqrt(2) * np.sin(phase * arc.time)[:, None])
-        for part in (f"cosine_x_{k}", f"sine_x_{k}"):
-            if part in parameters:
-                squares.append(parameters[part]["value"] ** 2)
-                errors.append(parameters[part]["sigma"] ** 2)
-                units.append(np.mean(unit**2) / 2)
-    size = max((np.sum(squares) - np.sum(errors)) / np.sum(units), 0.0)
-    sigma = np.sqrt(np.mean(errors) / np.sum(units))
-    amplitude = {"value": float(np.sqrt(size)), "sigma": float(sigma), "unit": "m"}
-    return {"frequency": parameters["frequency"], "amplitude": amplitude}

@@ -124,11 +124,21 @@ def change_table(numbers: dict) -> dict:
     rows = []
     for k, name in enumerate(one["names"]):
         pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
-        moved = [NOT_DETERMINED if one[w][k] is None else signed(one[w][k], 1) for w in MOVED]
+        digits = _digits(one["sigma_after"][k]), 1
+        moved = [
+            NOT_DETERMINED if one[w][k] is None else signed(one[w][k], d) for w, d in zip(MOVED, digits, strict=True)
+        ]
         rows.append([name, *pair, *moved])
     heads = ["parameter", "before", "after", "change", "change over old error"]
     caption = f"Calibration result in {one['unit']} ({one['variant']}); the error after holds that of the findings."
     return _table(caption, heads, rows, words=(0,))
+
+
+def _digits(sigma):
+    """Decimals that show a tenth of an error."""
+    import math
+
+    return 1 if not sigma else max(1, 1 - math.floor(math.log10(sigma)))
 
 
 def gain_table(numbers: dict) -> dict:
@@ -162,7 +172,8 @@ def hidden_table(numbers: dict) -> dict | None:
     rows, unit = [], numbers["calibration_change"]["unit"]
     for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
-        bias = ", ".join(signed(v, 1) for v in one["bias"])
+        largest = max(abs(v) for v in one["bias"])
+        bias = ", ".join(signed(v, _digits(largest / 10)) for v in one["bias"])
         rows.append([one["cause"], where, f"{one['signal_to_noise']:.1f}", f"{bias} {unit}"])
     names = ", ".join(numbers["calibration_change"]["names"])
     heads = ["cause", "direction, in units of a plausible size", "signal to noise", f"bias of {names}"]

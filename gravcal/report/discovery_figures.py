@@ -107,18 +107,18 @@ def residuals(found):
     here = (channel == c) & (block == b)
     name = f"{found.attrs['channels'].split()[c]}, {found.attrs['blocks'].split(', ')[b]}"
     parts, start = [legend(LINES)], found["time_row"].values[here].min()
-    for axis, (box,) in enumerate(boxes(3, 1, 270)):
+    axes = [int(axis) for axis in np.unique(found["component"].values[here])]
+    height = 90 * max(len(axes), 2)
+    for axis, (box,) in zip(axes, boxes(len(axes), 1, height), strict=True):
         rows = here & (found["component"].values == axis)
-        if not rows.any():
-            continue
         time = found["time_row"].values[rows] - start
         series = [_smoothed(found[f"residual_{w}"].values[rows]) for w in ("before", "after")]
         panel = Panel(box, (0.0, float(time[-1])), limits(*series))
         marks = [line(panel, time, y, look) for y, look in zip(series, LINES.values(), strict=True)]
-        words = {"x_label": "time from the first row (s)"} if axis == 2 else {"x_numbers": False}
-        words |= {"title": f"whitened residual of {name}"} if axis == 0 else {}
-        parts.append(framed(panel, *marks, y_label="xyz"[axis], **words))
-    return drawn(270, f"residual of {name}", *parts)
+        words = {"x_label": "time from the first row (s)"} if axis == axes[-1] else {"x_numbers": False}
+        words |= {"title": f"whitened residual of {name}"} if axis == axes[0] else {}
+        parts.append(framed(panel, *marks, y_label="xyz"[axis] if len(axes) > 1 else "residual", **words))
+    return drawn(height, f"residual of {name}", *parts)
 
 
 def _smoothed(values):

@@ -12,8 +12,8 @@ from gravcal.effects import catalogue
 
 BREAK = "ranging.phase_break"
 FAMILIES = ("ranging", "timing", "attitude")
-#: Searched for along the time axis below.
-NOT_HERE = (BREAK,)
+#: Searched for along the time axis below; the calibration itself.
+NOT_HERE = (BREAK, "ranging.phase_centre")
 BREAK_STEP_S = 30.0
 #: Distance of a phase break from the ends of its manoeuvre, s: half of the filter and some epochs.
 BREAK_MARGIN_S = 60.0

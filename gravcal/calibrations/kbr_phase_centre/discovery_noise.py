@@ -14,7 +14,7 @@ from gravcal.calibrations.kbr_phase_centre import covariance, pointing_noise
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, factors, white
 from gravcal.methods import estimation
 
-ITERATIONS = 2
+ITERATIONS = 4
 #: Share of its size that a candidate keeps beside the baseline, and singular values of what is kept, that count.
 SEEN, DEPENDENT = 1e-4, 1e-2
 

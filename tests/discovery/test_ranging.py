@@ -1,0 +1,135 @@
+"""Effects hidden in the Level-1 files of ranging campaigns; the code under test sees files only."""
+
+import json
+import secrets
+from unittest import mock
+
+import numpy as np
+import pytest
+from independent import damage
+from typer.testing import CliRunner
+
+from flows import cli, kbr_phase_centre
+from gravcal.data.schemas import validate
+from gravcal.effects.base import Effect, Parameter
+from gravcal.simulation import kbr_phase_centre as simulation
+
+SHORT = {"phase_step_s": 1.0}
+#: One satellite's four wiggles, far apart: what is of first order in the wiggle looks alike.
+FOUR = SHORT | {"manoeuvres": "+pitch_a,,,-pitch_a,+yaw_a,,,-yaw_a", "amplitude_deg": 0.5}
+#: At a signal-to-noise ratio of about 30, three times that of the study.
+LISTED = {
+    "ranging.multipath": {"yaw_b": 5e-7},
+    "ranging.thermal": {"swing": 1.8e-5},
+    "ranging.phase_break": {"size": 5e-6, "time": 652971500.0},
+    "timing.star_camera_delay": {"delay": 0.01},
+}
+
+
+@pytest.fixture(scope="module")
+def rng():
+    """Generator with a seed of its own at every run, printed for repetition."""
+    seed = secrets.randbits(32)
+    print(f"seed {seed}")  # noqa: T201 - shown when a test fails
+    return np.random.default_rng(seed)
+
+
+def written(folder, rng, effects, settings=SHORT):
+    """Folder and truth of a simulated campaign, {slug: {parameter: value}} hidden."""
+    flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
+    seed = int(rng.integers(1_000_000))
+    truth = kbr_phase_centre.simulate(folder / "level1", seed=seed, truth=None, effects=flat, settings=settings)
+    return folder / "level1", truth
+
+
+def called(command, folder, *options):
+    """Exit code and document of a command on the files of a campaign."""
+    target = folder.parent / f"{command}.json"
+    arguments = [command, "kbr_phase_centre", "--data", str(folder), "--engine", "inline", "--json", str(target)]
+    result = CliRunner().invoke(cli.app, [*arguments, *map(str, options)])
+    document = json.loads(target.read_text())
+    validate(document, "discovery" if command == "discover" else None)
+    return result.exit_code, document
+
+
+def true_mm(truth):
+    """Phase centres of both satellites, (6,) mm."""
+    return np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
+
+
+def test_nothing_is_named_on_a_clean_campaign(rng, tmp_path):
+    """Recovery: one campaign at a chance of false names of two in ten thousand, and a probability that is not tiny."""
+    folder, _ = written(tmp_path, rng, {})
+    code, document = called("discover", folder, "--set", "discovery_level=0.0002")
+    assert code == 0
+    assert document["findings"] == []
+    assert document["p_before"] > 1e-4
+    hidden = {one["cause"] for one in document["indistinguishable_from_calibration"]}
+    assert {"attitude.star_camera_misalignment", "ranging.antenna_correction"} <= hidden
+
+
+def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng, tmp_path):
+    """Recovery: one of four effects, alone or in its tied set, within 5 sigma; `run --model` returns the truth."""
+    slug = list(LISTED)[rng.integers(len(LISTED))]
+    folder, truth = written(tmp_path, rng, {slug: LISTED[slug]})
+    code, document = called("discover", folder)
+    assert code == 0
+    assert [slug in (f["cause"], *f["tied_with"]) for f in document["findings"]] == [True]
+    assert not document["adequate_before"]
+    assert document["p_after"] > document["p_before"]
+    (found,) = document["findings"]
+    assert found["heldout_gain"]["chi2"] > 0
+    for name, value in LISTED[slug].items():
+        parameter = found["parameters"][name]
+        assert abs(parameter["value"] - value) < 5 * parameter["sigma"]
+    model = next((tmp_path / "products").rglob("model.toml"))
+    code, extended = called("run", folder, "--model", model)
+    letters = extended["adopted"]["satellites"]
+    value, sigma = (np.concatenate([letters[x][n] for x in "CD"]) for n in ("phase_centre_mm", "sigma_mm"))
+    more = np.diag(np.array(document["calibration_change"]["covariance_of_findings"], dtype=float))
+    assert np.all(np.abs(value - true_mm(truth)) < 5 * np.sqrt(sigma**2 + more))
+
+
+def test_a_second_cause_that_looks_alike_is_reported_tied(rng, tmp_path):
+    """Recovery: four wiggles, 9 sigma: x from pitch and yaw differ by drift of z or curvature, alike at first order."""
+    folder, _ = written(tmp_path, rng, {"ranging.phase_centre_drift": {"z_a": 1.6e-9}}, FOUR)
+    code, document = called("discover", folder)
+    assert code == 0
+    alike = {"ranging.phase_centre_curvature", "ranging.phase_centre_drift"}
+    named = [{f["cause"], *f["tied_with"]} for f in document["findings"]]
+    assert len(named) == 1
+    assert alike <= named[0]
+    assert document["findings"][0]["separation"]
+
+
+def _cube(context, values):
+    return values[0] * (context.extra["angle"][:, 1, 0] / 0.05) ** 3
+
+
+def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
+    """Recovery: a cube of the pitch of B, made here: noticed, not given a catalogue name, its driver named."""
+    cube = Effect("odd.cube", "range", (Parameter("size", "m", "", 1e-6),), _cube, "")
+    with mock.patch.object(simulation, "known_effects", return_value={"odd.cube": (cube, np.array([4e-6]))}):
+        folder, _ = written(tmp_path, rng, {})
+    code, document = called("discover", folder)
+    assert code == 0
+    assert document["findings"][0]["cause"] == "unknown:pointing"
+    assert "pitch_b" in document["findings"][0]["form"]
+    assert not any(f["in_catalogue"] for f in document["findings"])
+
+
+def test_a_day_without_wiggles_has_nothing_to_discover(rng, tmp_path):
+    """Contract: exit code 3, status no_manoeuvre; no model file."""
+    folder, _ = written(tmp_path, rng, {}, SHORT | {"manoeuvres": ","})
+    code, document = called("discover", folder)
+    assert (code, document["status"]) == (3, "no_manoeuvre")
+    assert not list((tmp_path / "products").rglob("model.toml"))
+
+
+def test_damaged_files_fail_as_they_do_in_a_run(rng, tmp_path):
+    """Contract: exit code 1, status failed; the message names the file."""
+    folder, _ = written(tmp_path, rng, {}, FOUR)
+    damage.truncate_mid_line(next(folder.glob("KBR1B*")))
+    code, document = called("discover", folder)
+    assert (code, document["status"]) == (1, "failed")
+    assert "KBR1B" in document["error"]["message"]
