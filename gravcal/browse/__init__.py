@@ -6,6 +6,7 @@ quick      long series read past HDF5
 series     a column at the resolution of the screen; differences and spectra
 plots      figures (Bokeh) with the data the page asks for
 timeline   results over the years, with trims and printed values
+printed    printed values and mass trims for these
 graph      places of the boxes and lines of a chain
 pages      one function for each page
 guard      who may ask, and what an answer may contain

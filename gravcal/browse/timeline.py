@@ -2,12 +2,12 @@
 
 import datetime
 import re
-from dataclasses import dataclass
 
-from gravcal.browse import plots, shelf
+from gravcal.browse import plots, printed, shelf
+from gravcal.browse.printed import AXES, Point
 
+SHOWN = {"@date": "datetime", "@value": "printf", "@sigma": "printf"}
 EPOCH = datetime.datetime(2000, 1, 1, 12)
-AXES = "xyz"
 MOODS = {"good": ("#009E73", "circle"), "bad": ("#D55E00", "triangle"), "plain": ("#5a5a5a", "square")}
 TITLES = {
     "com_offset": "Proof mass to centre of mass, in the SRF",
@@ -15,21 +15,6 @@ TITLES = {
     "inertial_sensor": "Offset, scale factors and bias of the inertial sensor",
     "gradient_torque": "Drag: sigma (rms) with one and with two sensors",
 }
-
-
-@dataclass(frozen=True)
-class Point:
-    """One value with its error: ours or printed."""
-
-    satellite: str
-    panel: str
-    unit: str
-    date: datetime.datetime
-    value: float
-    sigma: float | None
-    event: str
-    mood: str
-    said: str
 
 
 def points(calibration):
@@ -67,8 +52,8 @@ def figure(calibration, satellite):
     own = [point for point in points(calibration) if point.satellite == satellite]
     if not own:
         return None
-    said = printed(calibration, satellite)
-    trimmed = trims(satellite) if calibration == "com_offset" else []
+    said, levels = printed.points(calibration, satellite), printed.levels(calibration)
+    trimmed = printed.trims(satellite) if calibration == "com_offset" else []
     panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
     drawn, shared = [], {}
     for panel, unit in panels:
@@ -78,61 +63,10 @@ def figure(calibration, satellite):
         _printed(one, [point for point in said if point.panel == panel])
         for trim in (trim for trim in trimmed if trim.axis == panel):
             _trim(one, trim)
+        if panel in levels:
+            _level(one, *levels[panel])
         drawn.append(one)
     return json_item(column(drawn, sizing_mode="stretch_width"))
-
-
-def trims(satellite):
-    """Mass trims of the catalogue for one satellite, () where it knows none."""
-    from gravcal.data import catalog
-    from gravcal.errors import CatalogError
-
-    try:
-        return catalog.trims(satellite)
-    except CatalogError:
-        return ()
-
-
-def printed(calibration, satellite):
-    """Printed values of the catalogue as points, in the units of ours.
-
-    Parameters
-    ----------
-    calibration, satellite : str
-    """
-    from gravcal.data import catalog
-    from gravcal.errors import CatalogError
-
-    section, unit = PRINTED.get(calibration, ("", ""))
-    try:
-        name = catalog.satellite(satellite).name if section else ""
-    except CatalogError:
-        return []
-    found = []
-    for one in catalog.published(calibration).get(section, ()) if section else ():
-        date = _printed_date(one, name)
-        if date:
-            found += [_printed_point(one, satellite, unit, number, date) for number in range(3)]
-    return found
-
-
-def _printed_date(one, satellite):
-    """Date of a printed value if it belongs to a satellite, else None: its own, else that of its event."""
-    own = [event for event in one.events if event.startswith(satellite)]
-    if one.labels.get("satellite", satellite) != satellite or (one.events and not own) or len(one.value) != 3:
-        return None
-    text = one.labels.get("date") or (own[0] if own else "")
-    found = re.search(r"\d{4}-\d{2}-\d{2}", text)
-    return datetime.datetime.fromisoformat(found.group()) if found else None
-
-
-def _printed_point(one, satellite, unit, number, date):
-    """One component of a printed value."""
-    units = one.unit.split(", ")
-    factor = METRES[units[number] if len(units) == 3 else units[0]] / METRES[unit]
-    sigma = one.sigma[number] * factor if one.sigma else None
-    event = one.events[0] if one.events else ""
-    return Point(satellite, AXES[number], unit, date, one.value[number] * factor, sigma, event, "printed", one.source)
 
 
 def _com_offset(document):
@@ -170,9 +104,6 @@ def _gradient_torque(document):
         yield _letters(document["event"]), name.replace("_", " "), "m s-2", one.get("sigma_total_rms"), None
 
 
-#: Section of the printed values that a time line shows, and its unit.
-PRINTED = {"com_offset": ("history", "µm"), "kbr_phase_centre": ("vkb1b", "mm")}
-METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 VALUES = {
     "com_offset": _com_offset,
     "kbr_phase_centre": _kbr_phase_centre,
@@ -182,9 +113,13 @@ VALUES = {
 
 
 def _letters(event):
-    """Letters of the satellites in the name of an event."""
+    """Letters of the satellites in the name of an event; a satellite named in full gives its own."""
+    from gravcal.data import catalog
+
     parts = event.split("-")
-    return parts[1].upper() if len(parts) > 1 else "?"
+    known = (catalog.satellite(name) for name in catalog.names("satellites"))
+    own = [one.letter for one in known if event.startswith(f"{one.name}-")]
+    return own[0] if own else (parts[1].upper() if len(parts) > 1 else "?")
 
 
 def _date(document, event):
@@ -236,8 +171,8 @@ def _errors(panel, own):
         source = ColumnDataSource(_columns([point for point in own if point.mood == mood]))
         panel.segment("date", "low", "date", "high", source=source, color=colour, line_width=1.6)
         marks = panel.scatter("date", "value", source=source, marker=marker, size=9, color=colour, line_color=colour)
-        tips = [("", "@event"), ("", "@date{%F}"), ("value", "@value{0.0000a} ± @sigma{0.0000a}"), ("", "@said")]
-        panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
+        tips = [("", "@event"), ("", "@date{%F}"), ("value", "@value{%.6g} ± @sigma{%.2g}"), ("", "@said")]
+        panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters=SHOWN))
 
 
 def _printed(panel, said):
@@ -248,8 +183,8 @@ def _printed(panel, said):
     panel.segment("date", "low", "date", "high", source=source, color="#0072B2")
     marks = panel.scatter("date", "value", source=source, marker="circle", size=7, fill_color="white",
                           line_color="#0072B2")  # fmt: skip
-    tips = [("printed", "@date{%F}"), ("value", "@value{0.0} ± @sigma{0.0}"), ("", "@said")]
-    panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
+    tips = [("printed", "@date{%F}"), ("value", "@value{%.6g} ± @sigma{%.2g}"), ("", "@said")]
+    panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters=SHOWN))
 
 
 def _trim(panel, trim):
@@ -261,3 +196,13 @@ def _trim(panel, trim):
                           line_dash="dashed" if trim.confirmed else "dotted"))  # fmt: skip
     panel.add_layout(Label(x=when, y=4, y_units="screen", text=f" trim {trim.trim_um:+.0f} µm",
                            text_font_size="10px", text_font=plots.FONT, text_color=plots.GREY))  # fmt: skip
+
+
+def _level(panel, value, text):
+    """A printed order of magnitude as a line; the axis begins at zero, so that it can be seen."""
+    from bokeh.models import Label, Span
+
+    panel.y_range.start = 0.0
+    panel.add_layout(Span(location=value, dimension="width", line_color="#0072B2", line_dash="dashed"))
+    panel.add_layout(Label(x=4, x_units="screen", y=value, y_offset=3, text=text, text_font_size="10px",
+                           text_font=plots.FONT, text_color="#0072B2"))  # fmt: skip

@@ -10,7 +10,7 @@ import urllib.parse
 import pytest
 from invented_store import EVENT, client
 
-from gravcal.browse import app, graph, guard, shelf, timeline
+from gravcal.browse import app, graph, guard, printed, shelf, timeline
 from gravcal.errors import GravcalError
 
 
@@ -190,10 +190,28 @@ def test_only_loopback_needs_no_token(host, local):
 
 def test_printed_values_come_in_our_units():
     """Published: Table 7 of 10.3390/rs14143395 prints 1443.7 mm, -370.6 um, 145.0 um for C on 2020-09-17."""
-    points = timeline.printed("kbr_phase_centre", "C")
+    points = printed.points("kbr_phase_centre", "C")
     assert [round(point.value, 6) for point in points] == [1443.7, -0.3706, 0.145]  # mm
     assert {point.date.date().isoformat() for point in points} == {"2020-09-17"}
-    assert timeline.printed("kbr_phase_centre", "Z") == []
+    assert printed.points("kbr_phase_centre", "Z") == []
+
+
+def test_printed_values_of_the_inertial_sensor_come_by_panel():
+    """Published: offset, scale factors and bias of Taiji-1, a factor that was not calibrated in orbit from ground."""
+    found = {point.panel: point for point in printed.points("inertial_sensor", "T")}
+    assert [found[f"offset {axis}"].value for axis in "xyz"] == [-140.02, 627.75, -896.46]  # um
+    assert (found["k x"].value, found["k x"].sigma) == (5.43e-4, 3.73e-6)  # m s-2 V-1
+    assert (found["k y"].value, found["k y"].sigma, found["k y"].said[:9]) == (2.7e-4, None, "on ground")
+    assert found["bias z"].value == 2.9887e-6  # m s-2
+    assert found["bias z"].date.isoformat() == "2022-08-01T00:00:00"
+
+
+def test_printed_orders_of_the_drag_are_levels():
+    """Published: 1e-13 m s-2 with two sensors and with one."""
+    assert {panel: value for panel, (value, _) in printed.levels("gradient_torque").items()} == {
+        "two sensor": 1e-13, "one sensor": 1e-13, "one sensor published": 1e-13}  # fmt: skip
+    assert printed.levels("com_offset") == {}
+    assert printed.points("gradient_torque", "S") == []
 
 
 def test_the_time_line_shows_value_error_and_verdict(ask, shop):
