@@ -1,0 +1,252 @@
+"""Every command line of the README and of the pages of docs is typed, on simulated days or on measured ones.
+
+Placeholders are filled in (DIR, FOLDER, EVENT, FILE), archives come from a server on loopback, and runs go without
+Prefect, which the lines of the first steps take (test_docs.py). What goes on until it is ended is ended. The lines for
+a Prefect server of one's own are typed by tests/flows/test_serve.py.
+"""
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import urllib.request
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from flows import cli
+
+ROOT = Path(__file__).parent.parent
+MEASURED = ROOT.parent / "shared" / "data"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TYPED_AS_A_PAGE = ("first_steps", "adding_a_satellite", "adding_an_event", "adding_an_effect", "adding_a_calibration")
+BLOCK = re.compile(r"^```bash\n(.*?)^```", re.MULTILINE | re.DOTALL)
+DAYS = {  # what is simulated for --data DIR by calibration, for the event that the pages show, and for --data day
+    "com_offset": ("com_offset", "--set", "date=2020-02-01"),
+    "kbr_phase_centre": ("kbr_phase_centre", "--set", "date=2020-09-17"),
+    "shown": ("com_offset",),
+    "day": ("com_offset", "--effect", "torque.dipole_gain.rod_y=0.03"),
+}
+EVENT = "grace-c-2020-02-01"
+FOLDERS = {"2003-09-14": "grace-2003-09-14/binary", "2014-01-15": "grace-2014-01-15"}
+SLOW = "python -m benchmarks.discovery_measured"  # many minutes; what it runs are the other lines of its page
+
+
+def lines():
+    """Every command of the blocks of shell, with the page it stands on, each once."""
+    found = {}
+    for page in PAGES:
+        for text in BLOCK.findall(page.read_text()) if page.stem not in TYPED_AS_A_PAGE else ():
+            for line in text.splitlines():
+                words = shlex.split(line, comments=True)
+                if words:
+                    found.setdefault(shlex.join(words), page.name)
+    return found
+
+
+def kind(line):
+    """How a line is typed."""
+    if line.startswith(SLOW):
+        return "slow"
+    for mark in ("gravcal serve", "gravcal browse", "gravcal fetch", "prefect", "python -m benchmarks"):
+        if mark in line:
+            return mark.split()[-1]
+    return "measured" if re.search(r"discover (attitude|ranging|magnetometer)", line) else "plain"
+
+
+def of_kind(*kinds):
+    """Lines of some kinds as parameters."""
+    return [pytest.param(line, id=f"{page}: {line}") for line, page in lines().items() if kind(line) in kinds]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Return a folder with a store that all lines share, and an archive with nothing in it but one file."""
+    folder = tmp_path_factory.mktemp("typed")
+    (folder / "products").mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("GRAVCAL_PRODUCTS", str(folder / "products"))
+        gravcal("run", "com_offset", "--data", simulated(folder, "shown"), "--engine", "inline")
+    return folder
+
+
+@pytest.fixture
+def typing(place, monkeypatch):
+    """Return a function that types one line in that folder; what it printed."""
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(place / "products"))
+    monkeypatch.setenv("GRAVCAL_DATA", str(place / "com_offset"))
+
+    def type_(line, *more):
+        words = filled(shlex.split(line), place)
+        while "=" in words[0]:
+            name, _, value = words.pop(0).partition("=")
+            monkeypatch.setenv(name, value)
+        assert words.pop(0) == "gravcal"
+        engine = () if "--engine" in words or words[0] not in ("run", "discover") else ("--engine", "inline")
+        return gravcal(*words, *engine, *more)
+
+    return type_
+
+
+def gravcal(*words):
+    """Run the command in this process; what it printed. It must deliver."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
+        patch.setattr(sys, "argv", ["gravcal", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    assert not ended.value.code, said.getvalue()
+    return said.getvalue()
+
+
+def simulated(place, name):
+    """Folder of a simulated day."""
+    if not (place / name).is_dir():
+        gravcal("simulate", DAYS[name][0], "--out", place / name, "--seed", "7", *DAYS[name][1:])
+    return place / name
+
+
+def model(place):
+    """Extended model of the day with a hidden effect, as discovery writes it."""
+    gravcal("discover", "com_offset", "--data", simulated(place, "day"), "--engine", "inline")
+    return next((place / "products").glob("objects/*/*/model.toml"))
+
+
+def filled(words, place):
+    """Words of a line with its placeholders filled in."""
+    new = "simulate" in words or "fetch" in words
+    name = next((word for word in words if word in DAYS), "com_offset")
+    known = {"EVENT": lambda: EVENT, "FILE": lambda: model(place), "model.toml": lambda: model(place)}
+    known["DIR"] = lambda: place / f"new-{len(list(place.iterdir()))}" if new else simulated(place, name)
+    known["day"] = lambda: place / "day" if new else simulated(place, "day")
+    if EVENT in words and not new:
+        simulated(place, "com_offset")
+    made = []
+    for word in words:
+        head, equals, tail = word.rpartition("=")
+        made.append(f"{head}{equals}{known[tail]()}" if tail in known else word)
+    return made
+
+
+def test_every_line_is_typed_by_one_of_these_tests():
+    """Contract: no line of the pages is of a kind that nothing here types."""
+    known = {"plain", "measured", "serve", "browse", "fetch", "prefect", "benchmarks", "slow"}
+    assert len(lines()) > 30
+    assert {kind(line) for line in lines()} == known
+
+
+@pytest.mark.parametrize("line", of_kind("plain"))
+def test_a_line_delivers(line, typing):
+    """Contract: exit code 0, and something said."""
+    assert typing(line)
+
+
+@pytest.mark.measured
+@pytest.mark.parametrize("line", of_kind("measured"))
+def test_a_line_for_measured_data_delivers(line, typing):
+    """Contract: exit code 0 on the measured records, where they are."""
+    if not MEASURED.is_dir():
+        pytest.skip(f"no measured data at {MEASURED}")
+    folder = MEASURED / FOLDERS[line.split("--date ")[1][:10]]
+    assert typing(re.sub(r"--data \S+", f"--data {folder}", line))
+
+
+class Archive(BaseHTTPRequestHandler):
+    """The same small archive under any name, and no checksums."""
+
+    def do_GET(self):  # noqa: N802
+        """One answer."""
+        import gzip
+        import tarfile
+
+        plain = io.BytesIO()
+        with tarfile.open(fileobj=plain, mode="w") as archive:
+            archive.addfile(tarfile.TarInfo("MAG1B_2020-02-01_C_04.txt"))
+        image = gzip.compress(plain.getvalue(), mtime=0)
+        is_archive = self.path.endswith("gz")
+        self.send_response(200 if is_archive else 404)
+        self.send_header("Content-Length", str(len(image) if is_archive else 0))
+        self.end_headers()
+        self.wfile.write(image if is_archive else b"")
+
+    def log_message(self, *_):
+        """Say nothing."""
+
+
+@pytest.mark.parametrize("line", of_kind("fetch"))
+def test_a_line_fetches(line, typing):
+    """Contract: from a server on loopback in place of the archive named or meant."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), Archive) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
+        thread.start()
+        try:
+            place = f"http://127.0.0.1:{server.server_port}"
+            assert "compression only" in typing(re.sub(r" --from \S+", "", line), "--from", place)
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def test_the_other_lines_of_fetch_name_archives_that_are_known():
+    """Contract: every word after --from is a place of the table or an address."""
+    from gravcal.data import fetch_layout
+
+    places = {re.search(r"--from (\S+)", line).group(1) for line in lines() if "--from" in line}
+    assert places - set(fetch_layout.PLACES) == {"https://..."}
+
+
+@contextlib.contextmanager
+def begun(line, place, **environment):
+    """Address that a line prints which goes on until it is ended."""
+    words = filled(shlex.split(line), place)
+    known = os.environ | environment | {"GRAVCAL_PRODUCTS": str(place / "products")}
+    command = [sys.executable, "-m", "flows.cli", *map(str, words[1:])]
+    running = subprocess.Popen(command, cwd=ROOT, env=known, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        yield running.stdout.readline().split()[-1]
+    finally:
+        running.send_signal(signal.SIGTERM)
+        code = running.wait(60)
+        running.stdout.close()
+    assert code in (0, -signal.SIGTERM)
+
+
+def answer(address):
+    """Page at an address."""
+    with urllib.request.urlopen(address, timeout=60) as page:
+        return page.read().decode()
+
+
+@pytest.mark.parametrize("line", of_kind("browse"))
+def test_a_line_shows_pages(line, place):
+    """Contract: the address printed answers with the event of the store; at any free port, the usual may be taken."""
+    with begun(line if "--port" in line else f"{line} --port 0", place) as address:
+        assert "grace-c-2020-03-01" in answer(address)
+
+
+@pytest.mark.parametrize("line", of_kind("serve"))
+def test_a_line_serves(line, place, tmp_path_factory):
+    """Contract: a server of its own on loopback that knows the deployments, and ends when told to."""
+    home = tmp_path_factory.getbasetemp() / "prefect"
+    home.mkdir(exist_ok=True)
+    folder = str(simulated(place, "com_offset"))
+    with begun(line, place, PREFECT_HOME=str(home), GRAVCAL_DATA=folder) as address:
+        assert re.match(r"http://127\.0\.0\.1:\d+$", address)
+        assert '"name":"com_offset"' in answer(f"{address}/api/deployments/name/reprocess-all/com_offset")
+
+
+@pytest.mark.parametrize("line", of_kind("benchmarks"))
+def test_a_line_prints_figures(line):
+    """Contract: for one calibration and one run."""
+    words = shlex.split(line.replace("[CALIBRATION]", "com_offset").replace("--runs N", "--runs 1"))
+    done = subprocess.run([sys.executable, *words[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "com_offset" in done.stdout
