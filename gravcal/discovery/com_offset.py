@@ -17,6 +17,7 @@ from gravcal.discovery import products
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
+from gravcal.discovery.widening import named_parameters
 
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 MODE_STEP_HZ = float(np.diff(MODES_HZ).mean())
@@ -87,24 +88,27 @@ def _searched(aligned, field, smoothed, solved, model, settings):
     made = [Block(**b) for b in blocks], [Candidate(**c) for c in found]
     result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
     numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
-    for finding in numbers["findings"]:
+    for position, finding in enumerate(numbers["findings"]):
+        where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
+        finding["model"] = named_parameters(result, position) | where
         _physical(finding, views, made[0])
     return result, numbers
 
 
 def _physical(finding, views, blocks):
     """Parameters as the effect of the catalogue has them, in place."""
-    cause, parameters = finding["cause"], finding["parameters"]
-    if cause == "torque.saturation":  # found as the dipole that is missing at full current
-        full = max(float(np.abs(v.context.dipole_b).max()) for v in views)
-        parameters["limit"]["value"] = full - parameters["limit"]["value"]
-    if cause == "accelerometer.flexible_mode":
-        frequency = float(finding["form"].split()[0])
-        parameters["frequency"] = {"value": frequency, "sigma": MODE_STEP_HZ / np.sqrt(12), "unit": "Hz"}
-        parameters["damping"] = {"value": DAMPING, "sigma": np.nan, "unit": "1"}
-    if "frequency" in parameters and cause in TONES.values():
+    cause = finding["cause"]
+    if "frequency" in finding["parameters"] and cause in TONES.values():
         finding["waves"] = discovery_tones.waves(finding, views, blocks)
-        finding["parameters"] = _amplitudes(finding, views)
+        finding["parameters"] = finding["model"] = _amplitudes(finding, views)
+    for parameters in (finding["parameters"], finding["model"]):
+        if cause == "torque.saturation":  # found as the dipole that is missing at full current
+            full = max(float(np.abs(v.context.dipole_b).max()) for v in views)
+            parameters["limit"]["value"] = full - parameters["limit"]["value"]
+        if cause == "accelerometer.flexible_mode":
+            frequency = float(finding["form"].split()[0])
+            parameters["frequency"] = {"value": frequency, "sigma": MODE_STEP_HZ / np.sqrt(12), "unit": "Hz"}
+            parameters["damping"] = {"value": DAMPING, "sigma": np.nan, "unit": "1"}
 
 
 def _amplitudes(finding, views):

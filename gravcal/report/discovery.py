@@ -221,7 +221,7 @@ def model_text(numbers: dict, event: str) -> str:
     for one in numbers["findings"]:
         lines += ["", "[[effect]]", f"cause = {_text(one['cause'])}", f"form = {_text(one['form'])}"]
         lines.append(f"tied_with = {json.dumps(one['tied_with'])}")
-        for name, parameter in one["parameters"].items():
+        for name, parameter in one.get("model", one["parameters"]).items():
             if parameter["value"] is not None:
                 sigma = "" if parameter["sigma"] is None else f"sigma = {parameter['sigma']!r}, "
                 unit = _text(parameter["unit"])

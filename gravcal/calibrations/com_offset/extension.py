@@ -69,9 +69,9 @@ def determined(entry: Mapping) -> dict[str, float]:
 
     Parameters
     ----------
-    entry : {"parameters": {name: {"value"}}}
+    entry : {"parameters": {name: {"value"}}}; "model" goes before, where a cause was named by a few of its parameters
     """
-    values = {n: p["value"] for n, p in entry["parameters"].items()}
+    values = {n: p["value"] for n, p in entry.get("model", entry["parameters"]).items()}
     return {n: v for n, v in values.items() if v is not None and np.isfinite(v)}
 
 
