@@ -62,10 +62,15 @@ def _drag(document, given):
         _figure(
             figures.errors,
             (given["combine"],),
-            "combine",
-            "Errors of the methods in amplitude; with and without noise.",
+            "gradient_torque.combine",
+            "Errors of the methods in amplitude, with and without sensor noise; as figures 8 and 9 of the paper.",
         ),
-        _figure(figures.series, (given,), "drag", "Drag of the one-sensor method, and how far the others are from it."),
+        _figure(
+            figures.series,
+            (given,),
+            _drags(document),
+            "Drag of the one-sensor method, and how far the others are from it.",
+        ),
     ]
     return _section("Drag", [_methods(document), _budget(document)], drawn)
 
@@ -76,10 +81,10 @@ def _torque(document, given):
         _figure(
             figures.spectra,
             (given["torque"],),
-            "torque",
-            "Amplitude by zonal degree, all axes together, against the sensor.",
+            "gradient_torque.torque",
+            "Amplitude by zonal degree, all axes together, against the sensor; grouped as figures 4 to 7 of the paper.",
         ),
-        _figure(figures.degrees, (given["torque"],), "torque", "Rms by zonal degree and axis."),
+        _figure(figures.degrees, (given["torque"],), "gradient_torque.torque", "Rms by zonal degree and axis."),
     ]
     seen = [
         str(n)
@@ -114,24 +119,29 @@ def _pressure(found):
         for axis, value, sigma, prior in zip("xyz", found["value"], found["sigma"], found["prior_sigma"], strict=True)
     ]
     return _table(
-        "Centre of pressure from the torque balance, m", ["axis", "value", "σ", "σ before"], rows, "drag.one_sensor"
+        "Centre of pressure from the torque balance, m",
+        ["axis", "value", "σ", "σ before"],
+        rows,
+        "gradient_torque.drag.one_sensor",
     )
 
 
 def _methods(document):
     """Errors and standard deviations."""
     keys = ("rms_error", "rms_error_without_noise", "rms_error_bare_reading", "sigma_rms", "sigma_total_rms")
-    heads = ["method", "error", "without noise", "bare reading", "σ", "σ with places", "error/σ"]
+    heads = ["method", "error", "without noise", "bare reading", "σ", "σ with places", "error/σ", "printed, order"]
+    printed = f"{float(document['settings']['requirement_m_s2']):.0e}"
     rows = [
         [
             NAMES[name],
             *(_short(block[key]) for key in keys),
             "–" if block["error_over_sigma"] is None else f"{block['error_over_sigma']:.3f}",
+            "–" if name == "one_sensor" else printed,
         ]
         for name, block in document["drag"].items()
     ]
     return _table(
-        "Drag, rms over time and axes, m/s² (errors need the truth of a simulation)",
+        "Drag, rms over time and axes, m/s² (errors need the truth of a simulation; printed: eqs. 10, 16)",
         heads,
         rows,
         "gradient_torque.combine",
@@ -146,8 +156,17 @@ def _budget(document):
         for source, values in block["budget"].items()
     ]
     return _table(
-        "Standard deviation by cause, m/s²", ["method", "cause", "x", "y", "z"], rows, "gradient_torque.drag", (0, 1)
+        "Standard deviation by cause, m/s²",
+        ["method", "cause", "x", "y", "z"],
+        rows,
+        _drags(document),
+        (0, 1),
     )
+
+
+def _drags(document):
+    """Products of all methods, as the provenance lists them."""
+    return ", ".join(f"gradient_torque.drag.{name}" for name in document["drag"])
 
 
 def _table(caption, heads, rows, source, words=(0,)):
@@ -166,12 +185,12 @@ def _section(title, tables, drawn, notes=()):
     return {"title": title, "tables": tables, "figures": [one for one in drawn if one["image"]], "notes": notes}
 
 
-def _figure(draw, given, name, caption):
+def _figure(draw, given, source, caption):
     return {
         "image": image(draw, *given),
         "title": caption.split(".")[0],
         "caption": caption,
-        "source": f"gradient_torque.{name}",
+        "source": source,
     }
 
 
