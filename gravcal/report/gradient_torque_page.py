@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravcal.report import gradient_torque_figures as figures
 from gravcal.report.figures import image
 from gravcal.report.gradient_torque import NAMES
-from gravcal.report.pages import render
+from gravcal.report.pages import render, traced
 from gravcal.report.plain import gps_text
 
 TORQUE_NOTES = (
@@ -41,7 +41,7 @@ def page(document, given):
         document=document,
         verdict=document["verdict"]["text"].replace("m/s2", "m/s²"),
         subtitle=_subtitle(given["gradient"]),
-        sections=sections,
+        sections=traced(sections, document["provenance"]["products"]),
         settings=[(name, str(value)) for name, value in document["settings"].items()],
         provenance=list(document["provenance"]["products"].items()),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravcal.report import inertial_sensor_figures as figures
 from gravcal.report import inertial_sensor_tables as tables
 from gravcal.report.figures import image
-from gravcal.report.pages import render
+from gravcal.report.pages import render, traced
 from gravcal.report.plain import gps_text
 
 
@@ -33,7 +33,7 @@ def page(document, given, published):
         document=document,
         verdict=document["verdict"]["text"].replace("+-", "±").replace(" um", " µm"),
         subtitle=_subtitle(document),
-        sections=sections,
+        sections=traced(sections, document["provenance"]["products"]),
         settings=_flat(document["settings"]),
         provenance=_flat(document["provenance"]),
     )
@@ -55,6 +55,11 @@ def _figure(draw, given, name, caption):
     return {"image": image(draw, given[name]), "title": caption.split(".")[0], "caption": caption, "source": source}
 
 
+def _from(name, *own):
+    """Tables with the product they were read from."""
+    return [one | {"source": f"inertial_sensor.{name}"} for one in own]
+
+
 def _swing(document, given, published):
     """Sections of the swing."""
     scale = [
@@ -70,11 +75,12 @@ def _swing(document, given, published):
         ),
     ]
     notes = [f"{name}: {why}." for name, why in document["not_determined"].items() if "bias" not in name]
-    own = [tables.factors(document, published), tables.arms(document), tables.factor_budget(document)]
+    own = _from("scale", tables.factors(document, published), tables.arms(document), tables.factor_budget(document))
     own.append(tables.actuation(published))
+    found = _from("offset", tables.offset(document, published), tables.budget(document))
     return [
         _section("Scale factors", own, scale, [_delay(document), *notes]),
-        _section("Offset", [tables.offset(document, published), tables.budget(document)], moved, [OFFSET_NOTE]),
+        _section("Offset", found, moved, [OFFSET_NOTE]),
     ]
 
 
@@ -108,7 +114,7 @@ def _roll(document, given, published):
         f"{noise['after_m_s2_rthz']:.1e} now: {noise['ratio']:.3f} of before. The change of k_z alone gives "
         f"{noise['ratio_of_factors']:.3f}; only the rest is less noise."
     )
-    own = [tables.bias(document, published), tables.bias_budget(document)]
+    own = _from("bias", tables.bias(document, published), tables.bias_budget(document))
     drawn = [_figure(figures.segments, given, "bias", "Bias of every segment and uniformity of the roll rate.")]
     z = _figure(figures.z_noise, given, "bias", "Amplitude spectrum of z, median of the segments.")
     return [_section("Bias", own, drawn, notes), _section("Noise of z", [], [z], [spectrum])]

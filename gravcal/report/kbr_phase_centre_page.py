@@ -2,10 +2,11 @@
 
 from gravcal.report import kbr_phase_centre_figures as figures
 from gravcal.report import kbr_phase_centre_tables as tables
-from gravcal.report.pages import render
+from gravcal.report.pages import render, traced
 from gravcal.report.plain import gps_text
 
 MOODS = {True: "good", False: "bad", None: ""}
+SOLVED = "solve.range, solve.range_rate, solve.range_acceleration"
 CAPTIONS = {
     "angles": (
         "pointing angles",
@@ -57,8 +58,9 @@ def page(document, products, published, files):
     delivered = "satellites" in document
     sections = _sections(document, pointed, measured, solved, published) if delivered else []
     if not delivered:
-        sections = [_section("Pointing", [], [_figure("routine", figures.angles, pointed)])]
-    sections.append(_section("Without wiggles", [tables.routine(document)], [], [document["routine_pointing"]["text"]]))
+        sections = [_section("Pointing", [], [_figure("routine", "pointing", figures.angles, pointed)])]
+    quiet = _from("routine", tables.routine(document))
+    sections.append(_section("Without wiggles", quiet, [], [document["routine_pointing"]["text"]]))
     good = document["verdict"].get("accuracy_met")
     return render(
         "kbr_phase_centre.html",
@@ -66,7 +68,7 @@ def page(document, products, published, files):
         verdict=tables.true_units(document["verdict"]["text"]),
         mood=MOODS[good],
         subtitle=_subtitle(document),
-        sections=_numbered(sections),
+        sections=traced(_numbered(sections), document["provenance"]["products"]),
         settings=[(name, str(value)) for name, value in sorted(document["settings"].items())],
         provenance=sorted(document["provenance"]["products"].items()),
         lines=files.get("result.soe"),
@@ -85,36 +87,46 @@ def _subtitle(document):
 
 def _sections(document, pointed, measured, solved, published):
     """Sections of an event with wiggles."""
+    results = _from("combine", *(tables.result(document, published, estimator) for estimator in ("ls", "robust")))
+    sets = _from("combine", tables.subsets(document, published), tables.geometry(document))
+    angles = _figure("angles", "pointing", figures.angles, pointed)
+    spectra = [_figure("spectra", SOLVED, figures.spectra, solved), _figure("noise", "noise", figures.noise, measured)]
     return [
         _section(
             "Result",
-            [tables.result(document, published, estimator) for estimator in ("ls", "robust")],
-            [_figure("estimates", figures.estimates, document)],
+            results,
+            [_figure("estimates", "combine", figures.estimates, document)],
             document["trust"] + [one["text"] for one in document["indistinguishable_from_calibration"]],
         ),
-        _section("Sub-sets and geometry", [tables.subsets(document, published), tables.geometry(document)], []),
+        _section("Sub-sets and geometry", sets, []),
         _section(
             "Wiggles",
-            [tables.manoeuvres(document)],
-            [_figure("angles", figures.angles, pointed), _figure("series", figures.series, solved)],
+            _from("combine", tables.manoeuvres(document)),
+            [angles, _figure("series", SOLVED, figures.series, solved)],
         ),
-        _section(
-            "Noise",
-            [tables.noise(document)],
-            [_figure("spectra", figures.spectra, solved), _figure("noise", figures.noise, measured)],
-        ),
-        _section("Against published vectors", [tables.vectors(document, published)], []),
+        _section("Noise", _from("noise", tables.noise(document)), spectra),
+        _section("Against published vectors", _from("combine", tables.vectors(document, published)), []),
     ]
 
 
+def _from(name, *own):
+    """Tables with the product they were read from."""
+    return [one | {"source": f"kbr_phase_centre.{name}"} for one in own if one]
+
+
 def _section(title, own_tables, own_figures, notes=()):
-    kept = [one for one in own_tables if one]
-    return {"title": title, "tables": kept, "figures": own_figures, "notes": [tables.true_units(n) for n in notes]}
+    return {
+        "title": title,
+        "tables": own_tables,
+        "figures": own_figures,
+        "notes": [tables.true_units(n) for n in notes],
+    }
 
 
-def _figure(name, draw, *given):
+def _figure(name, products, draw, *given):
     title, caption = CAPTIONS[name]
-    return {"drawing": draw(*given), "source": "", "title": title, "caption": caption}
+    source = ", ".join(f"kbr_phase_centre.{one}" for one in products.split(", "))
+    return {"drawing": draw(*given), "source": source, "title": title, "caption": caption}
 
 
 def _numbered(sections):

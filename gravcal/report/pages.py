@@ -28,6 +28,26 @@ def render(template, **content):
     return _environment().get_template(template).render(css=_text("report.css"), **content)
 
 
+def traced(sections, products):
+    """Sections whose tables and figures name their products with the digests, as the provenance lists them.
+
+    Parameters
+    ----------
+    sections : list of dict with "tables" and "figures", whose "source" names products, divided by commas
+    products : mapping of name to digest
+    """
+    return [
+        section | {part: [_traced(one, products) for one in section[part]] for part in ("tables", "figures")}
+        for section in sections
+    ]
+
+
+def _traced(one, products):
+    """Table or figure with the digests of its products."""
+    names = [name for name in one["source"].split(", ") if name]
+    return one | {"source": ", ".join(f"{name} {products.get(name, '')}".rstrip() for name in names)}
+
+
 def digest():
     """Digest of all templates, for a stage whose product must change with them.
 
