@@ -1,6 +1,10 @@
 """Every calibration through campaign, plan, history and rebuild, on the smallest events they take."""
 
 import io
+import json
+import os
+import subprocess
+import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -85,3 +89,40 @@ def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
     (source,) = campaign.sources("com_offset", None, tmp_path)
     assert source.folder == Path(tmp_path)
     assert engine.left(command.flow_module("com_offset").calibrate, source, command.chosen("com_offset", None)).ref
+
+
+THROUGH_PREFECT = """
+import json, os, sys
+from pathlib import Path
+from flows import command, engine, prefect_server
+from gravcal.data import housekeeping
+found = {}
+with prefect_server.running(prefect_server.begin()) as url:
+    os.environ["PREFECT_API_URL"] = url
+    for name in sys.argv[2:]:
+        module = command.flow_module(name)
+        (day,) = module.days(Path(sys.argv[1]) / name)
+        source = module.source(data=day[0], satellite=day[1], date=day[2])
+        seen = []
+        arguments = source, command.chosen(name, None)
+        engine.run(module.calibrate, *arguments, listener=lambda call, state, ref: seen.append(state))
+        products = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in housekeeping.entries(source.event)}
+        found[name] = {"states": seen, "products": products, "prefect": "prefect" in sys.modules}
+print(json.dumps(found))
+"""
+
+
+def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_path):
+    """Contract: every calibration runs as a flow of Prefect tasks; keys and contents are those of the inline engine."""
+    command_line = [sys.executable, "-c", THROUGH_PREFECT, str(level_one), *SMALL]
+    own = {"GRAVCAL_PRODUCTS": str(tmp_path / "products"), "PREFECT_HOME": str(prefect_home)}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | own
+    done = subprocess.run(command_line, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    for name, found in json.loads(done.stdout).items():
+        event = made(name, level_one)["event"]
+        inline = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in housekeeping.entries(event)}
+        assert found["prefect"]
+        assert found["states"] == ["made"] * len(inline)
+        assert found["products"] == inline
