@@ -1,6 +1,7 @@
 """Progress on a terminal: what is done, and how long it may still take, judged by the last time.
 
-Nothing is shown where standard error is no terminal. How long each stage took is remembered in the store.
+Nothing is shown where standard error is no terminal. How long each part took is remembered in the store; what was never
+done there is judged by a first run elsewhere (catalog/usual/seconds.toml), scaled by the speed seen so far.
 """
 
 import contextlib
@@ -9,6 +10,10 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+KNOWN_PART = 0.2  # of the usual time: after that the speed of this machine is known well enough to scale by
+
+LATE_S = 2.0  # after the time announced
+
 
 @dataclass(frozen=True)
 class Left:
@@ -16,26 +21,37 @@ class Left:
 
     Attributes
     ----------
-    known : seconds that each part took the last time
-    done : parts that are done; ``since`` holds when the last of them was, s
+    known : seconds that each part took the last time, here or, where ``usual``, elsewhere
+    usual : whether the times come from elsewhere
+    done : parts that are done, with the seconds they took; ``since`` holds when the last of them was, s
     """
 
     known: Mapping[str, float]
-    done: set = field(default_factory=set)
+    usual: bool = False
+    done: dict = field(default_factory=dict)
     since: dict = field(default_factory=lambda: {"at": time.monotonic()})
 
     def __str__(self):
-        """About so long, or nothing where the last time is not known."""
-        rest = sum(seconds for name, seconds in self.known.items() if name not in self.done)
+        """About so long; perhaps so long where only the usual time is known."""
         if not self.known:
-            return ""
-        rest -= time.monotonic() - self.since["at"]
-        return f"about {rest:.0f} s left" if rest >= 1 else "done in a moment"
+            return "no time known yet"
+        spent = time.monotonic() - self.since["at"]
+        rest = sum(seconds for name, seconds in self.known.items() if name not in self.done) * self.pace() - spent
+        if rest < -LATE_S:
+            return "takes longer than usual" if self.usual else "takes longer than last time"
+        return f"{'perhaps' if self.usual else 'about'} {rest:.0f} s left" if rest >= 1 else "done in a moment"
 
-    def note(self, name):
-        """One part is done."""
-        self.done.add(name)
-        self.since["at"] = time.monotonic()
+    def pace(self):
+        """Seconds here for each usual second; 1 until enough is done."""
+        usual = sum(self.known[name] for name, seconds in self.done.items() if name in self.known and seconds)
+        here = sum(seconds for name, seconds in self.done.items() if name in self.known)
+        return here / usual if self.usual and usual > KNOWN_PART * sum(self.known.values()) else 1.0
+
+    def note(self, name, made=True):
+        """One part is done; the seconds it took, zero where it was only reused."""
+        now = time.monotonic()
+        self.done[name], self.since["at"] = (now - self.since["at"] if made else 0.0), now
+        return self.done[name]
 
 
 @contextlib.contextmanager
@@ -44,37 +60,58 @@ def progress(title):
     if not sys.stderr.isatty():
         yield None
         return
-    from gravcal.data import memo, store
-
-    name = f"seconds-{title}"
-    known = memo.recall(name) or {}
-    left, counts = Left(known), {"cached": 0, "made": 0}
+    left, counts = _left(title), {"cached": 0, "made": 0}
+    took = {} if left.usual else dict(left.known)
     with _bar(title, left) as tell:
 
-        def listener(call, state, ref):
+        def listener(call, state, _):
             counts[state] += 1
             stage = call.unmade.stage
-            if state == "made":
-                known[stage] = (store.read_record(ref.folder) or {}).get("seconds", 0.0)
-            left.note(stage)
+            seconds = left.note(_part(stage) if left.usual else stage, state == "made")
+            took.update({stage: seconds} if state == "made" else {})
             tell(f"{counts['made']} made, {counts['cached']} reused, last {stage}")
 
         yield listener
-    memo.remember(name, known)
+    _remember(title, took)
 
 
 @contextlib.contextmanager
-def waiting(title):
-    """Time that passes and time left of work that has no parts, if standard error is a terminal."""
+def waiting(title, usual_s=None):
+    """Time that passes and time left of work that has no parts, if standard error is a terminal.
+
+    Parameters
+    ----------
+    title : str
+    usual_s : float or None, s, where something better than the last time is known
+    """
     if not sys.stderr.isatty():
         yield
         return
+    begin = time.monotonic()
+    with _bar(title, _left(title) if usual_s is None else Left({title: usual_s}, usual=True)):
+        yield
+    _remember(title, {title: time.monotonic() - begin})
+
+
+def _left(title):
+    """Time left from the last time here, else from the usual ones."""
+    from gravcal.data import catalog_files, memo
+
+    known = memo.recall(f"seconds-{title}")
+    return Left(known) if known else Left(catalog_files.read("usual", "seconds")[1].get(title, {}), usual=True)
+
+
+def _part(stage):
+    """Name of a stage in the table of usual times: the same for all satellites."""
+    return stage.rpartition("_")[0] if stage.startswith("ingest.") else stage
+
+
+def _remember(title, took):
+    """Keep the seconds of each part for the next time."""
     from gravcal.data import memo
 
-    name, begin = f"seconds-{title}", time.monotonic()
-    with _bar(title, Left(memo.recall(name) or {})):
-        yield
-    memo.remember(name, {title: time.monotonic() - begin})
+    if took:
+        memo.remember(f"seconds-{title}", took)
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from flows import cli_output as output
 products = typer.Typer(
     help="What lies in the store: list (also without a word), show, verify, prune.", rich_markup_mode=None
 )
+VERIFIED_BYTES_PER_S = 100e6  # read, hashed and decoded on one core; only for the time left
 WHICH = "EVENT/STAGE, beginning of a key, or path"
 Product = Annotated[str, typer.Argument(metavar="PRODUCT", help=WHICH, autocompletion=cli_complete.products)]
 Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write as JSON ('-': standard output)")]
@@ -68,7 +69,8 @@ def verify(json: Json = None) -> None:
     """Compare every product with its record, bytes and content; exit code 1 if one differs."""
     from gravcal.data import housekeeping
 
-    with cli_progress.waiting("verifying"):
+    size = sum(entry.record["bytes"] for entry in housekeeping.entries(newest_only=False))
+    with cli_progress.waiting("verifying", size / VERIFIED_BYTES_PER_S):
         problems = housekeeping.verify()
     count = len(housekeeping.folders())
     rows = [{"folder": str(folder), "problem": problem} for folder, problem in problems]
@@ -117,10 +119,11 @@ def history(
 def rebuild(product: Product, json: Json = None) -> None:
     """Make a product again from its raw files, in a store of its own, and compare."""
     from flows.remake import remake
-    from gravcal.data import housekeeping
+    from gravcal.data import housekeeping, lineage
 
-    with cli_progress.waiting("rebuilding"):
-        outcome = remake(housekeeping.resolve(product))
+    entry = housekeeping.resolve(product)
+    with cli_progress.waiting("rebuilding", lineage.seconds(entry)):
+        outcome = remake(entry)
     output.write_json(outcome, json)
     if output.to_screen(json):
         rows = [[one["stage"], one["verdict"], one["why"]] for one in outcome["stages"]]

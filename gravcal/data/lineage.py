@@ -24,6 +24,27 @@ def tree(entry):
     return _node(entry.ref.key, {})
 
 
+def seconds(entry):
+    """Time that a product and all it was made of took when they were made.
+
+    Parameters
+    ----------
+    entry : housekeeping.Entry
+
+    Returns
+    -------
+    seconds : float, s
+    """
+    waiting, taken = [tree(entry)], {}
+    while waiting:
+        node = waiting.pop()
+        key = node["record"] and node["record"]["key"]
+        if key and key not in taken:
+            taken[key] = node["record"].get("seconds", 0.0)
+            waiting += node["inputs"]
+    return sum(taken.values())
+
+
 def raw_files(key, known=None):
     """Raw files below a product.
 

@@ -117,14 +117,42 @@ def test_completion_offers_what_exists(pipeline):
 
 
 def test_time_left_counts_down_and_stops_at_what_is_done():
-    """Analytic: parts of 30 s and 10 s; after the first is done 10 s are left; nothing known, nothing said."""
+    """Analytic: parts of 30 s and 10 s; after the first is done 10 s are left; late is said, and what is not known."""
     left = cli_progress.Left({"long": 30.0, "short": 10.0})
     assert str(left) == "about 40 s left"
     left.note("long")
     assert str(left) == "about 10 s left"
-    left.since["at"] -= 20
+    left.since["at"] -= 10
     assert str(left) == "done in a moment"
-    assert str(cli_progress.Left({})) == ""
+    left.since["at"] -= 10
+    assert str(left) == "takes longer than last time"
+    assert str(cli_progress.Left({})) == "no time known yet"
+
+
+def test_a_first_run_scales_the_usual_times_by_its_own_speed():
+    """Analytic: half as fast as usual after 30 s of 40 s: twice the rest is left; what is reused tells no speed."""
+    left = cli_progress.Left({"long": 30.0, "other": 30.0, "short": 10.0}, usual=True)
+    assert str(left) == "perhaps 70 s left"
+    left.note("other", made=False)
+    assert str(left) == "perhaps 40 s left"
+    left.since["at"] -= 60
+    left.note("long")
+    assert str(left) == "perhaps 20 s left"
+    left.since["at"] -= 30
+    assert str(left) == "takes longer than usual"
+
+
+@pytest.mark.parametrize("calibration", ["com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque"])
+def test_usual_times_name_stages_that_there_are(calibration):
+    """Contract: each calibration and its simulation has a time, and each part is a stage, so that it can be done."""
+    from gravcal.data import catalog_files
+
+    usual = catalog_files.read("usual", "seconds")[1]
+    assert usual[f"simulating {calibration}"][f"simulating {calibration}"] > 0
+    kinds = {part.split(".")[0] for part in usual[calibration]}
+    assert calibration in kinds
+    assert kinds <= {"ingest", calibration}
+    assert cli_progress._part("ingest.ACC1A_C") == "ingest.ACC1A"
 
 
 def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
