@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 from flows.children import die_with
 
-LITTLE_S = 20.0  # work on all events together; starting Prefect and Dask takes six seconds
+LITTLE_S = 60.0  # work on all events together; starting Prefect and Dask takes six seconds, more on a busy machine
 
 
 def run(waiting, work, processes, listener=None):

@@ -92,28 +92,32 @@ def slug(name):
 
 
 def _submit(calibrate, source):
-    """Future of the task of one event; a failed event ends as Failed and keeps its row."""
+    """Future of the task of one event, and where its row will be: Prefect would keep a state for each part of it."""
     import prefect
     from prefect.cache_policies import NO_CACHE
 
+    kept = []
+
     def event():
-        return state_of(calibrate(source))
+        kept.append(calibrate(source))
+        return state_of(kept[0])
 
     name = str(plain.command.name_of(source))
-    return prefect.task(event, name=name, cache_policy=NO_CACHE, persist_result=False).submit()
+    return prefect.task(event, name=name, cache_policy=NO_CACHE, persist_result=False).submit(), kept
 
 
 def state_of(row):
-    """Prefect's state of an event: its own name, what was done or what went wrong, and the row."""
+    """Prefect's state of an event: its own name, what was done or what went wrong."""
     from prefect.states import Completed, Failed
 
     if row["status"] == "failed":
-        return Failed(message=row["error"], data=row)
+        return Failed(message=row["error"])
     message = f"{row['made']} products made, {row['reused']} reused, {row['seconds']} s"
-    return Completed(name=row["status"].replace("_", " ").capitalize(), message=message, data=row)
+    return Completed(name=row["status"].replace("_", " ").capitalize(), message=message)
 
 
-def _settle(future):
+def _settle(submitted):
     """Row of a task, whatever its state."""
+    future, kept = submitted
     future.wait()
-    return future.state.data if isinstance(future.state.data, dict) else future.state.result(raise_on_failure=False)
+    return kept[0] if kept else future.state.result()
