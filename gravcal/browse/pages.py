@@ -2,6 +2,7 @@
 
 import functools
 import math
+import re
 from importlib import resources
 
 from starlette.concurrency import run_in_threadpool
@@ -153,7 +154,7 @@ def _wish(request, variable):
     view = view if view in plots.VIEWS else "overlay"
     other = asked.get("with", "") if shelf.entry(asked.get("with", "")) else ""
     key = request.path_params["key"]
-    return plots.Wish(key, variable, columns, other, view, asked.get("start") == "1")
+    return plots.Wish(key, variable, columns, other, view, asked.get("start") == "1", asked.get("even") == "1")
 
 
 def _shown(held, name):
@@ -191,8 +192,21 @@ def _environment():
     loader = jinja2.FunctionLoader(lambda name: (texts / name).read_text(encoding="utf-8"))
     made = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
                               lstrip_blocks=True)  # fmt: skip
-    made.filters |= {"size": _size, "stamp": _stamp, "short": lambda text: text[:12], "seconds": _seconds}
+    made.filters |= {
+        "size": _size,
+        "stamp": _stamp,
+        "short": lambda text: text[:12],
+        "seconds": _seconds,
+        "signs": _signs,
+    }
     return made
+
+
+def _signs(text):
+    """Verdict of the terminal with the signs that a page can show."""
+    for old, new in (("+-", "±"), (" um", " µm"), (" urad", " µrad"), ("m/s2", "m/s²")):
+        text = text.replace(old, new)
+    return re.sub(r" -(?=\d)", " −", text)
 
 
 def _size(count):

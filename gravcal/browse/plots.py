@@ -1,6 +1,7 @@
 """Figures of one or two products: drawn by Bokeh, their data at the resolution that the view needs."""
 
 import base64
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # 
 VIEWS = ("overlay", "difference", "spectrum")
 DRAWN = 6  # series of one product, at most
 MANY = 4_000_000  # samples; of more, only the first series is drawn unasked
+GAPS = 0.5  # share of the axis that gaps may fill before the page says what to do
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
 GREY = "#5a5a5a"
 
@@ -26,6 +28,7 @@ class Wish:
     other : key of a second product with the same variable, or empty
     view : one of VIEWS
     from_start : whether each product's coordinate counts from its own begin
+    without_gaps : whether samples stand side by side, whatever lies between them
     """
 
     key: str
@@ -34,6 +37,7 @@ class Wish:
     other: str = ""
     view: str = "overlay"
     from_start: bool = False
+    without_gaps: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,13 +115,13 @@ def data(wish, start, stop):
 def _traces(wish):
     """Lines of a figure; kind and label of the axis along; unit."""
     own, variable = _asked(wish.key, wish.variable)
-    coordinate, kind, label = variables.coordinate(own, variable)
-    wholes = [_whole(own, variable, number) for number in chosen(variable, wish.columns)]
+    coordinate, kind, label = _along(own, variable, wish)
+    wholes = [_whole(own, variable, number, wish) for number in chosen(variable, wish.columns)]
     traces = [_trace(variable, *pair, 0, wish) for pair in zip(chosen(variable, wish.columns), wholes, strict=True)]
     if wish.other:
         other, second = _asked(wish.other, wish.variable)
         known = [number for number in chosen(variable, wish.columns) if number < len(second.columns)]
-        more = [_trace(second, number, _whole(other, second, number), 1, wish) for number in known]
+        more = [_trace(second, number, _whole(other, second, number, wish), 1, wish) for number in known]
         traces = _differences(traces, more, wish) if wish.view == "difference" else traces + more
     if wish.from_start and coordinate is not None:
         kind, label = "value", "time since the start (s)" if kind == "time" else f"{label}, from its start"
@@ -133,9 +137,16 @@ def _asked(key, name):
     return found.ref.path, variable
 
 
-def _whole(path, variable, number):
+def _along(path, variable, wish):
+    """Coordinate that a figure runs along, its kind and its label."""
+    if wish.without_gaps:
+        return None, "index", f"{variable.dims[variable.axis]} (number of the sample, gaps left out)"
+    return variables.coordinate(path, variable)
+
+
+def _whole(path, variable, number, wish):
     """Overview of one series."""
-    coordinate, _, _ = variables.coordinate(path, variable)
+    coordinate, _, _ = _along(path, variable, wish)
     return series.overview(variables.column(path, variable, number), coordinate)
 
 
@@ -180,7 +191,7 @@ def _spectra(wish):
     """Figure of amplitude spectral densities, and how they were computed."""
     from bokeh.models import ColumnDataSource
 
-    traces, kind, along, unit = _traces(wish)
+    traces, kind, along, unit = _traces(dataclasses.replace(wish, without_gaps=False))
     seconds = kind == "time" or along.endswith("(s)")
     scale = "frequency (Hz)" if seconds else "cycles per unit of the axis"
     drawn = _empty("log", scale, f"{unit[:-1]} Hz-1/2)" if seconds else unit)
@@ -242,7 +253,9 @@ def _said(traces):
     if not traces:
         return "The two products do not overlap. Count both from their start, or choose another."
     count = sum(one.whole.size for one in traces)
-    return f"{count:,} samples in {len(traces)} series; a point stands for the range of all samples it covers"
+    said = f"{count:,} samples in {len(traces)} series; a point stands for the range of all samples it covers"
+    gaps = 1 - min(one.whole.filled() for one in traces)
+    return f'{said}. Gaps fill {100 * gaps:.0f} % of the axis: tick "without gaps".' if gaps > GAPS else said
 
 
 def _drawn(x, kind):

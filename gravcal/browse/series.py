@@ -42,6 +42,11 @@ class Overview:
     high: np.ndarray
     finely: Callable
 
+    def filled(self) -> float:
+        """Share of the coordinate's span in which samples lie, by the typical length of a block."""
+        span = self.end - self.x[0]
+        return 1.0 if self.x.size < 4 or span <= 0 else min(1.0, self.size * _typical(self.x) / (BLOCK * span))
+
 
 @functools.lru_cache(maxsize=64)
 def overview(column, coordinate):

@@ -57,14 +57,15 @@ def figure(calibration, satellite):
     panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
     drawn, shared = [], {}
     for panel, unit in panels:
-        one = _panel(f"{panel} ({unit})", shared, last=(panel, unit) == panels[-1])
+        one = _panel(f"{panel}\n({unit})", shared, (panel, unit) == panels[-1], "log" if panel in levels else "linear")
         shared = {"x_range": one.x_range}
         _errors(one, [point for point in own if point.panel == panel])
         _printed(one, [point for point in said if point.panel == panel])
         for trim in (trim for trim in trimmed if trim.axis == panel):
             _trim(one, trim)
         if panel in levels:
-            _level(one, *levels[panel])
+            values = [point.value for point in own if point.panel == panel]
+            _level(one, *levels[panel], max(values))
         drawn.append(one)
     return json_item(column(drawn, sizing_mode="stretch_width"))
 
@@ -131,7 +132,7 @@ def _date(document, event):
     return datetime.datetime.fromisoformat(found.group()) if found else EPOCH
 
 
-def _panel(label, shared, last):
+def _panel(label, shared, last, scale):
     """Empty panel of the time line."""
     from bokeh.models import TapTool
     from bokeh.models.callbacks import OpenURL
@@ -139,7 +140,7 @@ def _panel(label, shared, last):
 
     active = {"active_drag": "xpan", "active_scroll": "xwheel_zoom"}
     one = new(height=190 if last else 160, sizing_mode="stretch_width", x_axis_type="datetime",
-              tools="xpan,xwheel_zoom,box_zoom,reset,save", **active, **shared)  # fmt: skip
+              y_axis_type=scale, tools="xpan,xwheel_zoom,box_zoom,reset,save", **active, **shared)  # fmt: skip
     one.toolbar.logo = None
     if not shared:
         one.x_range.default_span = 365 * 86400e3  # ms, where there is one event only
@@ -198,11 +199,11 @@ def _trim(panel, trim):
                            text_font_size="10px", text_font=plots.FONT, text_color=plots.GREY))  # fmt: skip
 
 
-def _level(panel, value, text):
-    """A printed order of magnitude as a line; the axis begins at zero, so that it can be seen."""
-    from bokeh.models import Label, Span
+def _level(panel, value, text, largest):
+    """A printed order of magnitude as a line, always within the picture."""
+    from bokeh.models import Label, Range1d, Span
 
-    panel.y_range.start = 0.0
+    panel.y_range = Range1d(value / 5, 5 * max(value, largest))
     panel.add_layout(Span(location=value, dimension="width", line_color="#0072B2", line_dash="dashed"))
     panel.add_layout(Label(x=4, x_units="screen", y=value, y_offset=3, text=text, text_font_size="10px",
                            text_font=plots.FONT, text_color="#0072B2"))  # fmt: skip

@@ -254,3 +254,11 @@ def test_a_port_in_use_is_an_error_with_a_remedy():
     """Contract: one line that says what to do."""
     with contextlib.closing(app.bound("127.0.0.1", 0)) as taken, pytest.raises(GravcalError, match="another --port"):
         app.bound("127.0.0.1", taken.getsockname()[1])
+
+
+def test_a_figure_without_gaps_runs_along_the_samples(shop, ask):
+    """Contract: the axis counts samples; a spectrum stays one over time."""
+    where = f"/figure/{shop['first']['align'].key}/acceleration_b"
+    assert "number of the sample" in ask(f"{where}?even=1").text
+    assert "number of the sample" not in ask(where).text
+    assert "frequency (Hz)" in ask(f"{where}?even=1&view=spectrum").text

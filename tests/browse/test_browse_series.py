@@ -140,3 +140,11 @@ def test_packed_and_plain_series_give_the_same_overview(tmp_path, count):
         assert_array_equal(whole.high, np.fmax.reduceat(values, starts))
         assert_array_equal(whole.x, x[::64])
         assert whole.end == x[-1]
+
+
+def test_gaps_are_noticed():
+    """Analytic: two stretches of 2000 s at the ends of 40,000 s fill a tenth of the axis; without a gap all of it."""
+    x = np.concatenate([np.arange(2000.0), 38000 + np.arange(2000.0)])
+    assert overview_of(x, x).filled() == pytest.approx(0.1, rel=0.01)
+    assert overview_of(x[:2000], x[:2000]).filled() == pytest.approx(1.0, rel=0.01)
+    assert overview_of(x[:3], x[:3]).filled() == 1.0
