@@ -12,6 +12,7 @@ from gravcal.data import product
 from gravcal.data.schemas import VERSION, validate
 from gravcal.report.plain import AXES, as_plain, estimate, number, numbers
 
+CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of Remote Sens. 2023, 15, 3817
 NOT_DETERMINED = {
     "k_y": "no angular factor is tied to it: neither swing nor roll gives k_y (the value in use is that of the ground)",
     "beta_z": "tied to beta_y: same electrodes, arm and inertia",
@@ -216,7 +217,23 @@ def verdict(found):
         )
     if "roll" in found:
         parts.append(_bias_line(found["roll"]))
-    return ". ".join(parts) + "."
+    return ". ".join([*parts, *_claims(found)]) + "."
+
+
+def _claims(found):
+    """Whether the errors by noise reach those that the paper claims; no sentence where nothing was determined."""
+    errors = {"k": [], "offset in y and z": [], "bias": []}
+    if "swing" in found:
+        offset = found["swing"]["com_to_test_mass_um"]
+        errors["k"] = [(one["value"], one["sigma"]) for one in found["swing"]["k"].values() if one]
+        errors["offset in y and z"] = list(zip(offset["value"], offset["sigma"], strict=True))[1:]
+    if "roll" in found:
+        errors["bias"] = list(zip(found["roll"]["bias"]["value"], found["roll"]["bias"]["sigma"], strict=True))
+    known = {name: [abs(s / v) for v, s in pairs if v and s is not None] for name, pairs in errors.items()}
+    worst = {name: max(relative) for name, relative in known.items() if relative}
+    said = [f"{name} {100 * one:.2g} % ({'met' if one < CLAIMED[name] else 'not met'}, {100 * CLAIMED[name]:g} %)"
+            for name, one in worst.items()]  # fmt: skip
+    return [f"Error by noise against the claim of the paper: {', '.join(said)}"] if said else []
 
 
 def _bias_line(rolled):
