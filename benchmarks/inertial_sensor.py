@@ -95,7 +95,7 @@ def roll(seed, chosen, settings):
     for place, covariance in ((truth.offset, zero), (used, held)):
         solved = segments.solve(reduced, truth.k, place, model, limits)
         found = bias.estimates(solved, bias.Sensor(truth.k, 0 * truth.k, place, covariance, covariance))
-        inside = solved.time[solved.used][:, None] + settings.segment_s * np.linspace(-0.5, 0.5, 101)
+        inside = solved.time[:, None] + settings.segment_s * np.linspace(-0.5, 0.5, 101)  # of all segments, see sigma
         drift = np.array([np.interp(inside, flown.knot, column).mean() for column in flown.drift.T])
         true = truth.bias + drift - np.array([0.0, chosen.radiation_m_s2, 0.0])
         out.append((found["bias"] - true, found["bias_sigma"], np.abs(truth.bias)))
