@@ -72,7 +72,7 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
 
     result = search(rows, tried, choice, np.random.default_rng(seed))
     groups = [int(arc.label.split()[0]) - 1 for arc in seen.arcs]
-    found = lines(result, "range", wave, groups, (LINE, "m", choice.level))
+    found = lines(result, ("range", -1), wave, groups, (LINE, "m", choice.level))
     if found:
         more = [*tried, *(one.candidate for one in found)]
         result = search(rows, more, choice, np.random.default_rng(seed))
@@ -115,16 +115,16 @@ def _physical(finding, position, result, seen, scale):
 def _break(one, result, seen, scale):
     """Size and epoch of a phase break, on a finer grid than that of the search."""
     columns = result.problem.candidates[one.index].columns
-    k = next(i for i, c in enumerate(columns) if c is not None)
-    arc, basis = seen.arcs[k], result.problem.bases[k]
     begin = float(one.form.rpartition("time ")[2].removesuffix(" s"))
-    epochs = begin + FINE_S
-    shapes = white(scale[k], listed.steps(seen, arc, epochs))
-    shapes = shapes - basis @ (basis.T @ shapes)
-    middle = shapes[:, int(np.argmin(np.abs(epochs - begin)))]
-    rest = result.after.rest[k] + middle * one.value[0]
-    size = np.einsum("nk,nk->k", shapes, shapes)
-    value = shapes.T @ rest / size
+    epochs, middle = begin + FINE_S, int(np.argmin(np.abs(FINE_S)))
+    size, right = np.zeros(epochs.size), np.zeros(epochs.size)
+    for k in (i for i, c in enumerate(columns) if c is not None):
+        basis = result.problem.bases[k]
+        shapes = white(scale[k], listed.steps(seen, seen.arcs[k], epochs))
+        shapes = shapes - basis @ (basis.T @ shapes)
+        size += np.einsum("nk,nk->k", shapes, shapes)
+        right += shapes.T @ (result.after.rest[k] + shapes[:, middle] * one.value[0])
+    value = right / np.maximum(size, 1e-300)
     weight = np.exp((value**2 * size - np.max(value**2 * size)) / 2)
     weight = weight / weight.sum()
     best, at = int(np.argmax(weight)), float(weight @ epochs)

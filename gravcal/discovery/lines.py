@@ -17,6 +17,7 @@ from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.rounds import Result
 from gravcal.discovery.trials import SHARES
 
+AXES = "xyz"
 PEAKS = 4
 #: Frequencies tried round a peak, in steps of the scan.
 FINE = np.arange(-1.0, 1.01, 1 / 16)
@@ -37,23 +38,22 @@ class Line:
     sigma: float
 
 
-def lines(
-    result: Result, channel: str, shape: Callable, groups: list[int], about: tuple[str, str, float]
-) -> list[Line]:
+def lines(result: Result, where: tuple[str, int], shape: Callable, groups: list[int], about: tuple) -> list[Line]:
     """Lines in what a search has left, those that are significant by themselves.
 
     Parameters
     ----------
     result : Result of a search without lines
-    channel : name
+    where : channel, and axis or -1 for all
     shape : (block, Hz) -> whitened cosine and sine (n, 2) of that block
     groups : number of the manoeuvre of each block
     about : cause, unit and family-wise level
     """
+    channel, axis = where
     found = [s for s in result.after.scans if s.kind == "line" and s.channel == channel]
     if not found:
         return []
-    joint = np.flatnonzero(found[0].place == -1)
+    joint = np.flatnonzero(found[0].place == axis)
     at, score = found[0].at[joint], (found[0].gain[:, 0] - 2 * found[0].dof)[joint]
     step, kept = float(np.median(np.diff(at))), []
     for peak in _peaks(at, score, step):
@@ -62,7 +62,7 @@ def lines(
         gain, dof = max(gains)
         chance = chi2_distribution.logsf(gain, dof) + np.log(at.size / SHARES["line"])
         if chance < np.log(about[2]):
-            kept.append(_line(grid, np.array([g for g, _ in gains]), (shape, groups), (channel, *about)))
+            kept.append(_line(grid, np.array([g for g, _ in gains]), (shape, groups), (where, *about)))
     return kept
 
 
@@ -102,7 +102,7 @@ def _gain(result, columns):
 
 def _line(grid, gains, made_of, about):
     """Line at the mean frequency under the likelihood of the grid."""
-    (shape, groups), (channel, cause, unit, _) = made_of, about
+    (shape, groups), ((channel, axis), cause, unit, _) = made_of, about
     weight = np.exp((gains - gains.max()) / 2)
     weight = weight / weight.sum()
     frequency = float(weight @ grid)
@@ -111,7 +111,7 @@ def _line(grid, gains, made_of, about):
     names = [f"{part}_{k}" for k in range(max(groups) + 1) for part in ("cosine", "sine")]
     used = np.sum([np.sum(c**2, axis=0) for c in columns], axis=0) > 0
     names = [n for n, u in zip(names, used, strict=True) if u]
-    form = f"{channel} reading, {frequency:.5f} Hz"
+    form = f"{channel} reading{f' {AXES[axis]}' if axis >= 0 else ''}, {frequency:.5f} Hz"
     candidate = Candidate(cause, form, names, [unit] * len(names), [c[:, used] for c in columns])
     return Line(candidate, frequency, sigma)
 

@@ -15,6 +15,9 @@ FAMILIES = ("ranging", "timing", "attitude")
 #: Searched for along the time axis below; the calibration itself.
 NOT_HERE = (BREAK, "ranging.phase_centre")
 BREAK_STEP_S = 30.0
+#: Closer together where a half ends, which leaves only a few epochs of a break to be seen.
+NEAR_CUT_S = np.arange(-55.0, 56.0, 10.0)
+FILTER_S = 35.0  # half of the filter of the ranging
 #: Distance of a phase break from the ends of its manoeuvre, s: half of the filter and some epochs.
 BREAK_MARGIN_S = 60.0
 
@@ -119,17 +122,26 @@ def split(whole: dict) -> list[dict]:
 
 def _breaks(view, factors):
     """A phase break in one sub-manoeuvre at each of many epochs."""
-    found = []
-    for k, (arc, factor) in enumerate(zip(view.arcs, factors, strict=True)):
-        epochs = np.arange(arc.time[0] + BREAK_MARGIN_S, arc.time[-1] - BREAK_MARGIN_S, BREAK_STEP_S)
-        columns = white(factor, steps(view, arc, epochs))
+    whole, found = {}, []
+    for k, arc in enumerate(view.arcs):
+        whole.setdefault(arc.label.rpartition(" ")[0], []).append(k)
+    for name, members in whole.items():
+        first, last = view.arcs[members[0]].time[0], view.arcs[members[-1]].time[-1]
+        cuts = [view.arcs[k].time[0] for k in members[1:]]
+        epochs = np.arange(first + BREAK_MARGIN_S, last - BREAK_MARGIN_S, BREAK_STEP_S)
+        epochs = np.unique(np.concatenate([epochs, *(cut + NEAR_CUT_S for cut in cuts)]))
+        columns = {k: white(factors[k], steps(view, view.arcs[k], epochs)) for k in members}
         for i, epoch in enumerate(epochs):
-            parts = [None] * len(view.arcs)
-            parts[k] = columns[:, i : i + 1]
-            form = f"{arc.label}, time {epoch:.0f} s"
-            one = {"cause": BREAK, "form": form, "names": ["size"], "units": ["m"], "prior": [1e-2]}
-            found.append(one | {"columns": parts})
+            parts = [columns[k][:, i : i + 1] if k in columns and _felt(view.arcs[k], epoch) else None
+                     for k in range(len(view.arcs))]  # fmt: skip
+            one = {"cause": BREAK, "form": f"{name}, time {epoch:.0f} s", "names": ["size"], "units": ["m"]}
+            found.append(one | {"prior": [1e-2], "columns": parts})
     return found
+
+
+def _felt(arc, epoch):
+    """Whether the filter carries a break at an epoch into a half."""
+    return arc.time[0] - FILTER_S < epoch < arc.time[-1] + FILTER_S
 
 
 def steps(view: View, arc: Arc, epochs: np.ndarray) -> np.ndarray:
