@@ -150,7 +150,9 @@ def siblings(found):
     return [
         one
         for one in entries()
-        if one.newest and (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind) and one.ref != found.ref
+        if one.newest
+        and (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind)
+        and one.ref.variant != found.ref.variant
     ]
 
 

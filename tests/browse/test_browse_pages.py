@@ -262,3 +262,12 @@ def test_a_figure_without_gaps_runs_along_the_samples(shop, ask):
     assert "number of the sample" in ask(f"{where}?even=1").text
     assert "number of the sample" not in ask(where).text
     assert "frequency (Hz)" in ask(f"{where}?even=1&view=spectrum").text
+
+
+def test_a_replaced_product_is_compared_with_its_successor_once(shop):
+    """Contract: other variants are siblings; the newer product of the same stage is a relative with its setting."""
+    old = shelf.entry(shop["first"]["mtq"].key)
+    assert [one.ref.variant for one in shelf.siblings(old)] == ["acc"]
+    assert [why for one, why in shelf.relatives(old) if one.ref.key == shop["again"]["mtq"].key] == [
+        ["gain: 1.5 -> 1.0"]
+    ]
