@@ -10,9 +10,10 @@ import numpy as np
 
 from flows.engine import flow
 from gravcal.data import catalog
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, ProductError
 from tasks import common, gradient_torque
 
+TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 ORIGIN = datetime(2000, 1, 1, 12)
 GRADIENT = ("attitude_noise", "angular_noise_density", "test_mass", "test_mass_inertia")
 TORQUE = ("inertia", "test_mass", "test_mass_inertia", "angular_noise_density")
@@ -153,7 +154,17 @@ def _nongravitational(chosen, day):
         return None
     from gravcal.data import archive, readers
 
-    read = readers.read(archive.from_name(Path(chosen.nongravitational).expanduser()))
+    file = archive.from_name(Path(chosen.nongravitational).expanduser())
+    if file.product not in ("ACT1B", "ACC1B"):
+        raise ProductError(f"nongravitational: found {file.path.name}, expected an ACT1B or ACC1B file. Give one.")
+    read = readers.read(file)
     since = read["time_tag"].values - read["time_tag"].values[0]
-    axes = [read[f"lin_accl_{axis}"].values for axis in "xyz"]
-    return lambda time: np.stack([np.interp(time - day, since, values) for values in axes], axis=1)
+    values = np.stack([read[f"lin_accl_{axis}"].values for axis in "xyz"], axis=1)
+    known = np.isfinite(values).all(axis=1)
+    covered = float(since[known][-1]) if known.any() else 0.0
+    if covered < chosen.duration_s - TAIL_S:
+        raise ProductError(
+            f"{file.path.name}: found {covered:.0f} s of accelerations, expected {chosen.duration_s:.0f} s. Give a "
+            f"longer file, or --set duration_s={covered:.0f}."
+        )
+    return lambda time: np.stack([np.interp(time - day, since[known], one[known]) for one in values.T], axis=1)
