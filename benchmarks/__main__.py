@@ -29,6 +29,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, help="events of the recovery studies")
     parser.add_argument("--seed", type=int, default=1, help="first seed")
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster for the study of discovery")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
     parser.add_argument("--events", type=int, help="events of the campaign, by default 20")
     parser.add_argument("--whole", action="store_true", help="whole days in the campaign, 200 MB each")

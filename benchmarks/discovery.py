@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import multiprocessing
 import os
 import tempfile
 import time
@@ -33,8 +32,8 @@ def run(options) -> list[Figure]:
     if kept.exists():
         done = {(r["kind"], r["index"]): r for r in map(json.loads, kept.read_text().splitlines())}
     jobs = [(options.seed, k, i) for k, n in counts.items() for i in range(n) if (k, i) not in done]
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool, kept.open("a") as lines:
-        for number, row in enumerate(pool.imap_unordered(one, jobs), 1):
+    with kept.open("a") as lines:
+        for number, row in enumerate(_outcomes(jobs, options), 1):
             done[row["kind"], row["index"]] = row
             lines.write(json.dumps(row) + "\n")
             lines.flush()
@@ -42,6 +41,19 @@ def run(options) -> list[Figure]:
                 say(f"  {number} of {len(jobs)}")
     rows = [r for (k, i), r in done.items() if i < counts[k]]
     return report(rows)
+
+
+def _outcomes(jobs, options):
+    """Outcomes as they come, from worker processes of this machine or of the Dask cluster named."""
+    from distributed import as_completed
+
+    from flows.campaign import cluster
+
+    with cluster(options, options.workers) as client:
+        futures = client.map(one, jobs, pure=False)
+        for future in as_completed(futures):
+            yield future.result()
+            future.release()
 
 
 def one(job: tuple) -> dict:

@@ -13,6 +13,7 @@ from gravcal.calibrations.com_offset.discovery_view import View, turning, view_o
 from gravcal.effects import Context, effect
 from gravcal.physics import frames
 
+BEYOND_S = 10.0
 #: Tags that a delay moves.
 TAGS = {"acc_delay": "time_acc", "sca_delay": "time_sca", "mag_delay": "time_mag"}
 
@@ -39,24 +40,19 @@ def extend(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved:
     views = [view_of(s, (aligned, field, smoothed), {}, offset, settings["mass"]) for s in made]
     extended = aligned.copy(deep=True)
     for entry in model:
-        if not _delayed(extended, entry):
-            for view in views:
-                _subtract(extended, view, contribution(view, entry), _turns(entry))
+        for view in views:
+            _subtract(extended, view, contribution(view, entry), _turns(entry))
+    for entry in model:  # last: the samples are found by their tags
+        _delay(extended, entry)
     return extended.assign_attrs(model=" ".join(e["cause"] for e in model))
 
 
-def _delayed(extended, entry):
-    """Tags moved where the entry is a delay; whether it was one."""
-    if entry["cause"].startswith("unknown:"):
-        return False
-    known = effect(entry["cause"])
-    if known.channel not in TAGS:
-        return False
-    name = TAGS[known.channel]
-    values = known.values(determined(entry))
-    if known.slug.endswith("delay"):  # drifts are below the tags' own error within a day
-        extended.coords[name] = extended[name] - values[0]
-    return True
+def _delay(extended, entry):
+    """Tags moved where the entry is a delay; drifts are below the tags' own error within a day."""
+    known = None if entry["cause"].startswith("unknown:") else effect(entry["cause"])
+    if known is not None and known.channel in TAGS and known.slug.endswith("delay"):
+        name = TAGS[known.channel]
+        extended.coords[name] = extended[name] - known.values(determined(entry))[0]
 
 
 def _turns(entry):
@@ -119,24 +115,30 @@ def _subtract(extended, view, added, turned):
         if channel in added:
             extended[name].values[scene.rows] -= added[channel]
     if "attitude" in added:
-        rows = np.flatnonzero(np.isin(extended["time_sca"].values, scene.sca_time[scene.sca_good]))
-        turn = frames.from_rotation_vector(-added["attitude"][scene.sca_good])
+        rows, angle = _angle(extended["time_sca"].values, scene.sca_time, added["attitude"])
         values = extended["quaternion"].values
-        values[rows] = frames.quaternion_product(values[rows], turn)
-        if turned:
-            _turn_field(extended, scene, added["attitude"])
+        values[rows] = frames.quaternion_product(values[rows], frames.from_rotation_vector(-angle))
+        if turned:  # the field as a body that did not turn would see it
+            rows, angle = _angle(extended["time_mag"].values, scene.sca_time, added["attitude"])
+            extended["field_measured_b"].values[rows] = _rotated(angle, extended["field_measured_b"].values[rows])
     if "magnetometer" in added:
         _subtract_field(extended, view.magnetometer[0], added["magnetometer"])
 
 
-def _turn_field(extended, scene, angle):
-    """Field in a body that did not turn by `angle` (k, 3) rad, in place: the axes differ, not the field."""
+def _angle(time, known, angle):
+    """Rows of a record near a manoeuvre, and the rotation there; held beyond its ends, where others interpolate."""
+    rows = slice(*np.searchsorted(time, [known[0] - BEYOND_S, known[-1] + BEYOND_S]))
+    return rows, np.stack([np.interp(time[rows], known, a) for a in angle.T], axis=1)
+
+
+def _rotated(angle, vectors):
+    """Turned vectors; one that is written a second time stays what it was the first time."""
     from scipy.spatial.transform import Rotation
 
-    time, values = extended["time_mag"].values, extended["field_measured_b"].values
-    rows = slice(*np.searchsorted(time, scene.sca_time[[0, -1]]))
-    turn = np.stack([np.interp(time[rows], scene.sca_time, a) for a in angle.T], axis=1)
-    values[rows] = Rotation.from_rotvec(turn).apply(values[rows])
+    turned = Rotation.from_rotvec(angle).apply(vectors)
+    again = 1 + np.flatnonzero(np.all(vectors[1:] == vectors[:-1], axis=1))
+    turned[again] = turned[again - 1]
+    return turned
 
 
 def _subtract_field(extended, time, added):

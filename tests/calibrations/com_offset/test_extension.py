@@ -26,6 +26,16 @@ def test_a_field_that_is_written_twice_is_changed_twice():
         )
 
 
+def test_a_field_that_is_written_twice_turns_as_one():
+    """Analytic: the angle grows from record to record, a repeated value takes the one of its first record."""
+    _, values = field_written_twice()
+    angle = np.arange(12)[:, None] * np.array([0.0, 0.0, 1e-4])
+    turned = extension._rotated(angle, values)
+    np.testing.assert_array_equal(turned[1::2], turned[::2])
+    expected = values[::2] + np.cross(angle[::2], values[::2])
+    np.testing.assert_allclose(turned[::2], expected, atol=2e-6 * np.abs(values).max())
+
+
 def test_fields_that_are_all_different_are_changed_where_they_are_looked_at():
     """Analytic: records without repetition keep what is not looked at."""
     extended, _ = field_written_twice()
