@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 KNOWN_PART = 0.2  # of the usual time: after that the speed of this machine is known well enough to scale by
 
+START = "start"  # of an engine: the part before the first stage
 LATE_S = 2.0  # after the time announced
 
 
@@ -42,10 +43,17 @@ class Left:
         return f"{'perhaps' if self.usual else 'about'} {rest:.0f} s left" if rest >= 1 else "done in a moment"
 
     def pace(self):
-        """Seconds here for each usual second; 1 until enough is done."""
-        usual = sum(self.known[name] for name, seconds in self.done.items() if name in self.known and seconds)
-        here = sum(seconds for name, seconds in self.done.items() if name in self.known)
-        return here / usual if self.usual and usual > KNOWN_PART * sum(self.known.values()) else 1.0
+        """Seconds here for each usual second; 1 until enough is done. The start of an engine says nothing of it."""
+        made = {name: one for name, one in self.done.items() if name in self.known and name != START and one}
+        usual = sum(self.known[name] for name in made)
+        whole = sum(seconds for name, seconds in self.known.items() if name != START)
+        return sum(made.values()) / usual if self.usual and usual > KNOWN_PART * whole else 1.0
+
+    def begin(self, seconds):
+        """The first part is done, and took so long itself; what passed before was the start."""
+        now = time.monotonic()
+        self.done[START], self.since["at"] = max(now - self.since["at"] - seconds, 0.0), now - seconds
+        return self.done[START]
 
     def note(self, name, made=True):
         """One part is done; the seconds it took, zero where it was only reused."""
@@ -60,13 +68,18 @@ def progress(title):
     if not sys.stderr.isatty():
         yield None
         return
+    from gravcal.data import store
+
     left, counts = _left(title), {"cached": 0, "made": 0}
     took = {} if left.usual else dict(left.known)
     with _bar(title, left) as tell:
 
-        def listener(call, state, _):
+        def listener(call, state, ref):
             counts[state] += 1
             stage = call.unmade.stage
+            if START not in left.done:
+                own = (store.read_record(ref.folder) or {}).get("seconds", 0.0) if state == "made" else 0.0
+                took[START] = left.begin(own)
             seconds = left.note(_part(stage) if left.usual else stage, state == "made")
             took.update({stage: seconds} if state == "made" else {})
             tell(f"{counts['made']} made, {counts['cached']} reused, last {stage}")

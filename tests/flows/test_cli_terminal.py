@@ -142,6 +142,16 @@ def test_a_first_run_scales_the_usual_times_by_its_own_speed():
     assert str(left) == "takes longer than usual"
 
 
+def test_the_start_of_an_engine_says_nothing_of_its_speed():
+    """Analytic: an engine that starts in 2 s, usually in 20 s, and is as fast as usual: 30 s of 40 s are left."""
+    left = cli_progress.Left({"start": 20.0, "one": 10.0, "two": 30.0}, usual=True)
+    assert str(left) == "perhaps 60 s left"
+    left.since["at"] -= 12
+    assert left.begin(10.0) == pytest.approx(2.0, abs=0.1)
+    left.note("one")
+    assert str(left) == "perhaps 30 s left"
+
+
 @pytest.mark.parametrize("calibration", ["com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque"])
 def test_usual_times_name_stages_that_there_are(calibration):
     """Contract: each calibration and its simulation has a time, and each part is a stage, so that it can be done."""
@@ -149,7 +159,7 @@ def test_usual_times_name_stages_that_there_are(calibration):
 
     usual = catalog_files.read("usual", "seconds")[1]
     assert usual[f"simulating {calibration}"][f"simulating {calibration}"] > 0
-    kinds = {part.split(".")[0] for part in usual[calibration]}
+    kinds = {part.split(".")[0] for part in usual[calibration] if part != "start"}
     assert calibration in kinds
     assert kinds <= {"ingest", calibration}
     assert cli_progress._part("ingest.ACC1A_C") == "ingest.ACC1A"
@@ -165,7 +175,8 @@ def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
         flow = pipeline.module("flow").calibrate
         engine.run(flow, pipeline.file(), pipeline.chosen, engine="inline", listener=listener)
     assert set(memo.recall("seconds-fake")) == {
-        f"{pipeline.name}.{stage}" for stage in ("start", "scale.one", "scale.other", "join")
+        "start",
+        *(f"{pipeline.name}.{stage}" for stage in ("start", "scale.one", "scale.other", "join")),
     }
     with cli_progress.waiting("work"):
         pass
