@@ -4,6 +4,7 @@ How long a stage takes is known from its last product. What is not known, as on 
 """
 
 import contextlib
+import importlib
 import multiprocessing
 import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -12,6 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from flows.children import die_with
 
 LITTLE_S = 60.0  # work on all events together; starting Prefect and Dask takes six seconds, more on a busy machine
+LOADED = ("xarray", "h5py", "numba", "scipy.special")  # what nearly every stage needs; once, not in each fork
 
 
 def run(waiting, work, processes, listener=None):
@@ -37,6 +39,8 @@ def run(waiting, work, processes, listener=None):
             if total > LITTLE_S:
                 others.append((number, source))
                 break
+            for name in LOADED:
+                importlib.import_module(name)
             with contextlib.suppress(BrokenProcessPool):
                 given[pool.submit(work, source)] = number, source
                 continue
