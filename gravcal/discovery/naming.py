@@ -9,6 +9,8 @@ from gravcal.discovery.problem import Problem, baseline_of
 
 #: Extra chi-square per gained chi-square, and its probability, at which the blocks do not agree on one value.
 DISAGREE = (0.15, 1e-4)
+#: Share of the gain of a cause in no list that its form may leave.
+SHADOW = 0.05
 
 
 def merged(problem: Problem, chosen: list, choice) -> list:
@@ -46,6 +48,27 @@ def renamed(problem, chosen, choice):
         if problem.candidates[index].listed and not _agreed(problem, others, index):
             chosen = _given_way(problem, chosen, position, choice, -np.inf)
     return chosen
+
+
+def without_shadows(problem: Problem, chosen: list) -> list:
+    """Names without those that gain little beside a cause in no list.
+
+    A regressor made of measured channels follows an unknown effect to some ten percent of its size; what it leaves, a
+    percent of its gain, looks like anything. That stays unexplained rather than get a name.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : list of (index, Trial)
+    """
+    gains = []
+    for position, (index, _) in enumerate(chosen):
+        others = baseline_of(problem, [k for i, (k, _) in enumerate(chosen) if i != position])
+        gram = attribution.projected(problem.gram.sum(axis=0), others)
+        gains.append(attribution.ratio(gram, problem.places[index], problem.size).gain)
+    unknown = [g for g, (k, _) in zip(gains, chosen, strict=True) if not problem.candidates[k].listed]
+    least = SHADOW * max(unknown, default=0.0)
+    return [one for one, gain in zip(chosen, gains, strict=True) if gain >= least]
 
 
 def settled(problem, chosen, choice, noise, before):

@@ -119,6 +119,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
             break
         problem, chosen = _revised(problem, [*chosen, found], choice)
     chosen = naming.renamed(problem, naming.merged(problem, chosen, choice), choice)
+    chosen = naming.without_shadows(problem, chosen)
     chosen, after = naming.settled(problem, chosen, choice, noise, before)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]

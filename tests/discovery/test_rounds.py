@@ -1,5 +1,7 @@
 """The rounds on invented linear algebra: no satellite."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gravcal.discovery.blocks import Block, Candidate, basis_of
@@ -91,3 +93,17 @@ def test_a_line_is_found_between_the_frequencies_of_the_search():
     (found,) = search(blocks, [], choice, rng).findings
     assert found.cause == "case.tone"
     assert abs(found.at - true) < 4 * found.at_sigma < 4e-4
+
+
+def test_what_an_unknown_cause_leaves_gets_no_name():
+    """Recovery: a driver follows an effect to a tenth; the rest, like a listed cause at S/N 12, stays unnamed."""
+    rng = np.random.default_rng(31)
+    blocks, candidates = made(rng)
+    driver = [rng.standard_normal((300, 1)) for _ in blocks]
+    strong = [d[:, 0] * 120 / np.sqrt(1200) for d in driver]
+    rest = [c[:, 0] * 12 / np.sqrt(1200) for c in candidates[0].columns]
+    hidden = [replace(b, observed=b.observed + s + r) for b, s, r in zip(blocks, strong, rest, strict=True)]
+    unknown = Candidate("unknown:driver", "itself", ["size"], ["1"], driver)
+    found = search(hidden, [*candidates, unknown], CHOICE, rng)
+    assert [f.cause for f in found.findings] == ["unknown:driver"]
+    assert found.after.p < CHOICE.level
