@@ -30,6 +30,8 @@ BLOCK = re.compile(r"^```bash\n(.*?)^```", re.MULTILINE | re.DOTALL)
 DAYS = {  # what is simulated for --data DIR by calibration, for the event that the pages show, and for --data day
     "com_offset": ("com_offset", "--set", "date=2020-02-01"),
     "kbr_phase_centre": ("kbr_phase_centre", "--set", "date=2020-09-17"),
+    "inertial_sensor": ("inertial_sensor",),
+    "gradient_torque": ("gradient_torque",),
     "shown": ("com_offset",),
     "day": ("com_offset", "--effect", "torque.dipole_gain.rod_y=0.03"),
 }
