@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 
@@ -9,7 +11,7 @@ from gravcal.calibrations.kbr_phase_centre import discovery_candidates as listed
 from gravcal.calibrations.kbr_phase_centre.discovery_noise import with_pointing
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, blocks, factors, view, white
 from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
-from gravcal.discovery import products
+from gravcal.discovery import epochs, products
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.lines import amplitude, lines
 from gravcal.discovery.rounds import Choice, search
@@ -51,7 +53,7 @@ def discover(aligned, pointed, equations, measured, solved, **settings) -> xr.Da
             finding["parameters"] = amplitude(waves[finding["form"]], finding["parameters"])
         _physical(finding, position, result, seen, scale)
         finding["heldout"] = "blocks"  # halves of sub-manoeuvres
-    return products.dataset(result, numbers, CHANNELS)
+    return products.dataset(result, epochs.plain(numbers), CHANNELS)
 
 
 def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: View, scale) -> tuple:
@@ -73,8 +75,11 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
     result = search(rows, tried, choice, np.random.default_rng(seed))
     groups = [int(arc.label.split()[0]) - 1 for arc in seen.arcs]
     found = lines(result, ("range", -1), wave, groups, (LINE, "m", choice.level))
-    if found:
+    broken = [k for k, one in enumerate(result.findings) if one.cause.startswith(listed.BREAK)]
+    if found or broken:  # breaks again at the epochs that the data ask for, so that no rest is taken for another
+        refined = [_break(result.findings[k], result, seen, scale)["time"]["value"] for k in broken]
         more = [*tried, *(one.candidate for one in found)]
+        more += [c for epoch in refined for c in _breaks_at(seen, scale, np.array([epoch]))]
         result = search(rows, more, choice, np.random.default_rng(seed))
     return result, {one.candidate.form: one for one in found}
 
@@ -92,8 +97,24 @@ def made(seen: View, measured: xr.Dataset) -> tuple[list[Block], list[Candidate]
     known = sum(len(s["names"]) for s in shapes if not s["cause"].startswith("unknown:"))
     scale = factors(seen, with_pointing(seen, measured, columns[:, :known]))
     rows = [Block(**b) for b in blocks(seen, scale)]
-    tried = [Candidate(**c) for c in listed.candidates(seen, scale, shapes, columns)]
+    tried = [_one_epoch(Candidate(**c)) for c in listed.candidates(seen, scale, shapes, columns)]
     return rows, tried, {"range": _known(seen, measured)}, scale
+
+
+def _breaks_at(seen, scale, wanted):
+    return [_one_epoch(Candidate(**c)) for c in listed.breaks(seen, scale, wanted)]
+
+
+def _one_epoch(candidate):
+    """A phase break as a cause of its own epoch."""
+    if candidate.cause != listed.BREAK:
+        return candidate
+    return replace(candidate, cause=epochs.at(listed.BREAK, _epoch(candidate.form)))
+
+
+def _epoch(form):
+    """Epoch s in the words for a phase break."""
+    return float(form.rpartition("time ")[2].removesuffix(" s"))
 
 
 def _known(seen, measured):
@@ -108,27 +129,26 @@ def _physical(finding, position, result, seen, scale):
     one = result.findings[position]
     if not np.isfinite(one.value).any():
         finding["parameters"] = named_parameters(result, position)
-    if finding["cause"] == listed.BREAK:
+    if finding["cause"].startswith(listed.BREAK):
         finding["parameters"] = _break(one, result, seen, scale)
 
 
 def _break(one, result, seen, scale):
     """Size and epoch of a phase break, on a finer grid than that of the search."""
     columns = result.problem.candidates[one.index].columns
-    begin = float(one.form.rpartition("time ")[2].removesuffix(" s"))
-    epochs, middle = begin + FINE_S, int(np.argmin(np.abs(FINE_S)))
-    size, right = np.zeros(epochs.size), np.zeros(epochs.size)
+    tried, middle = _epoch(one.form) + FINE_S, int(np.argmin(np.abs(FINE_S)))
+    size, right = np.zeros(tried.size), np.zeros(tried.size)
     for k in (i for i, c in enumerate(columns) if c is not None):
         basis = result.problem.bases[k]
-        shapes = white(scale[k], listed.steps(seen, seen.arcs[k], epochs))
+        shapes = white(scale[k], listed.steps(seen, seen.arcs[k], tried))
         shapes = shapes - basis @ (basis.T @ shapes)
         size += np.einsum("nk,nk->k", shapes, shapes)
         right += shapes.T @ (result.after.rest[k] + shapes[:, middle] * one.value[0])
     value = right / np.maximum(size, 1e-300)
     weight = np.exp((value**2 * size - np.max(value**2 * size)) / 2)
     weight = weight / weight.sum()
-    best, at = int(np.argmax(weight)), float(weight @ epochs)
-    spread = float(np.sqrt(weight @ (epochs - at) ** 2 + (FINE_S[1] - FINE_S[0]) ** 2 / 12))
+    best, at = int(np.argmax(weight)), float(weight @ tried)
+    spread = float(np.sqrt(weight @ (tried - at) ** 2 + (FINE_S[1] - FINE_S[0]) ** 2 / 12))
     sigma = max(float(one.sigma[0]), 1 / float(np.sqrt(size[best])))
     found = {"size": {"value": float(value[best]), "sigma": sigma, "unit": "m"}}
     return found | {"time": {"value": at, "sigma": spread, "unit": "s"}}

@@ -123,19 +123,34 @@ def split(whole: dict) -> list[dict]:
 def _breaks(view, factors):
     """A phase break in one sub-manoeuvre at each of many epochs."""
     whole, found = {}, []
-    for k, arc in enumerate(view.arcs):
-        whole.setdefault(arc.label.rpartition(" ")[0], []).append(k)
-    for name, members in whole.items():
-        first, last = view.arcs[members[0]].time[0], view.arcs[members[-1]].time[-1]
-        cuts = [view.arcs[k].time[0] for k in members[1:]]
-        epochs = np.arange(first + BREAK_MARGIN_S, last - BREAK_MARGIN_S, BREAK_STEP_S)
-        epochs = np.unique(np.concatenate([epochs, *(cut + NEAR_CUT_S for cut in cuts)]))
-        columns = {k: white(factors[k], steps(view, view.arcs[k], epochs)) for k in members}
-        for i, epoch in enumerate(epochs):
-            parts = [columns[k][:, i : i + 1] if k in columns and _felt(view.arcs[k], epoch) else None
-                     for k in range(len(view.arcs))]  # fmt: skip
-            one = {"cause": BREAK, "form": f"{name}, time {epoch:.0f} s", "names": ["size"], "units": ["m"]}
-            found.append(one | {"prior": [1e-2], "columns": parts})
+    for arc in view.arcs:
+        whole.setdefault(arc.label.rpartition(" ")[0], []).append(arc)
+    for members in whole.values():
+        epochs = np.arange(members[0].time[0] + BREAK_MARGIN_S, members[-1].time[-1] - BREAK_MARGIN_S, BREAK_STEP_S)
+        cuts = [arc.time[0] + NEAR_CUT_S for arc in members[1:]]
+        found += breaks(view, factors, np.unique(np.concatenate([epochs, *cuts])))
+    return found
+
+
+def breaks(view: View, factors: list[np.ndarray], epochs: np.ndarray) -> list[dict]:
+    """Phase breaks at given epochs of one sub-manoeuvre, fields of Candidate.
+
+    Parameters
+    ----------
+    view : View
+    factors : of `discovery_view.factors`
+    epochs : (k,) s
+    """
+    near = [k for k, arc in enumerate(view.arcs) if any(_felt(arc, epoch) for epoch in epochs)]
+    columns = {k: white(factors[k], steps(view, view.arcs[k], epochs)) for k in near}
+    found = []
+    for i, epoch in enumerate(epochs):
+        parts = [
+            columns[k][:, i : i + 1] if k in columns and _felt(arc, epoch) else None for k, arc in enumerate(view.arcs)
+        ]
+        label = next(arc.label for arc in view.arcs if _felt(arc, epoch)).rpartition(" ")[0]
+        one = {"cause": BREAK, "form": f"{label}, time {epoch:.0f} s", "names": ["size"], "units": ["m"]}
+        found.append(one | {"prior": [1e-2], "columns": parts})
     return found
 
 
