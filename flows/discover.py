@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from flows import com_offset as calibration
-from flows import discover_ranging
+from flows import discover_ranging, discover_swing
 from flows.engine import flow
 from gravcal.report import pages
 from tasks import common, discovery
@@ -34,7 +34,11 @@ def searched(source, chosen):
     return products, discovery.com_offset_again(*again, first, scene=scene, **settings)
 
 
-FLOWS = {"com_offset": com_offset, "kbr_phase_centre": discover_ranging.kbr_phase_centre}
+FLOWS = {
+    "com_offset": com_offset,
+    "kbr_phase_centre": discover_ranging.kbr_phase_centre,
+    "inertial_sensor": discover_swing.inertial_sensor,
+}
 
 
 def document(ref):

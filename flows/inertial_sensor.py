@@ -41,6 +41,24 @@ def _swing(found, files, source, chosen):
     return {"align": aligned, "scale": scaled, "offset": moved}
 
 
+def baseline(source, chosen):
+    """Products that discovery looks at: aligned, scale and offset of the swing; what was detected if there is none."""
+    days = _days(source)
+    found = _detected(days, source, chosen)
+    seen = numbers(found, "swing_start", "swing_stop")
+    if not seen["swing_start"].size:
+        return (found,)
+    files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
+    return tuple(_swing(found, files, source, chosen).values())
+
+
+def scene_settings(chosen):
+    """What the view of a swing needs beside the products."""
+    known = chosen.for_stage("scale") | chosen.for_stage("offset")
+    names = ("bin_s", "quiet_margin_s", "drift_degree", "noise_order")
+    return {name: known[name] for name in names} | {"inertia": _geometry()["inertia"]}
+
+
 def _days(source):
     """Files of every day of the source."""
     from gravcal.data import inertial_files

@@ -27,6 +27,9 @@ READOUT = np.array(
     ]
 )
 
+#: Of the suspension, rad s-1: the test mass lags by its acceleration over the square; assumed, no source prints it.
+LOOP = 2 * np.pi * 1.0
+
 #: Which linear factor each angular one is tied to: beta_x to k_z, beta_y and beta_z to k_x.
 TIED = (2, 0, 0)
 

@@ -11,7 +11,6 @@ from gravcal.effects import Context, inertial_sensor
 from gravcal.physics import frames
 from gravcal.simulation import injection
 
-LOOP = 2 * np.pi * 1.0  # rad s-1, of the suspension: the test mass lags by its acceleration over the square; assumed
 KNOWN = (
     *(entry.slug for entry in inertial_sensor.EFFECTS),
     *(f"accelerometer.{name}" for name in ("misalignment", "angular_leak", "bias_step", "stray_tone")),
@@ -54,7 +53,7 @@ def read(time, linear_b, angular_b, truth, hide: Hidden) -> tuple[np.ndarray, np
     delay = injection.added(hide.effects, "acc_delay", Context(time, epoch=hide.epoch))
     if np.any(delay):
         linear_b, angular_b = (_earlier(time, values, delay) for values in (linear_b, angular_b))
-    extra = {"linear_volt": (linear_b - truth.bias) / truth.k, "displacement_b": -linear_b / LOOP**2}
+    extra = {"linear_volt": (linear_b - truth.bias) / truth.k, "displacement_b": -linear_b / inertial_sensor.LOOP**2}
     context = Context(time, linear_b=linear_b, angular_b=angular_b, epoch=hide.epoch, extra=extra)
     linear = linear_b + injection.added(hide.effects, "linear_b", context)
     return linear, angular_b + injection.added(hide.effects, "angular_b", context)

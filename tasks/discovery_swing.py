@@ -1,0 +1,28 @@
+"""Stages of discovery in a swing of an inertial sensor."""
+
+from __future__ import annotations
+
+from gravcal.data import product
+from gravcal.discovery.schemas import DISCOVERY
+from tasks.stage import lazy, stage
+
+science = lazy("gravcal.discovery.inertial_sensor")
+report_science = lazy("gravcal.report.discovery_delivery")
+
+KINDS = {"inertial_sensor.discovery": DISCOVERY, "inertial_sensor.discovery_report": product.ANY}
+for _kind, _schema in KINDS.items():
+    product.register(_kind, _schema)
+
+
+@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.discovery", version=1)
+def search(*products, discovery_level, tie_chi2, round_limit, heldout_s, discovery_seed, scene):
+    """What the model of a swing gets wrong, and why; without a swing nothing."""
+    limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}
+    return science.discover(*products, **limits, segment_s=heldout_s, discovery_seed=discovery_seed, **scene)
+
+
+@stage(reads=["inertial_sensor.discovery"], writes="inertial_sensor.discovery_report", version=1)
+def report(found, *, event, satellite, settings, templates):  # noqa: ARG001 - templates are in the key
+    """Result document and page."""
+    named = {"calibration": "inertial_sensor", "event": event, "satellite": satellite}
+    return report_science.report(found, settings=settings, **named)

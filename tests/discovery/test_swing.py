@@ -1,0 +1,69 @@
+"""Effects hidden in the files of a swing of an inertial sensor; the code under test sees files only."""
+
+import json
+import secrets
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flows import cli, inertial_sensor
+from gravcal.data.schemas import validate
+
+#: A time within the swing of the simulated day, s GPS.
+MIDDLE = 706111700.0
+#: At a signal-to-noise ratio of about 20, twice that of the study.
+LISTED = {
+    "accelerometer.bias_step": {"z": 2e-8, "time": MIDDLE + 3.0},
+    "accelerometer.stray_tone": {"z": 6e-9, "frequency": 0.27, "phase": 1.0},
+}
+
+
+@pytest.fixture(scope="module")
+def rng():
+    """Generator with a seed of its own at every run, printed for repetition."""
+    seed = secrets.randbits(32)
+    print(f"seed {seed}")  # noqa: T201 - shown when a test fails
+    return np.random.default_rng(seed)
+
+
+def discovered(folder, rng, effects, *options, manoeuvre="swing"):
+    """Exit code and document of `gravcal discover` on the files of a simulated event."""
+    flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
+    seed, target = int(rng.integers(1_000_000)), folder / "document.json"
+    settings = {"manoeuvre": manoeuvre}
+    inertial_sensor.simulate(folder / "level1", seed=seed, truth=None, effects=flat, settings=settings)
+    arguments = ["discover", "inertial_sensor", "--data", str(folder / "level1"), "--engine", "inline"]
+    result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *options])
+    document = json.loads(target.read_text())
+    validate(document, "discovery")
+    return result.exit_code, document
+
+
+def test_nothing_is_named_on_a_clean_swing(rng, tmp_path):
+    """Recovery: one swing at a chance of false names of two in ten thousand, and a probability that is not tiny."""
+    code, document = discovered(tmp_path, rng, {}, "--set", "discovery_level=0.0002")
+    assert code == 0
+    assert document["findings"] == []
+    assert document["p_before"] > 1e-4
+    hidden = {one["cause"] for one in document["indistinguishable_from_calibration"]}
+    assert {"timing.accelerometer_delay", "timing.star_camera_delay", "accelerometer.angular_leak"} <= hidden
+
+
+@pytest.mark.parametrize("slug", sorted(LISTED))
+def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, slug):
+    """Recovery: one effect, alone or in its tied set; its parameters within 5 sigma."""
+    code, document = discovered(tmp_path, rng, {slug: LISTED[slug]})
+    assert code == 0
+    assert [slug in (f["cause"], *f["tied_with"]) for f in document["findings"]] == [True]
+    (found,) = document["findings"]
+    assert found["heldout_gain"]["chi2"] > 0
+    for name in set(LISTED[slug]) & set(found["parameters"]) if found["cause"] == slug else ():
+        parameter = found["parameters"][name]
+        assert abs(parameter["value"] - LISTED[slug][name]) < 5 * parameter["sigma"]
+
+
+def test_a_record_without_swing_has_nothing_to_discover(rng, tmp_path):
+    """Contract: exit code 3, status no_manoeuvre."""
+    code, document = discovered(tmp_path, rng, {}, manoeuvre="none")
+    assert (code, document["status"]) == (3, "no_manoeuvre")
