@@ -71,7 +71,7 @@ def segment(detected, *observed, step_s, workers):
 @stage(
     reads=["inertial_sensor.segment", "inertial_sensor.scale", "inertial_sensor.offset"],
     writes="inertial_sensor.bias",
-    version=2,
+    version=3,
 )
 def bias(
     segmented,

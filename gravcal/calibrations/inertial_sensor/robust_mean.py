@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TUNING = 1.5  # Huber, in standard deviations: 96 % efficient for Gaussian scatter
-EFFICIENCY = 1.02  # so much wider is the error for it
+LIMIT = 3.0  # standard deviations from the neighbours beyond which a value is drawn in
+NEIGHBOURS = 5  # values of the running median
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,12 @@ class RobustMean:
 
 
 def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = ()) -> RobustMean:
-    """Huber mean over the time covered.
+    """Mean over the time covered, of values that stand out from their neighbours no more than a limit.
 
     Its error comes from the error of every value; what the values scatter beyond it is a slow wander, which a mean over
-    the time covered rightly contains. Where values are missing the wander is not seen, and its error is added.
+    the time covered rightly contains. So a value is judged by its neighbours: judged by the mean of all, wander would
+    count as outlying, and the result be no mean of it. Where values are missing the wander is not seen, and its error
+    is added.
 
     Parameters
     ----------
@@ -40,31 +42,22 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
 
     Notes
     -----
-    sum psi((x - m)/s) = 0; var m = sum psi^2 / (sum psi')^2; Huber 1981, ch. 6; runs of r values left out of N add
-    wander^2 sum r^2 / N^2, neighbours being alike.
+    Runs of r values left out of N add wander^2 sum r^2 / N^2, neighbours being alike.
     """
+    from scipy.ndimage import median_filter
+
     values, sigma = np.asarray(values, dtype=float), np.asarray(sigma, dtype=float)
     if values.size < 3:
         empty = np.mean(values) if values.size else np.nan
         return RobustMean(float(empty), np.nan, np.nan, np.nan, np.ones(values.size))
-    middle = np.median(values)
-    size = max(1.4826 * np.median(np.abs(values - middle)), 1e-300)
-    for _ in range(100):
-        weight = np.minimum(1.0, TUNING * size / np.maximum(np.abs(values - middle), 1e-300))
-        moved = np.sum(weight * values) / np.sum(weight)
-        if abs(moved - middle) < 1e-9 * size:
-            break
-        middle = moved
     noise = np.sqrt(np.mean(sigma**2))
-    wander = np.sqrt(max(size**2 - noise**2, 0.0))
+    local = median_filter(values, size=min(NEIGHBOURS, values.size), mode="mirror")
+    left = values - local
+    limit = LIMIT * max(1.4826 * np.median(np.abs(left)), noise, 1e-300)
+    weight = np.minimum(1.0, limit / np.maximum(np.abs(left), 1e-300))
+    drawn = local + weight * left
+    wander = np.sqrt(max(np.var(drawn, ddof=1) - noise**2, 0.0))
     unseen = wander * np.linalg.norm(missing) / (values.size + sum(missing))
-    error = np.hypot(EFFICIENCY * noise / np.sqrt(values.size), unseen)
-    return RobustMean(float(middle), float(error), _neighbour_scatter(values), float(wander), weight)
-
-
-def _neighbour_scatter(values):
-    """Standard deviation of one value from winsorised differences of neighbours."""
-    difference = np.diff(values) / np.sqrt(2)
-    size = max(1.4826 * np.median(np.abs(difference)), 1e-300)
-    clipped = np.clip(difference, -TUNING * 2 * size, TUNING * 2 * size)
-    return float(np.sqrt(np.mean(clipped**2)))
+    error = np.hypot(noise / np.sqrt(values.size), unseen)
+    scatter = np.sqrt(np.mean(np.diff(drawn) ** 2) / 2)
+    return RobustMean(float(drawn.mean()), float(error), float(scatter), float(wander), weight)
