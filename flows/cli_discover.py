@@ -7,7 +7,8 @@ import typer
 
 from flows import cli_output as output
 
-WHAT = "com_offset or kbr_phase_centre, or a view of measured data: attitude, ranging, magnetometer, published_table"
+VIEWS = "attitude, ranging, magnetometer, published_table"
+WHAT = f"com_offset, kbr_phase_centre or inertial_sensor, or a view of measured data: {VIEWS}"
 
 
 def discover(

@@ -81,7 +81,8 @@ def scaled(parameter: dict) -> tuple[str, str]:
     value, sigma = parameter["value"], parameter["sigma"]
     if value is None or sigma is None or sigma == 0:
         return (NOT_DETERMINED if value is None else f"{value:.4g}"), parameter["unit"]
-    power = _power(max(abs(value), sigma))
+    sharp = abs(value) > 1 and sigma < 1e-5 * abs(value)  # an epoch
+    power = 0 if sharp else _power(max(abs(value), sigma))
     raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     unit = parameter["unit"] if power == 0 else f"10{raised} {parameter['unit']}".removesuffix(" 1")
     return plus_minus(value / 10**power, sigma / 10**power), unit

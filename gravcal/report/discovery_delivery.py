@@ -38,7 +38,7 @@ def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     document = words.document(numbers, calibration, event, provenance)
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
-    if numbers.get("findings"):
+    if numbers.get("findings") and "model" in settings:  # a calibration that takes one
         files["model.toml"] = words.model_text(numbers, event)
     files["discovery.html"] = page(found, document, label, satellite)
     names = {"before": "baseline", "after": "extended model"}
@@ -101,6 +101,7 @@ WRONG = (
     "set against noise drawn through the same fit."
 )
 MORE = {
+    "inertial_sensor": "A swing is looked at in even and odd stretches of ten seconds; rolls are not looked at.",
     "kbr_phase_centre": (
         "Range, range rate and range acceleration come from one phase; the range stands for all three. Only a tilted "
         "antenna feels the noise of the star cameras, so this part is that of the manoeuvres beside everything that a "
