@@ -12,7 +12,7 @@ import os
 from dataclasses import dataclass
 
 from flows import campaign_here, campaign_work, command, engine
-from gravcal.data import location
+from gravcal.data import location, schemas
 from gravcal.errors import GravcalError, ProductError
 
 ENDED_WELL = ("delivered", "no_manoeuvre")
@@ -92,7 +92,7 @@ def run(campaign, sources, listener=None):
     counts = collections.Counter(row["status"] for row in events)
     status = "failed" if set(counts) - set(ENDED_WELL) else "delivered" if counts["delivered"] else "no_manoeuvre"
     return {
-        "schema_version": 1,
+        "schema_version": schemas.VERSION,
         "status": status,
         "calibration": campaign.calibration,
         "counts": dict(counts),

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import discovery_timing
+from gravcal.calibrations.com_offset.discovery_candidates import field_of_delay
 from gravcal.calibrations.com_offset.discovery_view import View
 from gravcal.calibrations.com_offset.extension import contribution, determined
 from gravcal.effects import effect
@@ -38,8 +39,17 @@ def with_model(blocks: list[dict], views: list[View], smoothed: xr.Dataset, star
 
 def _rows(view, entry):
     """Whitened rows of an effect in a manoeuvre."""
-    added = contribution(view, entry)
+    added = contribution(view, entry) or _of_delay(view, entry)
     return view.rows({channel: values[..., None] for channel, values in added.items()})[:, 0] if added else 0.0
+
+
+def _of_delay(view, entry):
+    """What a delay adds to the field, where tags were moved instead."""
+    signal = field_of_delay(view, entry["cause"])
+    if signal is None:
+        return {}
+    value = effect(entry["cause"]).values(determined(entry))[0]
+    return {channel: columns[..., 0] * value for channel, columns in signal.items()}
 
 
 def _edges(entry, smoothed, starts):

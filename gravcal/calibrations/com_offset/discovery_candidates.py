@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.calibrations.com_offset import discovery_drivers, discovery_timing
+from gravcal.calibrations.com_offset.discovery_scene import attitude_at, field_at
 from gravcal.calibrations.com_offset.discovery_view import View, turning
 from gravcal.effects import Context, catalogue
 from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
+from gravcal.physics import frames
 
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
 #: Baseline parameters, searched for along the time or frequency axis, or of records that are not read here.
@@ -21,6 +23,7 @@ NOT_HERE = (
 )
 LAGS_S = (0.05, 0.2, 0.5, 1.0, 2.0)  # where the lag is differentiated
 MODES_HZ = np.arange(0.10, 0.80, 0.02)
+STEP_S = 2.0  # over which the field is differentiated
 DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
 #: Channel of an effect -> channel of the view.
 READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", "field_b": "magnetometer"}
@@ -128,7 +131,7 @@ def _reading(entry):
 
     def signal(view):
         if entry.channel not in READ:
-            return None
+            return field_of_delay(view, entry.slug)
         channel = READ[entry.channel]
         if channel == "magnetometer":
             time = view.magnetometer[0]
@@ -137,6 +140,32 @@ def _reading(entry):
         return {channel: entry.columns(context)}
 
     return signal
+
+
+def field_of_delay(view: View, slug: str) -> dict[str, np.ndarray] | None:
+    """What a delay of one second does to the difference of measured and predicted field; None where nothing.
+
+    A late tag of the magnetometer shows the field of before, one of the star camera predicts it with the attitude of
+    before: -dB/dt and -w x B in the body.
+
+    Parameters
+    ----------
+    view : View
+    slug : of the delay
+
+    Returns
+    -------
+    signal : {"magnetometer": (n, 3, 1) T s-1}
+    """
+    time = view.magnetometer[0]
+    if not time.size or slug not in ("timing.magnetometer_delay", "timing.star_camera_delay"):
+        return None
+    if slug == "timing.star_camera_delay":
+        there = view.at(time)
+        return {"magnetometer": -np.cross(there.rate_b, there.field_b)[..., None]}
+    ends = [time + d for d in (-STEP_S, STEP_S)]
+    fields = [field_at(view.scene, t, frames.R_bi_from_quaternion(attitude_at(view.scene, t))) for t in ends]
+    return {"magnetometer": -(fields[1] - fields[0])[..., None] / (2 * STEP_S)}
 
 
 def _torque(torque_of):

@@ -14,6 +14,7 @@ from gravcal.effects import Context, effect
 from gravcal.physics import frames
 
 BEYOND_S = 10.0
+EDGES = ("edge_lower", "edge_upper", "start", "stop")
 #: Tags that a delay moves.
 TAGS = {"acc_delay": "time_acc", "sca_delay": "time_sca", "mag_delay": "time_mag"}
 
@@ -51,8 +52,10 @@ def _delay(extended, entry):
     """Tags moved where the entry is a delay; drifts are below the tags' own error within a day."""
     known = None if entry["cause"].startswith("unknown:") else effect(entry["cause"])
     if known is not None and known.channel in TAGS and known.slug.endswith("delay"):
-        name = TAGS[known.channel]
-        extended.coords[name] = extended[name] - known.values(determined(entry))[0]
+        name, delay = TAGS[known.channel], known.values(determined(entry))[0]
+        extended.coords[name] = extended[name] - delay
+        for other in EDGES if name == "time_mag" else ():  # seen in the currents, which have the same tags
+            extended[other] = extended[other] - delay
 
 
 def _turns(entry):
