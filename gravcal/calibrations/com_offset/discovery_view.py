@@ -197,9 +197,8 @@ def _own(view, settings):
     columns += [{"attitude": scene.own_attitude}, {"linear": _swung_drag(view.context)}]
     width = float(np.median(np.diff(scene.time)))
     rest = scene.true, view.context.field_b, width
-    ends = [motion.magnetic_acceleration(scene.window.arc, scene.shift + d, *rest) for d in (-0.02, 0.02)]
-    slope = (ends[1] - ends[0]) / 0.04
-    columns.append(felt(view, _edge_by_edge(scene, slope)))
+    ends = [motion.magnetic_acceleration(scene.window.arc, scene.shift + d, *rest) for d in (-0.15, 0.15)]
+    columns.append(felt(view, _edge_by_edge(scene, ends[1] - ends[0])))
     return merged(columns)
 
 
@@ -210,13 +209,20 @@ def _swung_drag(context):
     return np.stack([np.cross(unit, angle) for unit in np.eye(3)], axis=2)
 
 
-def _edge_by_edge(scene, slope):
-    """Slope (n, 3, edges), one column an edge: where between two samples an edge falls is known to neither model."""
+def _edge_by_edge(scene, jump):
+    """Jump (n, 3, 2 edges) at the sample before an edge and at the one after, a column each.
+
+    Where between two samples an edge falls is known to neither model; a momentary sample near it may be on either side,
+    and from one edge of the wave to the next it may change sides.
+    """
     arc = scene.window.arc
     change = np.abs(np.diff(arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0))
-    edges = arc.edges[change > 0.5 * change.max()] + scene.shift
-    nearest = np.argmin(np.abs(scene.true[:, None] - edges), axis=1)
-    return slope[:, :, None] * (nearest[:, None] == np.arange(edges.size))[:, None, :]
+    edges = arc.edges[change > 0.25 * change.max()] + scene.shift
+    near = np.searchsorted(scene.true, edges)[:, None] + np.array([-1, 0])
+    near = np.clip(near, 0, scene.true.size - 1).ravel()
+    columns = np.zeros((scene.true.size, 3, near.size))
+    columns[near, :, np.arange(near.size)] = jump[near]
+    return columns
 
 
 def felt(view: View, alpha: np.ndarray) -> dict[str, np.ndarray]:
