@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from gravcal.discovery.blocks import Candidate
+
 
 def at(slug: str, epoch: float) -> str:
     """Name of a cause at an epoch, so that two of them are not taken for two forms of one.
@@ -12,6 +16,27 @@ def at(slug: str, epoch: float) -> str:
     epoch : s
     """
     return f"{slug}@{epoch:.1f}"
+
+
+def each_its_own(candidate: Candidate, slug: str) -> Candidate:
+    """A candidate whose cause names its epoch if it is the one that happens at an epoch.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    slug : of the cause whose candidates have the words "time <epoch> s" at the end of their form
+    """
+    return replace(candidate, cause=at(slug, of(candidate.form))) if candidate.cause == slug else candidate
+
+
+def of(form: str) -> float:
+    """Epoch s in the words of a form.
+
+    Parameters
+    ----------
+    form : "time <epoch> s", after other words or none
+    """
+    return float(form.rpartition("time ")[2].removesuffix(" s"))
 
 
 def plain(numbers: dict) -> dict:

@@ -84,19 +84,8 @@ def made(seen: View) -> tuple[list[Block], list[Candidate]]:
     ----------
     seen : View
     """
-    return [Block(**b) for b in blocks(seen)], [_one_epoch(Candidate(**c)) for c in listed.candidates(seen)]
-
-
-def _one_epoch(candidate):
-    """A step as a cause of its own epoch."""
-    if candidate.cause != listed.STEP:
-        return candidate
-    return replace(candidate, cause=epochs.at(listed.STEP, _epoch(candidate.form)))
-
-
-def _epoch(form):
-    """Epoch s in the words for a step."""
-    return float(form.removeprefix("time ").removesuffix(" s"))
+    tried = [epochs.each_its_own(Candidate(**c), listed.STEP) for c in listed.candidates(seen)]
+    return [Block(**b) for b in blocks(seen)], tried
 
 
 def _reported(result):
@@ -112,7 +101,7 @@ def _physical(finding, position, result):
     if not np.isfinite(result.findings[position].value).any():
         finding["parameters"] = named_parameters(result, position)
     if finding["cause"].startswith(listed.STEP):
-        epoch = _epoch(finding["form"])
+        epoch = epochs.of(finding["form"])
         error = listed.STEP_S / np.sqrt(12)
         finding["parameters"]["time"] = {"value": epoch, "sigma": error, "unit": "s"}
     finding["heldout"] = "blocks"  # even and odd stretches

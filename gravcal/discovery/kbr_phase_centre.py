@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import xarray as xr
 
@@ -97,24 +95,12 @@ def made(seen: View, measured: xr.Dataset) -> tuple[list[Block], list[Candidate]
     known = sum(len(s["names"]) for s in shapes if not s["cause"].startswith("unknown:"))
     scale = factors(seen, with_pointing(seen, measured, columns[:, :known]))
     rows = [Block(**b) for b in blocks(seen, scale)]
-    tried = [_one_epoch(Candidate(**c)) for c in listed.candidates(seen, scale, shapes, columns)]
+    tried = [epochs.each_its_own(Candidate(**c), listed.BREAK) for c in listed.candidates(seen, scale, shapes, columns)]
     return rows, tried, {"range": _known(seen, measured)}, scale
 
 
 def _breaks_at(seen, scale, wanted):
-    return [_one_epoch(Candidate(**c)) for c in listed.breaks(seen, scale, wanted)]
-
-
-def _one_epoch(candidate):
-    """A phase break as a cause of its own epoch."""
-    if candidate.cause != listed.BREAK:
-        return candidate
-    return replace(candidate, cause=epochs.at(listed.BREAK, _epoch(candidate.form)))
-
-
-def _epoch(form):
-    """Epoch s in the words for a phase break."""
-    return float(form.rpartition("time ")[2].removesuffix(" s"))
+    return [epochs.each_its_own(Candidate(**c), listed.BREAK) for c in listed.breaks(seen, scale, wanted)]
 
 
 def _known(seen, measured):
@@ -136,7 +122,7 @@ def _physical(finding, position, result, seen, scale):
 def _break(one, result, seen, scale):
     """Size and epoch of a phase break, on a finer grid than that of the search."""
     columns = result.problem.candidates[one.index].columns
-    tried, middle = _epoch(one.form) + FINE_S, int(np.argmin(np.abs(FINE_S)))
+    tried, middle = epochs.of(one.form) + FINE_S, int(np.argmin(np.abs(FINE_S)))
     size, right = np.zeros(tried.size), np.zeros(tried.size)
     for k in (i for i, c in enumerate(columns) if c is not None):
         basis = result.problem.bases[k]
