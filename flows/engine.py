@@ -12,6 +12,7 @@ import contextlib
 import math
 import os
 import sys
+import threading
 from dataclasses import dataclass
 
 from gravcal.data import explain, journal, keys, store
@@ -54,13 +55,44 @@ def single_threaded():
         os.environ.setdefault(name, "1")
 
 
+@contextlib.contextmanager
 def one_thread():
-    """Context in which also libraries that were loaded before use one thread; sums are then always the same."""
-    if "numpy" not in sys.modules:
-        return contextlib.nullcontext()
-    import threadpoolctl
+    """Context in which also libraries that were loaded before use one thread; sums are then always the same.
 
-    return threadpoolctl.threadpool_limits(1)
+    The number of threads is one of the whole process: where contexts of several threads overlap, the last one to end
+    gives the old number back.
+    """
+    _limit.begin()
+    try:
+        yield
+    finally:
+        _limit.end()
+
+
+class _Limit:
+    """The limit of a process, held while anyone asks for it."""
+
+    def __init__(self):
+        self._guard, self._holders, self._limits = threading.Lock(), 0, []
+
+    def begin(self):
+        """Hold; libraries that were loaded since the last call are limited too."""
+        with self._guard:
+            self._holders += 1
+            if "numpy" in sys.modules:
+                import threadpoolctl
+
+                self._limits.append(threadpoolctl.threadpool_limits(1))
+
+    def end(self):
+        """Let go."""
+        with self._guard:
+            self._holders -= 1
+            while not self._holders and self._limits:
+                self._limits.pop().restore_original_limits()
+
+
+_limit = _Limit()
 
 
 def plan(body, *arguments):

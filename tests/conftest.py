@@ -8,8 +8,10 @@ import textwrap
 
 import pytest
 
+from flows.engine import single_threaded
 from gravcal.data import fingerprint, memory
 
+single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
 os.environ.setdefault("GRAVCAL_TEST_SEED", str(secrets.randbelow(2**31)))
 
 

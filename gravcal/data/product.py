@@ -241,7 +241,7 @@ def _settled_values(values):
             f"complex numbers two variables.",
             dtype=str(values.dtype),
         )
-    return np.asarray(values, dtype=values.dtype.newbyteorder("="))
+    return np.asarray(values, dtype=values.dtype.newbyteorder("="), order="C")  # as after reading: BLAS sums by order
 
 
 def _settled_attributes(attributes):

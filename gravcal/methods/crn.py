@@ -37,6 +37,8 @@ class Crn:
 def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
     """Weights for samples at the lags -K..K times the step, later samples last.
 
+    What a process keeps is summed without BLAS, whose sums depend on the number of its threads at the time.
+
     The response is nil above 0.2 Hz, so that samples up to 1 s apart give the same filter as those of 0.1 s.
 
     Parameters
@@ -60,11 +62,11 @@ def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
     phase = 2 * np.pi * np.outer(lag, index) / crn.window_s
     rate = 2 * np.pi * index / crn.window_s
     wave = (np.cos(phase), rate * np.sin(phase), -(rate**2) * np.cos(phase))[derivative]
-    lowpass = np.cos(phase) @ height
+    lowpass = (np.cos(phase) * height).sum(axis=1)
     lowpass = lowpass / (lowpass @ np.cos(2 * np.pi * crn.exact_hz * lag))
     if derivative == 0:
         return lowpass
-    taps = (wave @ height) * (lowpass[half] / height.sum())
+    taps = (wave * height).sum(axis=1) * (lowpass[half] / height.sum())
     return taps - lowpass * taps.sum()  # a constant has no derivative, whatever the step
 
 
@@ -94,7 +96,7 @@ def gain(crn: Crn, step_s: float, derivative: int, frequency_hz: np.ndarray) -> 
     taps = weights(crn, step_s, derivative)
     half = taps.size // 2
     phase = 2 * np.pi * np.outer(frequency_hz, step_s * np.arange(-half, half + 1))
-    return (np.sin(phase) if derivative == 1 else np.cos(phase)) @ taps
+    return ((np.sin(phase) if derivative == 1 else np.cos(phase)) * taps).sum(axis=1)
 
 
 def operator(crn: Crn, derivative: int, good: np.ndarray, grid: tuple[float, float], at: np.ndarray) -> Resampler:

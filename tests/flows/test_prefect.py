@@ -6,6 +6,9 @@ import sys
 import time
 from pathlib import Path
 
+import numpy  # noqa: F401 - loads BLAS
+import threadpoolctl
+
 from flows import engine, prefect_server
 
 RUNNER = """
@@ -101,6 +104,23 @@ def test_one_thread_for_libraries(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     engine.single_threaded()
     assert {os.environ[name] for name in engine.ONE_THREAD} == {"1"}
+
+
+def test_threads_of_one_process_share_the_limit():
+    """Contract: a context that ends gives BLAS its threads back only when no other thread still computes."""
+
+    def counts():
+        return {one["num_threads"] for one in threadpoolctl.threadpool_info() if one["user_api"] == "blas"}
+
+    with threadpoolctl.threadpool_limits(2):
+        before = counts()
+        first, second = engine.one_thread(), engine.one_thread()
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert counts() == {1}
+        second.__exit__(None, None, None)
+        assert counts() == before
 
 
 def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
