@@ -8,6 +8,9 @@ from gravcal.report.figures import image
 from gravcal.report.pages import render, traced
 from gravcal.report.plain import gps_text
 
+WANDERS = "Measured minus predicted attitude, means of bins. The prediction integrates the readouts twice, their noise "
+WANDERS += "too: it wanders by 0.1 to 1 mrad in minutes, and has that weight in the estimate."
+
 
 def page(document, given, published):
     """Page of one event.
@@ -65,7 +68,7 @@ def _swing(document, given, published):
     scale = [
         _figure(figures.swing, given, "scale", "Swing: angular readouts, angular acceleration, attitude."),
         _figure(figures.convergence, given, "scale", "Kalman filter against batch least squares."),
-        _figure(figures.residuals, given, "scale", "Measured minus predicted attitude, means of bins."),
+        _figure(figures.residuals, given, "scale", WANDERS),
         _figure(figures.filtering, given, "align", "Readouts before and after the CRN filter of the published method."),
     ]
     moved = [
