@@ -115,10 +115,20 @@ def cluster(campaign, count):
             _check_versions(client)
             yield client
         return
+    _fork_workers()
     here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
     local = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **here)
     with local, Client(local) as client:
         yield client
+
+
+def _fork_workers():
+    """Let worker processes begin as forks of one that has loaded what every event needs; it has no threads yet."""
+    import dask
+    from distributed.utils import get_mp_context
+
+    dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})
+    get_mp_context().set_forkserver_preload(["distributed", "flows.campaign_work", "tasks.preloaded"])
 
 
 def windowed(waiting, submit, settle, width):
@@ -178,10 +188,13 @@ def _processes(campaign):
 
 def _run_waiting(campaign, head, waiting, listener):
     """Rows of the events that have something to make, by number; the workers begin while a server still starts."""
+    from flows import prefect_server
+
     folder = str(location.folder())
     if campaign.workers == 0:
         return _hand_out(campaign, waiting, lambda source: _made(campaign, source, folder), 1)
-    with cluster(campaign, min(_processes(campaign), len(head))) as client:
+    early = prefect_server.early(campaign.engine == "prefect")
+    with early as server, cluster(campaign, min(_processes(campaign), len(head))) as client:
         slots = 2 * max(sum(client.nthreads().values()), 1)  # a worker finds its next event waiting
 
         def submit(source):
@@ -189,17 +202,17 @@ def _run_waiting(campaign, head, waiting, listener):
 
         begun = {id(source): submit(source) for _, source in head[: AHEAD * slots]}
         told = None if campaign.engine == "flow" else listener
-        return _hand_out(campaign, waiting, functools.partial(_on_a_worker, submit, begun, told), slots)
+        return _hand_out(campaign, waiting, functools.partial(_on_a_worker, submit, begun, told), slots, server)
 
 
-def _hand_out(campaign, waiting, calibrate, slots):
+def _hand_out(campaign, waiting, calibrate, slots, server=None):
     """Rows by number, through the engine of the campaign."""
     if campaign.engine == "inline":
         return in_threads(waiting, calibrate, slots)
     from flows import campaign_prefect
 
     work = campaign_prefect.in_flow if campaign.engine == "flow" else campaign_prefect.run
-    return work(campaign, waiting, calibrate, slots)
+    return work(campaign, waiting, calibrate, slots, server)
 
 
 def _made(campaign, source, folder):

@@ -13,7 +13,6 @@ from concurrent.futures.process import BrokenProcessPool
 from flows.children import die_with
 
 LITTLE_S = 60.0  # work on all events together; starting Prefect and Dask takes six seconds, more on a busy machine
-LOADED = ("xarray", "h5py", "numba", "scipy.special")  # what nearly every stage needs; once, not in each fork
 
 
 def run(waiting, work, processes, listener=None):
@@ -39,8 +38,7 @@ def run(waiting, work, processes, listener=None):
             if total > LITTLE_S:
                 others.append((number, source))
                 break
-            for name in LOADED:
-                importlib.import_module(name)
+            importlib.import_module("tasks.preloaded")
             with contextlib.suppress(BrokenProcessPool):
                 given[pool.submit(work, source)] = number, source
                 continue

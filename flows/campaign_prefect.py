@@ -9,7 +9,7 @@ from flows.engine import warn
 ROWS = 1000  # rows of a table that a page can show
 
 
-def run(campaign, waiting, calibrate, slots):
+def run(campaign, waiting, calibrate, slots, server=None):
     """Rows by number, each event a task; without a server, the same without Prefect.
 
     Parameters
@@ -18,13 +18,14 @@ def run(campaign, waiting, calibrate, slots):
     waiting : iterable of (number, source)
     calibrate : function of a source that returns its row
     slots : int, events under way at a time
+    server : prefect_server.Server already begun, or None
 
     Returns
     -------
     rows : dict of number to row
     """
     try:
-        begun = prefect_server.begin()
+        begun = server or prefect_server.begin()
         import prefect  # noqa: F401 - takes seconds, while the server comes up
 
         with prefect_server.running(begun) as url:
@@ -35,7 +36,7 @@ def run(campaign, waiting, calibrate, slots):
     return plain.in_threads(waiting, calibrate, slots)
 
 
-def in_flow(campaign, waiting, calibrate, slots):  # noqa: ARG001 - as for run
+def in_flow(campaign, waiting, calibrate, slots, server=None):  # noqa: ARG001 - as for run
     """Rows by number, each event a task of the flow that is running."""
     width = plain.AHEAD * slots if slots > 1 else 1
     return plain.windowed(waiting, functools.partial(_submit, calibrate), _settle, width)

@@ -7,10 +7,13 @@ import time
 import traceback
 from dataclasses import dataclass
 
+from flows import allocation
 from flows.engine import left, one_thread, single_threaded
 from gravcal.data import journal
 from gravcal.errors import GravcalError
 from tasks import stage
+
+READING = "POLARS_MAX_THREADS"  # a run of its own reads with all cores; here each worker has one
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ def calibrate(calibration, source, chosen, store):
     row : dict of "event", "status", "made", "reused", "seconds", "report" or "error", "verdict", and "adopted"
     """
     single_threaded()
+    os.environ.setdefault(READING, "1")
+    allocation.keep_freed()
     os.environ["GRAVCAL_PRODUCTS"] = store
     counts = {"made": 0, "cached": 0}
 

@@ -1,6 +1,5 @@
 """What the commands do, without reading arguments and without printing."""
 
-import contextlib
 import dataclasses
 import difflib
 import importlib
@@ -153,28 +152,15 @@ def simulate(calibration, out, seed_truth, effects, settings):
 
 def demo(out, seed, engine_name):
     """Result document, report product and truth of an invented event."""
+    from flows import prefect_server
+
     folder = out or location.folder() / "demo" / f"seed-{seed}"
-    with early_server(engine_name) as server:
+    first = engine_name == "prefect" and not (location.folder() / "prefect").exists()  # a first start takes ten seconds
+    with prefect_server.early(first) as server:
         truth = simulate("com_offset", folder, (seed, folder / "truth.json"), None, None)
         made = source("com_offset", None, folder, truth["satellite"], truth["date"])
         document, ref = calibrate("com_offset", made, chosen("com_offset", None), engine_name, server)
     return document, ref, truth
-
-
-@contextlib.contextmanager
-def early_server(engine_name):
-    """A Prefect server that comes up beside other work; None for other engines or where it cannot start."""
-    from flows import prefect_server
-
-    server = None
-    if engine_name == "prefect" and not (location.folder() / "prefect").exists():  # the first start takes ten seconds
-        with contextlib.suppress(prefect_server.Unavailable):
-            server = prefect_server.begin()
-    try:
-        yield server
-    finally:
-        if server:
-            prefect_server.end(server)
 
 
 def report_files(event, out):

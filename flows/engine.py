@@ -15,6 +15,7 @@ import sys
 import threading
 from dataclasses import dataclass
 
+from flows import allocation
 from gravcal.data import explain, journal, keys, store
 from gravcal.data.references import ProductRef
 from gravcal.errors import GravcalError
@@ -166,6 +167,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     ref : ProductRef of the result
     """
     single_threaded()
+    allocation.keep_freed()
     steps, ref = plan(body, *arguments)
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"

@@ -92,6 +92,20 @@ def begin(port=None):
 
 
 @contextlib.contextmanager
+def early(wanted):
+    """Server that comes up beside other work, ended with the block; None if none is wanted or it cannot start."""
+    server = None
+    if wanted:
+        with contextlib.suppress(Unavailable):
+            server = begin()
+    try:
+        yield server
+    finally:
+        if server:
+            end(server)
+
+
+@contextlib.contextmanager
 def running(server):
     """URL of a server that answers; a child ends with the block."""
     try:

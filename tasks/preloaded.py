@@ -1,0 +1,22 @@
+"""Import this to have what nearly every event needs: libraries, and the tables that the first compiled kernel loads.
+
+It is imported in the process that workers are forked from, so that they begin with it. Nothing here starts a thread.
+"""
+
+import dask.base  # noqa: F401 - xarray asks it for each index
+import h5py  # noqa: F401
+import jinja2  # noqa: F401
+import jsonschema  # noqa: F401
+import scipy.fft  # noqa: F401
+import scipy.interpolate  # noqa: F401
+import scipy.linalg  # noqa: F401
+import scipy.optimize  # noqa: F401
+import scipy.spatial.transform  # noqa: F401
+import scipy.special  # noqa: F401
+import threadpoolctl  # noqa: F401
+import xarray as xr
+
+from gravcal.physics.small_algebra import cross
+
+cross((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+xr.Dataset({"x": ("n", [0.0])}, {"n": [0]})
