@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 from scipy.stats import chi2 as chi2_distribution
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
 SEEN = 1e-4
+#: Share of the information on a direction below which a set of blocks does not see it.
+UNSEEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -106,9 +107,11 @@ def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size:
 
 
 def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> float:
-    """Gain in chi-square of each block predicted from all others, summed over blocks.
+    """Twice the log likelihood gained by a candidate in each block as all others predict it, summed over blocks.
 
-    What the others do not see at all is left at zero, and so gains nothing.
+    A prediction has the error of the parameters that it is made with, so that a direction of which the others see
+    little neither gains nor costs much. What only this block sees, of baseline or candidate, is fitted in it before
+    and after, and gains nothing.
 
     Parameters
     ----------
@@ -117,27 +120,41 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
     index : (q,) indices of the candidate's columns
     """
     total, gain = grams.sum(axis=0), 0.0
-    both, whole = np.concatenate([baseline, index]), np.diag(total)
+    both = np.concatenate([baseline, index])
     for one in grams:
         others = total - one
-        before, after = (_solved(others, i, whole) for i in (baseline, both))
-        gain += _cost(one, baseline, before) - _cost(one, both, after)
+        share, directions = _shares(one, others, both)
+        own = np.zeros((one.shape[0], np.sum(share < UNSEEN)))
+        own[both] = directions[:, share < UNSEEN]
+        crossed = one @ own
+        rest = one - crossed @ inverse_of(own.T @ crossed) @ crossed.T
+        gain += _foretold(rest, others, both) - _foretold(rest, others, baseline)
     return float(gain)
 
 
-def _solved(gram, index, whole):
-    """Values (n,) of the columns at `index`, zero where less than a thousandth of their information is in `gram`."""
-    seen = np.diag(gram)[index] > 1e-3 * whole[index]
-    value, kept = np.zeros(index.size), index[seen]
-    inner = gram[np.ix_(kept, kept)]
-    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    scaled = linalg.pinvh(inner / np.outer(scale, scale), rtol=1e-9)
-    value[seen] = scaled @ (gram[kept, 0] / scale) / scale
-    return value
+def _shares(one, others, index):
+    """Shares (k,) of the information that the others have along independent directions (n, k) of some columns."""
+    inner = (one + others)[np.ix_(index, index)]
+    size = np.diag(inner)
+    scale = np.sqrt(np.where(size > 0, size, 1.0))
+    values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
+    seen = values > 1e-9
+    whitening = vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
+    share, turned = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
+    return np.clip(share, 0.0, 1.0), whitening @ turned
 
 
-def _cost(gram, index, value):
-    return gram[0, 0] - 2 * value @ gram[index, 0] + value @ gram[np.ix_(index, index)] @ value
+def _foretold(one, others, index):
+    """Twice the log likelihood of a block predicted by the others, beyond that of a prediction of zero.
+
+    Along a direction in which the others have the share m of the information, block and others estimate
+    b / (1 - m) and p, with the variances 1 / (1 - m) and 1 / m.
+    """
+    share, directions = _shares(one, others, index)
+    seen = (share > UNSEEN) & (share < 1 - 1e-9)
+    m, directions = share[seen], directions[:, seen]
+    b, p = directions.T @ one[index, 0], directions.T @ others[index, 0] / m
+    return float(np.sum((b**2 - m * (b - (1 - m) * p) ** 2) / (1 - m) + np.log(m)))
 
 
 def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int]:

@@ -46,7 +46,7 @@ class Finding:
     index : of the candidate in the baseline, whose form may have fewer parameters
     gain, dof : of the likelihood ratio with all other findings in the baseline
     significance : probability corrected for everything that was tried
-    heldout : chi-square gained on data left out; kind : "manoeuvres" or "blocks"
+    heldout : twice the log likelihood gained on data left out; kind : "manoeuvres" or "blocks"
     at, at_sigma : epoch s or frequency Hz of a step or a line
     separation : of `hidden.separation`, for each tied cause
     """

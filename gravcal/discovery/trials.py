@@ -180,7 +180,7 @@ def _line(problem, trial):
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:
-    """Chi-square gained on data left out, and which: "manoeuvres" or "blocks" of time.
+    """Twice the log likelihood gained on data left out, and which: "manoeuvres" or "blocks" of time.
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
     fitted in every second stretch of time and tested on the others. Of a cause with parameters of both kinds the

@@ -132,10 +132,10 @@ def _path(points):
 
 
 def _thinned(points):
-    """Lowest and highest point of every half unit across, where there are many more."""
-    count = int((points[-1, 0] - points[0, 0]) / (FINE / 2)) + 1
+    """Lowest and highest point of every unit across, where there are more."""
+    count = int((points[-1, 0] - points[0, 0]) / FINE) + 1
     each = len(points) // max(count, 1)
-    if each < 4:
+    if each < 3:
         return points
     whole = len(points) // each * each
     groups = points[:whole].reshape(-1, each, 2)

@@ -40,7 +40,7 @@ def test_a_missing_value_breaks_a_line():
 
 
 def test_thinning_keeps_every_peak():
-    """Analytic: of a long noisy series the lowest and highest of each half unit stay."""
+    """Analytic: of a long noisy series the lowest and highest of each unit stay."""
     x = np.linspace(0, 10, 100_000)
     y = np.zeros(x.size)
     y[54_321], y[65_432] = 0.9, -0.8
