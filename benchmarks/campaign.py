@@ -47,7 +47,7 @@ def _cold(command, root, count, options):
     figures = [
         Figure("empty store", f"{cold:.3g} s"),
         Figure("  for each event", f"{cold / count:.3g} s"),
-        Figure("  processor time for each event", f"{processor / count:.3g} s"),
+        Figure("  processor time of the machine for each event", f"{processor / count:.3g} s"),
         Figure("  work on one event", f"{busy / count:.3g} s"),
     ]
     if count >= 200:
@@ -114,9 +114,7 @@ def _day(files, seed, number, settings):
 
 
 def _spent(command, environment):
-    """Wall and processor seconds of a command with all that it started, and what it printed."""
-    start, before = time.perf_counter(), os.times()
+    """Wall seconds of a command, processor seconds of the machine meanwhile, and what it printed."""
+    start, before = time.perf_counter(), watch.busy()
     text = output(command, environment)
-    wall, after = time.perf_counter() - start, os.times()
-    used = after.children_user - before.children_user + after.children_system - before.children_system
-    return (wall, used), text
+    return (time.perf_counter() - start, watch.busy() - before), text

@@ -6,6 +6,8 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 
+import psutil
+
 
 def interleaved(work: Mapping[str, Callable], rounds: int, *, warm: bool = True, collect: bool = False) -> dict:
     """Seconds of each piece of work by name, measured A B C A B C ...
@@ -42,3 +44,9 @@ def span(values: list[float], unit: str = "") -> str:
 def middle(values: list[float]) -> float:
     """Median."""
     return statistics.median(values)
+
+
+def busy() -> float:
+    """Seconds that all processors were at work, for whomever: the parent of forked workers does not pass on theirs."""
+    spent = psutil.cpu_times()
+    return spent.user + spent.nice + spent.system

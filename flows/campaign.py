@@ -128,7 +128,8 @@ def _fork_workers():
     from distributed.utils import get_mp_context
 
     dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})
-    get_mp_context().set_forkserver_preload(["distributed", "flows.campaign_work", "tasks.preloaded"])
+    own = ["distributed", "flows.campaign_work", "tasks.preloaded"]
+    get_mp_context().set_forkserver_preload([*own, "scipy.interpolate", "scipy.optimize", "scipy.spatial.transform"])
 
 
 def windowed(waiting, submit, settle, width):

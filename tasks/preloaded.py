@@ -7,11 +7,7 @@ import dask.base  # noqa: F401 - xarray asks it for each index
 import h5py  # noqa: F401
 import jinja2  # noqa: F401
 import jsonschema  # noqa: F401
-import scipy.fft  # noqa: F401
-import scipy.interpolate  # noqa: F401
 import scipy.linalg  # noqa: F401
-import scipy.optimize  # noqa: F401
-import scipy.spatial.transform  # noqa: F401
 import scipy.special  # noqa: F401
 import threadpoolctl  # noqa: F401
 import xarray as xr
