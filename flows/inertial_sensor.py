@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flows.engine import flow
 from gravcal.data import catalog
-from tasks import common, inertial_sensor
+from tasks import common, discovery_swing, inertial_sensor
 from tasks.stage import numbers, read
 
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
@@ -25,6 +25,8 @@ def calibrate(source, chosen):
     if seen["swing_start"].size:
         files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
         parts |= _swing(found, files, source, chosen)
+        if chosen.model:
+            parts |= _extended(parts, chosen)
     if seen["roll_start"].size:
         files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
         rolled = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
@@ -36,9 +38,21 @@ def calibrate(source, chosen):
 def _swing(found, files, source, chosen):
     """Products of a swing by name."""
     aligned = inertial_sensor.align(found, *files, event=source.event, **chosen.for_stage("align"))
+    return _solved(aligned, chosen)
+
+
+def _solved(aligned, chosen):
+    """Products of the record of a swing by name."""
     scaled = inertial_sensor.scale(aligned, geometry=_geometry(), **chosen.for_stage("scale"))
     moved = inertial_sensor.offset(aligned, scaled, **chosen.for_stage("offset"))
     return {"align": aligned, "scale": scaled, "offset": moved}
+
+
+def _extended(parts, chosen):
+    """Products of a swing without the effects of the extended model."""
+    swing = [parts[name] for name in ("align", "scale", "offset")]
+    settings = chosen.for_stage("extend") | {"scene": scene_settings(chosen)}
+    return _solved(discovery_swing.extend(*swing, variant="extended", **settings), chosen)
 
 
 def baseline(source, chosen):
@@ -49,7 +63,8 @@ def baseline(source, chosen):
     if not seen["swing_start"].size:
         return (found,)
     files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
-    return tuple(_swing(found, files, source, chosen).values())
+    parts = _swing(found, files, source, chosen)
+    return tuple((_extended(parts, chosen) if chosen.model else parts).values())
 
 
 def scene_settings(chosen):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 from gravcal.data import product
 from gravcal.discovery.schemas import DISCOVERY
 from tasks.stage import lazy, stage
 
 science = lazy("gravcal.discovery.inertial_sensor")
+extension_science = lazy("gravcal.calibrations.inertial_sensor.extension")
 report_science = lazy("gravcal.report.discovery_delivery")
 
 KINDS = {"inertial_sensor.discovery": DISCOVERY, "inertial_sensor.discovery_report": product.ANY}
@@ -19,6 +22,16 @@ def search(*products, discovery_level, tie_chi2, round_limit, heldout_s, discove
     """What the model of a swing gets wrong, and why; without a swing nothing."""
     limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}
     return science.discover(*products, **limits, segment_s=heldout_s, discovery_seed=discovery_seed, **scene)
+
+
+@stage(
+    reads=["inertial_sensor.align", "inertial_sensor.scale", "inertial_sensor.offset"],
+    writes="inertial_sensor.align",
+    version=1,
+)
+def extend(aligned, scaled, moved, *, model, scene):
+    """Record of a swing without the effects of an extended model."""
+    return extension_science.extend(aligned, scaled, moved, model=json.loads(model), **scene)
 
 
 @stage(reads=["inertial_sensor.discovery"], writes="inertial_sensor.discovery_report", version=1)

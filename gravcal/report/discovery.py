@@ -211,23 +211,28 @@ def _table(caption, heads, rows, words):
 
 
 def model_text(numbers: dict, event: str) -> str:
-    """Extended model as TOML, as `--model` reads it.
+    """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
     Parameters
     ----------
     numbers : of the document
     event : that it was found in
     """
-    lines = [f"# Found by gravcal discover in {event}; give it to gravcal run with --model.", f"event = {_text(event)}"]
+    lines, sized = [f"# Found by gravcal discover in {event}; give it to gravcal run with --model."], 0
+    lines.append(f"event = {_text(event)}")
     for one in numbers["findings"]:
+        known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
+        sized += bool(known)
+        if not known:
+            lines += ["", f"# {one['cause']} has no parameter that the data determine, so that it is not taken out."]
+            continue
         lines += ["", "[[effect]]", f"cause = {_text(one['cause'])}", f"form = {_text(one['form'])}"]
         lines.append(f"tied_with = {json.dumps(one['tied_with'])}")
-        for name, parameter in one.get("model", one["parameters"]).items():
-            if parameter["value"] is not None:
-                sigma = "" if parameter["sigma"] is None else f"sigma = {parameter['sigma']!r}, "
-                unit = _text(parameter["unit"])
-                lines.append(f"parameters.{name} = {{ value = {parameter['value']!r}, {sigma}unit = {unit} }}")
-    return "\n".join(lines) + "\n"
+        for name, parameter in known.items():
+            sigma = "" if parameter["sigma"] is None else f"sigma = {parameter['sigma']!r}, "
+            unit = _text(parameter["unit"])
+            lines.append(f"parameters.{name} = {{ value = {parameter['value']!r}, {sigma}unit = {unit} }}")
+    return "\n".join(lines) + "\n" if sized else ""
 
 
 def _text(value):

@@ -11,6 +11,7 @@ from gravcal.calibrations.com_offset import discovery_candidates, discovery_driv
 from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
 from gravcal.calibrations.com_offset.discovery_view import View, turning, view_of
 from gravcal.effects import Context, effect
+from gravcal.effects.entries import determined
 from gravcal.physics import frames
 
 BEYOND_S = 10.0
@@ -61,17 +62,6 @@ def _delay(extended, entry):
 def _turns(entry):
     """Whether an entry is a torque, which turns the body itself."""
     return not entry["cause"].startswith("unknown:") and effect(entry["cause"]).channel in ("dipole_b", "torque_b")
-
-
-def determined(entry: Mapping) -> dict[str, float]:
-    """Values by parameter, none where not determined.
-
-    Parameters
-    ----------
-    entry : {"parameters": {name: {"value"}}}; "model" goes before, where a cause was named by a few of its parameters
-    """
-    values = {n: p["value"] for n, p in entry.get("model", entry["parameters"]).items()}
-    return {n: v for n, v in values.items() if v is not None and np.isfinite(v)}
 
 
 def contribution(view: View, entry: Mapping) -> dict[str, np.ndarray]:

@@ -11,6 +11,7 @@ from gravcal.calibrations.kbr_phase_centre import discovery_drivers
 from gravcal.calibrations.kbr_phase_centre.align import READ, interpolated
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, view
 from gravcal.effects import effect
+from gravcal.effects.entries import determined
 from gravcal.methods import crn
 from gravcal.physics import frames
 
@@ -54,7 +55,7 @@ def contribution(seen: View, entry: Mapping) -> np.ndarray | None:
     seen : View
     entry : {"cause", "form", "parameters"}
     """
-    values = _values(entry)
+    values = determined(entry)
     if entry["cause"].startswith("unknown:"):
         shapes = discovery_drivers.shapes(seen)
         found = [s for s in shapes if (s["cause"], s["form"]) == (entry["cause"], entry["form"])]
@@ -66,15 +67,10 @@ def contribution(seen: View, entry: Mapping) -> np.ndarray | None:
     return known.contribution(seen.context, known.values(values)) if known.channel == "range" else None
 
 
-def _values(entry):
-    """Values by parameter, none where not determined."""
-    return {n: p["value"] for n, p in entry["parameters"].items() if p["value"] is not None}
-
-
 def _corrected(extended, entry, seen):
     """Attitudes without a delay of their tags or a turn of their frame, in place."""
     known = effect(entry["cause"])
-    added = known.contribution(seen.context, known.values(_values(entry)))
+    added = known.contribution(seen.context, known.values(determined(entry)))
     values = extended["quaternion"].values
     for k in (0, 1):
         good = np.isfinite(values[k]).all(axis=1)
