@@ -9,9 +9,10 @@ import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import discovery_candidates as listed
 from gravcal.calibrations.inertial_sensor.discovery_view import CHANNELS, PARAMETERS, View, blocks, view
-from gravcal.discovery import epochs, products
+from gravcal.discovery import attribution, epochs, products
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.lines import amplitude, lines
+from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
 from gravcal.discovery.widening import named_parameters, widened
@@ -21,6 +22,8 @@ PRODUCTS = 3  # of a swing
 #: Of the reported parameters: 1e-6 rad s-2 V-1, ms, um.
 SCALE = np.array([1e6, 1e6, 1e3, 1e6, 1e6, 1e6])
 UNIT = "1e-6 rad s-2 V-1, ms, um"
+#: Epochs round that of the search at which a step is looked for again, s.
+FINE_S = np.linspace(-listed.STEP_S, listed.STEP_S, 21)
 
 
 def discover(*swing: xr.Dataset, **settings) -> xr.Dataset:
@@ -59,6 +62,8 @@ def discover(*swing: xr.Dataset, **settings) -> xr.Dataset:
 def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: View) -> tuple:
     """Result of the rounds and lines by their form: rounds, tones in what is left, rounds with these beside all others.
 
+    Steps are looked for again round the epochs found, so that what an epoch half a spacing off leaves gets no name.
+
     Parameters
     ----------
     rows, tried : blocks and candidates
@@ -71,8 +76,10 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
     for axis in range(3):
         wave = listed.waves(seen, axis)
         found += lines(result, ("linear", axis), wave, groups, (listed.TONE, "m s-2", choice.level))
-    if found:
-        more = [*tried, *(one.candidate for one in found)]
+    broken = [epochs.of(one.form) for one in result.findings if one.cause.startswith(listed.STEP)]
+    if found or broken:
+        fine = [c for epoch in broken for c in _steps_at(seen, epoch + FINE_S)]
+        more = [*tried, *fine, *(one.candidate for one in found)]
         result = search(rows, more, choice, np.random.default_rng(seed))
     return result, {one.candidate.form: one for one in found}
 
@@ -88,6 +95,10 @@ def made(seen: View) -> tuple[list[Block], list[Candidate]]:
     return [Block(**b) for b in blocks(seen)], tried
 
 
+def _steps_at(seen, at):
+    return [epochs.each_its_own(Candidate(**c), listed.STEP) for c in listed.steps(seen, at)]
+
+
 def _reported(result):
     """Result whose shared parameters are the reported ones, in the units they are reported in."""
     count = SCALE.size
@@ -101,10 +112,26 @@ def _physical(finding, position, result):
     if not np.isfinite(result.findings[position].value).any():
         finding["parameters"] = named_parameters(result, position)
     if finding["cause"].startswith(listed.STEP):
-        epoch = epochs.of(finding["form"])
-        error = listed.STEP_S / np.sqrt(12)
-        finding["parameters"]["time"] = {"value": epoch, "sigma": error, "unit": "s"}
+        finding["parameters"]["time"] = _epoch(result, position)
     finding["heldout"] = "blocks"  # even and odd stretches
+
+
+def _epoch(result, position):
+    """Epoch of a step: mean and spread under the likelihood of the epochs that were tried near it."""
+    problem, index = result.problem, result.findings[position].index
+    others = [one.index for k, one in enumerate(result.findings) if k != position]
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, others))
+    middle = epochs.of(problem.candidates[index].form)
+    steps = [k for k, one in enumerate(problem.candidates) if one.cause.startswith(listed.STEP)]
+    near = {epochs.of(problem.candidates[k].form): k for k in steps}
+    near = {at: k for at, k in sorted(near.items()) if abs(at - middle) <= listed.STEP_S}
+    at = np.array(list(near))
+    gain = np.array([attribution.ratio(gram, problem.places[k], problem.size).gain for k in near.values()])
+    weight = np.exp((gain - gain.max()) / 2) * np.gradient(at) if at.size > 1 else np.ones(1)
+    mean = float(weight @ at / weight.sum())
+    spacing = float(np.diff(at).min()) if at.size > 1 else listed.STEP_S
+    spread = float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum() + spacing**2 / 12))
+    return {"value": mean, "sigma": spread, "unit": "s"}
 
 
 def _joined(result):

@@ -81,10 +81,10 @@ def calibrated(folder, *options):
 
 def test_the_model_of_a_step_brings_the_offset_back(rng, tmp_path):
     """Recovery: a step of 60 and 40 nm s-2 moves the offset by several sigma; its model leaves it within four."""
-    step = {"accelerometer.bias_step": {"z": 6e-8, "y": 4e-8, "time": MIDDLE + 2.0}}
+    step = {"accelerometer.bias_step": {"z": 6e-8, "y": 4e-8, "time": MIDDLE + 3.4}}
     code, document = discovered(tmp_path, rng, step)
     assert code == 0
-    assert {f["cause"] for f in document["findings"]} == {"accelerometer.bias_step"}
+    assert [f["cause"] for f in document["findings"]] == ["accelerometer.bias_step"]
     true = np.array(json.loads((tmp_path / "truth.json").read_text())["com_to_test_mass_um"])
     model = max((tmp_path / "products").rglob("model.toml"), key=lambda path: path.stat().st_mtime)
     error = []

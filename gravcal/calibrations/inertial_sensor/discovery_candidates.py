@@ -36,7 +36,8 @@ def candidates(seen: View) -> list[dict]:
     seen : View
     """
     found = [one for entry in (*EFFECTS, *map(effect, OTHERS)) for one in _split(_of(seen, entry))]
-    return found + _steps(seen) + _drivers(seen)
+    time = seen.record.time
+    return found + steps(seen, np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S)) + _drivers(seen)
 
 
 def _of(seen, entry):
@@ -90,13 +91,19 @@ def _split(whole):
     return found
 
 
-def _steps(seen):
-    """A step of the linear readings at each of many epochs."""
+def steps(seen: View, epochs: np.ndarray) -> list[dict]:
+    """Fields of candidates: a step of the linear readings at each of some epochs.
+
+    Parameters
+    ----------
+    seen : View
+    epochs : (k,) s
+    """
     time, found = seen.record.time, []
-    for epoch in np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S):
+    for epoch in epochs:
         after = np.clip((time + (time[1] - time[0]) / 2 - epoch) / (time[1] - time[0]), 0, 1)
         columns = cut(seen, linear=linear_rows(seen, after[:, None, None] * np.eye(3)))
-        words = {"cause": STEP, "form": f"time {epoch:.0f} s", "names": ["x", "y", "z"], "units": ["m s-2"] * 3}
+        words = {"cause": STEP, "form": f"time {epoch:.1f} s", "names": ["x", "y", "z"], "units": ["m s-2"] * 3}
         found.append(words | {"prior": [], "columns": columns})
     return found
 
