@@ -17,7 +17,7 @@ from gravcal.discovery import products
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
-from gravcal.discovery.widening import named_parameters
+from gravcal.discovery.widening import named_parameters, with_ties
 
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 MODE_STEP_HZ = float(np.diff(MODES_HZ).mean())
@@ -87,7 +87,7 @@ def _searched(aligned, field, smoothed, solved, model, settings):
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet)
     made = [Block(**b) for b in blocks], [Candidate(**c) for c in found]
     result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
-    numbers = summary(result, choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
+    numbers = summary(with_ties(result), choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
     for position, finding in enumerate(numbers["findings"]):
         where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
         finding["model"] = named_parameters(result, position) | where

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gravcal.discovery import attribution
+from gravcal.discovery import attribution, trials
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Result
 
@@ -15,7 +15,8 @@ def widened(result: Result) -> Result:
     """Result whose calibration parameters and covariance after the extension leave named causes all their parameters.
 
     A cause is often named by one of its parameters; the others move the calibration too, and what the data say of them
-    is part of the error. Where the data do not determine them all, the cause stays as it was named.
+    is part of the error. Where the data do not determine them all, the cause stays as it was named. Where causes are
+    tied, the error holds how far the calibration would move with each of the others.
 
     Parameters
     ----------
@@ -31,9 +32,53 @@ def widened(result: Result) -> Result:
             named[position] = widest
     fixed = baseline_of(problem, named)
     covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])
-    value, covariance = (covariance @ total[fixed, 0])[:width], covariance[:width, :width]
+    return _after(result, (covariance @ total[fixed, 0])[:width], covariance[:width, :width], named)
+
+
+def with_ties(result: Result) -> Result:
+    """Result whose error after the extension holds how far the calibration would move with each tied cause.
+
+    Parameters
+    ----------
+    result : Result
+    """
+    return _after(result, result.shared[1], result.covariance[1], [one.index for one in result.findings])
+
+
+def _after(result, value, covariance, named):
+    """Result with other calibration parameters after the extension, and the error of its ties."""
+    covariance = covariance + sum(_moment(result, named, k, value) for k in range(len(named)))
     ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
     return replace(result, **{name: (getattr(result, name)[0], after) for name, after in ends.items()})
+
+
+def _moment(result, named, position, value):
+    """Second moment (p, p) of the calibration about its value over the causes that are tied, by their likelihood."""
+    problem, width = result.problem, value.size
+    others = [*named[:position], *named[position + 1 :]]
+    total, baseline = problem.gram.sum(axis=0), baseline_of(problem, others)
+    gram = attribution.projected(total, baseline)
+    forms = {cause: [] for cause in (result.findings[position].cause, *result.findings[position].tied)}
+    for k, candidate in enumerate(problem.candidates):
+        if candidate.cause in forms and k not in others:
+            found = attribution.ratio(gram, problem.places[k], problem.size)
+            forms[candidate.cause].append((found.gain - trials.COST * found.dof, k))
+    best = [max(rows) for rows in forms.values() if rows]
+    weight, moment = np.exp(np.array([score for score, _ in best]) / 2 - max(best)[0] / 2), np.zeros((width, width))
+    for share, (_, k) in list(zip(weight / weight.sum(), best, strict=True))[1:]:
+        moved = _with(problem, total, baseline, k)[:width] - value
+        moment += share * np.outer(moved, moved)
+    return moment
+
+
+def _with(problem, total, baseline, index):
+    """Values of the baseline beside a candidate whose size is held by its prior."""
+    place, prior = problem.places[index], problem.candidates[index].prior
+    fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
+    inner = total[np.ix_(fixed, fixed)].copy()
+    if len(prior) == place.stop - place.start:
+        inner[baseline.size :, baseline.size :] += np.diag(1 / np.square(prior))
+    return attribution.inverse_of(inner) @ total[fixed, 0]
 
 
 def named_parameters(result: Result, position: int) -> dict:

@@ -7,6 +7,7 @@ import numpy as np
 from gravcal.discovery.blocks import Block, Candidate, basis_of
 from gravcal.discovery.problem import prepare
 from gravcal.discovery.rounds import Choice, search
+from gravcal.discovery.widening import widened
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -107,3 +108,21 @@ def test_what_an_unknown_cause_leaves_gets_no_name():
     found = search(hidden, [*candidates, unknown], CHOICE, rng)
     assert [f.cause for f in found.findings] == ["unknown:driver"]
     assert found.after.p < CHOICE.level
+
+
+def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it():
+    """Recovery: twins differ by five times the shared column; S/N 15 of the second is named as one of the two."""
+    rng = np.random.default_rng(41)
+    blocks, candidates = made(rng)
+    first = candidates[0]
+    second = Candidate(
+        "case.b", "", ["size"], ["1"], [c + 5 * b.shared for c, b in zip(first.columns, blocks, strict=True)]
+    )
+    size = 15 / np.sqrt(1200)
+    hidden = [replace(b, observed=b.observed + size * c[:, 0]) for b, c in zip(blocks, second.columns, strict=True)]
+    plain = search(hidden, [first, second], CHOICE, rng)
+    assert {"case.a", "case.b"} == {plain.findings[0].cause, *plain.findings[0].tied}
+    error = plain.shared[1][0] - 1.0
+    alone = 5 * size * (plain.findings[0].cause == "case.a")
+    assert abs(error - alone) < 5 * plain.sigma[1][0] + 0.1 * 5 * size
+    assert 0.5 * 5 * size < widened(plain).sigma[1][0] < 5 * size
