@@ -113,7 +113,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     chosen, first = [], None
     for _ in range(choice.rounds):
         rows = trials.tried(problem, baseline_of(problem, [k for k, _ in chosen]), choice, [k for k, _ in chosen])
-        first = first or sorted(rows, key=lambda t: t.log_p)
+        first = first or sorted(rows, key=lambda t: (t.log_p, -t.gain))
         problem, found = _best(problem, [k for k, _ in chosen], rows, choice)
         if found is None:
             break
