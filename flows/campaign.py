@@ -115,21 +115,10 @@ def cluster(campaign, count):
             _check_versions(client)
             yield client
         return
-    _fork_workers()
     here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
     local = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **here)
     with local, Client(local) as client:
         yield client
-
-
-def _fork_workers():
-    """Let worker processes begin as forks of one that has loaded what every event needs; it has no threads yet."""
-    import dask
-    from distributed.utils import get_mp_context
-
-    dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})
-    own = ["distributed", "flows.campaign_work", "tasks.preloaded"]
-    get_mp_context().set_forkserver_preload([*own, "scipy.interpolate", "scipy.optimize", "scipy.spatial.transform"])
 
 
 def windowed(waiting, submit, settle, width):

@@ -1,6 +1,6 @@
 """Import this to have what nearly every event needs: libraries, and the tables that the first compiled kernel loads.
 
-It is imported in the process that workers are forked from, so that they begin with it. Nothing here starts a thread.
+Short campaigns import it before they fork, so that their children begin with it. Nothing here starts a thread.
 """
 
 import dask.base  # noqa: F401 - xarray asks it for each index
