@@ -47,6 +47,6 @@ def middle(values: list[float]) -> float:
 
 
 def busy() -> float:
-    """Seconds that all processors were at work, for whomever: the parent of forked workers does not pass on theirs."""
+    """Seconds that all processors were at work, for whomever; of processes that are ended, not waited for, as well."""
     spent = psutil.cpu_times()
     return spent.user + spent.nice + spent.system
