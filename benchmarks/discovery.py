@@ -15,8 +15,8 @@ from benchmarks import discovery_cases as cases
 from benchmarks.discovery_cases import Case
 from benchmarks.tables import Figure, say, title
 
-COUNTS = {"clean": 200, "one": 200, "two": 60, "unlisted": 100}
-TARGET = 10.0
+COUNTS = {"clean": 200, "one": 200, "two": 60, "unlisted": 100, "weak": 60}
+TARGET = dict.fromkeys(COUNTS, 10.0) | {"weak": 6.0}
 LARGE = (100.0, 600.0)  # ratio at which the strength is measured
 
 
@@ -81,12 +81,14 @@ def _hidden(kind, seed, rng):
         plain = Case(seed, kind, {})
         truth = cases.written(folder / "plain", plain)
         before = _blocks(folder / "plain", listed=kind == "unlisted")
-        effects, names, left = {}, [], 0.0
+        effects, names, left, forms = {}, [], 0.0, []
         for _ in range(2 if kind == "two" else 1):
-            added, left, name = _scaled_to(folder, (plain, truth, before), rng, names)
-            effects, names = effects | added, [*names, name]
+            added, left, form, name = _scaled_to(folder, (plain, truth, before), rng, names)
+            effects, names, forms = effects | added, [*names, name], [*forms, form]
         hidden = {"hidden": names, "effects": effects, "left_by_listed": left}
-        return _outcome(folder, Case(seed, kind, effects)) | hidden
+        outcome = _outcome(folder, Case(seed, kind, effects))
+        blocks, _, _, start = _blocks(folder / "final", before[1])
+        return outcome | hidden | cases.known(blocks, forms, start)
 
 
 def _scaled_to(folder, clean, rng, taken):
@@ -108,14 +110,20 @@ def _scaled_to(folder, clean, rng, taken):
 
 
 def _large(place, plain, before, effects):
-    """Effects at the wanted ratio, by proportion from a size that stands far above rounding; None out of reach."""
+    """Effects at the wanted ratio, by proportion from a size that stands far above rounding; None out of reach.
+
+    With it the share of its square that listed causes leave, and what it adds to the rows of each block.
+    """
     for repeat in range(4):
         cases.written(place / str(repeat), Case(plain.seed, plain.kind, effects))
-        seen, left = cases.ratio(before[0], _blocks(place / str(repeat), before[1])[0], before[2])
+        blocks = _blocks(place / str(repeat), before[1])[0]
+        seen, left = cases.ratio(before[0], blocks, before[2])
         if not np.isfinite(seen) or seen < 1e-3:
             return None
         if LARGE[0] < seen < LARGE[1]:
-            return cases.scaled(effects, TARGET / seen), left * TARGET**2
+            factor = TARGET[plain.kind] / seen
+            form = [factor * (b["observed"] - a["observed"]) for a, b in zip(before[0], blocks, strict=True)]
+            return cases.scaled(effects, factor), left * TARGET[plain.kind] ** 2, form
         factor = float(np.clip(LARGE[0] * 1.5 / seen, 1e-4, 30.0))
         if repeat and factor == 30.0:
             return None
@@ -150,15 +158,16 @@ def _products(folder):
 
 
 def _blocks(folder, noise=None, *, listed=False):
-    """Blocks of the files of a folder, the noise that they were whitened with, and candidates if they are wanted."""
+    """Blocks of the files of a folder, their noise, candidates if they are wanted, and the offset they start from (m)."""
     from gravcal.calibrations.com_offset.discovery_candidates import candidates
     from gravcal.calibrations.com_offset.discovery_event import event
+    from gravcal.calibrations.com_offset.discovery_scene import offset_of
 
     products, scene, chosen = _products(folder)
     degrees = {name: chosen[name] for name in ("linear_drift_degree", "angular_drift_degree")}
     views, blocks, _ = event(*products, noise=noise, **scene, **degrees)
     found = candidates(views, products[2], products[0]["start"].values) if listed else []
-    return blocks, views[0].noise, found
+    return blocks, views[0].noise, found, offset_of(products[3])
 
 
 def _outcome(folder, case):
@@ -177,7 +186,7 @@ def _outcome(folder, case):
     change = numbers["calibration_change"]
     error = (np.array(change["after"]) - truth["offset_um"]) / np.array(change["sigma_after"])
     found = [{k: f[k] for k in ("cause", "form", "tied_with", "parameters")} for f in numbers["findings"]]
-    kept = {k: numbers[k] for k in ("p_before", "p_after")}
+    kept = {k: numbers[k] for k in ("p_before", "p_after")} | {"after": change["after"], "true": truth["offset_um"]}
     return kept | {"found": found, "error_in_sigma": error.tolist(), "seconds": spent}
 
 

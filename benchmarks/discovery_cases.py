@@ -171,3 +171,36 @@ def ratio(clean, changed, candidates=()) -> tuple[float, float]:
     gains = [attribution.ratio(gram, place, problem.size).gain for place in problem.places]
     whole = max(float(gram[0, 0]), 1e-300)
     return float(np.sqrt(whole)), 1 - max(gains, default=0.0) / whole
+
+
+def known(blocks, forms, start) -> dict:
+    """Offset by an estimator that knows the forms of what is hidden and fits their sizes, and what it gains.
+
+    Parameters
+    ----------
+    blocks : of the event
+    forms : of each effect, what it adds to the rows of each block
+    start : (3,) m, offset that the blocks start from
+
+    Returns
+    -------
+    numbers : "known_um" and "known_sigma_um" of the offset, "known_gain" of the likelihood ratio; empty where an
+        effect changed which samples are used, so that its rows do not fit
+    """
+    from gravcal.discovery import attribution
+    from gravcal.discovery.blocks import Block, Candidate
+    from gravcal.discovery.problem import baseline_of, prepare
+
+    columns = [np.stack(one, axis=1) for one in zip(*forms, strict=True)]
+    if any(len(c) != b["observed"].size for c, b in zip(columns, blocks, strict=True)):
+        return {}
+    names = [f"size_{k}" for k in range(len(forms))]
+    hidden = Candidate("unknown:hidden", "", names, ["1"] * len(names), columns)
+    problem = prepare([Block(**b) for b in blocks], [hidden])
+    total, fixed = problem.gram.sum(axis=0), baseline_of(problem, [0])
+    covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])
+    value = np.asarray(start) + (covariance @ total[fixed, 0])[:3]
+    alone = attribution.projected(total, baseline_of(problem, ()))
+    gain = attribution.ratio(alone, problem.places[0], problem.size).gain
+    sigma = np.sqrt(np.diag(covariance)[:3])
+    return {"known_um": (1e6 * value).tolist(), "known_sigma_um": (1e6 * sigma).tolist(), "known_gain": float(gain)}

@@ -10,6 +10,7 @@ from scipy import stats
 from benchmarks.discovery_cases import UNLISTED
 from benchmarks.tables import Figure, say
 
+LEVEL = 0.005  # of a test that knows the form
 TIE = 9.0  # expected chi-square below which two causes are alike
 
 
@@ -61,17 +62,18 @@ def figures(rows: list[dict]) -> list[Figure]:
     rows : of `discovery.one`
     """
     good = [r for r in rows if "error" not in r]
-    by = {k: [r for r in good if r["kind"] == k] for k in ("clean", "one", "two", "unlisted")}
+    by = {k: [r for r in good if r["kind"] == k] for k in ("clean", "one", "two", "unlisted", "weak")}
     found = [Figure("cases that stopped with an error", f"{len(rows) - len(good)} of {len(rows)}", "", "0")]
     if by["clean"]:
         found += _clean(by["clean"])
     if by["one"]:
         found += [_share("one hidden effect named", [right(r) for r in by["one"]], 0.95), _parameters(by["one"])]
-        found.append(_scatter(by["one"]))
+        found += [_scatter(by["one"]), _beside_known(by["one"])]
     if by["two"]:
         found.append(_share("two hidden effects named", [right(r) for r in by["two"]], 0.85))
     if by["unlisted"]:
         found += _unlisted(by["unlisted"])
+    found += [_power(by[k], k) for k in ("one", "weak") if by[k]]
     seconds = [r["seconds"] for r in good]
     if seconds:
         found.append(Figure("processor seconds of a discovery, median", f"{np.median(seconds):.1f}", "", "15"))
@@ -113,6 +115,28 @@ def _scatter(rows):
         return Figure("error over sigma of the result after the extension, rms", "none")
     rms = np.sqrt(np.nanmean(errors**2, axis=0))
     return Figure("error over sigma of the result after the extension, rms", " ".join(f"{v:.2f}" for v in rms))
+
+
+def _beside_known(rows):
+    """Error of the calibration result over that of an estimator that knows the form, in the errors of the latter."""
+    pairs = [(np.array(r["after"]), np.array(r["known_um"]), r) for r in rows if "known_um" in r]
+    if not pairs:
+        return Figure("error of the result over that with the form known", "none")
+    sizes = [np.array(r["known_sigma_um"]) for *_, r in pairs]
+    found, best = (
+        np.sqrt(np.mean([((p[i] - p[2]["true"]) / s) ** 2 for p, s in zip(pairs, sizes, strict=True)], axis=0))
+        for i in (0, 1)
+    )
+    whole = float(np.linalg.norm(found) / np.linalg.norm(best))
+    axes = " ".join(f"{v:.2f}" for v in found / best)
+    return Figure("error of the result over that with the form known", f"{whole:.2f}", axes, "<= 1.3", whole <= 1.3)
+
+
+def _power(rows, kind):
+    """Hidden effects noticed, of those that a test of their form at the same level sees."""
+    limit = stats.chi2.isf(LEVEL, 1)
+    seen = [bool(r["found"]) for r in rows if r.get("known_gain", 0.0) > limit] or [False]
+    return _share(f"noticed, of those that a test of their form sees ({kind})", seen, 0.90)
 
 
 def _unlisted(rows):
