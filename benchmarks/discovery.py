@@ -158,7 +158,7 @@ def _products(folder):
 
 
 def _blocks(folder, noise=None, *, listed=False):
-    """Blocks of the files of a folder, their noise, candidates if they are wanted, and the offset they start from (m)."""
+    """Blocks of the files of a folder, their noise, candidates if wanted, and the offset they start from (m)."""
     from gravcal.calibrations.com_offset.discovery_candidates import candidates
     from gravcal.calibrations.com_offset.discovery_event import event
     from gravcal.calibrations.com_offset.discovery_scene import offset_of
