@@ -4,6 +4,8 @@ How long a stage takes is known from its last product. What is not known, as on 
 """
 
 import contextlib
+import functools
+import gc
 import importlib
 import multiprocessing
 import os
@@ -38,7 +40,7 @@ def run(waiting, work, processes, listener=None):
             if total > LITTLE_S:
                 others.append((number, source))
                 break
-            importlib.import_module("tasks.preloaded")
+            _load()
             with contextlib.suppress(BrokenProcessPool):
                 given[pool.submit(work, source)] = number, source
                 continue
@@ -54,3 +56,10 @@ def run(waiting, work, processes, listener=None):
     finally:
         pool.shutdown(cancel_futures=True)
     return rows, sorted(others, key=lambda event: event[0])
+
+
+@functools.cache
+def _load():
+    """What the forks begin with; it is never searched for unreachable objects, so that they share its memory."""
+    importlib.import_module("tasks.preloaded")
+    gc.freeze()

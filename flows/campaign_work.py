@@ -41,6 +41,7 @@ def calibrate(calibration, source, chosen, store):
     single_threaded()
     os.environ.setdefault(READING, "1")
     allocation.keep_freed()
+    allocation.collect_seldom()
     os.environ["GRAVCAL_PRODUCTS"] = store
     counts = {"made": 0, "cached": 0}
 

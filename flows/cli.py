@@ -12,6 +12,7 @@ import typer
 
 from flows import cli_browse, cli_campaign, cli_catalogue, cli_complete, cli_discover, cli_fetch, cli_serve, cli_store
 from flows import cli_output as output
+from flows.allocation import collect_seldom
 from flows.engine import single_threaded
 
 HELP = """
@@ -194,6 +195,7 @@ def main() -> None:
     from gravcal.errors import GravcalError
 
     single_threaded()
+    collect_seldom()
     try:
         app()
     except GravcalError as error:

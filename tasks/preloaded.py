@@ -10,9 +10,8 @@ import jsonschema  # noqa: F401
 import scipy.linalg  # noqa: F401
 import scipy.special  # noqa: F401
 import threadpoolctl  # noqa: F401
-import xarray as xr
+import xarray  # noqa: F401
 
 from gravcal.physics.small_algebra import cross
 
 cross((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-xr.Dataset({"x": ("n", [0.0])}, {"n": [0]})

@@ -5,6 +5,7 @@ import os
 import platform
 import shutil
 import uuid
+from concurrent.futures import ThreadPoolExecutor
 
 from gravcal.data import location
 from gravcal.errors import ProductError
@@ -38,17 +39,19 @@ def new_aside():
     return location.folder() / "tmp" / f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
 
 
-def write_flushed(path, image):
-    """Write a file down to the disk."""
-    with path.open("wb") as stream:
-        stream.write(image)
-        stream.flush()
-        os.fsync(stream.fileno())
+def flush(folder):
+    """Bring the files of a folder and their names down to the disk; side by side, for a disk takes all at once.
+
+    The name under which the folder is published need not follow: should it be lost, the product is made again.
+    """
+    paths = [*folder.iterdir(), folder]
+    with ThreadPoolExecutor(len(paths)) as threads:
+        list(threads.map(_flush, paths))
 
 
-def flush_folder(folder):
-    """Bring the entries of a folder down to the disk."""
-    descriptor = os.open(folder, os.O_RDONLY)
+def _flush(path):
+    """Bring one file or folder down to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:

@@ -134,7 +134,7 @@ def prune(keep_s=YOUNG_S, remove=False):
 
 def _problems(folder):
     """What is wrong with one product."""
-    from gravcal.data import netcdf, product
+    from gravcal.data import netcdf_reading, product
 
     record = store.read_record(folder)
     if record is None or record["key"] != folder.name:
@@ -145,7 +145,7 @@ def _problems(folder):
         return [f"product.nc cannot be read ({error})"]
     if hashlib.sha256(image).hexdigest() != record["sha256"]:
         return ["bytes of product.nc differ from the record"]
-    if product.digest(netcdf.from_bytes(image)) != record["digest"]:
+    if product.digest(netcdf_reading.from_bytes(image)) != record["digest"]:
         return ["content differs from its digest"]
     return [name for name, digest in record.get("files", {}).items() if not _has_digest(folder / name, digest)]
 

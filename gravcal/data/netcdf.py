@@ -1,4 +1,4 @@
-"""Datasets to netCDF-4 bytes and back: the same dataset always gives the same bytes.
+"""Datasets to netCDF-4 bytes: the same dataset always gives the same bytes.
 
 The file is written through h5py by the netCDF-4 rules (dimensions are HDF5 dimension scales), about eight times
 faster for small products than through h5netcdf, and opens with netCDF4, h5netcdf and plain xarray. Nothing in it
@@ -8,7 +8,6 @@ depends on the clock. Names along a dimension, in memory a coordinate of that na
 
 import uuid
 import zlib
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -34,9 +33,24 @@ def to_bytes(dataset):
     -------
     image : bytes
     """
+    return written(dataset)[0]
+
+
+def written(dataset):
+    """The same bytes, and where in them the arrays begin that are stored as they are.
+
+    Parameters
+    ----------
+    dataset : Dataset, settled
+
+    Returns
+    -------
+    image : bytes
+    offsets : {name: first byte}, None for a compressed array
+    """
     import h5py
 
-    dataset = _with_labels(dataset)
+    dataset, offsets = _with_labels(dataset), {}
     own = uuid.uuid4().hex  # HDF5 wants one name per open file, also in memory; it is not written
     options = {"track_order": True, "libver": ("earliest", "v110")}
     coordinates, auxiliary = set(dataset.coords), _auxiliary(dataset)
@@ -50,65 +64,10 @@ def to_bytes(dataset):
                 if dimension != name:
                     h5py.h5ds.attach_scale(node, scales[dimension], axis)
             extra = {} if name in coordinates else _added(variable, auxiliary)
-            _write_attributes(node, _of_type(variable) | extra)
+            _write_attributes(node, of_type(variable) | extra)
+            offsets[name] = node.get_offset()
         file.flush()
-        return file.id.get_file_image()
-
-
-def from_bytes(image):
-    """Dataset from the bytes of a netCDF-4 file, everything in memory, times as the numbers they are.
-
-    Parameters
-    ----------
-    image : bytes
-
-    Returns
-    -------
-    dataset : Dataset
-    """
-    import xarray as xr
-    from h5py import h5f, h5p
-
-    access = h5p.create(h5p.FILE_ACCESS)
-    access.set_fapl_core(backing_store=False)
-    access.set_file_image(image)
-    file = h5f.open(uuid.uuid4().hex.encode(), h5f.ACC_RDONLY, fapl=access)
-    try:
-        variables, attributes = _read_variables(file), _read_attributes(file)
-    finally:
-        file.close()
-    coordinates = {name for name, content in variables.items() if content[0] == (name,)}
-    for _, _, labels in [((), (), attributes), *variables.values()]:
-        coordinates |= set(labels.get("coordinates", "").split())
-    variables = {
-        name: xr.Variable(dims, np.asarray(values), _own(labels), fastpath=True)  # the other path imports dask.array
-        for name, (dims, values, labels) in variables.items()
-    }
-    return xr.Dataset(
-        {name: content for name, content in variables.items() if name not in coordinates},
-        {name: content for name, content in variables.items() if name in coordinates},
-        _own(attributes),
-    )
-
-
-def arrays(image, names):
-    """Some variables of a netCDF-4 file as plain arrays, without what datasets need to be loaded.
-
-    Parameters
-    ----------
-    image : bytes
-    names : of the variables
-
-    Returns
-    -------
-    arrays : {name: array}
-    """
-    import io
-
-    import h5py
-
-    with h5py.File(io.BytesIO(image)) as file:
-        return {name: file[name][()] for name in names}
+        return file.id.get_file_image(), offsets
 
 
 def _with_labels(dataset):
@@ -118,7 +77,7 @@ def _with_labels(dataset):
     return dataset.drop_vars(texts).assign_coords(labels) if texts else dataset
 
 
-def _of_type(variable):
+def of_type(variable):
     """Attributes with masks and values of flags in the type of their variable."""
     flags = {name: variable.attrs[name] for name in ("flag_masks", "flag_values") if name in variable.attrs}
     return variable.attrs | {name: np.asarray(value, variable.dtype) for name, value in flags.items()}
@@ -153,10 +112,26 @@ def _write_variable(file, name, variable, is_coordinate):
     values = np.asarray(variable.values)
     if values.dtype == object:
         return file.create_dataset(name, data=values, dtype=h5py.string_dtype()).id
-    options = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if _shrinks(values) else {}
-    if values.dtype.kind == "f" and not is_coordinate:
-        options["fillvalue"] = np.nan
-    return file.create_dataset(name, data=values, **options).id
+    options = {"fillvalue": np.nan} if values.dtype.kind == "f" and not is_coordinate else {}
+    if _shrinks(values):
+        packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+        return file.create_dataset(name, data=values, **packed, **options).id
+    return _write_plain(file.id, name, values, **options)
+
+
+def _write_plain(file, name, values, fillvalue=None):
+    """HDF5 dataset of numbers in one piece; low-level calls, since there are many."""
+    from h5py import h5d, h5p, h5s, h5t
+
+    made = h5p.create(h5p.DATASET_CREATE)
+    made.set_obj_track_times(False)  # nothing depends on the clock
+    if fillvalue is not None:
+        made.set_fill_value(np.array(fillvalue, values.dtype))
+    space = h5s.create_simple(values.shape) if values.ndim else h5s.create(h5s.SCALAR)
+    node = h5d.create(file, name.encode(), h5t.py_create(values.dtype, logical=True), space, made)
+    if values.size:
+        node.write(h5s.ALL, h5s.ALL, np.ascontiguousarray(values))
+    return node
 
 
 def _shrinks(values):
@@ -200,93 +175,3 @@ def _write_attributes(node, attributes):
         created = h5a.create(node, name.encode(), kind, space)
         if space.get_simple_extent_type() != h5s.NULL:
             created.write(values, mtype=held)
-
-
-def _read_variables(file):
-    """Dimensions, values and attributes of each variable by name, in the order of the file; low-level calls again."""
-    from h5py import h5, h5d, h5g, h5p
-
-    root, names = h5g.open(file, b"/"), []
-    tracked = root.get_create_plist().get_link_creation_order() & h5p.CRT_ORDER_TRACKED
-    root.links.iterate(names.append, idx_type=h5.INDEX_CRT_ORDER if tracked else h5.INDEX_NAME)
-    variables = {}
-    for name in names:
-        node = h5d.open(root, name)
-        labels = _read_attributes(node)
-        if labels.get("NAME", "").startswith(BARE_DIMENSION):
-            continue
-        dimensions, values, text = _dimensions(node, name, labels), _values(node), name.decode()
-        labelled = values.dtype == object and len(dimensions) == 1 and dimensions[0] + LABEL == text
-        variables[dimensions[0] if labelled else text] = dimensions, values, labels
-    return variables
-
-
-def _read_attributes(node):
-    """Attributes as str, int, float, list of str or arrays of numbers, with those of the format that tell of axes."""
-    from h5py import h5a
-
-    names = []
-    h5a.iterate(node, names.append)
-    wanted = set(names) - UNREAD if b"CLASS" in names else set(names) - UNREAD - {b"NAME"}
-    return {name.decode(): _attribute(node, name) for name in names if name in wanted}
-
-
-def _attribute(node, name):
-    """One attribute as it was before writing."""
-    from h5py import AttributeManager, h5a, h5s, h5t
-
-    attribute = h5a.open(node, name)
-    kind = attribute.get_type()
-    if isinstance(kind, h5t.TypeStringID) and not kind.is_variable_str() and not attribute.shape:
-        values = np.zeros((), f"S{kind.get_size()}")
-        if attribute.get_space().get_simple_extent_type() != h5s.NULL:
-            attribute.read(values, mtype=kind)
-        return values.item().decode()
-    if isinstance(kind, (h5t.TypeIntegerID, h5t.TypeFloatID)):
-        values = np.zeros(attribute.shape, attribute.dtype)
-        attribute.read(values)
-        return values if values.ndim else values.item()
-    found = AttributeManager(SimpleNamespace(id=node))[name.decode()]
-    return [_text(item) for item in found] if isinstance(found, np.ndarray) else _text(found)
-
-
-def _own(labels):
-    """Attributes that are the variable's own, not those of the file format."""
-    return {name: value for name, value in labels.items() if name not in HIDDEN}
-
-
-def _text(value):
-    """Text from what HDF5 returns for a string, an empty one included."""
-    if isinstance(value, bytes):
-        return value.decode()
-    return value if isinstance(value, str) else ""
-
-
-def _values(node):
-    """Values of one variable; text as str objects."""
-    from h5py import Dataset, h5s
-
-    dtype = node.dtype
-    if dtype.kind == "O":
-        return np.asarray(Dataset(node).asstr()[...], dtype=object)
-    values = np.empty(node.shape, dtype)
-    if values.size:
-        node.read(h5s.ALL, h5s.ALL, values)
-    return values
-
-
-def _dimensions(node, name, labels):
-    """Names of the dimensions of one variable."""
-    from h5py import h5a, h5ds, h5i
-
-    if not h5a.exists(node, b"DIMENSION_LIST"):
-        return (name.decode(),) if "CLASS" in labels else ()
-    found = []
-
-    def note(scale):
-        found.append(h5i.get_name(scale).decode().lstrip("/"))
-        return True  # the first one is enough
-
-    for axis in range(node.rank):
-        h5ds.iterate(node, axis, note)
-    return tuple(found)

@@ -20,7 +20,7 @@ import re
 
 import numpy as np
 
-from gravcal.data import netcdf
+from gravcal.data import netcdf_reading
 from gravcal.errors import ProductError
 
 TIME = {
@@ -34,6 +34,7 @@ TIME = {
 ANY = None  # schema of kinds whose variables differ from file to file (ingest): only the general rules hold
 STATED = ("units", "long_name", "frame")
 PROVENANCE = ("Conventions", "title", "source", "history", "gravcal_key", "gravcal_digest", "gravcal_recipe")
+DIGEST = "gravcal_digest"  # also in the encoding of a content that the store gave
 _schemas = {}
 
 
@@ -132,6 +133,16 @@ def digest(dataset):
     return total.hexdigest()
 
 
+def digest_as_read(dataset):
+    """The same of a content as the store gave it, without computing it again.
+
+    Parameters
+    ----------
+    dataset : Dataset, not changed since; one that no store gave is digested
+    """
+    return dataset.encoding.get(DIGEST) or digest(dataset)
+
+
 def provenance(recipe, key, content_digest, version):
     """Global attributes that say how a product was made; nothing in them depends on the clock or the machine."""
     name = ".".join(part for part in (recipe["kind"], recipe["variant"]) if part)
@@ -148,7 +159,7 @@ def provenance(recipe, key, content_digest, version):
 
 def read(path):
     """Dataset of a product file, times in GPS seconds, with its provenance attributes."""
-    return netcdf.from_bytes(path.read_bytes())
+    return netcdf_reading.from_bytes(path.read_bytes())
 
 
 def without_provenance(dataset):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.data import epochs, netcdf, product
+from gravcal.data import epochs, netcdf, netcdf_reading, product
 from gravcal.data.archive import LevelOneFile
 from gravcal.data.refusal import refuse
 
@@ -88,7 +88,7 @@ def read(file: LevelOneFile, truth: bool = False):
     ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
     """
     try:
-        content = netcdf.from_bytes(Path(file.path).read_bytes())
+        content = netcdf_reading.from_bytes(Path(file.path).read_bytes())
     except (OSError, RuntimeError, KeyError) as reason:
         refuse(file.path, f"no readable netCDF file ({reason})", "an SGRS file", "Fetch the file again.")
     wanted = VARIABLES | (DRAG if truth else {})

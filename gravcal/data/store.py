@@ -74,9 +74,9 @@ def load(ref):
     if image is None:
         set_aside(ref.folder, "bytes differ from the record")
         return None
-    from gravcal.data import netcdf, product
+    from gravcal.data import layout
 
-    dataset = product.without_provenance(netcdf.from_bytes(image))
+    dataset = layout.content(image, record)
     memory.keep(ref.path, dataset)
     return dataset.copy(deep=True)
 
@@ -92,9 +92,9 @@ def arrays(ref, names):
     image = _verified_bytes(ref.folder, record) if record else None
     if image is None:
         return None
-    from gravcal.data import netcdf
+    from gravcal.data import netcdf_reading
 
-    return netcdf.arrays(image, names)
+    return netcdf_reading.arrays(image, names)
 
 
 def put(key, recipe, made, facts):
@@ -121,8 +121,8 @@ def put(key, recipe, made, facts):
         disk.prepare()
         aside.mkdir()
         record = _write_folder(aside, key, recipe, dataset, files) | facts
-        disk.write_flushed(aside / "meta.json", json.dumps(record, indent=1).encode())
-        disk.flush_folder(aside)
+        (aside / "meta.json").write_text(json.dumps(record, indent=1))
+        disk.flush(aside)
         ref = _publish(aside, key)
     except OSError as error:
         shutil.rmtree(aside, ignore_errors=True)
@@ -252,15 +252,16 @@ def _verified_bytes(folder, record):
 def _write_folder(aside, key, recipe, dataset, files):
     """Write product and files; their record without the facts of the run."""
     from gravcal import __version__
-    from gravcal.data import netcdf, product
+    from gravcal.data import layout, netcdf, product
 
     content = product.digest(dataset)
+    dataset.encoding[product.DIGEST] = content
     labels = product.provenance(recipe, key, content, __version__)
-    image = netcdf.to_bytes(dataset.assign_attrs(labels))
-    disk.write_flushed(aside / "product.nc", image)
+    image, offsets = netcdf.written(dataset.assign_attrs(labels))
+    (aside / "product.nc").write_bytes(image)
     extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name, text in extra.items():
-        disk.write_flushed(aside / Path(name).name, text)
+        (aside / Path(name).name).write_bytes(text)
     return {
         "key": key,
         "digest": content,
@@ -271,6 +272,7 @@ def _write_folder(aside, key, recipe, dataset, files):
         "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "machine": platform.node(),
         "recipe": recipe,
+        **layout.recorded(dataset, offsets),
     }
 
 
@@ -282,7 +284,6 @@ def _publish(aside, key):
     folder.parent.mkdir(parents=True, exist_ok=True)
     try:
         aside.rename(folder)
-        disk.flush_folder(folder.parent)
     except OSError as error:
         if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
             raise

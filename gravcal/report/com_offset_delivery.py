@@ -31,7 +31,7 @@ def report(*products, event, satellite, settings, published):
     """
     combined, solved = products[0], products[1:5]
     smoothed, surveyed, checked, _, detected = products[9:]
-    provenance = {"products": {name: product.digest(d)[:12] for name, d in _named(products).items()}}
+    provenance = {"products": {name: product.digest_as_read(d)[:12] for name, d in _named(products).items()}}
     arguments = {"event": event, "provenance": provenance, "settings": settings}
     document = com_offset.document(combined, solved, smoothed, checked, detected, surveyed, **arguments)
     validate(document)

@@ -33,7 +33,7 @@ def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     numbers = json.loads(found.attrs["numbers"])
     if combined and "calibration_change" in numbers:
         numbers = with_calibration(numbers, calibration, *combined)
-    label = product.digest(found)[:12]
+    label = product.digest_as_read(found)[:12]
     provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
     document = words.document(numbers, calibration, event, provenance)
     validate(document, "discovery")

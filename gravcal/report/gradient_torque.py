@@ -58,7 +58,7 @@ def document(given, *, event, settings):
     settings : mapping of all parameters
     """
     combined = given["combine"]
-    keys = {f"gradient_torque.{name}": product.digest(one)[:12] for name, one in given.items()}
+    keys = {f"gradient_torque.{name}": product.digest_as_read(one)[:12] for name, one in given.items()}
     found = {
         "schema_version": VERSION,
         "status": "delivered",

@@ -69,7 +69,7 @@ def document(given, *, event, settings):
         head["swing"] = swing(given["scale"], given["offset"])
     if "bias" in given:
         head["roll"] = roll(given["bias"])
-    keys = {f"inertial_sensor.{name}": product.digest(one)[:12] for name, one in given.items()}
+    keys = {f"inertial_sensor.{name}": product.digest_as_read(one)[:12] for name, one in given.items()}
     unknown = NOT_DETERMINED | ({"bias": given["bias"].attrs["not_determined"]} if _without_bias(given) else {})
     tail = {"settings": as_plain(settings), "provenance": {"products": keys}}
     return head | {"not_determined": unknown, "verdict": {"text": verdict(head)}} | tail

@@ -30,7 +30,7 @@ def report(*products, event, settings, published):
     files : {name: text}
     """
     combined, pointed, measured, described, *solved = products
-    provenance = {"products": {name: product.digest(d)[:12] for name, d in _named(products).items()}}
+    provenance = {"products": {name: product.digest_as_read(d)[:12] for name, d in _named(products).items()}}
     arguments = {"event": event, "provenance": provenance, "settings": settings}
     document = kbr_phase_centre.document(combined, pointed, measured, described, **arguments)
     validate(document)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 
-from gravcal.data import netcdf, product
+from gravcal.data import layout, netcdf, netcdf_reading, product
 from gravcal.errors import ProductError
 
 SCHEMA = {
@@ -124,7 +124,7 @@ def test_writing_and_reading_keep_everything(kind):
     """Analytic: round trip, and the bytes of what was read are the bytes written."""
     dataset = product.check(example(note=((), "µ")), kind)
     image = netcdf.to_bytes(dataset)
-    again = netcdf.from_bytes(image)
+    again = netcdf_reading.from_bytes(image)
     xr.testing.assert_identical(again, dataset)
     assert netcdf.to_bytes(again) == image
     assert product.digest(again) == product.digest(dataset)
@@ -187,9 +187,39 @@ def test_any_numbers_and_attributes_survive_a_round_trip(values, attributes):
     """Analytic: round trip of arbitrary arrays."""
     dims = tuple(f"d{axis}" for axis in range(values.ndim))
     dataset = product.settled(xr.Dataset({"a": (dims, values, attributes)}))
-    again = netcdf.from_bytes(netcdf.to_bytes(dataset))
+    again = netcdf_reading.from_bytes(netcdf.to_bytes(dataset))
     xr.testing.assert_identical(again, dataset)
     assert product.digest(again) == product.digest(dataset)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    values=some.lists(
+        arrays.arrays(
+            some.sampled_from([np.float64, np.float32, np.int32, np.uint8]), arrays.array_shapes(min_dims=0, min_side=0)
+        ),
+        max_size=3,
+    ),
+    attributes=some.dictionaries(
+        some.sampled_from(["units", "meaning"]), some.one_of(some.sampled_from(["", "µ"]), some.floats(-1, 1))
+    ),
+)
+def test_a_layout_gives_what_the_file_gives(values, attributes):
+    """Analytic: arrays found by their place are those that HDF5 finds, with dimensions, types and attributes."""
+    variables = {
+        f"v{i}": (tuple(f"d{i}_{axis}" for axis in range(v.ndim)), v, attributes) for i, v in enumerate(values)
+    }
+    flags = ("row", (np.arange(2000) // 500).astype(np.uint8), {"flag_masks": np.array([1, 2]), "units": "1"})
+    names = ("name", np.array(["µ", ""], dtype=object))
+    made = xr.Dataset(variables | {"flags": flags}, {"name": names, "row": np.arange(2000.0)}, attributes)
+    image, offsets = netcdf.written(product.settled(made))
+    again, plain = layout.dataset_of(image, layout.of(product.settled(made), offsets)), netcdf_reading.from_bytes(image)
+    xr.testing.assert_identical(again, plain)
+    assert netcdf.to_bytes(again) == netcdf.to_bytes(plain) == image
+    assert product.digest(again) == product.digest(plain)
+    for name, variable in plain.variables.items():
+        assert again.variables[name].dtype == variable.dtype
+        assert {k: type(v) for k, v in again[name].attrs.items()} == {k: type(v) for k, v in variable.attrs.items()}
 
 
 def test_a_product_comes_and_goes_without_dask_array():
@@ -197,10 +227,10 @@ def test_a_product_comes_and_goes_without_dask_array():
     code = (
         "import sys, numpy as np\n"
         "from gravcal.calibrations.building import build\n"
-        "from gravcal.data import netcdf, product\n"
+        "from gravcal.data import netcdf, netcdf_reading, product\n"
         "schema = {'time': {'dims': 'time'}, 'rate_b': {'dims': 'time axis', 'units': 'rad s-1'}}\n"
         "made = build(schema, {'time': np.arange(3.0), 'rate_b': np.eye(3)})\n"
-        "read = netcdf.from_bytes(netcdf.to_bytes(product.settled(made)))\n"
+        "read = netcdf_reading.from_bytes(netcdf.to_bytes(product.settled(made)))\n"
         "assert read['rate_b'].dims == ('time', 'axis') and 'time' in read.coords\n"
         "assert 'dask.array' not in sys.modules\n"
     )

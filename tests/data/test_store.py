@@ -82,6 +82,18 @@ def test_damage_is_noticed_and_set_aside(damage):
     assert housekeeping.verify() == []
 
 
+def test_a_damaged_layout_in_the_record_is_not_followed():
+    """Robustness: another place of an array in the record does not become another number."""
+    ref = put(5.0)
+    record = json.loads((ref.folder / "meta.json").read_text())
+    places = [e["offset"] for e in json.loads(record["layout"])["variables"].values() if e.get("offset")]
+    record["layout"] = record["layout"].replace(str(places[0]), str(places[0] + 8))
+    (ref.folder / "meta.json").write_text(json.dumps(record))
+    before = store.load(ref)
+    memory.clear()
+    xr.testing.assert_identical(store.load(ref), before)
+
+
 @pytest.mark.parametrize("foreign", ["file for a product", "file for a folder", "link to nothing", "empty folder"])
 def test_what_stands_in_the_way_is_set_aside(store_folder, foreign):
     """Contract: foreign things under the name of a product."""
@@ -201,11 +213,12 @@ def test_a_full_disk_is_a_clear_error_and_leaves_the_store_valid(monkeypatch, st
     """Contract: nothing half-written stays, what was there is unharmed, the message says what to do."""
     put()
 
-    def full(path, image):
-        path.write_bytes(image[: len(image) // 2])
+    def full(folder):
+        for path in folder.iterdir():
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(disk, "write_flushed", full)
+    monkeypatch.setattr(disk, "flush", full)
     with pytest.raises(ProductError, match="No space left.*unharmed.*prune.*GRAVCAL_PRODUCTS"):
         put(version=2)
     assert list((store_folder / "tmp").iterdir()) == []
