@@ -8,14 +8,14 @@ import typer
 from flows import cli_output as output
 
 VIEWS = "attitude, ranging, magnetometer, published_table"
-WHAT = f"com_offset, kbr_phase_centre or inertial_sensor, or a view of measured data: {VIEWS}"
+WHAT = f"com_offset, kbr_phase_centre, inertial_sensor or gradient_torque, or a view of measured data: {VIEWS}"
 
 
 def discover(
     calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help=WHAT)],
     event: Annotated[str | None, typer.Argument(metavar="[EVENT]", help="event of the catalogue")] = None,
     data: Annotated[Path | None, typer.Option("--data", metavar="DIR", help="folder with Level-1 files")] = None,
-    satellite: Annotated[str | None, typer.Option("--satellite", metavar="C|D|CD|A|B|AB")] = None,
+    satellite: Annotated[str | None, typer.Option("--satellite", metavar="C|D|CD|A|B|AB|T|S")] = None,
     date: Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     model: Annotated[Path | None, typer.Option("--model", metavar="FILE", help="start from an extended model")] = None,

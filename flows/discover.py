@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from flows import com_offset as calibration
-from flows import discover_ranging, discover_swing
+from flows import discover_gradient, discover_ranging, discover_swing
 from flows.engine import flow
 from gravcal.report import pages
 from tasks import common, discovery
@@ -38,6 +38,7 @@ FLOWS = {
     "com_offset": com_offset,
     "kbr_phase_centre": discover_ranging.kbr_phase_centre,
     "inertial_sensor": discover_swing.inertial_sensor,
+    "gradient_torque": discover_gradient.gradient_torque,
 }
 
 

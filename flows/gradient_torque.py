@@ -11,11 +11,15 @@ import numpy as np
 from flows.engine import flow
 from gravcal.data import catalog
 from gravcal.errors import CatalogError, ProductError
-from tasks import common, gradient_torque
+from tasks import common, discovery_gradient, gradient_torque
 
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 ORIGIN = datetime(2000, 1, 1, 12)
 GRADIENT = ("attitude_noise", "angular_noise_density", "test_mass", "test_mass_inertia")
+VIEW = (
+    *("inertia", "mass", "centre_of_pressure", "centre_of_pressure_sigma", "test_mass", "test_mass_inertia"),
+    "sensor_position_sigma",
+)
 TORQUE = ("inertia", "test_mass", "test_mass_inertia", "angular_noise_density")
 DRAG = (
     *("inertia", "mass", "centre_of_pressure", "centre_of_pressure_sigma", "test_mass", "test_mass_inertia"),
@@ -28,8 +32,9 @@ def calibrate(source, chosen):
     """Drag by two sensors and by one, as printed and as it should be."""
     file, fields, truth_file = _files(source, chosen)
     methods = _methods(file, chosen)
-    observed = gradient_torque.ingest(file, event=source.event)
-    stored = gradient_torque.field(fields, event=source.event, variant="")
+    observed, stored = _recorded(source, file, fields)
+    if chosen.model:
+        observed = _extended(observed, stored, chosen)
     modelled, drags = _solved(observed, stored, chosen, methods)
     known = []
     if truth_file is not None:
@@ -53,6 +58,39 @@ def _solved(observed, stored, chosen, methods, suffix=""):
     modelled = gradient_torque.gradient(observed, stored, variant=variant, **numbers, **chosen.for_stage("gradient"))
     settings = chosen.for_stage("drag") | {"satellite": _numbers(DRAG)}
     return modelled, [gradient_torque.drag(modelled, variant=name + suffix, **settings) for name in methods]
+
+
+def _recorded(source, file, fields):
+    """Readings and gravity field."""
+    observed = gradient_torque.ingest(file, event=source.event)
+    return observed, gradient_torque.field(fields, event=source.event, variant="")
+
+
+def _of_one(observed, stored, chosen):
+    """Readings with gradient and drag by one sensor."""
+    modelled, (drag,) = _solved(observed, stored, chosen, ["one_sensor"])
+    return observed, modelled, drag
+
+
+def _extended(observed, stored, chosen):
+    """Readings without the effects of the extended model."""
+    settings = chosen.for_stage("extend") | {"scene": scene_settings(chosen), "variant": "extended"}
+    return discovery_gradient.extend(*_of_one(observed, stored, chosen), **settings)
+
+
+def baseline(source, chosen):
+    """Products that discovery looks at: readings, gradient, drag by one sensor."""
+    file, fields, _ = _files(source, chosen)
+    observed, stored = _recorded(source, file, fields)
+    observed = _extended(observed, stored, chosen) if chosen.model else observed
+    return _of_one(observed, stored, chosen)
+
+
+def scene_settings(chosen):
+    """What the view of a day needs beside the products."""
+    names = ("elongation", "gap_limit_s", "torque_step_s", "torque_noise_order", "control_hz", "control_damping")
+    known = {name: getattr(chosen, name) for name in names} | chosen.for_stage("view")
+    return known | {"satellite": _numbers(VIEW)}
 
 
 def _numbers(names):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gravcal.physics.constants import EARTH_RADIUS, GM
 from gravcal.physics.shapes import check_shape, refuse
 
 LIMIT = 600  # highest degree: the recursion stays within the range of float64 at the poles up to there
@@ -128,6 +129,23 @@ def zonal(field, degree):
     cosine = np.zeros((degree + 1, degree + 1))
     cosine[degree, 0] = field.cosine[degree, 0]
     return Field(field.gm, field.radius, cosine, np.zeros_like(cosine), name=f"{field.name} zonal degree {degree}")
+
+
+def sectorial_gradient_e(position_e):
+    """Gravity gradient of C_22 = 1 and of S_22 = 1, fully normalised, for the Earth of the constants.
+
+    Parameters
+    ----------
+    position_e : (n, 3) m
+
+    Returns
+    -------
+    gradient_e : (n, 2, 3, 3) s-2
+    """
+    unit, none = np.zeros((3, 3)), np.zeros((3, 3))
+    unit[2, 2] = 1.0
+    fields = (Field(GM, EARTH_RADIUS, *pair) for pair in ((unit, none), (none, unit)))
+    return np.stack([gradient_e(field, position_e) for field in fields], axis=1)
 
 
 def error_covariance(field, distance):

@@ -15,7 +15,7 @@ from scipy.signal import cont2discrete, lfilter
 from gravcal.effects import Context
 from gravcal.effects.gradient import EFFECTS
 from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, sensing
-from gravcal.physics.constants import EARTH_RADIUS, GM
+from gravcal.physics.constants import EARTH_RADIUS
 from gravcal.simulation import injection, orbit
 
 AHEAD = 4000  # s, filters run in before the record starts
@@ -225,13 +225,8 @@ def _tesseral(motion):
     """Gravity gradient (n, 2, 3, 3) s-2 in b of C_22 = 1 and of S_22 = 1."""
     R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(earth.R_ei(motion.time), -1, -2)
     position_e = np.matvec(earth.R_ei(motion.time), motion.state_i[:, :3])
-    unit, none = np.zeros((3, 3)), np.zeros((3, 3))
-    unit[2, 2] = 1.0
-    parts = []
-    for pair in ((unit, none), (none, unit)):
-        field = gravity_field.Field(GM, EARTH_RADIUS, *pair)
-        parts.append(gravity.rotate_tensor(R_be, gravity_field.gradient_e(field, position_e)))
-    return np.stack(parts, axis=1)
+    both = gravity_field.sectorial_gradient_e(position_e)
+    return np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
 
 
 def _noise(satellite, chosen, shape, rng):

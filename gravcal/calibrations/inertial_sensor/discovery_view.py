@@ -12,12 +12,12 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import solve_triangular
 
-from gravcal.calibrations.inertial_sensor import cleaning, offset, offset_fit, scale, swing_fit, swing_model, turning
+from gravcal.calibrations.inertial_sensor import cleaning, offset, offset_fit, scale, swing_fit, swing_model
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.methods import estimation, noise
 from gravcal.methods.lines import without_lines
-from gravcal.physics import frames, sensing
+from gravcal.physics import frames, sensing, turning
 
 CHANNELS = ("attitude", "linear")
 #: Reported parameters: factors about x and about y and z, tracker delay, offset.

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.calibrations.inertial_sensor import cleaning, turning
-from gravcal.physics import frames, gravity
+from gravcal.calibrations.inertial_sensor import cleaning
+from gravcal.physics import frames, gravity, turning
 
 NUISANCE = ("angle", "rate", "constant", "slope")
 

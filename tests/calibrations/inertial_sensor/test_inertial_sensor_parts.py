@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.inertial_sensor import align, cleaning, linear_factors, published_swing, robust_mean, turning
+from gravcal.calibrations.inertial_sensor import align, cleaning, linear_factors, published_swing, robust_mean
 from gravcal.calibrations.inertial_sensor import roll_bins as bins
 from gravcal.calibrations.inertial_sensor import roll_segments as segments
-from gravcal.physics import frames, sensing
+from gravcal.physics import frames, sensing, turning
 
 
 def test_a_constant_rate_turns_about_its_axis():

@@ -1,0 +1,19 @@
+"""Discovery in a day of S-GRS."""
+
+from __future__ import annotations
+
+from flows import gradient_torque as calibration
+from flows.engine import flow
+from gravcal.report import pages
+from tasks import discovery_gradient as stages
+
+
+@flow(name="gradient_torque_discovery")
+def gradient_torque(source, chosen):
+    """Causes of what the readings of one day leave unexplained."""
+    products = calibration.baseline(source, chosen)
+    scene = calibration.scene_settings(chosen)
+    found = stages.search(*products, scene=scene, variant="", **chosen.for_stage("discovery"))
+    values = {name: entry.value for name, entry in chosen.entries.items() if name != "truth"}
+    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    return stages.report(found, settings=values, **named)

@@ -1,0 +1,90 @@
+"""Discovery in a day of S-GRS: the view, the rounds, and what is kept of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.gradient_torque import discovery_candidates as listed
+from gravcal.calibrations.gradient_torque.discovery_view import CHANNELS, PARAMETERS, View, blocks, view
+from gravcal.discovery import attribution, products
+from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.hidden import UNSEEN
+from gravcal.discovery.problem import Problem, baseline_of
+from gravcal.discovery.rounds import Choice, search
+from gravcal.discovery.summary import summary
+from gravcal.discovery.widening import named_parameters, widened
+from gravcal.effects.gradient import EFFECTS
+
+SEARCH = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
+BIASED = 0.1  # of the error of the drag, from which a bias is worth a word
+
+
+def discover(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, **settings) -> xr.Dataset:
+    """What the model of a day gets wrong, and why.
+
+    Parameters
+    ----------
+    observed, modelled, found : Dataset, "ingest", "gradient_torque.gradient", "gradient_torque.drag" by one sensor
+    settings : of `discovery_view.view`, with discovery_level, tie_chi2, round_limit, segment_s, discovery_seed
+
+    Returns
+    -------
+    found : Dataset, "gradient_torque.discovery"; attribute `numbers` holds the summary as JSON
+    """
+    seen = view(observed, modelled, found, **{n: v for n, v in settings.items() if n not in SEARCH})
+    rows, tried = [Block(**b) for b in blocks(seen)], [Candidate(**c) for c in listed.candidates(seen)]
+    limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
+    choice = Choice(*limits, "", {}, segment_s=settings["segment_s"], quiet=seen.quiet)
+    result = search(rows, tried, choice, np.random.default_rng(settings["discovery_seed"]))
+    numbers = summary(widened(result), choice, list(PARAMETERS), "mm", 1e3, np.append(seen.start, np.zeros(6)))
+    change = numbers["calibration_change"]
+    for name, values in change.items():
+        change[name] = _reported(values)
+    for position, finding in enumerate(numbers["findings"]):
+        finding["model"] = named_parameters(result, position)
+    named = {one.cause for one in result.findings}
+    numbers["indistinguishable_from_calibration"] += [
+        one for one in beside_drag(result.problem, seen) if one["cause"] not in named
+    ]
+    return products.dataset(result, numbers, CHANNELS)
+
+
+def _reported(values):
+    """Entries of the centre of pressure, without those of the constant torque and the distance of the sensors."""
+    count = len(PARAMETERS)
+    if not isinstance(values, list):
+        return values
+    return [row[:count] if isinstance(row, list) else row for row in values[:count]]
+
+
+def beside_drag(problem: Problem, seen: View) -> list[dict]:
+    """Listed effects on the readings that no difference shows at a plausible size, with the bias of the drag.
+
+    Parameters
+    ----------
+    problem : Problem
+    seen : View
+    """
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, ()))
+    rows = []
+    for entry in (one for one in EFFECTS if one.channel == "linear_each_b"):
+        felt = entry.columns(seen.fine).mean(axis=1)
+        for k, parameter in enumerate(entry.parameters):
+            name = entry.slug if len(entry.parameters) == 1 else parameter.name
+            ratio = parameter.prior_sigma * np.sqrt(_seen(problem, gram, entry.slug, name))
+            bias = parameter.prior_sigma * felt[:, :, k]
+            size = float(np.sqrt(np.mean(bias**2))) / seen.drag_sigma
+            if ratio < UNSEEN and size > BIASED:
+                one = {"cause": entry.slug, "direction": {parameter.name: 1.0}, "signal_to_noise": float(ratio)}
+                drag = {"drag_bias_m_s2": np.sqrt(np.mean(bias**2, axis=0)).tolist()}
+                rows.append(one | {"bias": [0.0] * len(PARAMETERS), "bias_in_sigma": size} | drag)
+    return rows
+
+
+def _seen(problem, gram, cause, name):
+    """Square of the signal-to-noise ratio of one parameter at unit size, all baseline parameters free."""
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        if candidate.cause == cause and (candidate.form == f"{name} alone" or len(candidate.names) == 1):
+            return max(float(gram[place.start, place.start]), 0.0)
+    return 0.0
