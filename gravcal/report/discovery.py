@@ -175,7 +175,9 @@ def hidden_table(numbers: dict) -> dict | None:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
         largest = max(abs(v) for v in one["bias"])
         bias = ", ".join(signed(v, _digits(largest / 10)) for v in one["bias"])
-        rows.append([one["cause"], where, f"{one['signal_to_noise']:.1f}", f"{bias} {unit}"])
+        drag = one.get("drag_bias_m_s2")
+        said = f"drag {max(drag):.1e} m s-2" if drag else f"{bias} {unit}"
+        rows.append([one["cause"], where, f"{one['signal_to_noise']:.1f}", said])
     names = ", ".join(numbers["calibration_change"]["names"])
     heads = ["cause", "direction, in units of a plausible size", "signal to noise", f"bias of {names}"]
     caption = "Causes of a plausible size that would move the result without being seen."

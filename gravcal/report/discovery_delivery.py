@@ -102,6 +102,11 @@ WRONG = (
     "set against noise drawn through the same fit."
 )
 MORE = {
+    "gradient_torque": (
+        "A day is looked at in stretches of two hours, with the noise measured in the day itself: the difference of "
+        "both sensors, the star camera against the angular readings, and the torque that gravity gradient and control "
+        "leave."
+    ),
     "inertial_sensor": "A swing is looked at in even and odd stretches of ten seconds; rolls are not looked at.",
     "kbr_phase_centre": (
         "Range, range rate and range acceleration come from one phase; the range stands for all three. Only a tilted "

@@ -33,7 +33,7 @@ def candidates(seen: View) -> list[dict]:
     sensors = range(len(seen.fine.extra["positions"])) if "linear" in seen.rows else ()
     for slug in LINEAR:
         found += [_of(seen, place, effect(slug), _one_sensor(seen, effect(slug), k), f"_{k + 1}") for k in sensors]
-    for slug in (*ANGULAR, *(TORQUE if "torque" in seen.rows else ()), *([POINTING] if "linear" in seen.rows else [])):
+    for slug in (*ANGULAR, *(TORQUE if "torque" in seen.rows else ()), POINTING):
         found.append(_of(seen, place, effect(slug), series_of(seen, effect(slug))))
     return [one for whole in found for one in _split(whole)] + _drivers(seen, place)
 
@@ -63,9 +63,17 @@ def series_of(seen: View, entry) -> dict[str, np.ndarray]:
         return {"attitude": -entry.columns(replace(about, angular_b=about.rate_dot_b))}
     if entry.channel == "torque_b":
         return {"torque": entry.columns(about)}
-    tensor, apart = _tensor(about), about.extra["positions"][0] - about.extra["positions"][1]
-    turned = [np.matvec(tensor @ frames.cross_matrix(e) - frames.cross_matrix(e) @ tensor, apart) for e in np.eye(3)]
-    return {"linear": np.stack(turned, axis=2)}
+    return _turned_frame(about)
+
+
+def _turned_frame(about):
+    """A star camera that is turned: what it calls b is not the frame that the sensors read in."""
+    turned = {"attitude": np.moveaxis(np.cross(about.rate_dot_b[:, None], np.eye(3)), 1, 2)}
+    if len(about.extra["positions"]) == 2:
+        tensor, apart = _tensor(about), about.extra["positions"][0] - about.extra["positions"][1]
+        crosses = [frames.cross_matrix(e) for e in np.eye(3)]
+        turned["linear"] = np.stack([np.matvec(tensor @ c - c @ tensor, apart) for c in crosses], axis=2)
+    return turned
 
 
 def _difference(each):
@@ -153,7 +161,7 @@ def shapes(seen: View) -> list[tuple[str, str, np.ndarray]]:
             one = values[:, axis] - values[:, axis].mean()
             one = one / max(np.abs(one).max(), 1e-300)
             rows += [(name, f"component {letter}", one), (name, f"square of {letter}", one**2)]
-    turned = _turned(about)
+    turned = _along_orbit(about)
     for order in (1, 2):
         rows += [("latitude", f"cosine of {order} times its argument", np.cos(order * turned))]
         rows += [("latitude", f"sine of {order} times its argument", np.sin(order * turned))]
@@ -161,7 +169,7 @@ def shapes(seen: View) -> list[tuple[str, str, np.ndarray]]:
     return [*rows, ("time", "straight line", since - 0.5)]
 
 
-def _turned(about):
+def _along_orbit(about):
     """Angle of the satellite along its orbit (n,) rad, from the rate about the axis that turns most."""
     axis = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
     step = np.diff(about.time, prepend=about.time[0])

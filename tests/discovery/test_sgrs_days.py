@@ -1,0 +1,108 @@
+"""Discovery in days of S-GRS: effects hidden in simulated files, which is all that the search sees."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flows import cli, gradient_torque
+from gravcal.calibrations.gradient_torque import discovery_series as series
+from gravcal.calibrations.gradient_torque import discovery_view
+from gravcal.data.schemas import validate
+from gravcal.physics import frames
+
+HALF_DAY = {"duration_s": "43200"}
+#: Effects that half a day shows at ten times its errors or more.
+LISTED = {
+    "gradient.angular_bias": {"y": 4e-11, "z": -5e-11},
+    "gradient.field_scale": {"scale": 0.03},
+    "gradient.tesseral": {"cosine": 1e-4},
+    "attitude.star_camera_misalignment": {"angle_z": 2e-3},
+}
+
+
+@pytest.fixture(scope="module")
+def rng():
+    """Generator of this run, whose seed tests/conftest.py draws and prints; GRAVCAL_TEST_SEED repeats one."""
+    return np.random.default_rng(int(os.environ["GRAVCAL_TEST_SEED"]))
+
+
+@pytest.fixture(autouse=True)
+def store(monkeypatch, tmp_path):
+    """Products of each test apart."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+
+
+def simulated(folder, rng, effects, **settings):
+    """Files of half a day."""
+    flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
+    seed = int(rng.integers(1_000_000))
+    return gradient_torque.simulate(
+        folder / "level1", seed=seed, truth=None, effects=flat, settings=HALF_DAY | settings
+    )
+
+
+def discovered(folder, *options):
+    """Document of `gravcal discover` on the files of a folder."""
+    target = folder / "document.json"
+    arguments = ["discover", "gradient_torque", "--data", str(folder / "level1"), "--engine", "inline"]
+    result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *map(str, options)])
+    assert result.exit_code == 0, result.output
+    document = json.loads(target.read_text())
+    validate(document, "discovery")
+    return document
+
+
+def test_nothing_is_named_on_a_clean_day_and_what_cannot_be_seen_is_said(rng, tmp_path):
+    """Recovery: at a chance of false names of two in ten thousand; both sensors moved alike look like drag."""
+    simulated(tmp_path, rng, {})
+    document = discovered(tmp_path, "--set", "discovery_level=0.0002")
+    assert document["findings"] == []
+    assert document["p_before"] > 1e-4
+    hidden = {one["cause"]: one for one in document["indistinguishable_from_calibration"]}
+    assert {"gradient.mounting", "torque.aerodynamic"} <= set(hidden)
+    assert max(hidden["gradient.mounting"]["drag_bias_m_s2"]) > 1e-10
+
+
+@pytest.mark.parametrize("slug", sorted(LISTED))
+def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, slug):
+    """Recovery: one effect, alone or in its tied set; its parameters within 5 sigma; its model leaves nothing."""
+    simulated(tmp_path, rng, {slug: LISTED[slug]})
+    document = discovered(tmp_path, "--set", "discovery_level=0.0002")
+    assert [slug in (f["cause"], *f["tied_with"]) for f in document["findings"]] == [True]
+    (found,) = document["findings"]
+    assert found["heldout_gain"]["chi2"] > 0
+    if found["cause"] == slug:
+        for name, true in LISTED[slug].items():
+            parameter = found["parameters"][name]
+            assert abs(parameter["value"] - true) < 5 * parameter["sigma"]
+    model = max((tmp_path / "products").rglob("model.toml"), key=lambda path: path.stat().st_mtime)
+    again = discovered(tmp_path, "--set", "discovery_level=0.0002", "--model", model)
+    assert again["findings"] == []
+
+
+def test_one_sensor_still_shows_a_bias_of_its_angular_readings(rng, tmp_path):
+    """Recovery: without a second sensor attitude and torque are looked at."""
+    simulated(tmp_path, rng, {"gradient.angular_bias": {"x": 5e-11}}, sensors="1")
+    document = discovered(tmp_path)
+    assert [f["cause"] for f in document["findings"]] == ["gradient.angular_bias"]
+
+
+def test_a_constant_angular_acceleration_turns_by_half_its_square_of_time():
+    """Analytic: half the acceleration times the square of time, also in a frame that turns about the same axis."""
+    time = np.arange(0.0, 300.0, 1.0)
+    turn = np.zeros((time.size, 3, 1))
+    turn[:, 1] = 2e-9
+    for rate in (0.0, 1.1e-3):
+        angles = np.outer(time, [0.0, rate, 0.0])
+        R_bi = np.swapaxes(frames.R_bi_from_quaternion(frames.from_rotation_vector(-angles)), 1, 2)
+        grown = discovery_view.integrated(time, R_bi, turn)
+        assert np.allclose(grown[:, 1, 0], 1e-9 * time**2, rtol=1e-6, atol=1e-12)
+
+
+def test_means_leave_out_what_is_missing():
+    """Analytic: of the samples that are there; nothing where none is."""
+    values = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, 7.0])
+    assert np.array_equal(series.means(values, 2), [1.0, 4.0, np.nan], equal_nan=True)
