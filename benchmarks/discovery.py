@@ -123,7 +123,10 @@ def _large(place, plain, before, effects):
         if LARGE[0] < seen < LARGE[1]:
             factor = TARGET[plain.kind] / seen
             form = [factor * (b["observed"] - a["observed"]) for a, b in zip(before[0], blocks, strict=True)]
-            return cases.scaled(effects, factor), left * TARGET[plain.kind] ** 2, form
+            scaled = cases.scaled(effects, factor)
+            if not cases.plausible(scaled):
+                return None
+            return scaled, left * TARGET[plain.kind] ** 2, form
         factor = float(np.clip(LARGE[0] * 1.5 / seen, 1e-4, 30.0))
         if repeat and factor == 30.0:
             return None

@@ -37,6 +37,7 @@ SKIPPED = (
     "timing.clock_drift",
     *(f"torque.{name}" for name in SLOW),
 )
+LARGEST = 5.0  # times the plausible size; a scale of the readings off by a half is a broken instrument
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
 
 
@@ -110,6 +111,25 @@ def scaled(effects: dict, factor: float) -> dict:
         else:
             out[name] = value if name.rpartition(".")[2] in fixed else factor * value
     return out
+
+
+def plausible(effects: dict) -> bool:
+    """Whether no parameter of a listed effect is more than five times its plausible size.
+
+    Parameters
+    ----------
+    effects : {"slug.parameter": value} or {name: settings}
+    """
+    from gravcal.effects import effect
+
+    for name, value in effects.items():
+        slug, _, parameter = name.rpartition(".")
+        if not slug or slug in SPECIAL or slug == "torque.saturation":
+            continue
+        (known,) = (p for p in effect(slug).parameters if p.name == parameter)
+        if abs(value) > LARGEST * known.prior_sigma:
+            return False
+    return True
 
 
 def _times(value, factor):

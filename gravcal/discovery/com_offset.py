@@ -47,7 +47,8 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
 def discover_again(aligned, field, smoothed, solved, first, **settings) -> xr.Dataset:
     """The search anew, round the extended model that a first search has found.
 
-    What was found is left as it is where a single cause of less than 20 sigma that moves no tag describes the data.
+    What was found is left as it is where a single cause of less than 20 sigma that moves no tag describes the data, and
+    where the search anew describes them worse.
 
     Parameters
     ----------
@@ -63,6 +64,8 @@ def discover_again(aligned, field, smoothed, solved, first, **settings) -> xr.Da
     if not _worth_another(numbers):
         return first
     result, again = _searched(aligned, field, smoothed, solved, numbers["findings"], settings)
+    if not again["adequate_after"] and again["p_after"] < numbers["p_after"]:
+        return first
     again |= {name: numbers[name] for name in ("adequate_before", "p_before", "tried")}
     return products.dataset(result, again, CHANNELS)
 

@@ -82,7 +82,10 @@ def _with(problem, total, baseline, index):
 
 
 def named_parameters(result: Result, position: int) -> dict:
-    """Parameters of a finding in the form that was named, {name: {"value", "sigma", "unit"}}.
+    """Parameters of a finding in the form that was named, for the extended model, {name: {"value", "sigma", "unit"}}.
+
+    Directions of which the data know less than the catalogue, such as a leak that looks like an offset, are held by
+    their prior: they would carry many times what is plausible into the records.
 
     Parameters
     ----------
@@ -91,11 +94,24 @@ def named_parameters(result: Result, position: int) -> dict:
     """
     problem, index = result.problem, result.findings[position].index
     others = baseline_of(problem, [f.index for k, f in enumerate(result.findings) if k != position])
-    gram = attribution.projected(problem.gram.sum(axis=0), others)
-    found = attribution.ratio(gram, problem.places[index], problem.size)
-    entry, sigma = problem.candidates[index], np.sqrt(np.diag(found.covariance))
-    rows = zip(entry.names, found.value.tolist(), sigma.tolist(), entry.units, found.determined, strict=True)
+    gram, place, entry = problem.gram.sum(axis=0), problem.places[index], problem.candidates[index]
+    gram = attribution.projected(gram, others)
+    found = attribution.ratio(gram, place, problem.size)
+    value, covariance = found.value, found.covariance
+    if len(entry.prior) == len(entry.names) and found.determined.all():
+        value, covariance = _held(gram[place, place], gram[place, 0], np.asarray(entry.prior, dtype=float))
+    sigma = np.sqrt(np.diag(covariance)).tolist()
+    rows = zip(entry.names, value.tolist(), sigma, entry.units, found.determined, strict=True)
     return {n: {"value": v if d else np.nan, "sigma": s if d else np.nan, "unit": u} for n, v, s, u, d in rows}
+
+
+def _held(normal, right, prior):
+    """Value and covariance of parameters whose directions are held by the prior where it knows more than the data."""
+    known, vectors = np.linalg.eigh(normal * np.outer(prior, prior))
+    weight = np.where(known < 1, known + 1, known)  # information of the data in units of that of the prior
+    map_back = prior[:, None] * vectors
+    covariance = (map_back / weight) @ map_back.T
+    return covariance @ right, covariance
 
 
 def _widest(problem, index):

@@ -7,7 +7,7 @@ import numpy as np
 from gravcal.discovery.blocks import Block, Candidate, basis_of
 from gravcal.discovery.problem import prepare
 from gravcal.discovery.rounds import Choice, search
-from gravcal.discovery.widening import widened
+from gravcal.discovery.widening import _held, widened
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -126,3 +126,14 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it():
     alone = 5 * size * (plain.findings[0].cause == "case.a")
     assert abs(error - alone) < 5 * plain.sigma[1][0] + 0.1 * 5 * size
     assert 0.5 * 5 * size < widened(plain).sigma[1][0] < 5 * size
+
+
+def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay_as_they_are():
+    """Analytic: data of 10 sigma a unit and of 0.1 sigma a unit, priors of one: the second shrinks to 0.01 of itself."""
+    normal, true = np.diag([100.0, 0.01]), np.array([30.0, 7.0])
+    value, covariance = _held(normal, normal @ true, np.ones(2))
+    assert np.allclose(value, [30.0, 7.0 * 0.01 / 1.01])
+    assert np.allclose(np.diag(covariance), [0.01, 1 / 1.01])
+    turned = np.array([[0.6, -0.8], [0.8, 0.6]])
+    other, _ = _held(turned @ normal @ turned.T, turned @ normal @ true, np.ones(2))
+    assert np.allclose(other, turned @ value)
