@@ -8,6 +8,7 @@ import typer
 from flows import cli_output as output
 
 VIEWS = "attitude, ranging, magnetometer, published_table"
+PAGE = "page to write; of a view of measured data discovery_VIEW.html here if not given, of a calibration a copy"
 WHAT = f"com_offset, kbr_phase_centre, inertial_sensor or gradient_torque, or a view of measured data: {VIEWS}"
 
 
@@ -19,6 +20,7 @@ def discover(
     date: Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
     model: Annotated[Path | None, typer.Option("--model", metavar="FILE", help="start from an extended model")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE)] = None,
     json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the result document")] = None,
     engine: Annotated[str, typer.Option("--engine", metavar="prefect|inline")] = "prefect",
 ) -> None:
@@ -26,17 +28,26 @@ def discover(
     from flows import command, discover
 
     if calibration not in discover.FLOWS and calibration in discover.measured_views():
-        document = discover.measured(calibration, data, satellite, date, command.pairs(settings))
-        files = []
+        document, page = discover.measured(calibration, data, satellite, date, command.pairs(settings))
+        files = [_written(page, out or Path(f"discovery_{calibration}.html"))]
     else:
         chosen = command.chosen(calibration, settings, model)
         source = command.source(calibration, event, data, satellite, date)
         with output.failures(calibration, command.name_of(source), json):
             document, files = command.discover(calibration, source, chosen, engine)
+        pages = [path.read_text() for path in files if path.name == "discovery.html"]
+        files += [_written(page, out) for page in pages if out]
     output.write_json(document, json)
     if output.to_screen(json):
         _say(document, files)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+def _written(page, path):
+    """Path of a page that is written there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page)
+    return path
 
 
 def _say(document, files):
@@ -48,9 +59,11 @@ def _say(document, files):
     for one in document.get("findings", []):
         for name, parameter in one["parameters"].items():
             if parameter["value"] is not None:
-                rows.append([one["cause"], name, *discovery.scaled(parameter)])
+                rows.append([one.get("in", ""), one["cause"], name, *discovery.scaled(parameter)])
     if rows:
-        output.table(["cause", "parameter", "value", "unit"], rows)
+        several = len({row[0] for row in rows}) > 1
+        heads = ["search", "cause", "parameter", "value", "unit"]
+        output.table(heads[not several :], [row[not several :] for row in rows])
     change = document.get("calibration_change", {})
     if rows and change.get("change"):
         names = zip(change["names"], change["change"], change["change_in_old_sigma"], strict=True)

@@ -57,7 +57,9 @@ def measured_views():
 
 
 def measured(name, data, satellite, date, settings):
-    """Result document of a view of measured data."""
+    """Result document of a view of measured data, and its page."""
     from flows import discover_measured
+    from gravcal.report import discovery_measured
 
-    return discover_measured.discover(name, data, satellite, date, settings)
+    document, found = discover_measured.discovered(name, data, satellite, date, settings)
+    return document, discovery_measured.page(document, found)

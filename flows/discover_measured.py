@@ -11,7 +11,7 @@ import numpy as np
 from flows import measured_attitude, measured_magnetometer, measured_ranging, measured_table
 from gravcal.data import catalog
 from gravcal.data.schemas import VERSION
-from gravcal.discovery import attribution
+from gravcal.discovery import attribution, products
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, baseline_of, search
 
@@ -30,12 +30,28 @@ def discover(name: str, data=None, satellite=None, date=None, settings=None) -> 
     satellite, date : which of the folder
     settings : {parameter: text or value}
     """
+    return discovered(name, data, satellite, date, settings)[0]
+
+
+def discovered(name: str, data=None, satellite=None, date=None, settings=None) -> tuple[dict, dict]:
+    """Document of one view and what its page draws.
+
+    Parameters
+    ----------
+    name, data, satellite, date, settings : as of `discover`
+
+    Returns
+    -------
+    document : dict
+    found : {label of the search: Dataset of kind discovery}
+    """
     chosen = catalog.parameters("discover_measured").with_settings(settings or {})
     prepared = VIEWS[name](data, satellite, date, chosen)
     if "runs" not in prepared:
         prepared |= {"runs": [(prepared.pop("label"), prepared.pop("blocks"), prepared.pop("candidates"))]}
     found = [(label, searched(blocks, candidates, chosen)) for label, blocks, candidates in prepared.pop("runs")]
-    return document(name, prepared, found, chosen)
+    drawn = {label: products.dataset(result, {}, ()) for label, result in found}
+    return document(name, prepared, found, chosen), drawn
 
 
 def searched(blocks: list[dict], candidates: list[dict], chosen):

@@ -16,6 +16,7 @@ NOTES = [
     "A torque free to change every knot stands for the torquers, aerodynamics, radiation and gravity gradient.",
     "Shares are in units of lever arm x force x time on of the thruster table, with assumed moments of inertia.",
     "A delay of the firings and the opposite delay of the star camera look the same: only their difference shows.",
+    "Power and gains are divided by the inflation, what firings at wrong times gain over what chance would give.",
 ]
 
 

@@ -9,7 +9,7 @@ from gravcal.data import catalog
 SAID = "phase centres are calibrated by wiggles; routine pointing moves them by less than the orbit errors"
 NOTES = [
     "Each block has its own bias and slow orbit error; the noise of one half of the day is measured in the other.",
-    "`tried` says for every candidate the size that the day gives it and the error of that size.",
+    "What was tried says for every candidate the size that the day gives it and the error of that size.",
 ]
 
 

@@ -34,14 +34,30 @@ def verdict(numbers: dict) -> str:
     if numbers.get("status") == "no_manoeuvre":
         return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
     found = numbers["findings"]
-    chance = f"p = {probability(numbers['p_before'])}"
+    chance = _chance(numbers["p_before"])
     if not found and numbers["adequate_before"]:
         return f"The model describes the data to their noise ({chance}); nothing is named."
     if not found:
         return f"The model is not adequate ({chance}), but no cause that was tried passes; see what is left."
-    named = "; ".join(_named(one) for one in found)
+    named = _by_search(found, numbers["gain"])
     after = "describes the data to their noise" if numbers["adequate_after"] else "still leaves more than noise"
-    return f"Found: {named}. The extended model {after} (p = {probability(numbers['p_after'])})."
+    return f"Found{named}. The extended model {after} ({_chance(numbers['p_after'])})."
+
+
+def _by_search(found, searches):
+    """Names of the findings; where there is more than one search, each with those it found the same in."""
+    if "in" not in found[0] or len(searches) == 1:
+        return ": " + "; ".join(_named(one) for one in found)
+    groups = {}
+    for label in dict.fromkeys(one["in"] for one in found):
+        names = "; ".join(_named(one) for one in found if one["in"] == label)
+        groups.setdefault(names, []).append(label)
+    return " in " + ". In ".join(f"{', '.join(labels)}: {names}" for names, labels in groups.items())
+
+
+def _chance(p):
+    text = probability(p)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
 def _named(one):
@@ -68,7 +84,7 @@ def findings_table(numbers: dict) -> dict | None:
                 rows.append(["", name, "", "", "", value, unit])
     heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
     caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
-    return _table(caption, heads, rows, words=(0, 1, 5, 6)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 5, 6)) if rows else None
 
 
 def scaled(parameter: dict) -> tuple[str, str]:
@@ -111,7 +127,7 @@ def tied_table(numbers: dict) -> dict | None:
             rows.append([one["cause"], other["cause"], f"{other['expected_chi2']:.1f}", best, more])
     heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
     caption = "Causes that this data does not tell apart."
-    return _table(caption, heads, rows, words=(0, 1, 3, 4)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 3, 4)) if rows else None
 
 
 def change_table(numbers: dict) -> dict:
@@ -132,7 +148,7 @@ def change_table(numbers: dict) -> dict:
         rows.append([name, *pair, *moved])
     heads = ["parameter", "before", "after", "change", "change over old error"]
     caption = f"Calibration result in {one['unit']} ({one['variant']}); the error after holds that of the findings."
-    return _table(caption, heads, rows, words=(0,))
+    return table(caption, heads, rows, words=(0,))
 
 
 def _digits(sigma):
@@ -160,7 +176,7 @@ def gain_table(numbers: dict) -> dict:
     rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
     rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
     heads = ["rms of the whitened residual", "before", "after"]
-    return _table("Gain. A channel that is described to its noise has rms 1.", heads, rows, words=(0,))
+    return table("Gain. A channel that is described to its noise has rms 1.", heads, rows, words=(0,))
 
 
 def hidden_table(numbers: dict) -> dict | None:
@@ -181,7 +197,7 @@ def hidden_table(numbers: dict) -> dict | None:
     names = ", ".join(numbers["calibration_change"]["names"])
     heads = ["cause", "direction, in units of a plausible size", "signal to noise", f"bias of {names}"]
     caption = "Causes of a plausible size that would move the result without being seen."
-    return _table(caption, heads, rows, words=(0, 1, 3)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 3)) if rows else None
 
 
 def tried_table(numbers: dict) -> dict:
@@ -197,10 +213,17 @@ def tried_table(numbers: dict) -> dict:
         for one in numbers["tried"][:15]
     ]  # fmt: skip
     heads = ["cause", "form", "chi-square gained", "parameters", "chance"]
-    return _table("First round: the best form of each cause.", heads, rows, words=(0, 1))
+    return table("First round: the best form of each cause.", heads, rows, words=(0, 1))
 
 
-def _table(caption, heads, rows, words):
+def table(caption: str, heads: list[str], rows: list[list], words: tuple[int, ...]) -> dict:
+    """Table as the templates take it.
+
+    Parameters
+    ----------
+    caption, heads, rows : text; a row without a name of its own begins with None
+    words : columns that are set to the left
+    """
     return {
         "caption": caption,
         "heads": heads,

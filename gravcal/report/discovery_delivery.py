@@ -60,11 +60,7 @@ def page(found: xr.Dataset, document: dict, label: str, satellite: str) -> str:
     label : digest of the product; satellite : letters
     """
     sections = _sections(found, document) if document["status"] == "delivered" else []
-    number = 0
-    for section in sections:
-        for one in section["figures"]:
-            number += 1
-            one |= {"number": number, "source": f"discovery {label}"}
+    sections = numbered(sections, f"discovery {label}")
     settings = [(k, str(v)) for k, v in sorted(document["provenance"]["settings"].items())]
     content = {"document": document, "verdict": words.verdict(document), "sections": sections, "settings": settings}
     subtitle = f"satellite {satellite}, level {document.get('level', '')} for everything tried together"
@@ -85,13 +81,39 @@ def _sections(found, document):
         ("What this data cannot show", HIDDEN, [words.hidden_table(document)], []),
         ("What was tried", "", [words.tried_table(document)], []),
     ]
+    return sections_of(
+        (title, [note], tables, [(draw(found), caption) for draw, caption in drawings])
+        for title, note, tables, drawings in parts
+    )
+
+
+def sections_of(parts) -> list[dict]:
+    """Sections that have something to show.
+
+    Parameters
+    ----------
+    parts : (title, notes, tables, (drawing, caption) of every figure); what is empty is left out
+    """
     sections = []
-    for title, note, tables, drawings in parts:
-        shown = [{"drawing": draw(found), "caption": caption, "title": title} for draw, caption in drawings]
-        shown = [one for one in shown if one["drawing"]]
-        tables = [t for t in tables if t]
+    for title, notes, tables, drawings in parts:
+        shown = [{"drawing": drawing, "caption": caption, "title": title} for drawing, caption in drawings if drawing]
+        tables, notes = [t for t in tables if t], [n for n in notes if n]
         if tables or shown:
-            sections.append({"title": title, "notes": [note] if note else [], "tables": tables, "figures": shown})
+            sections.append({"title": title, "notes": notes, "tables": tables, "figures": shown})
+    return sections
+
+
+def numbered(sections: list[dict], source: str) -> list[dict]:
+    """Sections whose figures are numbered and name their source.
+
+    Parameters
+    ----------
+    sections : of `sections_of`
+    source : text
+    """
+    every = [one for section in sections for one in section["figures"]]
+    for number, one in enumerate(every, 1):
+        one |= {"number": number, "source": source}
     return sections
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from gravcal.report.drawing import Look, Panel, boxes, dots, level, limits, line
+from gravcal.report.drawing import Look, Panel, band, boxes, dots, level, limits, line
 from gravcal.report.drawing_frame import drawn, framed, legend
 from gravcal.report.drawing_looks import DASHED
 from gravcal.report.figures import COLOURS
@@ -15,15 +17,18 @@ POINTS = {"baseline": Look(COLOURS["vermilion"], 0, shape="circle", size=4.0)}
 POINTS |= {"extended model": Look(COLOURS["blue"], 0, shape="square", size=4.4, hollow=True)}
 LINES = {"baseline": Look(COLOURS["vermilion"], 0.9), "extended model": Look(COLOURS["blue"], 0.9)}
 NOISE = Look(COLOURS["black"], 0.6, dash=DASHED)
+WITHIN = (COLOURS["black"], 0.1)  # one sigma
 BINS = 24
+CURVE = 60  # rows of a channel and block below which they are no curve
 
 
-def power(found):
-    """Power over expected noise of each channel, manoeuvre and band, before and after.
+def power(found, kind="manoeuvre"):
+    """Power over expected noise of each channel, block and band, before and after.
 
     Parameters
     ----------
     found : Dataset of kind discovery
+    kind : what the blocks are called
     """
     names = found.attrs["channels"].split()
     tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
@@ -31,18 +36,19 @@ def power(found):
         return None
     height = 46 + 92 * len(tested)
     parts = [legend(POINTS | {"noise": NOISE})]
-    blocks, band = found["test_block"].values, found["test_band"].values
+    blocks, bands = found["test_block"].values, found["test_band"].values
+    each, size = (1, 4.0) if blocks.max() < 40 else (10, 2.4)  # block that is numbered, size of the points
     for row, ((box,), k) in enumerate(zip(boxes(len(tested), 1, height, down=16), tested, strict=True)):
         here = found["test_channel"].values == k
-        x = blocks[here] + 1 + (band[here] - 1.5) * 0.18
+        x = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
         series = [found[f"power_{w}"].values[here] for w in ("before", "after")]
         panel = Panel(box, (0.4, blocks.max() + 1.6), limits(*series, np.array([0.8, 1.2]), margin=0.12))
         marks = [level(panel, 1.0, NOISE)]
-        marks += [dots(panel, x, y, look) for y, look in zip(series, POINTS.values(), strict=True)]
+        marks += [dots(panel, x, y, replace(look, size=size)) for y, look in zip(series, POINTS.values(), strict=True)]
         words = {"x_numbers": False}
         if row == len(tested) - 1:
-            numbers = {float(i + 1): str(i + 1) for i in range(int(blocks.max()) + 1)}
-            words = {"x_label": "manoeuvre, four bands from low to high frequency", "x_numbers": numbers}
+            numbers = {float(i): str(i) for i in range(each, int(blocks.max()) + 2, each)}
+            words = {"x_label": f"{kind}, four bands from low to high frequency", "x_numbers": numbers}
         parts.append(framed(panel, *marks, y_label=names[k], **words))
     return drawn(height, "power of the residual against noise", *parts)
 
@@ -73,20 +79,19 @@ def spectra(found):
 def _spectrum(found, channel):
     """Frequencies Hz, and mean power before and after; None where the channel has too few rows."""
     here = found["channel"].values == channel
-    total, count, step = np.zeros((2, BINS)), 0, None
-    for block in np.unique(found["block"].values[here]):
-        for axis in range(3):
-            rows = here & (found["block"].values == block) & (found["component"].values == axis)
-            if rows.sum() < 4 * BINS:
-                continue
-            step = float(np.median(np.diff(found["time_row"].values[rows])))
-            for i, name in enumerate(("residual_before", "residual_after")):
-                values = np.abs(np.fft.rfft(found[name].values[rows])) ** 2 / rows.sum()
-                total[i] += [part.mean() for part in np.array_split(values[1:], BINS)]
-            count += 1
-    if not count:
+    pairs = [(b, axis) for b in np.unique(found["block"].values[here]) for axis in range(3)]
+    rows = [here & (found["block"].values == b) & (found["component"].values == axis) for b, axis in pairs]
+    bins = next((n for n in (BINS, BINS // 2) if any(r.sum() >= 4 * n for r in rows)), None)
+    rows = [r for r in rows if bins and r.sum() >= 4 * bins]
+    if not rows:
         return None, None, None
-    return (np.arange(BINS) + 0.5) / (2 * step * BINS), total[0] / count, total[1] / count
+    total = np.zeros((2, bins))
+    for used in rows:
+        for i, name in enumerate(("residual_before", "residual_after")):
+            values = np.abs(np.fft.rfft(found[name].values[used])) ** 2 / used.sum()
+            total[i] += [part.mean() for part in np.array_split(values[1:], bins)]
+    step = float(np.median(np.diff(found["time_row"].values[rows[-1]])))
+    return (np.arange(bins) + 0.5) / (2 * step * bins), *(total / len(rows))
 
 
 def residuals(found):
@@ -99,7 +104,7 @@ def residuals(found):
     channel, block = found["channel"].values, found["block"].values
     drop = found["residual_before"].values ** 2 - found["residual_after"].values ** 2
     pairs = sorted({(int(c), int(b)) for c, b in zip(channel, block, strict=True)})
-    pairs = [(c, b) for c, b in pairs if np.sum((channel == c) & (block == b)) >= 60]  # not a handful of edge times
+    pairs = [(c, b) for c, b in pairs if np.sum((channel == c) & (block == b)) >= CURVE]  # not a handful of edge times
     gains = [drop[(channel == c) & (block == b)].sum() for c, b in pairs]
     if not gains or max(gains) < 10:
         return None
@@ -119,6 +124,34 @@ def residuals(found):
         words |= {"title": f"whitened residual of {name}"} if axis == axes[0] else {}
         parts.append(framed(panel, *marks, y_label="xyz"[axis] if len(axes) > 1 else "residual", **words))
     return drawn(height, f"residual of {name}", *parts)
+
+
+def scattered(found, x_label="time from the first row (s)", origin=None):
+    """Whitened residual of every row of a short record, the three axes; before and after have scales of their own.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    x_label : of the lower scale
+    origin : s, where that scale begins; None for the first row
+    """
+    component = found["component"].values
+    axes = [int(axis) for axis in np.unique(component) if axis < 3]  # a fourth holds priors
+    if not axes:
+        return None
+    time = found["time_row"].values - (found["time_row"].values[component < 3].min() if origin is None else origin)
+    height = 60 + 74 * len(axes)
+    parts = [legend({"noise, one sigma": WITHIN})]
+    for axis, row in zip(axes, boxes(len(axes), 2, height), strict=True):
+        here = component == axis
+        for box, which, (name, look) in zip(row, ("before", "after"), POINTS.items(), strict=True):
+            values = found[f"residual_{which}"].values[here]
+            panel = Panel(box, limits(time[component < 3]), limits(values, np.array([-2.0, 2.0])))
+            marks = [band(panel, -1.0, 1.0, *WITHIN), dots(panel, time[here], values, look)]
+            words = {"x_label": x_label} if axis == axes[-1] else {"x_numbers": False}
+            words |= {"title": name} if axis == axes[0] else {}
+            parts.append(framed(panel, *marks, y_label=f"{'xyz'[axis]} (sigma)", **words))
+    return drawn(height, "residual of every row", *parts)
 
 
 def _smoothed(values):

@@ -1,0 +1,146 @@
+"""Pages of the views of measured data, from invented records and from the printed table."""
+
+import re
+import sys
+from functools import cache
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from flows import cli, discover_measured
+from gravcal.data import catalog
+from gravcal.data.schemas import validate
+from gravcal.discovery import products
+from gravcal.report import discovery, discovery_measured
+
+CHOSEN = catalog.parameters("discover_measured")
+CAUSES = {"attitude": "torque.thruster_firings", "ranging": "ranging.phase_centre", "magnetometer": "magnetometer.bias"}
+CHANNELS = {"attitude": ("roll", "pitch", "yaw"), "ranging": ("range",), "magnetometer": ("magnetometer",)}
+EMPTY = {"meta", "path", "rect", "img", "br"}
+
+
+class Balanced(HTMLParser):
+    """Tags that are open; what is closed must have been opened last."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids = [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):  # noqa: ARG002 - given by the parser
+        """Open a tag that has an end."""
+        if tag not in EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        """Close the tag that was opened last."""
+        if tag not in EMPTY:
+            assert self.open.pop() == tag
+
+
+def records(rng, view, amplitude):
+    """Four blocks with a signal of two parameters, its cause, another that looks the same, one that does not."""
+    count, channels = (10, CHANNELS[view]) if view == "magnetometer" else (120, CHANNELS[view])
+    blocks, columns = [], []
+    for k in range(4):
+        time = 1000.0 * k + np.arange(count)
+        shape = np.stack([np.ones(count), np.sin(time / 7)], axis=1)
+        axes = 3 if view == "magnetometer" else 1
+        columns.append(np.tile(shape, (axes * len(channels), 1)))
+        rows = columns[-1] @ np.array([amplitude, -amplitude]) + rng.standard_normal(len(columns[-1]))
+        plain = {"shared": np.zeros((rows.size, 0)), "own": np.zeros((rows.size, 0)), "label": f"from {time[0]:.0f} s"}
+        where = {
+            "channel": np.repeat(channels, axes * count),
+            "axis": np.repeat(np.arange(axes), count * len(channels)),
+        }
+        where["time"] = np.tile(time, axes * len(channels))
+        blocks.append(plain | where | {"observed": rows})
+    words = {"form": "", "names": ["even", "wave"], "units": ["1", "1"], "columns": columns}
+    causes = [{"cause": CAUSES[view]} | words, {"cause": "accelerometer.scale"} | words]
+    other = {"names": ["slow"], "units": ["m"], "columns": [c[:, 1:] ** 2 for c in columns]}
+    return blocks, [*causes, {"cause": "accelerometer.misalignment", "form": ""} | other]
+
+
+@cache
+def made(view, amplitude=5.0):
+    """Document and products of an invented view with two searches."""
+    rng = np.random.default_rng(20200201)
+    found = [(letter, discover_measured.searched(*records(rng, view, amplitude), CHOSEN)) for letter in "AB"]
+    facts = {letter: {"noise_nt": [12.5, 13.0], "gains": list(range(20)), "seconds": 290.0} for letter in "AB"}
+    prepared = {"calibration": "com_offset", "event": "grace-ab-2014-01-15", "files": ["MAG1B_A.dat"], "facts": facts}
+    prepared |= {"said": "nothing is adopted", "notes": ["A note with <angle> brackets."]}
+    document = discover_measured.document(view, prepared, found, CHOSEN)
+    return document, {label: products.dataset(result, {}, ()) for label, result in found}
+
+
+@pytest.mark.parametrize("view", CAUSES)
+def test_every_view_has_its_page(view):
+    """Contract: verdict first, causes with what is tied, parameters with units, every section, facts and notes."""
+    document, found = made(view)
+    validate(document)
+    html = discovery_measured.page(document, found)
+    assert not Balanced(html).open
+    body = html[html.index("<body>") :]
+    assert body.index("Found in A, B:") < body.index("<h1>")
+    for one in document["findings"]:
+        assert one["tied_with"]
+        for text in (one["cause"], *one["tied_with"], *(discovery.scaled(p)[0] for p in one["parameters"].values())):
+            assert text in body
+    for text in ("held out", "cannot be told from", "What remains unexplained", "nothing beyond noise", "12.5, 13"):
+        assert text in body
+    for text in ("20 from 0 to 19", "A note with &lt;angle&gt; brackets.", "nothing is adopted", "MAG1B_A.dat"):
+        assert text in body
+
+
+@pytest.mark.parametrize(("view", "each"), [("attitude", 3), ("ranging", 3), ("magnetometer", 1)])
+def test_figures_of_every_search(view, each):
+    """Contract: power, spectra and the best residual of each search; all rows where the record is short."""
+    html = discovery_measured.page(*made(view))
+    assert html.count("<svg role") == 2 * each
+    assert [int(n) for n in re.findall(r"<b>Figure (\d+)\.</b>", html)] == list(range(1, 2 * each + 1))
+    assert html.count("</b> A: ") == html.count("</b> B: ") == each
+
+
+def test_a_page_without_findings_says_so():
+    """Contract: no table of findings, no figure of what an extension helps; the limits are named all the same."""
+    html = discovery_measured.page(*made("attitude", amplitude=0.0))
+    assert "nothing is named" in html
+    assert "Findings, in the order" not in html
+    assert "of the listed causes is tied with another" in html
+    assert html.count("<svg role") == 4
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory):
+    """Page of the printed table as the command writes it, and what the command said."""
+    path = tmp_path_factory.mktemp("pages") / "below" / "table.html"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["gravcal", "discover", "published_table", "--out", str(path)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    assert not ended.value.code
+    return path.read_text()
+
+
+def test_the_command_writes_the_page_of_the_printed_table(printed):
+    """Published: Table 7 of the source paper: a leak of the current, tied with one of the angular acceleration."""
+    assert not Balanced(printed).open
+    assert re.search(r'class="verdict">Found in .*: accelerometer.current_leak', printed)
+    assert "cannot be told from accelerometer.angular_leak" in printed
+    assert printed.count("<svg role") == 4  # one a variant
+    assert all(f"</b> {variant}: Residual" in printed for variant in ("mtq", "acc_calibrated", "acc", "sca"))
+
+
+def test_the_page_needs_nothing_from_outside(printed):
+    """Contract: one file without addresses, scripts or style sheets elsewhere."""
+    assert [word for word in ("://", "<script", "<link", "<img", "url(") if word in printed] == []
+    assert len(printed) < 1e6
+
+
+def test_a_verdict_names_the_search_only_where_there_are_several():
+    """Contract: one search, no letter."""
+    document, _ = made("ranging")
+    one = document | {"gain": {"A": document["gain"]["A"]}, "findings": [document["findings"][0]]}
+    assert discovery.verdict(one).startswith("Found: ")
