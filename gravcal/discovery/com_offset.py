@@ -11,9 +11,10 @@ from gravcal.calibrations.com_offset import discovery_tones
 from gravcal.calibrations.com_offset.discovery_again import with_model
 from gravcal.calibrations.com_offset.discovery_candidates import DAMPING, MODES_HZ, candidates
 from gravcal.calibrations.com_offset.discovery_event import event
+from gravcal.calibrations.com_offset.discovery_reading import reading
 from gravcal.calibrations.com_offset.discovery_scene import offset_of
 from gravcal.calibrations.com_offset.discovery_view import CHANNELS
-from gravcal.discovery import products
+from gravcal.discovery import products, readings
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
@@ -41,7 +42,8 @@ def discover(aligned, field, smoothed, solved, **settings) -> xr.Dataset:
     """
     if not aligned.sizes["manoeuvre"]:
         return products.nothing()
-    return products.dataset(*_searched(aligned, field, smoothed, solved, (), settings), CHANNELS)
+    result, numbers, shown = _searched(aligned, field, smoothed, solved, (), settings)
+    return products.dataset(result, numbers, CHANNELS, shown)
 
 
 def discover_again(aligned, field, smoothed, solved, first, **settings) -> xr.Dataset:
@@ -63,11 +65,11 @@ def discover_again(aligned, field, smoothed, solved, first, **settings) -> xr.Da
     numbers = json.loads(first.attrs["numbers"])
     if not _worth_another(numbers):
         return first
-    result, again = _searched(aligned, field, smoothed, solved, numbers["findings"], settings)
+    result, again, shown = _searched(aligned, field, smoothed, solved, numbers["findings"], settings)
     if not again["adequate_after"] and again["p_after"] < numbers["p_after"]:
         return first
     again |= {name: numbers[name] for name in ("adequate_before", "p_before", "tried")}
-    return products.dataset(result, again, CHANNELS)
+    return products.dataset(result, again, CHANNELS, shown).assign_attrs(rebuilt="yes")
 
 
 def _worth_another(numbers):
@@ -81,7 +83,7 @@ def _worth_another(numbers):
 
 
 def _searched(aligned, field, smoothed, solved, model, settings):
-    """Result of a search and its numbers."""
+    """Result of a search, its numbers, and the reading that it helps most."""
     views, blocks, quiet = event(aligned, field, smoothed, solved, **settings)
     starts = aligned["start"].values
     blocks = with_model(blocks, views, smoothed, starts, model) if model else blocks
@@ -95,7 +97,8 @@ def _searched(aligned, field, smoothed, solved, model, settings):
         where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
         finding["model"] = named_parameters(result, position) | where
         _physical(finding, views, made[0])
-    return result, numbers
+    place = readings.clearest(result, CHANNELS, choice.level)
+    return result, numbers, readings.variables(result, place, lambda name, k, rows: reading(views[k], name, rows))
 
 
 def _physical(finding, views, blocks):

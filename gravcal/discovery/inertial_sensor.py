@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import discovery_candidates as listed
+from gravcal.calibrations.inertial_sensor.discovery_reading import reading
 from gravcal.calibrations.inertial_sensor.discovery_view import CHANNELS, PARAMETERS, View, blocks, view
-from gravcal.discovery import attribution, epochs, products
+from gravcal.discovery import attribution, epochs, products, readings
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.lines import amplitude, lines
 from gravcal.discovery.problem import baseline_of
@@ -56,7 +57,11 @@ def discover(*swing: xr.Dataset, **settings) -> xr.Dataset:
         _physical(finding, position, result)
     for one in numbers["indistinguishable_from_calibration"]:
         one["bias"] = (SCALE * np.array(one["bias"])).tolist()
-    return products.dataset(_joined(result), epochs.plain(numbers), CHANNELS)
+    whole = _joined(result)
+    place = readings.clearest(whole, CHANNELS, choice.level)
+    place = place if place and place[0] == "linear" else None
+    shown = readings.variables(whole, place, lambda *given: reading(seen, given[-1]))
+    return products.dataset(whole, epochs.plain(numbers), CHANNELS, shown)
 
 
 def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: View) -> tuple:

@@ -7,9 +7,9 @@ import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import discovery_candidates as listed
 from gravcal.calibrations.kbr_phase_centre.discovery_noise import with_pointing
-from gravcal.calibrations.kbr_phase_centre.discovery_view import View, blocks, factors, view, white
+from gravcal.calibrations.kbr_phase_centre.discovery_view import View, blocks, factors, reading, view, white
 from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
-from gravcal.discovery import epochs, products
+from gravcal.discovery import epochs, products, readings
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.lines import amplitude, lines
 from gravcal.discovery.rounds import Choice, search
@@ -51,7 +51,9 @@ def discover(aligned, pointed, equations, measured, solved, **settings) -> xr.Da
             finding["parameters"] = amplitude(waves[finding["form"]], finding["parameters"])
         _physical(finding, position, result, seen, scale)
         finding["heldout"] = "blocks"  # halves of sub-manoeuvres
-    return products.dataset(result, epochs.plain(numbers), CHANNELS)
+    place = readings.clearest(result, CHANNELS, choice.level)
+    shown = readings.variables(result, place, lambda _, k, part: reading(seen, k, scale[k] @ part))
+    return products.dataset(result, epochs.plain(numbers), CHANNELS, shown)
 
 
 def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: View, scale) -> tuple:

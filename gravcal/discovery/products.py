@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -15,11 +15,11 @@ from gravcal.discovery.schemas import DISCOVERY
 
 def nothing() -> xr.Dataset:
     """Product of a record without manoeuvre."""
-    values = {name: [] for name in DISCOVERY}
+    values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional")}
     return build(DISCOVERY, values, numbers=json.dumps({"status": "no_manoeuvre"}), channels="", blocks="")
 
 
-def dataset(result: Result, numbers: dict, channels: Sequence[str]) -> xr.Dataset:
+def dataset(result: Result, numbers: dict, channels: Sequence[str], reading: Mapping | None = None) -> xr.Dataset:
     """Product of a search: residuals before and after, adequacy, and the numbers.
 
     Parameters
@@ -27,6 +27,7 @@ def dataset(result: Result, numbers: dict, channels: Sequence[str]) -> xr.Datase
     result : Result
     numbers : of `summary.summary`
     channels : names in the order of the pages
+    reading : of `readings.variables`
     """
     blocks, before, after = result.problem.blocks, result.before, result.after
     rows = before.rows
@@ -50,7 +51,8 @@ def dataset(result: Result, numbers: dict, channels: Sequence[str]) -> xr.Datase
         "p_band_after": [r["p"] for r in after.rows],
     }
     text = json.dumps(_known(numbers), allow_nan=False, sort_keys=True)
-    return build(DISCOVERY, values, numbers=text, channels=" ".join(names), blocks=", ".join(labels))
+    words = {"numbers": text, "channels": " ".join(names), "blocks": ", ".join(labels)}
+    return build(DISCOVERY, values | (reading or {}), **words)
 
 
 def _known(value):

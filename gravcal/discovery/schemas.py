@@ -18,3 +18,15 @@ DISCOVERY = {
     "p_band_before": _TEST | {"long_name": "probability of more power by chance, baseline"},
     "p_band_after": _TEST | {"long_name": "probability of more power by chance, extended model"},
 }
+#: Channels that are also kept in the units of their reading, where the extension helps most.
+READINGS = {"linear": "m s-2", "angular": "rad s-2", "attitude": "rad", "magnetometer": "T", "range": "m"}
+_PARTS = {
+    "measured": "as measured",
+    "baseline": "as the baseline simulates it, drift and start fitted",
+    "extended": "as the extended model simulates it, drift and start fitted",
+}
+DISCOVERY |= {"time_reading": {"dims": "time_reading", "optional": True}} | {
+    f"{channel}_{part}": {"dims": "time_reading axis", "units": unit, "long_name": text, "optional": True}
+    for channel, unit in READINGS.items()
+    for part, text in _PARTS.items()
+}

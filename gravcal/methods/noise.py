@@ -155,6 +155,43 @@ def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndar
     return out.reshape(columns.shape)
 
 
+@numba.njit(cache=True)
+def _unwhiten(rows_white, valid, rows, sigma):
+    n, m = rows_white.shape
+    order = rows.shape[0] - 1
+    out = np.full((n, m), np.nan)
+    known = 0
+    for t in range(n):
+        if not valid[t]:
+            known = 0
+            continue
+        use = min(known, order)
+        out[t] = rows_white[t] * sigma[use]
+        for j in range(use):
+            for c in range(m):
+                out[t, c] += rows[use, j] * out[t - 1 - j, c]
+        known += 1
+    return out
+
+
+def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Columns whose whitened rows are given: the inverse of `whiten`.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+    rows : (n,) or (n, m) 1, of `whiten`
+    valid : (n,) bool, as given there
+
+    Returns
+    -------
+    columns : (n,) or (n, m) unit of the noise, NaN where not valid
+    """
+    rows = np.asarray(rows, dtype=float)
+    flat = np.ascontiguousarray(rows.reshape(rows.shape[0], -1))
+    return _unwhiten(flat, np.ascontiguousarray(valid), noise.coefficients, np.sqrt(noise.variance)).reshape(rows.shape)
+
+
 def coloured(density, count: int, step_s: float, rng: np.random.Generator) -> np.ndarray:
     """Gaussian noise of a given one-sided density, evenly spaced.
 

@@ -10,6 +10,7 @@ from gravcal.data import product
 from gravcal.data.schemas import validate
 from gravcal.report import discovery as words
 from gravcal.report import discovery_figures as figures
+from gravcal.report import discovery_readings as readings
 from gravcal.report import pages
 from gravcal.report.discovery_change import with_calibration
 
@@ -69,6 +70,7 @@ def page(found: xr.Dataset, document: dict, label: str, satellite: str) -> str:
 
 
 def _sections(found, document):
+    drawings = [(figures.residuals, REST), (readings.readings, readings.caption(found, document["calibration"]))]
     parts = [
         (
             "What is wrong",
@@ -76,7 +78,7 @@ def _sections(found, document):
             [],
             [(figures.power, POWER), (figures.spectra, SPECTRA)],
         ),
-        ("The cause", CAUSE, [words.findings_table(document), words.tied_table(document)], [(figures.residuals, REST)]),
+        ("The cause", CAUSE, [words.findings_table(document), words.tied_table(document)], drawings),
         ("The gain", GAIN, [words.change_table(document), words.gain_table(document)], []),
         ("What this data cannot show", HIDDEN, [words.hidden_table(document)], []),
         ("What was tried", "", [words.tried_table(document)], []),

@@ -47,10 +47,16 @@ def power(found, kind="manoeuvre"):
         marks += [dots(panel, x, y, replace(look, size=size)) for y, look in zip(series, POINTS.values(), strict=True)]
         words = {"x_numbers": False}
         if row == len(tested) - 1:
-            numbers = {float(i): str(i) for i in range(each, int(blocks.max()) + 2, each)}
+            numbers = {float(i): _number(found, i) for i in range(each, int(blocks.max()) + 2, each)}
             words = {"x_label": f"{kind}, four bands from low to high frequency", "x_numbers": numbers}
         parts.append(framed(panel, *marks, y_label=names[k], **words))
     return drawn(height, "power of the residual against noise", *parts)
+
+
+def _number(found, place):
+    """Number of a block: that in its name, its place among all where it has none."""
+    name = found.attrs["blocks"].split(", ")[place - 1]
+    return name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(place)
 
 
 def spectra(found):

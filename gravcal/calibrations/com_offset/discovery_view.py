@@ -153,13 +153,13 @@ def block_of(view: View, aligned, smoothed, settings: dict) -> dict:
     }
     offset = catalogue()["accelerometer.offset"].columns(context)
     return {
-        "label": f"manoeuvre {scene.index}",
+        "label": f"manoeuvre {scene.index + 1}",
         "observed": view.rows(observed)[:, 0],
         "shared": view.rows({"linear": offset}),
         "own": view.rows(_own(view, settings)),
         "channel": np.repeat(CHANNELS, [3 * v.size for v in view.valid().values()]),
         "axis": np.concatenate([np.repeat([0, 1, 2], v.size) for v in view.valid().values()]),
-        "time": np.concatenate([np.tile(t, 3) for t in _times(view)]),
+        "time": np.concatenate([np.tile(t, 3) for t in times(view)]),
         "local": _steps(view),
     }
 
@@ -174,7 +174,13 @@ def _steps(view):
     return {float(t): rows[:, 3 * k : 3 * k + 3] for k, t in enumerate(epochs)}
 
 
-def _times(view):
+def times(view: View) -> tuple[np.ndarray, ...]:
+    """Epochs of the rows of each channel, s.
+
+    Parameters
+    ----------
+    view : View
+    """
     grid = view.scene.operator.time
     return grid, grid, view.scene.sca_time, view.magnetometer[0]
 
@@ -182,7 +188,7 @@ def _times(view):
 def _own(view, settings):
     """Drift of each channel, start, slow torque and edges of the attitude, edges of the accelerometer."""
     scene = view.scene
-    grid, _, _, mag = _times(view)
+    grid, _, _, mag = times(view)
     eye = np.eye(3)
     columns = []
     for channel, time, degree in (

@@ -269,3 +269,23 @@ def blocks(view: View, factors: list[np.ndarray]) -> list[dict]:
             }
         )
     return found
+
+
+def reading(view: View, number: int, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Range less orbit of a half as the phase centres of the solution predict it, and columns in the form of readings.
+
+    Parameters
+    ----------
+    view : View
+    number : of the half
+    columns : (n, q) m, not whitened
+
+    Returns
+    -------
+    time : (n,) s
+    model : (n, 1) m
+    columns : (q, n, 1) m
+    """
+    arc = view.arcs[number]
+    model = view.column[arc.rows] @ view.centre
+    return arc.time, model[:, None], columns.T[:, :, None]

@@ -1,0 +1,141 @@
+"""Readings in their own units: rebuilt from whitened rows, beside what either model simulates."""
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+from flows import com_offset, discover
+from gravcal.calibrations.com_offset.discovery_event import event
+from gravcal.calibrations.com_offset.discovery_reading import reading
+from gravcal.data import catalog
+from gravcal.discovery import products, readings
+from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.rounds import Choice, search
+from gravcal.methods.noise import whiten
+from tasks.stage import read
+
+CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
+PARTS = ("measured", "baseline", "extended")
+
+
+def result(amplitude, *, listed=True):
+    """Search in two blocks of two channels; a signal is in the second channel of the second block."""
+    rng, blocks, columns = np.random.default_rng(6), [], []
+    for k in range(2):
+        wave = np.tile(np.sin(np.arange(120) / (9 + k)), 2) * np.repeat([0.01, 1.0], 120) * (1 + k)
+        where = {"channel": np.repeat(["angular", "linear"], 120), "axis": np.zeros(240, dtype=int)}
+        rows = {"observed": rng.standard_normal(240) + amplitude * wave, "time": np.tile(np.arange(120.0), 2)}
+        blocks.append(Block(f"block {k}", shared=np.zeros((240, 0)), own=np.ones((240, 1)), **where, **rows))
+        columns.append(wave[:, None])
+    noise = [rng.standard_normal((240, 1)) for _ in columns]
+    found = [Candidate("case.noise", "", ["size"], ["1"], noise)]
+    found += [Candidate("case.wave", "", ["size"], ["1"], columns)] if listed else []
+    return search(blocks, found, CHOICE, np.random.default_rng(1))
+
+
+def doubled(channel, index, rows):  # noqa: ARG001 - all that a calibration is given
+    """Reading whose noise is 2 units white, on a model of a constant 5."""
+    part = rows[120:] if channel == "linear" else rows[:120]
+    return np.arange(120.0), np.full((120, 1), 5.0), 2 * part.T[:, :, None]
+
+
+def test_what_the_extension_helps_most_is_shown():
+    """Contract: channel and block with the signal; measured less simulated is the residual in its own unit."""
+    found = result(2.0)
+    place = readings.clearest(found, ("angular", "linear"), 0.005)
+    assert place == ("linear", 1)
+    shown = readings.variables(found, place, doubled)
+    difference = {p: shown["linear_measured"] - shown[f"linear_{p}"] for p in PARTS[1:]}
+    assert_allclose(difference["baseline"][:, 0], 2 * found.before.rest[1][120:], atol=1e-12)  # rounding
+    assert_allclose(difference["extended"][:, 0], 2 * found.after.rest[1][120:], atol=1e-12)
+    assert abs(shown["linear_measured"].mean()) < 1e-12
+    product = products.dataset(found, {}, (), shown)
+    assert product["linear_measured"].attrs["units"] == "m s-2"
+    assert "angular_measured" not in product
+
+
+def test_a_channel_that_cannot_be_shown_is_left_out():
+    """Contract: no picture of another channel in its place."""
+    assert readings.clearest(result(2.0), ("angular",), 0.005) is None
+
+
+def test_where_nothing_is_named_the_least_likely_band_is_shown():
+    """Contract: a signal that no candidate holds: measured and baseline, no extended model; clean data show nothing."""
+    found = result(2.0, listed=False)
+    assert not found.findings
+    place = readings.clearest(found, ("angular", "linear"), 0.005)
+    assert place == ("linear", 1)
+    assert "linear_extended" not in readings.variables(found, place, doubled)
+    clean = result(0.0)
+    assert readings.clearest(clean, ("angular", "linear"), 1e-4) is None
+    assert readings.variables(clean, None, doubled) == {}
+
+
+def viewed(folder, effects):
+    """Source and settings of a simulated day, references and products of its baseline, views and blocks."""
+    com_offset.simulate(folder / "day", seed=7, truth=None, effects=effects, settings={})
+    source, chosen = com_offset.source(data=folder / "day"), catalog.parameters("com_offset")
+    made, scene = [read(ref) for ref in com_offset.baseline(source, chosen)], com_offset.scene_settings(source, chosen)
+    settings = chosen.for_stage("discovery")
+    degrees = {name: settings[name] for name in ("linear_drift_degree", "angular_drift_degree")}
+    return (source, chosen), made, *event(*made, **scene, **degrees)[:2]
+
+
+def discovered(folder, effects):
+    """Products of the baseline, the product of the discovery, and the views of a simulated day."""
+    about, made, views, _ = viewed(folder, effects)
+    return made, read(discover.searched(*about)[1]), views
+
+
+def shown(found, channel):
+    """Measured, baseline and extended readings, all known."""
+    values = [found[f"{channel}_{p}"].values for p in PARTS]
+    assert all(np.isfinite(v).any() for v in values)
+    return values
+
+
+def test_a_leak_is_seen_in_the_linear_reading(tmp_path):
+    """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y."""
+    made, found, views = discovered(tmp_path, {"accelerometer.current_leak.y_from_x": 6e-12})
+    measured, baseline, extended = shown(found, "linear")
+    (k,) = [k for k, v in enumerate(views) if np.array_equal(v.scene.operator.time, found["time_reading"].values)]
+    scene = views[k].scene
+    direct = scene.operator(np.nan_to_num(made[0]["linear_b"].values[scene.rows]))
+    valid = np.isfinite(measured).all(axis=1)
+    assert_allclose(measured[valid], (direct - np.nanmean(direct, axis=0))[valid], atol=1e-14)  # m s-2, noise 1e-10
+    here = (found["block"].values == k) & (found["channel"].values == 0)
+    for simulated, name in ((baseline, "residual_before"), (extended, "residual_after")):
+        white = [whiten(views[k].noise["linear"][a], (measured - simulated)[:, a], valid) for a in range(3)]
+        assert_allclose(np.concatenate(white), found[name].values[here], atol=1e-6)  # of a sigma
+    rms = [np.sqrt(np.nanmean((measured - simulated)[:, 1] ** 2)) for simulated in (baseline, extended)]
+    assert rms[1] < 0.9 * rms[0]
+
+
+def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
+    """Recovery: a rod 3 % stronger; the rebuilt angular reading is the measured one to a part of the effect."""
+    made, found, views = discovered(tmp_path, {"torque.dipole_gain.rod_y": 0.03})
+    assert found.attrs["rebuilt"] == "yes"
+    measured, baseline, extended = shown(found, "angular")
+    time = found["time_reading"].values
+    near = min(views, key=lambda v: abs(v.scene.operator.time[0] - time[0]))
+    direct = near.scene.operator(np.nan_to_num(made[0]["angular_b"].values[near.scene.rows]))
+    direct = direct - np.nanmean(direct, axis=0)
+    same = np.stack([np.interp(time, near.scene.operator.time, c) for c in direct.T], axis=1)
+    effect = np.nanstd((extended - baseline)[:, 0])
+    assert np.nanstd((measured - same)[:, 0]) < 0.1 * effect
+    assert np.nanstd((measured - extended)[:, 0]) < 0.3 * np.nanstd((measured - baseline)[:, 0])
+
+
+def test_attitude_and_field_give_their_readings(tmp_path):
+    """Contract: the field as measured; the rotation by the torquers as fitted, and what the fit left."""
+    _, made, views, blocks = viewed(tmp_path, {})
+    view, observed = views[1], blocks[1]["observed"][:, None]
+    time, model, (rest,) = reading(view, "magnetometer", observed)
+    good = np.isfinite(rest).all(axis=1)
+    rows = np.searchsorted(made[1]["time_mag"].values, time[good])
+    assert_allclose((model + rest)[good], made[1]["measured_b"].values[rows], atol=1e-9)  # T, of 3e-5
+    time, model, (rest,) = reading(view, "attitude", observed)
+    good, index = view.scene.sca_good, view.scene.index
+    left = made[2]["sca_residual_b"].values[made[2]["sca_manoeuvre"].values == index]
+    scale = np.nan_to_num(made[2]["torque_scale"].values[index], nan=1.0)
+    assert_allclose((model + rest)[good], left + (view.scene.scale_attitude @ scale)[good], atol=1e-12)  # rad
+    assert np.isnan(rest[~good]).all()

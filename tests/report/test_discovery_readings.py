@@ -1,0 +1,62 @@
+"""Figure of measured and simulated readings."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from gravcal.report import discovery_readings
+
+
+def found(axes=3, parts=("measured", "baseline", "extended"), **attrs):
+    """Product with a linear reading of some nm s-2, 200 samples of one manoeuvre."""
+    time = 6e8 + np.arange(200.0)
+    wave = 1e-9 * np.sin(time / 9)[:, None] * np.ones(axes)
+    values = {"measured": wave, "baseline": 0.8 * wave, "extended": wave - 1e-12}
+    channel, unit = ("linear", "m s-2") if axes == 3 else ("range", "m")
+    data = {f"{channel}_{p}": (("time_reading", "axis"), values[p], {"units": unit}) for p in parts}
+    data |= {"time_row": ("row", np.repeat([5e8, 6e8], 200) + np.tile(np.arange(200.0), 2))}
+    data |= {"block": ("row", np.repeat([0, 1], 200)), "channel": ("row", np.zeros(400, dtype=int))}
+    coords = {"time_reading": time}
+    return xr.Dataset(data, coords, attrs={"blocks": "manoeuvre 1, manoeuvre 2", "channels": channel} | attrs)
+
+
+def test_every_axis_has_its_reading_and_its_difference():
+    """Contract: two panels an axis in units with a prefix that suits each, the manoeuvre named."""
+    drawing = discovery_readings.readings(found())
+    assert drawing.count("<path") > 6
+    for axis in "xyz":
+        assert f">{axis} (nm s-2)<" in drawing
+        assert f">Δ{axis} (nm s-2)<" in drawing
+    assert "linear, manoeuvre 2" in drawing
+    assert drawing.count(">extended model<") == 1
+
+
+def test_a_range_has_one_axis():
+    """Contract: the channel's own name beside the scale."""
+    drawing = discovery_readings.readings(found(axes=1))
+    assert ">range (nm)<" in drawing
+    assert "Δrange" in drawing
+
+
+def test_without_findings_only_the_baseline_is_drawn():
+    """Contract: no curve of an extended model that does not exist."""
+    product = found(parts=("measured", "baseline"))
+    assert "extended model" not in discovery_readings.readings(product)
+    assert "least likely band" in discovery_readings.caption(product, "com_offset")
+
+
+def test_a_product_without_readings_has_no_figure():
+    """Contract: clean data, nothing drawn."""
+    assert discovery_readings.readings(found(parts=())) is None
+
+
+@pytest.mark.parametrize(
+    ("calibration", "axes", "word"),
+    [("com_offset", 3, "low-passed"), ("kbr_phase_centre", 1, "orbits"), ("inertial_sensor", 3, "mean is left out")],
+)
+def test_the_caption_says_what_the_reading_is(calibration, axes, word):
+    """Contract: reference of the reading, and whether it was put together again."""
+    caption = discovery_readings.caption(found(axes), calibration)
+    assert word in caption
+    assert "linear form" not in caption
+    assert "linear form" in discovery_readings.caption(found(axes, rebuilt="yes"), calibration)
