@@ -129,7 +129,7 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it():
 
 
 def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay_as_they_are():
-    """Analytic: data of 10 sigma a unit and of 0.1 sigma a unit, priors of one: the second shrinks to 0.01 of itself."""
+    """Analytic: data of 10 and of 0.1 sigma a unit, priors of one: the second shrinks to a hundredth of itself."""
     normal, true = np.diag([100.0, 0.01]), np.array([30.0, 7.0])
     value, covariance = _held(normal, normal @ true, np.ones(2))
     assert np.allclose(value, [30.0, 7.0 * 0.01 / 1.01])
