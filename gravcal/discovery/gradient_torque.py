@@ -6,8 +6,9 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.gradient_torque import discovery_candidates as listed
-from gravcal.calibrations.gradient_torque.discovery_view import CHANNELS, PARAMETERS, View, blocks, view
-from gravcal.discovery import attribution, products
+from gravcal.calibrations.gradient_torque.discovery_reading import reading
+from gravcal.calibrations.gradient_torque.discovery_view import CHANNELS, PARAMETERS, View, blocks, places, view
+from gravcal.discovery import attribution, products, readings
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.hidden import UNSEEN
 from gravcal.discovery.problem import Problem, baseline_of
@@ -47,7 +48,22 @@ def discover(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, **se
     numbers["indistinguishable_from_calibration"] += [
         one for one in beside_drag(result.problem, seen) if one["cause"] not in named
     ]
-    return products.dataset(result, numbers, CHANNELS)
+    place = readings.clearest(result, ("linear",), choice.level)
+    shown = readings.variables(result, place, lambda _, k, __: _reading(result, seen, k))
+    return products.dataset(result, numbers, CHANNELS, shown)
+
+
+def _reading(result, seen, index):
+    """Time, model and rows of a block in the unit of the reading; the noise remembers what was before the block."""
+    part = [place["linear"] for place in places(seen)]
+    rows = np.zeros((sum(p.size for p in part), 3))
+    for k, place in enumerate(part):
+        here = result.problem.blocks[k].channel == "linear"
+        both = (result.problem.blocks[k].observed, result.before.rest[k], result.after.rest[k])
+        rows[place] = np.stack(both, axis=1)[here]
+    time, model, columns = reading(seen, rows)
+    inside = np.unique(part[index] % time.size)
+    return time[inside], model[inside], columns[:, inside]
 
 
 def _reported(values):

@@ -10,6 +10,8 @@ from gravcal.discovery import attribution, trials
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Result
 
+CLEAR = 5.0  # sigma from which a direction is believed against its prior
+
 
 def widened(result: Result) -> Result:
     """Result whose calibration parameters and covariance after the extension leave named causes all their parameters.
@@ -84,8 +86,8 @@ def _with(problem, total, baseline, index):
 def named_parameters(result: Result, position: int) -> dict:
     """Parameters of a finding in the form that was named, for the extended model, {name: {"value", "sigma", "unit"}}.
 
-    Directions of which the data know less than the catalogue, such as a leak that looks like an offset, are held by
-    their prior: they would carry many times what is plausible into the records.
+    Directions that stay below five sigma and of which the data know less than the catalogue, such as a leak that looks
+    like an offset, are held by their prior: they would carry many times what is plausible into the records.
 
     Parameters
     ----------
@@ -106,11 +108,12 @@ def named_parameters(result: Result, position: int) -> dict:
 
 
 def _held(normal, right, prior):
-    """Value and covariance of parameters whose directions are held by the prior where it knows more than the data."""
-    known, vectors = np.linalg.eigh(normal * np.outer(prior, prior))
-    weight = np.where(known < 1, known + 1, known)  # information of the data in units of that of the prior
-    map_back = prior[:, None] * vectors
-    covariance = (map_back / weight) @ map_back.T
+    """Value and covariance of parameters, directions that are not clearly seen held where the prior knows more."""
+    known, vectors = np.linalg.eigh(normal * np.outer(prior, prior))  # information in units of that of the prior
+    score = (vectors.T @ (prior * right)) / np.sqrt(np.maximum(known, 1e-300))
+    weight = np.maximum(known + ((known < 1) & (np.abs(score) < CLEAR)), 1e-300)
+    back = prior[:, None] * vectors
+    covariance = (back / weight) @ back.T
     return covariance @ right, covariance
 
 

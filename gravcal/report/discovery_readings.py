@@ -25,6 +25,7 @@ WHAT = {
     ("com_offset", "linear"): FILTERED,
     ("com_offset", "angular"): FILTERED,
     ("com_offset", "attitude"): " It is the rotation from a satellite whose torquers are off; its mean is left out.",
+    ("gradient_torque", "linear"): " It is the difference of both sensors; its mean is left out.",
     ("kbr_phase_centre", "range"): " The distance of the orbits is taken off, and the mean.",
 }
 PLAIN = " Its mean is left out."

@@ -134,6 +134,7 @@ def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay
     value, covariance = _held(normal, normal @ true, np.ones(2))
     assert np.allclose(value, [30.0, 7.0 * 0.01 / 1.01])
     assert np.allclose(np.diag(covariance), [0.01, 1 / 1.01])
+    assert np.allclose(_held(normal, normal @ [30.0, 70.0], np.ones(2))[0], [30.0, 70.0])  # seen at seven sigma
     turned = np.array([[0.6, -0.8], [0.8, 0.6]])
     other, _ = _held(turned @ normal @ turned.T, turned @ normal @ true, np.ones(2))
     assert np.allclose(other, turned @ value)

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from flows import cli, gradient_torque
 from gravcal.calibrations.gradient_torque import discovery_series as series
 from gravcal.calibrations.gradient_torque import discovery_view
+from gravcal.data import product
 from gravcal.data.schemas import validate
 from gravcal.physics import frames
 
@@ -78,9 +79,20 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, slug):
         for name, true in LISTED[slug].items():
             parameter = found["parameters"][name]
             assert abs(parameter["value"] - true) < 5 * parameter["sigma"]
+    if slug == "gradient.field_scale":
+        _shows_it(tmp_path)
     model = max((tmp_path / "products").rglob("model.toml"), key=lambda path: path.stat().st_mtime)
     again = discovered(tmp_path, "--set", "discovery_level=0.0002", "--model", model)
     assert again["findings"] == []
+
+
+def _shows_it(folder):
+    """The product holds the difference of the sensors in its unit, the extended model nearer to it."""
+    paths = [p for p in (folder / "products").rglob("product.nc") if "linear_measured" in product.read(p)]
+    (found,) = (product.read(p) for p in paths)
+    measured, before, after = (found[f"linear_{n}"].values for n in ("measured", "baseline", "extended"))
+    assert np.nanstd(measured - after) < np.nanstd(measured - before)
+    assert 1e-12 < np.nanstd(measured - after, axis=0).max() < 2e-11 < np.nanstd(measured)
 
 
 def test_one_sensor_still_shows_a_bias_of_its_angular_readings(rng, tmp_path):

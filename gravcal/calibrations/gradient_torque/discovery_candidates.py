@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gravcal.calibrations.gradient_torque.discovery_series import along_orbit
 from gravcal.calibrations.gradient_torque.discovery_view import View, binned, places
 from gravcal.effects import effect
 from gravcal.effects.gradient import EFFECTS
@@ -161,16 +162,9 @@ def shapes(seen: View) -> list[tuple[str, str, np.ndarray]]:
             one = values[:, axis] - values[:, axis].mean()
             one = one / max(np.abs(one).max(), 1e-300)
             rows += [(name, f"component {letter}", one), (name, f"square of {letter}", one**2)]
-    turned = _along_orbit(about)
+    turned = along_orbit(about)
     for order in (1, 2):
         rows += [("latitude", f"cosine of {order} times its argument", np.cos(order * turned))]
         rows += [("latitude", f"sine of {order} times its argument", np.sin(order * turned))]
     since = (about.time - about.time[0]) / (about.time[-1] - about.time[0])
     return [*rows, ("time", "straight line", since - 0.5)]
-
-
-def _along_orbit(about):
-    """Angle of the satellite along its orbit (n,) rad, from the rate about the axis that turns most."""
-    axis = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
-    step = np.diff(about.time, prepend=about.time[0])
-    return np.cumsum(about.rate_b[:, axis] * step)

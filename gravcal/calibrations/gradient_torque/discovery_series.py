@@ -149,3 +149,14 @@ def means(series: np.ndarray, width: int) -> np.ndarray:
     there = np.isfinite(parts)
     count = there.sum(axis=1)
     return np.where(count > 0, np.where(there, parts, 0.0).sum(axis=1), np.nan) / np.maximum(count, 1)
+
+
+def along_orbit(about: Context) -> np.ndarray:
+    """Angle of the satellite along its orbit (n,) rad, from the rate about the axis that turns most.
+
+    Parameters
+    ----------
+    about : Context
+    """
+    axis = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
+    return np.cumsum(about.rate_b[:, axis] * np.diff(about.time, prepend=about.time[0]))

@@ -100,7 +100,11 @@ def _parts(fine, R_bi, products, scene):
 
 
 def _noise(means, good, scene, name):
-    """Noise model of each axis, from what a fit of the shared columns leaves."""
+    """Noise model of each axis, from what a fit of the shared columns leaves.
+
+    A large effect is part of it and makes the search less sharp. Harmonics of the orbit must not be taken out first:
+    the model would have no noise where they were, which is where gravity acts.
+    """
     y, A = means[good][:, :, 0], means[good][:, :, 1:]
     scale = np.sqrt(np.sum(A**2, axis=(0, 1)))
     used = scale > 0
