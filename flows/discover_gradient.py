@@ -13,7 +13,10 @@ def gradient_torque(source, chosen):
     """Causes of what the readings of one day leave unexplained."""
     products = calibration.baseline(source, chosen)
     scene = calibration.scene_settings(chosen)
-    found = stages.search(*products, scene=scene, variant="", **chosen.for_stage("discovery"))
+    settings = {"scene": scene, **chosen.for_stage("discovery")}
+    first = stages.search(*products, variant="first", **settings)
+    extended = stages.extend_by(*products, first, scene=scene, variant="discovered")
+    found = stages.search_again(*calibration.from_one_sensor(source, chosen, extended), first, variant="", **settings)
     values = {name: entry.value for name, entry in chosen.entries.items() if name != "truth"}
     named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
     return stages.report(found, settings=values, **named)

@@ -86,6 +86,12 @@ def baseline(source, chosen):
     return _of_one(observed, stored, chosen)
 
 
+def from_one_sensor(source, chosen, observed):
+    """The same products from other readings of the day."""
+    _, fields, _ = _files(source, chosen)
+    return _of_one(observed, gradient_torque.field(fields, event=source.event, variant=""), chosen)
+
+
 def scene_settings(chosen):
     """What the view of a day needs beside the products."""
     names = ("elongation", "gap_limit_s", "torque_step_s", "torque_noise_order", "control_hz", "control_damping")

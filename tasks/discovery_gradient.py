@@ -26,10 +26,37 @@ def search(observed, modelled, found, *, discovery_level, tie_chi2, round_limit,
     return science.discover(observed, modelled, found, **limits, **numbers, **scene)
 
 
+@stage(reads=[*READ, "gradient_torque.discovery"], writes="gradient_torque.discovery", version=1)
+def search_again(
+    observed,
+    modelled,
+    found,
+    first,
+    *,
+    discovery_level,
+    tie_chi2,
+    round_limit,
+    heldout_s,
+    discovery_seed,
+    scene,
+):
+    """The same in records without what was found."""
+    limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}
+    numbers = {"segment_s": heldout_s, "discovery_seed": discovery_seed}
+    return science.discover_again(observed, modelled, found, first, **limits, **numbers, **scene)
+
+
 @stage(reads=READ, writes="ingest", version=1)
 def extend(observed, modelled, found, *, model, scene):
     """Record of a day without the effects of an extended model."""
     return extension_science.extend(observed, modelled, found, model=json.loads(model), **scene)
+
+
+@stage(reads=[*READ, "gradient_torque.discovery"], writes="ingest", version=1)
+def extend_by(observed, modelled, found, discovered, *, scene):
+    """Record of a day without what was found in it."""
+    model = json.loads(discovered.attrs["numbers"])["findings"]
+    return extension_science.extend(observed, modelled, found, model=model, **scene)
 
 
 @stage(reads=["gradient_torque.discovery"], writes="gradient_torque.discovery_report", version=1)

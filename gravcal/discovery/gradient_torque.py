@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import xarray as xr
 
@@ -15,6 +17,7 @@ from gravcal.discovery.problem import Problem, baseline_of
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
 from gravcal.discovery.widening import named_parameters, widened
+from gravcal.effects.entries import determined
 from gravcal.effects.gradient import EFFECTS
 
 SEARCH = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
@@ -33,15 +36,45 @@ def discover(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, **se
     -------
     found : Dataset, "gradient_torque.discovery"; attribute `numbers` holds the summary as JSON
     """
-    seen = view(observed, modelled, found, **{n: v for n, v in settings.items() if n not in SEARCH})
-    rows, tried = [Block(**b) for b in blocks(seen)], [Candidate(**c) for c in listed.candidates(seen)]
+    return products.dataset(*_searched((observed, modelled, found), (), settings))
+
+
+def discover_again(observed, modelled, found, first, **settings) -> xr.Dataset:
+    """The search anew in records without what was found, whose noise it was part of.
+
+    The effects are added to the rows again in their linear form, so that the search finds them whole, with their errors
+    by the noise that is left. What describes the record worse than the first search is not taken.
+
+    Parameters
+    ----------
+    observed, modelled, found : Dataset, of the records without the effects that were found
+    first : Dataset, "gradient_torque.discovery"
+    settings : as of `discover`
+
+    Returns
+    -------
+    found : Dataset, "gradient_torque.discovery"
+    """
+    numbers = json.loads(first.attrs["numbers"])
+    if not numbers["findings"]:
+        return first
+    result, again, *rest = _searched((observed, modelled, found), numbers["findings"], settings)
+    if not again["adequate_after"] and again["p_after"] < numbers["p_after"]:
+        return first
+    again |= {name: numbers[name] for name in ("adequate_before", "p_before", "tried")}
+    return products.dataset(result, again, *rest).assign_attrs(rebuilt="yes")
+
+
+def _searched(given, model, settings):
+    """Result of a search, its numbers, names of the channels, and the reading that the extension helps most."""
+    seen = view(*given, **{n: v for n, v in settings.items() if n not in SEARCH})
+    rows, tried = blocks(seen), [Candidate(**c) for c in listed.candidates(seen)]
+    rows = [Block(**_with(b, k, tried, model)) for k, b in enumerate(rows)]
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
     choice = Choice(*limits, "", {}, segment_s=settings["segment_s"], quiet=seen.quiet)
     result = search(rows, tried, choice, np.random.default_rng(settings["discovery_seed"]))
     numbers = summary(widened(result), choice, list(PARAMETERS), "mm", 1e3, np.append(seen.start, np.zeros(6)))
-    change = numbers["calibration_change"]
-    for name, values in change.items():
-        change[name] = _reported(values)
+    numbers["calibration_change"] = {n: _reported(v) for n, v in numbers["calibration_change"].items()}
     for position, finding in enumerate(numbers["findings"]):
         finding["model"] = named_parameters(result, position)
     named = {one.cause for one in result.findings}
@@ -50,7 +83,19 @@ def discover(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, **se
     ]
     place = readings.clearest(result, ("linear",), choice.level)
     shown = readings.variables(result, place, lambda _, k, __: _reading(result, seen, k))
-    return products.dataset(result, numbers, CHANNELS, shown)
+    return result, numbers, CHANNELS, shown
+
+
+def _with(block, number, tried, model):
+    """Block with the effects of a model added to what was observed."""
+    added = np.zeros(block["observed"].size)
+    for entry in model:
+        for one in tried:
+            columns = one.columns[number] if (one.cause, one.form) == (entry["cause"], entry["form"]) else None
+            if columns is not None:
+                known = determined(entry)
+                added += columns @ np.array([known.get(name, 0.0) for name in one.names])
+    return block | {"observed": block["observed"] + added}
 
 
 def _reading(result, seen, index):

@@ -30,6 +30,8 @@ def extend(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, *, mod
     -------
     extended : Dataset, "ingest"
     """
+    if not model:
+        return observed
     seen = view(observed, modelled, found, **scene)
     extended = observed.copy(deep=True)
     for entry in model:
