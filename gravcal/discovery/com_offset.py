@@ -89,7 +89,9 @@ def _searched(aligned, field, smoothed, solved, model, settings):
     blocks = with_model(blocks, views, smoothed, starts, model) if model else blocks
     found = candidates(views, smoothed, starts)
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
-    choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet)
+    order = dict.fromkeys(("linear", "angular"), settings["noise_order"])
+    order["magnetometer"] = settings["attitude_noise_order"]
+    choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet, order=order)
     made = [Block(**b) for b in blocks], [Candidate(**c) for c in found]
     result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
     numbers = summary(with_ties(result), choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))

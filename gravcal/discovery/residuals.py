@@ -46,27 +46,49 @@ def measured(problem: Problem) -> list[np.ndarray]:
     return [c[:, :1] for c in problem.columns]
 
 
-def drawn(problem: Problem, count: int, quiet: Mapping[str, float], rng: np.random.Generator) -> list[np.ndarray]:
+def drawn(
+    problem: Problem,
+    count: int,
+    quiet: Mapping[str, float],
+    rng: np.random.Generator,
+    order: Mapping[str, int] | None = None,
+) -> list[np.ndarray]:
     """Noise (n, count) of every block, with the error of the noise model that it was whitened with.
+
+    A model from N quiet samples is off by 1/sqrt(2 N) of its size, and each of its coefficients by 1/sqrt(N): whitened
+    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8).
 
     Parameters
     ----------
     problem : Problem
     count : number of draws
-    quiet : {channel: quiet samples an axis that its noise was measured from}
+    quiet : {channel: quiet samples an axis that its noise was measured from, elsewhere than here}
     rng : source of randomness
+    order : {channel: coefficients of its noise model}; none where the noise was measured in these rows
     """
     channels = sorted({c for b in problem.blocks for c in b.channel})
     error = {c: np.sqrt(2 / quiet[c]) if quiet.get(c) else 0.0 for c in channels}
-    scale = {(c, a): 1 + error[c] / 2 * rng.standard_normal(count) for c in channels for a in range(3)}
+    known = {c: (order or {}).get(c, 0) if quiet.get(c) else 0 for c in channels}
+    both = [(c, a) for c in channels for a in range(3)]
+    scale = {place: 1 + error[place[0]] / 2 * rng.standard_normal(count) for place in both}
+    shape = {(c, a): error[c] / np.sqrt(2) * rng.standard_normal((known[c], count)) for c, a in both}
     rows = []
     for block in problem.blocks:
         noise = rng.standard_normal((block.observed.size, count), dtype=np.float32)
         noise[~weighted(block)] = 0.0
         for (channel, axis), factor in scale.items():
-            noise[(block.channel == channel) & (block.axis == axis)] *= factor.astype(np.float32)
+            here = (block.channel == channel) & (block.axis == axis)
+            noise[here] = _neighbouring(noise[here], shape[channel, axis]) * factor.astype(np.float32)
         rows.append(noise)
     return rows
+
+
+def _neighbouring(noise, shares):
+    """Noise (n, d) with shares (p, d) of the rows before each."""
+    mixed = noise.copy()
+    for k, share in enumerate(shares.astype(np.float32), start=1):
+        mixed[k:] += share * noise[:-k]
+    return mixed
 
 
 def weighted(block) -> np.ndarray:

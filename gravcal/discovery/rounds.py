@@ -24,6 +24,7 @@ class Choice:
     step_cause : slug of a step; tone_causes : {channel: slug}
     segment_s : s, stretch of time that is left out for causes of a single block
     quiet : {channel: quiet samples an axis that its noise was measured from}
+    order : {channel: coefficients of a noise model that was measured outside the rows}
     """
 
     level: float
@@ -33,6 +34,7 @@ class Choice:
     tone_causes: dict[str, str]
     segment_s: float = 15.0
     quiet: Mapping[str, float] = field(default_factory=dict)
+    order: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     rng : source of randomness, for the distribution of the adequacy under noise
     """
     problem = prepare(blocks, candidates)
-    noise = residuals.drawn(problem, adequacy.DRAWS, choice.quiet, rng)
+    noise = residuals.drawn(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
     chosen, first = [], None
     for _ in range(choice.rounds):

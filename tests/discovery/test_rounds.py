@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block, Candidate, basis_of
 from gravcal.discovery.problem import prepare
 from gravcal.discovery.rounds import Choice, search
@@ -138,3 +139,19 @@ def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay
     turned = np.array([[0.6, -0.8], [0.8, 0.6]])
     other, _ = _held(turned @ normal @ turned.T, turned @ normal @ true, np.ones(2))
     assert np.allclose(other, turned @ value)
+
+
+def test_drawn_noise_has_the_error_of_the_model_it_was_whitened_with():
+    """Analytic: of 400 quiet samples each of three coefficients is off by a twentieth, in draw after draw."""
+    rng = np.random.default_rng(5)
+    time = np.tile(np.arange(4000.0), 3)
+    nothing = np.zeros((time.size, 1))
+    words = np.array(["linear"] * time.size), np.repeat([0, 1, 2], 4000)
+    block = Block("one", np.ones(time.size), nothing, nothing, *words, time)
+    (noise,) = residuals.drawn(prepare([block], []), 300, {"linear": 400.0}, rng, {"linear": 3})
+    first = noise[:4000].astype(float)
+    first /= first.std(axis=0)
+    lags = np.array([np.mean(first[k:] * first[:-k], axis=0) for k in (1, 2, 3, 4)])
+    spread = np.sqrt(np.mean(lags**2, axis=1))
+    assert np.allclose(spread[:3], np.hypot(1 / 20, 1 / np.sqrt(4000)), rtol=0.2)
+    assert np.allclose(spread[3], 1 / np.sqrt(4000), rtol=0.3)
