@@ -16,3 +16,18 @@ def determined(entry: Mapping) -> dict[str, float]:
     """
     values = {n: p["value"] for n, p in entry.get("model", entry["parameters"]).items()}
     return {n: v for n, v in values.items() if v is not None and np.isfinite(v)}
+
+
+def each_alone(whole: dict) -> list[dict]:
+    """Candidate with all its parameters, then with each alone.
+
+    Parameters
+    ----------
+    whole : fields of `gravcal.discovery.blocks.Candidate`; "columns" (n, q) or None a block
+    """
+    found = [whole]
+    for k, name in enumerate(whole["names"] if len(whole["names"]) > 1 else ()):
+        columns = [c if c is None else c[:, k : k + 1] for c in whole["columns"]]
+        one = {"names": [name], "units": [whole["units"][k]], "prior": [whole["prior"][k]], "columns": columns}
+        found.append(whole | one | {"form": f"{name} alone"})
+    return found

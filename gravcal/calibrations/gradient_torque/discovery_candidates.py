@@ -9,6 +9,7 @@ import numpy as np
 from gravcal.calibrations.gradient_torque.discovery_series import along_orbit
 from gravcal.calibrations.gradient_torque.discovery_view import View, binned, places
 from gravcal.effects import effect
+from gravcal.effects.entries import each_alone
 from gravcal.effects.gradient import EFFECTS
 from gravcal.physics import frames, sensing
 
@@ -36,7 +37,7 @@ def candidates(seen: View) -> list[dict]:
         found += [_of(seen, place, effect(slug), _one_sensor(seen, effect(slug), k), f"_{k + 1}") for k in sensors]
     for slug in (*ANGULAR, *(TORQUE if "torque" in seen.rows else ()), POINTING):
         found.append(_of(seen, place, effect(slug), series_of(seen, effect(slug))))
-    return [one for whole in found for one in _split(whole)] + _drivers(seen, place)
+    return [one for whole in found for one in each_alone(whole)] + _drivers(seen, place)
 
 
 def _of(seen, place, entry, added, suffix=""):
@@ -121,16 +122,6 @@ def cut(seen: View, place: list[dict], added: dict[str, np.ndarray]) -> list[np.
         parts = [known[c][p] if c in known else np.zeros((p.size, width)) for c, p in one.items()]
         columns.append(np.concatenate(parts))
     return [*(columns or [None] * len(place)), None]
-
-
-def _split(whole):
-    """The effect with all its parameters, then with each alone."""
-    found = [whole]
-    for k, name in enumerate(whole["names"] if len(whole["names"]) > 1 else ()):
-        columns = [c if c is None else c[:, k : k + 1] for c in whole["columns"]]
-        one = {"names": [name], "units": [whole["units"][k]], "prior": [whole["prior"][k]], "columns": columns}
-        found.append(whole | one | {"form": f"{name} alone"})
-    return found
 
 
 def _drivers(seen, place):

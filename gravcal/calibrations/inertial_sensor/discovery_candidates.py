@@ -14,6 +14,7 @@ from gravcal.calibrations.inertial_sensor.discovery_view import (
     turned,
 )
 from gravcal.effects import effect
+from gravcal.effects.entries import each_alone
 from gravcal.effects.inertial_sensor import EFFECTS
 
 STEP, TONE = "accelerometer.bias_step", "accelerometer.stray_tone"
@@ -35,7 +36,7 @@ def candidates(seen: View) -> list[dict]:
     ----------
     seen : View
     """
-    found = [one for entry in (*EFFECTS, *map(effect, OTHERS)) for one in _split(_of(seen, entry))]
+    found = [one for entry in (*EFFECTS, *map(effect, OTHERS)) for one in each_alone(_of(seen, entry))]
     time = seen.record.time
     return found + steps(seen, np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S)) + _drivers(seen)
 
@@ -79,16 +80,6 @@ def cut(seen: View, **rows) -> list[np.ndarray | None]:
         given = rows.get(channel)
         parts += [None if given is None else given[part] for part in stretches(seen, channel)]
     return parts
-
-
-def _split(whole):
-    """The effect with all its parameters, then with each alone."""
-    found = [whole]
-    for k, name in enumerate(whole["names"] if len(whole["names"]) > 1 else ()):
-        columns = [c if c is None else c[:, k : k + 1] for c in whole["columns"]]
-        one = {"names": [name], "units": [whole["units"][k]], "prior": [whole["prior"][k]], "columns": columns}
-        found.append(whole | one | {"form": f"{name} alone"})
-    return found
 
 
 def steps(seen: View, epochs: np.ndarray) -> list[dict]:
