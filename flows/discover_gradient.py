@@ -17,6 +17,7 @@ def gradient_torque(source, chosen):
     first = stages.search(*products, variant="first", **settings)
     extended = stages.extend_by(*products, first, scene=scene, variant="discovered")
     found = stages.search_again(*calibration.from_one_sensor(source, chosen, extended), first, variant="", **settings)
+    calibration.baseline(source, chosen)  # last: latest/ leads to it
     values = {name: entry.value for name, entry in chosen.entries.items() if name != "truth"}
     named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
     return stages.report(found, settings=values, **named)

@@ -100,6 +100,11 @@ def test_one_sensor_still_shows_a_bias_of_its_angular_readings(rng, tmp_path):
     simulated(tmp_path, rng, {"gradient.angular_bias": {"x": 5e-11}}, sensors="1")
     document = discovered(tmp_path)
     assert [f["cause"] for f in document["findings"]] == ["gradient.angular_bias"]
+    latest = next((tmp_path / "products" / "latest").iterdir()) / "gradient_torque.gradient" / "meta.json"
+    arguments = ["run", "gradient_torque", "--data", str(tmp_path / "level1"), "--engine", "inline"]
+    before = latest.resolve()
+    assert CliRunner().invoke(cli.app, arguments).exit_code == 0
+    assert latest.resolve() == before  # the links lead to the calibration, not to what was searched
 
 
 def test_a_constant_angular_acceleration_turns_by_half_its_square_of_time():
