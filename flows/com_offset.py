@@ -38,7 +38,8 @@ def calibrate(source, chosen):
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
     name = "" if chosen.method == "gravcal" else chosen.method  # a repeat for comparison has links of its own
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"), variant=name)
-    products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found)
+    drawn = com_offset.figures(*angular, smoothed, checked, aligned, found, variant=name)
+    products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found, drawn)
     return com_offset.report(*products, **_report_settings(source, chosen), variant=name)
 
 

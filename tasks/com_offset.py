@@ -17,6 +17,7 @@ angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
 solve_science = lazy("gravcal.calibrations.com_offset.solve")
 combine_science = lazy("gravcal.calibrations.com_offset.combine")
 
+drawings_science = lazy("gravcal.report.com_offset_drawings")
 report_science = lazy("gravcal.report.com_offset_delivery")
 
 KINDS = {
@@ -29,6 +30,7 @@ KINDS = {
     "com_offset.angular_acceleration": schemas.ANGULAR,
     "com_offset.solve": schemas.SOLVE,
     "com_offset.combine": schemas.COMBINE,
+    "com_offset.figures": schemas.FIGURES,
     "com_offset.report": schemas.REPORT,
 }
 for _kind, _schema in KINDS.items():
@@ -151,6 +153,23 @@ def combine(*solved, method, determined_sigma_um, consistency_level, drag_sigma_
 
 @stage(
     reads=[
+        *["com_offset.angular_acceleration"] * 4,
+        "com_offset.attitude",
+        "com_offset.field",
+        "com_offset.align",
+        "com_offset.detect",
+    ],
+    writes="com_offset.figures",
+    version=1,
+)
+def figures(*products):
+    """Figures of the page that no solution changes."""
+    angular = {one.attrs["variant"]: one for one in products[:4]}
+    return drawings_science.drawings(angular, *products[4:])
+
+
+@stage(
+    reads=[
         "com_offset.combine",
         *["com_offset.solve"] * 4,
         *["com_offset.angular_acceleration"] * 4,
@@ -159,6 +178,7 @@ def combine(*solved, method, determined_sigma_um, consistency_level, drag_sigma_
         "com_offset.field",
         "com_offset.align",
         "com_offset.detect",
+        "com_offset.figures",
     ],
     writes="com_offset.report",
     version=1,

@@ -7,7 +7,7 @@ from gravcal.report import com_offset_parts as parts
 from gravcal.report import com_offset_verdict as verdicts
 from gravcal.report.plain import as_plain
 
-PAGE_PRODUCTS = ("combine", "solve", "angular_acceleration", "attitude", "survey", "field", "align", "detect")
+PAGE_PRODUCTS = ("solve", "figures", "survey", "detect")
 
 
 def document(combined, solved, smoothed, field, detected, survey=None, *, event, provenance, settings):
@@ -76,8 +76,8 @@ def page(document, *products, published=None, vcm=None):
     Parameters
     ----------
     document : dict of `document`
-    products : Dataset, "com_offset.combine"; four "solve"; four "angular_acceleration"; "attitude", "survey", "field",
-        "align", "detect"; what is missing may be None and leaves out its figure
+    products : Dataset, four "com_offset.solve"; "figures", "survey", "detect"; what is missing may be None and leaves
+        out its figures
     published : {section: records} as the catalogue gives them for this event; None where nothing was printed
     vcm : line of `vcm_line`, or None
     """

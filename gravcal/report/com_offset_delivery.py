@@ -18,7 +18,7 @@ def report(*products, event, satellite, settings, published):
 
     Parameters
     ----------
-    products : Dataset, combine, four solve, four angular_acceleration, attitude, survey, field, align, detect
+    products : Dataset, combine, four solve, four angular_acceleration, attitude, survey, field, align, detect, figures
     event : str
     satellite : letter
     settings : mapping of all parameters
@@ -30,7 +30,7 @@ def report(*products, event, satellite, settings, published):
     files : {name: text or bytes}
     """
     combined, solved = products[0], products[1:5]
-    smoothed, surveyed, checked, _, detected = products[9:]
+    smoothed, surveyed, checked, _, detected, drawn = products[9:]
     provenance = {"products": {name: product.digest_as_read(d)[:12] for name, d in _named(products).items()}}
     arguments = {"event": event, "provenance": provenance, "settings": settings}
     document = com_offset.document(combined, solved, smoothed, checked, detected, surveyed, **arguments)
@@ -40,9 +40,8 @@ def report(*products, event, satellite, settings, published):
     if line is not None:
         files["result.vcm"] = line + "\n"
     printed = {section: [SimpleNamespace(**r) for r in records] for section, records in published.items()}
-    files["report.html"] = com_offset.page(
-        document, combined, solved, products[5:9], *products[9:], published=printed, vcm=line
-    )
+    shown = (solved, drawn, surveyed, detected)
+    files["report.html"] = com_offset.page(document, *shown, published=printed, vcm=line)
     return _dataset(document), files
 
 
@@ -51,7 +50,7 @@ def _named(products):
     names = ["combine", *(f"solve.{d.attrs['variant']}" for d in products[1:5])]
     names += [f"angular_acceleration.{d.attrs['variant']}" for d in products[5:9]]
     names += ["attitude", "survey", "field", "align", "detect"]
-    return dict(zip((f"com_offset.{n}" for n in names), products, strict=True))
+    return dict(zip((f"com_offset.{n}" for n in names), products[:-1], strict=True))
 
 
 def _dataset(document):

@@ -2,6 +2,7 @@
 
 import functools
 
+from gravcal.report import com_offset_drawings
 from gravcal.report import com_offset_figures as figures
 from gravcal.report import com_offset_result_figures as results
 from gravcal.report import com_offset_tables as tables
@@ -22,6 +23,15 @@ CAPTIONS = {
     "field": "Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
     "roll": "Roll acceleration seen by the star camera, and torquer current times field times the slope of the fit.",
 }
+#: Stage whose product a figure shows.
+STAGES = {
+    "estimates": "combine",
+    "angular": "angular_acceleration",
+    "torquers": "attitude",
+    "attitude": "attitude",
+    "field": "field",
+    "roll": "survey",
+}
 SIGNS = {True: "✓", False: "✗", None: "?"}
 MOODS = {True: "good", False: "bad", None: ""}
 
@@ -32,8 +42,8 @@ def page(document, products, published, vcm=None):
     Parameters
     ----------
     document : dict of `gravcal.report.com_offset.document`
-    products : mapping of "detect", "align", "field", "attitude", "survey" to their Dataset, "solve" and
-        "angular_acceleration" to the four Datasets; what is missing leaves out its figure
+    products : mapping of "detect", "figures", "survey" to their Dataset, "solve" to the four Datasets; what is missing
+        leaves out its figures
     published : {section: records} of the catalogue for this event, {} where nothing is printed
     vcm : str or None, result line
 
@@ -41,9 +51,8 @@ def page(document, products, published, vcm=None):
     -------
     html : str
     """
-    given = dict(products)
-    for name in ("solve", "angular_acceleration"):
-        given[name] = {one.attrs["variant"]: one for one in given.get(name) or ()}
+    given = dict(products) | {"figures": com_offset_drawings.texts(products.get("figures"))}
+    given["solve"] = {one.attrs["variant"]: one for one in given.get("solve") or ()}
     delivered = "variants" in document
     sections = _sections(document, given, published) if delivered else _survey_sections(document, given)
     return render(
@@ -132,20 +141,24 @@ def _sections(document, given, published):
 def _figures(document, given, known, *names):
     """Figures by name, each with its caption and the stage that it was read from."""
     adopted = (document.get("adopted") or {}).get("variant") or "mtq"
-    detect, smoothed = given.get("detect"), given.get("attitude")
-    solved, angular = given["solve"].get(adopted), given["angular_acceleration"]
-    drawings = {
-        "estimates": ("combine", results.estimates, document, known),
-        "spectra": (f"solve.{adopted}", results.spectra, solved),
-        "linear": (f"solve.{adopted}", figures.linear_accelerations, solved, detect),
-        "angular": ("angular_acceleration", figures.angular_accelerations, angular, detect),
-        "torquers": ("attitude", figures.torquers, given.get("align"), smoothed, detect),
-        "attitude": ("attitude", figures.attitude, smoothed),
-        "field": ("field", figures.field, given.get("field"), given.get("align")),
-        "roll": ("survey", results.roll, given.get("survey")),
+    solved = given["solve"].get(adopted)
+    own = {
+        "estimates": (results.estimates, document, known),
+        "spectra": (results.spectra, solved),
+        "linear": (figures.linear_accelerations, solved, given.get("detect")),
+        "roll": (results.roll, given.get("survey")),
     }
+    stages = dict.fromkeys(("spectra", "linear"), f"solve.{adopted}") | STAGES
     words = {"adopted": adopted, "hollow": " Hollow: printed values." if known else ""}
-    return [_figure(drawings[n][1:], key_of(document, drawings[n][0]), n, CAPTIONS[n].format(**words)) for n in names]
+    return [
+        {
+            "drawing": _drawn(*own[name]) if name in own else given["figures"].get(name),
+            "source": key_of(document, stages[name]),
+            "title": name,
+            "caption": CAPTIONS[name].format(**words),
+        }
+        for name in names
+    ]
 
 
 def _result_notes(document, published):
@@ -207,11 +220,9 @@ def _section(title, own_tables, own_figures, notes=()):
     return {"title": title, "tables": own_tables, "figures": own_figures, "notes": list(notes)}
 
 
-def _figure(drawing, source, title, caption):
-    """Figure with its caption; without drawing where a product is missing."""
-    draw, *given = drawing
-    shown = None if any(item is None for item in given) else draw(*given)
-    return {"drawing": shown, "source": source, "title": title, "caption": caption}
+def _drawn(draw, *given):
+    """Figure; none where a product is missing."""
+    return None if any(item is None for item in given) else draw(*given)
 
 
 def _numbered(sections):

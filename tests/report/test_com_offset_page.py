@@ -7,6 +7,8 @@ import pytest
 
 from gravcal.data import catalog
 from gravcal.report import com_offset, pages
+from gravcal.report import com_offset_figures as figures
+from gravcal.report.com_offset_drawings import drawings, texts
 from gravcal.report.com_offset_tables import printed_manoeuvres
 from gravcal.report.words import plus_minus
 
@@ -18,7 +20,15 @@ WITHOUT_FIGURES = dict.fromkeys(("field", "align", "attitude", "survey", "solve"
 
 def page_of(document, products, **options):
     """Page of all products in the order of the report stage."""
-    return com_offset.page(document, *(products[name] for name in com_offset.PAGE_PRODUCTS), **options)
+    named = products | {"figures": drawn(products)}
+    return com_offset.page(document, *(named[name] for name in com_offset.PAGE_PRODUCTS), **options)
+
+
+def drawn(products):
+    """Product of the figures that no solution changes."""
+    angular = products["angular_acceleration"]
+    angular = angular and {one.attrs["variant"]: one for one in angular}
+    return drawings(angular, *(products[name] for name in ("attitude", "field", "align", "detect")))
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +100,14 @@ def test_a_manoeuvre_that_is_not_used_says_why(documented, products):
     smoothed["gap"][1] = 1
     html = page_of(documented(products | {"attitude": smoothed}), products | WITHOUT_FIGURES)
     assert html.count("not used: gap in orbit") == 1
+
+
+def test_figures_are_kept_as_they_were_drawn(products):
+    """Contract: what comes out of the product is the text that went in, for each name its own."""
+    kept = texts(drawn(products))
+    assert set(kept) == {"angular", "torquers", "attitude", "field"}
+    assert kept["field"] == figures.field(products["field"], products["align"])
+    assert kept["attitude"] == figures.attitude(products["attitude"])
 
 
 def test_names_from_outside_are_escaped(products, documented):

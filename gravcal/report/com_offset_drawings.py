@@ -1,0 +1,56 @@
+"""Figures of a centre-of-mass event that no solution changes: drawn once, kept as a product of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.schemas import FIGURES
+from gravcal.report import com_offset_figures as figures
+
+
+def drawings(
+    angular: Mapping[str, xr.Dataset],
+    smoothed: xr.Dataset,
+    field: xr.Dataset,
+    aligned: xr.Dataset,
+    detected: xr.Dataset,
+) -> xr.Dataset:
+    """Figures of what leads to a solution: angular acceleration, torquers, attitude, field.
+
+    Parameters
+    ----------
+    angular : {variant: Dataset, "com_offset.angular_acceleration"}
+    smoothed : Dataset, "com_offset.attitude"
+    field : Dataset, "com_offset.field"
+    aligned : Dataset, "align"
+    detected : Dataset, "com_offset.detect"; what is missing may be None and leaves out its figures
+
+    Returns
+    -------
+    drawn : Dataset, "com_offset.figures"
+    """
+    wanted = {"attitude": (figures.attitude, smoothed), "field": (figures.field, field, aligned)}
+    if detected is not None and detected.sizes["manoeuvre"]:
+        wanted |= {"angular": (figures.angular_accelerations, angular, detected)}
+        wanted |= {"torquers": (figures.torquers, aligned, smoothed, detected)}
+    found = {name: draw(*given) for name, (draw, *given) in wanted.items() if all(one is not None for one in given)}
+    texts = {name: text.encode() for name, text in found.items() if text is not None}
+    values = {"name": np.array(list(texts), dtype=object), "stop": np.cumsum([len(text) for text in texts.values()])}
+    return build(FIGURES, values | {"svg": np.frombuffer(b"".join(texts.values()), np.uint8)})
+
+
+def texts(drawn: xr.Dataset | None) -> dict[str, str]:
+    """SVG text of every figure of a product, by name; empty without product.
+
+    Parameters
+    ----------
+    drawn : Dataset, "com_offset.figures", or None
+    """
+    if drawn is None:
+        return {}
+    parts = np.split(drawn["svg"].values, drawn["stop"].values)
+    return {name: part.tobytes().decode() for name, part in zip(drawn["name"].values, parts, strict=False)}
