@@ -15,6 +15,7 @@ from scipy.stats import gamma
 
 from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.problem import Problem
+from gravcal.errors import EstimationError
 
 BANDS = 4
 DRAWS = 199
@@ -46,6 +47,10 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     problem : Problem
     baseline : (p,) indices of columns that are fitted
     noise : (n, draws) a block, of `residuals.drawn`
+
+    Raises
+    ------
+    EstimationError : the model takes up all that was measured, and nothing is left to be tested
     """
     both = [np.concatenate([m, n], axis=1) for m, n in zip(residuals.measured(problem), noise, strict=True)]
     rest = residuals.projected(problem, baseline, both)
@@ -54,9 +59,22 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     scans = [scan.lines(problem, baseline, rest, c) for c in channels]
     scans = [s for s in [*scans, scan.steps(problem, baseline, rest)] if s.at.size]
     families = [smallest, _candidates(problem, baseline, rest), *(_scanned(s) for s in scans)]
-    least = np.min([f for f in families if f is not None], axis=0)
+    least = np.min(_tested(families, problem), axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
     return Test(_rank(least), rows, own, [r[:, 0] for r in rest])
+
+
+def _tested(families, problem):
+    """Those families that hold a test."""
+    found = [family for family in families if family is not None]
+    if not found:
+        rows = sum(block.observed.shape[0] for block in problem.blocks)
+        raise EstimationError(
+            f"discovery: {rows} readings in {len(problem.blocks)} blocks leave nothing to test: no channel has "
+            f"{8 * BANDS} on one axis, and the model takes up every candidate. Give a longer record.",
+            readings=rows,
+        )
+    return found
 
 
 def _rank(least):

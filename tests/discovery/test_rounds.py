@@ -3,12 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block, Candidate, basis_of
 from gravcal.discovery.problem import prepare
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.widening import _held, widened
+from gravcal.errors import EstimationError
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -51,6 +53,16 @@ def test_probability_of_adequacy_is_uniform_on_noise():
     p = np.sort([search(*made(rng), CHOICE, rng).before.p for _ in range(60)])
     distance = np.max(np.abs(p - (np.arange(60) + 0.5) / 60)) + 0.5 / 60
     assert distance < 1.95 / np.sqrt(60)
+
+
+def test_readings_that_leave_nothing_to_test_are_refused():
+    """Bad input: twelve readings, a model that takes up the only candidate."""
+    rows = np.array(["a"] * 12), np.zeros(12, dtype=int), np.arange(12.0)
+    line = np.linspace(-1, 1, 12)[:, None]
+    short = Block("block 0", np.ones(12), np.zeros((12, 1)), line, *rows)
+    taken = Candidate("case.a", "", ["size"], ["1"], [line])
+    with pytest.raises(EstimationError, match="12 readings in 1 blocks leave nothing to test"):
+        search([short], [taken], CHOICE, np.random.default_rng(1))
 
 
 def test_own_columns_are_gone_from_the_products():
