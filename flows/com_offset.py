@@ -6,6 +6,7 @@ import json
 from datetime import datetime
 from pathlib import Path
 
+from flows import models
 from flows.engine import flow
 from gravcal.data import catalog
 from gravcal.report import pages
@@ -31,13 +32,16 @@ ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 def calibrate(source, chosen):
     """Offset of the centre of mass from the manoeuvres of one day."""
     found, aligned, checked = _aligned(source, chosen)
+    moved = []
     if chosen.model:
-        aligned = _extended(source, chosen, aligned, checked)
+        aligned, moved = _extended(source, chosen, aligned, checked)
         checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
     name = "" if chosen.method == "gravcal" else chosen.method  # a repeat for comparison has links of its own
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"), variant=name)
+    if moved:
+        combined = com_offset.model_error(combined, *moved, **chosen.for_stage("model_error"), variant=name)
     drawn = com_offset.figures(*angular, smoothed, checked, aligned, found, variant=name)
     products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found, drawn)
     return com_offset.report(*products, **_report_settings(source, chosen), variant=name)
@@ -106,10 +110,15 @@ def scene_settings(source, chosen):
 
 
 def _extended(source, chosen, aligned, checked):
-    """Records without the effects of the model that was given."""
+    """Records without the effects of the model that was given, and the offsets for each of its errors."""
     products = _with_torquers(source, chosen, aligned, checked)
-    scene = scene_settings(source, chosen)
-    return discovery.extend(*products, scene=scene, variant="extended", **chosen.for_stage("extend"))
+    scene, settings = scene_settings(source, chosen), chosen.for_stage("extend")
+    others = [
+        discovery.extend(*products, scene=scene, variant=f"moved_{number}", **settings | {"model": text})
+        for number, text in enumerate(models.moved(chosen.model), start=1)
+    ]
+    extended = discovery.extend(*products, scene=scene, variant="extended", **settings)
+    return extended, [combined(source, chosen, one) for one in others]
 
 
 def _report_settings(source, chosen):

@@ -8,6 +8,7 @@ from datetime import date as calendar
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from flows import models
 from flows.engine import flow
 from gravcal.data import catalog
 from tasks import common, discovery_ranging, kbr_phase_centre
@@ -29,12 +30,12 @@ LONGEST = 31
 def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
     aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    moved = []
     if chosen.model:
-        products = _of_range(source, chosen, aligned)
-        aligned = discovery_ranging.extend(
-            *products, scene=scene_settings(source, chosen), variant="extended", **chosen.for_stage("extend")
-        )
+        aligned, moved = _extended(source, chosen, aligned)
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
+    if moved:
+        combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
     described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **chosen.for_stage("routine"))
     return kbr_phase_centre.report(combined, pointed, quiet, described, *solved, **_report_settings(source, chosen))
 
@@ -54,6 +55,18 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
     if observables != OBSERVABLES:
         return pointed, equations, quiet, solved, None
     return pointed, equations, quiet, solved, kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
+
+
+def _extended(source, chosen, aligned):
+    """Records without the effects of the model that was given, and the phase centres for each of its errors."""
+    products, settings = _of_range(source, chosen, aligned), chosen.for_stage("extend")
+    scene = scene_settings(source, chosen)
+    others = [
+        discovery_ranging.extend(*products, scene=scene, variant=f"moved_{number}", **settings | {"model": text})
+        for number, text in enumerate(models.moved(chosen.model), start=1)
+    ]
+    extended = discovery_ranging.extend(*products, scene=scene, variant="extended", **settings)
+    return extended, [_solved(source, chosen, one)[-1] for one in others]
 
 
 def _of_range(source, chosen, aligned):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from pathlib import Path
 
@@ -38,10 +39,59 @@ def _entry(one, path):
         if known is not None and name not in known:
             raise _wrong(path, f"{cause}.{name}", f"one of {', '.join(known)}")
         value = parameter.get("value") if isinstance(parameter, dict) else None
-        if not isinstance(value, (int, float)) or isinstance(value, bool) or value != value:
+        if not _is_number(value):
             raise _wrong(path, f"{cause}.{name} = {parameter!r}", "{ value = number, sigma = number, unit = text }")
-        values[name] = {"value": float(value)}
+        values[name] = {"value": float(value)} | _error(parameter, f"{cause}.{name}", path)
     return {"cause": cause, "form": str(one.get("form", "")), "parameters": values}
+
+
+def _error(parameter, name, path):
+    """Standard deviation of a parameter and its correlation with the others, where it has them."""
+    sigma, row = parameter.get("sigma"), parameter.get("correlation")
+    if sigma is None:
+        return {}
+    if not _is_number(sigma) or not 0 <= sigma < math.inf:
+        raise _wrong(path, f"{name}: sigma = {sigma!r}", "sigma = a number that is not negative, or none")
+    if row is None:
+        return {"sigma": float(sigma)}
+    if not isinstance(row, dict) or not all(_is_number(one) and abs(one) <= 1 for one in row.values()):
+        raise _wrong(path, f"{name}: correlation = {row!r}", "correlation = { name = number from -1 to 1 }, or none")
+    return {"sigma": float(sigma), "correlation": {other: float(one) for other, one in row.items()}}
+
+
+def _is_number(value):
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def moved(text: str) -> list[str]:
+    """Models moved by their error: along each principal direction of an effect's parameters, by one standard deviation.
+
+    Parameters
+    ----------
+    text : of `text_of`
+    """
+    entries, found = json.loads(text), []
+    for number, entry in enumerate(entries):
+        for move in _directions(entry["parameters"]):
+            values = {n: p | {"value": p["value"] + move.get(n, 0.0)} for n, p in entry["parameters"].items()}
+            others = [*entries[:number], entry | {"parameters": values}, *entries[number + 1 :]]
+            found.append(json.dumps(others, sort_keys=True, allow_nan=False))
+    return found
+
+
+def _directions(parameters):
+    """Moves {name: size} whose squares add up to the covariance of an effect's parameters."""
+    import numpy as np
+
+    names = [name for name, parameter in parameters.items() if parameter.get("sigma")]
+    if not names:
+        return []
+    sigma = np.array([parameters[name]["sigma"] for name in names])
+    row = lambda n: parameters[n].get("correlation", {})  # noqa: E731
+    related = np.array([[1.0 if n == m else row(n).get(m, row(m).get(n, 0.0)) for m in names] for n in names])
+    size, vectors = np.linalg.eigh(related)
+    columns = sigma[:, None] * vectors * np.sqrt(np.clip(size, 0.0, None))
+    return [dict(zip(names, column.tolist(), strict=True)) for column in columns.T if column.any()]
 
 
 def _names(cause):

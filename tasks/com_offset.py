@@ -16,6 +16,7 @@ noise_science = lazy("gravcal.calibrations.com_offset.noise")
 angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
 solve_science = lazy("gravcal.calibrations.com_offset.solve")
 combine_science = lazy("gravcal.calibrations.com_offset.combine")
+model_error_science = lazy("gravcal.calibrations.com_offset.model_error")
 
 drawings_science = lazy("gravcal.report.com_offset_drawings")
 report_science = lazy("gravcal.report.com_offset_delivery")
@@ -149,6 +150,12 @@ def combine(*solved, method, determined_sigma_um, consistency_level, drag_sigma_
     """Manoeuvres joined, and whether they and the angular accelerations agree."""
     settings = {name: value for name, value in locals().items() if name != "solved"}
     return combine_science.combine(*solved, **settings)
+
+
+@stage(reads=["com_offset.combine"], writes="com_offset.combine", version=1)
+def model_error(combined, *moved, determined_sigma_um):
+    """The same with the errors of an extended model."""
+    return model_error_science.with_model_error(combined, *moved, determined_sigma_um=determined_sigma_um)
 
 
 @stage(

@@ -104,6 +104,12 @@ def combine(*solved, adopted_observable, adopted_estimator, determined_limit_mm,
     )
 
 
+@stage(reads=["kbr_phase_centre.combine"], writes="kbr_phase_centre.combine", version=1)
+def model_error(combined, *moved, determined_limit_mm):
+    """The same with the errors of an extended model."""
+    return combine_science.with_model_error(combined, *moved, determined_limit_mm=determined_limit_mm)
+
+
 @stage(
     reads=[
         "kbr_phase_centre.align",

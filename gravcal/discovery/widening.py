@@ -84,7 +84,7 @@ def _with(problem, total, baseline, index):
 
 
 def named_parameters(result: Result, position: int) -> dict:
-    """Parameters of a finding in the form that was named, for the extended model, {name: {"value", "sigma", "unit"}}.
+    """Parameters of a finding in the form that was named, for the extended model.
 
     Directions that stay below five sigma and of which the data know less than the catalogue, such as a leak that looks
     like an offset, are held by their prior: they would carry many times what is plausible into the records.
@@ -93,6 +93,10 @@ def named_parameters(result: Result, position: int) -> dict:
     ----------
     result : Result
     position : of the finding
+
+    Returns
+    -------
+    parameters : {name: {"value", "sigma", "unit"}}; of several also "correlation" {other name: 1}
     """
     problem, index = result.problem, result.findings[position].index
     others = baseline_of(problem, [f.index for k, f in enumerate(result.findings) if k != position])
@@ -102,9 +106,13 @@ def named_parameters(result: Result, position: int) -> dict:
     value, covariance = found.value, found.covariance
     if len(entry.prior) == len(entry.names) and found.determined.all():
         value, covariance = _held(gram[place, place], gram[place, 0], np.asarray(entry.prior, dtype=float))
-    sigma = np.sqrt(np.diag(covariance)).tolist()
-    rows = zip(entry.names, value.tolist(), sigma, entry.units, found.determined, strict=True)
-    return {n: {"value": v if d else np.nan, "sigma": s if d else np.nan, "unit": u} for n, v, s, u, d in rows}
+    sigma = np.sqrt(np.diag(covariance))
+    rows = zip(entry.names, value.tolist(), sigma.tolist(), entry.units, found.determined, strict=True)
+    named = {n: {"value": v if d else np.nan, "sigma": s if d else np.nan, "unit": u} for n, v, s, u, d in rows}
+    if len(named) > 1 and found.determined.all():
+        for (name, parameter), row in zip(named.items(), covariance / np.outer(sigma, sigma), strict=True):
+            parameter["correlation"] = {n: round(r, 6) for n, r in zip(named, row.tolist(), strict=True) if n != name}
+    return named
 
 
 def _held(normal, right, prior):

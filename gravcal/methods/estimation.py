@@ -113,6 +113,27 @@ def covariance(information: np.ndarray) -> np.ndarray:
     return result
 
 
+def covariance_of_moves(value: np.ndarray, moved: list[np.ndarray]) -> np.ndarray:
+    """Covariance of values that depend on something held, from how far each of its errors moves them: sum d d'.
+
+    With S the covariance where what is held is known, S + sum d d' is that where it is estimated: exactly so for least
+    squares of both together.
+
+    Parameters
+    ----------
+    value : (..., p)
+    moved : list of (..., p), with what is held moved by one standard deviation along each direction of its errors; what
+        is not determined in one or in both does not move
+
+    Returns
+    -------
+    covariance : (..., p, p) square of the unit of the value
+    """
+    moves = np.stack([one - value for one in moved])
+    moves[~np.isfinite(moves)] = 0.0
+    return np.einsum("k...i,k...j->...ij", moves, moves)
+
+
 @dataclass(frozen=True)
 class Combination:
     """Joint solution of several blocks.

@@ -167,6 +167,8 @@ def _result_notes(document, published):
         "The error is that of the noise as measured, delays and scales estimated along; the total error in brackets "
         "also holds that of inertia and dipole per current. Adopted: " + document["adopted"]["rule"]
     ]
+    if document["settings"].get("model"):
+        notes.append("Effects of an extended model were taken out of the records; both errors hold those of the model.")
     if document.get("method", "gravcal") == "published":
         notes.append("Method published: row selection and formal errors of the paper, for comparison only.")
     sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})

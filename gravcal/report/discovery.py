@@ -256,7 +256,9 @@ def model_text(numbers: dict, event: str) -> str:
         for name, parameter in known.items():
             sigma = "" if parameter["sigma"] is None else f"sigma = {parameter['sigma']!r}, "
             unit = _text(parameter["unit"])
-            lines.append(f"parameters.{name} = {{ value = {parameter['value']!r}, {sigma}unit = {unit} }}")
+            rows = [f"{n} = {r!r}" for n, r in parameter.get("correlation", {}).items() if n in known]
+            row = f", correlation = {{ {', '.join(rows)} }}" if rows else ""
+            lines.append(f"parameters.{name} = {{ value = {parameter['value']!r}, {sigma}unit = {unit}{row} }}")
     return "\n".join(lines) + "\n" if sized else ""
 
 

@@ -7,6 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, SUBSETS
+from gravcal.methods.estimation import covariance_of_moves
 
 SHARED = ("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept", "arc_value", "arc_sigma")
 MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
@@ -33,8 +34,7 @@ def combine(
     combined : Dataset, "kbr_phase_centre.combine"
     """
     values = {name: np.stack([one[name].values for one in solved]) for name in (*SHARED, "arcs_chi2", "arcs_dof")}
-    sigma = np.sqrt(np.diagonal(values["covariance"][:, :, 0], axis1=-2, axis2=-1))
-    values["determined"] = np.isfinite(sigma) & (sigma <= 1e-3 * determined_limit_mm)
+    values["determined"] = _determined(values["covariance"], determined_limit_mm)
     least_squares = values["centre"][:, :, 0]
     values["shift"] = least_squares - least_squares[:, :1]
     values["predicted_shift"] = predicted_shift(values["shift"], np.radians(offset_deg))
@@ -43,6 +43,32 @@ def combine(
     attrs |= {"adopted_observable": adopted_observable, "adopted_estimator": adopted_estimator}
     attrs["observables"] = " ".join(one.attrs["observable"] for one in solved)
     return build(COMBINE, values, title="Phase centres from all observables", **attrs)
+
+
+def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_limit_mm: float) -> xr.Dataset:
+    """The same with covariances that hold the errors of the effects that were taken out of the records before.
+
+    Parameters
+    ----------
+    combined : Dataset, "kbr_phase_centre.combine"
+    moved : Dataset, "kbr_phase_centre.combine", one for each direction of the model's errors
+    determined_limit_mm : mm, a component with a larger sigma is not determined
+
+    Returns
+    -------
+    widened : Dataset, "kbr_phase_centre.combine"
+    """
+    extra = covariance_of_moves(combined["centre"].values, [one["centre"].values for one in moved])
+    widened, covariance = combined.copy(deep=True), combined["covariance"].values + extra
+    widened["covariance"] = combined["covariance"].copy(data=covariance)
+    widened["determined"] = combined["determined"].copy(data=_determined(covariance, determined_limit_mm).astype("u1"))
+    return widened
+
+
+def _determined(covariance, limit_mm):
+    """Which parameters of least squares are known better than the limit (observable, subset, parameter)."""
+    sigma = np.sqrt(np.diagonal(covariance[:, :, 0], axis1=-2, axis2=-1))
+    return np.isfinite(sigma) & (sigma <= 1e-3 * limit_mm)
 
 
 def predicted_shift(shift: np.ndarray, offset: float) -> np.ndarray:

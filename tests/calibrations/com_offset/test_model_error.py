@@ -1,0 +1,107 @@
+"""Errors of an extended model in the offset that is found with it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flows import com_offset as flow
+from flows import engine, models
+from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.model_error import with_model_error
+from gravcal.calibrations.com_offset.schemas import COMBINE
+from gravcal.data import catalog
+from gravcal.errors import CatalogError
+
+SIGMA = np.array([2e-6, 0.5e-6, 0.7e-6])
+LEAK = 3e-11  # m s-2 A-1 m-2, of the x rod in z
+
+
+def combined(offset):
+    """Two angular accelerations, three components."""
+    names = ("manoeuvre", "variants_", "catalogue_")
+    values = {n: np.zeros([2, 3, 3, 3][: len(s["dims"].split())]) for n, s in COMBINE.items() if n not in names}
+    values |= {"offset": offset, "covariance": np.tile(np.diag(SIGMA**2), (2, 1, 1)), "determined": np.ones((2, 3))}
+    values |= {"covariance_total": 4 * np.tile(np.diag(SIGMA**2), (2, 1, 1))}
+    values |= {n: 0.0 for n, s in COMBINE.items() if not s["dims"]}
+    for name in ("kind", "start", "stop"):
+        values[name] = np.zeros(3)
+    return build(COMBINE, values, variants="mtq acc")
+
+
+def test_moves_add_to_both_covariances():
+    """Analytic: S + sum d d', the offsets as they were."""
+    offset = np.array([[1e-4, 2e-5, -3e-5], [1.1e-4, 2e-5, -3e-5]])
+    moves = np.array([[3e-6, 0, -1e-6], [0, 2e-6, 0]])
+    widened = with_model_error(combined(offset), *(combined(offset + m) for m in moves), determined_sigma_um=50.0)
+    for name, factor in (("covariance", 1), ("covariance_total", 4)):
+        expected = factor * np.diag(SIGMA**2) + moves.T @ moves
+        np.testing.assert_allclose(widened[name].values, [expected] * 2, rtol=1e-9, atol=1e-20)
+    np.testing.assert_array_equal(widened["offset"].values, offset)
+
+
+def test_a_component_that_the_model_leaves_open_is_not_determined():
+    """Contract: not determined instead of a number, from the limit on."""
+    offset = np.full((2, 3), 1e-5)
+    widened = with_model_error(combined(offset), combined(offset + [0, 60e-6, 0]), determined_sigma_um=50.0)
+    np.testing.assert_array_equal(widened["determined"].values, [[1, 0, 1]] * 2)
+    assert np.isnan(widened["offset"].values[:, 1]).all()
+
+
+def test_directions_of_a_model_have_its_covariance():
+    """Analytic: moves of correlated parameters multiply out to sigma R sigma; names in any order."""
+    text = """
+[[effect]]
+cause = "torque.dipole_gain"
+form = ""
+parameters.rod_z = { value = 0.1, sigma = 0.02, unit = "1", correlation = { rod_x = -0.9 } }
+parameters.rod_x = { value = 0.2, sigma = 0.01, unit = "1", correlation = { rod_z = -0.9 } }
+parameters.rod_y = { value = 0.3, sigma = 0.03, unit = "1" }
+"""
+    moved = [json.loads(one)[0]["parameters"] for one in models.moved(read(text))]
+    moves = np.array([[m["rod_x"]["value"] - 0.2, m["rod_y"]["value"] - 0.3, m["rod_z"]["value"] - 0.1] for m in moved])
+    expected = [[1e-4, 0, -1.8e-4], [0, 9e-4, 0], [-1.8e-4, 0, 4e-4]]
+    np.testing.assert_allclose(moves.T @ moves, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", ["sigma = -1.0", "sigma = nan", "sigma = 0.1, correlation = { rod_x = 2.0 }"])
+def test_errors_that_are_none_are_refused(wrong):
+    """Bad input: file, parameter, what was found, what is expected."""
+    text = '[[effect]]\ncause = "torque.dipole_gain"\nparameters.rod_z = { value = 0.1, unit = "1", '
+    with pytest.raises(CatalogError, match=r"model\.toml: found torque\.dipole_gain\.rod_z: (sigma|correlation) = "):
+        models.moved(read(f"{text}{wrong} }}"))
+
+
+def read(text, folder=None):
+    """Entries of a model file."""
+    import tempfile
+    from pathlib import Path
+
+    with tempfile.TemporaryDirectory() as made:
+        path = Path(folder or made) / "model.toml"
+        path.write_text(text)
+        return models.text_of(path)
+
+
+def test_the_error_of_a_leak_is_in_the_offset(tmp_path, monkeypatch):
+    """Recovery: a leak that is wrong by its error moves the offset by what the covariance holds beyond the noise."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+    files, leak = tmp_path / "files", "accelerometer.current_leak.z_from_x"
+    flow.simulate(files, seed=8, truth=None, effects={leak: LEAK}, settings={})
+    text = '[[effect]]\ncause = "accelerometer.current_leak"\n'
+    text += 'parameters.z_from_x = {{ value = {}, {}unit = "m s-2 A-1 m-2" }}'
+    sharp, wrong, open_ = (
+        adopted(files, read(text.format(value, error), tmp_path))
+        for value, error in ((LEAK, ""), (0.97 * LEAK, ""), (LEAK, f"sigma = {0.03 * LEAK}, "))
+    )
+    moved = np.subtract(wrong["offset_um"], sharp["offset_um"])
+    assert np.abs(moved).max() > 2 * np.min(sharp["sigma_um"])  # it matters
+    assert open_["offset_um"] == sharp["offset_um"]
+    np.testing.assert_allclose(open_["sigma_um"], np.hypot(sharp["sigma_um"], moved), rtol=0.02)
+
+
+def adopted(files, model):
+    """Adopted result with a model."""
+    chosen = catalog.parameters("com_offset").with_settings({"model": model})
+    document = flow.document(engine.run(flow.calibrate, flow.source(data=files), chosen, engine="inline"))
+    return document["variants"][document["adopted"]["variant"]]
