@@ -12,7 +12,7 @@ import numpy as np
 
 from gravcal.methods.noise import NoiseModel, fit_noise
 
-PIECES = 300  # of simulated noise
+PIECES = 150  # of simulated noise
 ROUNDS = 2
 NODES = 1024
 
@@ -43,20 +43,22 @@ def fit_detrended(
     density = list(wanted)
     for _ in range(ROUNDS):
         models = [from_density(d, order, step_s) for d in density]
-        again = _after_fit(models, segments, clean, rng)
-        density = [d * w / m.density(frequency) for d, w, m in zip(density, wanted, again, strict=True)]
+        kept = _kept(models, segments, clean, rng, frequency)
+        density = [w / k for w, k in zip(wanted, kept, strict=True)]
     return [from_density(d, order, step_s) for d in density]
 
 
-def _after_fit(models, segments, clean, rng):
-    """Models of noise of the given models after the fit."""
-    made = []
+def _kept(models, segments, clean, rng, frequency):
+    """Share of the density of each model that is left after the fit; both from the same draws, so that it is sharp."""
+    before, after = [], []
     for _ in range(-(-PIECES // len(segments))):
         for i, segment in enumerate(segments):
             noise = np.stack([draw(m, len(segment), rng) for m in models], axis=1)
-            made.append(clean(np.where(np.isfinite(segment), noise, np.nan), i))
+            before.append(np.where(np.isfinite(segment), noise, np.nan))
+            after.append(clean(before[-1], i))
     order, step = models[0].reflection.size, models[0].step_s
-    return [fit_noise([m[:, a] for m in made], order, step) for a in range(len(models))]
+    density = lambda made, a: fit_noise([m[:, a] for m in made], order, step).density(frequency)  # noqa: E731
+    return [density(after, a) / density(before, a) for a in range(len(models))]
 
 
 def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:

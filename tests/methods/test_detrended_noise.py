@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 
 from gravcal.methods.detrended_noise import draw, fit_detrended, from_density
 from gravcal.methods.estimation import polynomial, without
-from gravcal.methods.noise import NoiseModel
+from gravcal.methods.noise import NoiseModel, fit_noise
 
 RED = NoiseModel(np.array([0.9, -0.2]), np.array([1.0, 0.19, 0.19 * 0.96]), 1.0)
 
@@ -42,3 +42,12 @@ def test_what_a_fit_takes_is_put_back():
     slow = np.linspace(0.002, 0.02, 10)
     ratio = np.mean([m.density(slow) / RED.density(slow) for m in models])
     assert 0.85 < ratio < 1.15
+
+
+def test_simulated_noise_leaves_no_ripple_of_its_own():
+    """Analytic: a fit that takes nothing gives the plain model, whatever noise was simulated."""
+    segments = [np.random.default_rng(k).standard_normal((320, 2)) for k in range(5)]
+    frequency = np.linspace(0.01, 0.49, 30)
+    for axis, model in enumerate(fit_detrended(segments, lambda segment, _: segment, 6, 1.0)):
+        plain = fit_noise([s[:, axis] for s in segments], 6, 1.0)
+        assert_allclose(model.density(frequency), plain.density(frequency), rtol=1e-6)
