@@ -28,6 +28,8 @@ def discover(
     from flows import command, discover
 
     if calibration not in discover.FLOWS and calibration in discover.measured_views():
+        if model is not None:
+            raise typer.BadParameter(f"--model belongs to a calibration ({', '.join(discover.FLOWS)}), not to a view")
         document, page = discover.measured(calibration, data, satellite, date, command.pairs(settings))
         files = [_written(page, out or Path(f"discovery_{calibration}.html"))]
     else:

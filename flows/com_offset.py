@@ -34,7 +34,7 @@ def calibrate(source, chosen):
     found, aligned, checked = _aligned(source, chosen)
     moved = []
     if chosen.model:
-        aligned, moved = _extended(source, chosen, aligned, checked)
+        aligned, moved = _with_model(source, chosen, aligned, checked)
         checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
@@ -79,7 +79,10 @@ def _solved(source, chosen, aligned, checked, variants):
 def baseline(source, chosen):
     """Products that discovery looks at: aligned, field, attitude, and the solution with the torquers."""
     _, aligned, checked = _aligned(source, chosen)
-    return _with_torquers(source, chosen, aligned, checked)
+    products = _with_torquers(source, chosen, aligned, checked)
+    if not chosen.model:
+        return products
+    return solved_with_torquers(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
 
 
 def solved_with_torquers(source, chosen, aligned):
@@ -109,16 +112,20 @@ def scene_settings(source, chosen):
     return dict(sorted(known.items()))
 
 
-def _extended(source, chosen, aligned, checked):
+def _with_model(source, chosen, aligned, checked):
     """Records without the effects of the model that was given, and the offsets for each of its errors."""
     products = _with_torquers(source, chosen, aligned, checked)
-    scene, settings = scene_settings(source, chosen), chosen.for_stage("extend")
     others = [
-        discovery.extend(*products, scene=scene, variant=f"moved_{number}", **settings | {"model": text})
+        _extended(source, chosen, products, text, f"moved_{number}")
         for number, text in enumerate(models.moved(chosen.model), start=1)
     ]
-    extended = discovery.extend(*products, scene=scene, variant="extended", **settings)
-    return extended, [combined(source, chosen, one) for one in others]
+    moved = [combined(source, chosen, one) for one in others]
+    return _extended(source, chosen, products, chosen.model, "extended"), moved
+
+
+def _extended(source, chosen, products, model, variant):
+    """Records without the effects of a model."""
+    return discovery.extend(*products, scene=scene_settings(source, chosen), model=model, variant=variant)
 
 
 def _report_settings(source, chosen):

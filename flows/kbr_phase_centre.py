@@ -32,7 +32,7 @@ def calibrate(source, chosen):
     aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
     moved = []
     if chosen.model:
-        aligned, moved = _extended(source, chosen, aligned)
+        aligned, moved = _with_model(source, chosen, aligned)
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
     if moved:
         combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
@@ -57,16 +57,20 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
     return pointed, equations, quiet, solved, kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
 
 
-def _extended(source, chosen, aligned):
+def _with_model(source, chosen, aligned):
     """Records without the effects of the model that was given, and the phase centres for each of its errors."""
-    products, settings = _of_range(source, chosen, aligned), chosen.for_stage("extend")
-    scene = scene_settings(source, chosen)
+    products = _of_range(source, chosen, aligned)
     others = [
-        discovery_ranging.extend(*products, scene=scene, variant=f"moved_{number}", **settings | {"model": text})
+        _extended(source, chosen, products, text, f"moved_{number}")
         for number, text in enumerate(models.moved(chosen.model), start=1)
     ]
-    extended = discovery_ranging.extend(*products, scene=scene, variant="extended", **settings)
-    return extended, [_solved(source, chosen, one)[-1] for one in others]
+    moved = [combined(source, chosen, one) for one in others]
+    return _extended(source, chosen, products, chosen.model, "extended"), moved
+
+
+def _extended(source, chosen, products, model, variant):
+    """Records without the effects of a model."""
+    return discovery_ranging.extend(*products, scene=scene_settings(source, chosen), model=model, variant=variant)
 
 
 def _of_range(source, chosen, aligned):
@@ -78,7 +82,10 @@ def _of_range(source, chosen, aligned):
 def baseline(source, chosen):
     """Products that discovery looks at: aligned; pointing, observation equations, noise and solution of the range."""
     aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
-    return _of_range(source, chosen, aligned)
+    products = _of_range(source, chosen, aligned)
+    if not chosen.model:
+        return products
+    return _of_range(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
 
 
 def combined(source, chosen, aligned):

@@ -41,7 +41,8 @@ def _entry(one, path):
         value = parameter.get("value") if isinstance(parameter, dict) else None
         if not _is_number(value):
             raise _wrong(path, f"{cause}.{name} = {parameter!r}", "{ value = number, sigma = number, unit = text }")
-        values[name] = {"value": float(value)} | _error(parameter, f"{cause}.{name}", path)
+        unit = {"unit": parameter["unit"]} if isinstance(parameter.get("unit"), str) else {}
+        values[name] = {"value": float(value)} | unit | _error(parameter, f"{cause}.{name}", path)
     return {"cause": cause, "form": str(one.get("form", "")), "parameters": values}
 
 

@@ -235,31 +235,39 @@ def table(caption: str, heads: list[str], rows: list[list], words: tuple[int, ..
     }
 
 
-def model_text(numbers: dict, event: str) -> str:
+def model_text(numbers: dict, event: str, given: str = "") -> str:
     """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
     Parameters
     ----------
     numbers : of the document
     event : that it was found in
+    given : entries of the model that the search began with, JSON text, which the extended one holds too; "" for none
     """
     lines, sized = [f"# Found by gravcal discover in {event}; give it to gravcal run with --model."], 0
     lines.append(f"event = {_text(event)}")
-    for one in numbers["findings"]:
+    for one in [*json.loads(given or "[]"), *numbers["findings"]]:
         known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
         sized += bool(known)
         if not known:
             lines += ["", f"# {one['cause']} has no parameter that the data determine, so that it is not taken out."]
             continue
         lines += ["", "[[effect]]", f"cause = {_text(one['cause'])}", f"form = {_text(one['form'])}"]
-        lines.append(f"tied_with = {json.dumps(one['tied_with'])}")
-        for name, parameter in known.items():
-            sigma = "" if parameter["sigma"] is None else f"sigma = {parameter['sigma']!r}, "
-            unit = _text(parameter["unit"])
-            rows = [f"{n} = {r!r}" for n, r in parameter.get("correlation", {}).items() if n in known]
-            row = f", correlation = {{ {', '.join(rows)} }}" if rows else ""
-            lines.append(f"parameters.{name} = {{ value = {parameter['value']!r}, {sigma}unit = {unit}{row} }}")
+        lines.append(f"tied_with = {json.dumps(one.get('tied_with', []))}")
+        lines += [_parameter_line(name, parameter, known) for name, parameter in known.items()]
     return "\n".join(lines) + "\n" if sized else ""
+
+
+def _parameter_line(name, parameter, known):
+    """One parameter with what is known of its error."""
+    words = [f"value = {parameter['value']!r}"]
+    if parameter.get("sigma") is not None:
+        words.append(f"sigma = {parameter['sigma']!r}")
+    words.append(f"unit = {_text(parameter.get('unit', ''))}")
+    related = [f"{n} = {r!r}" for n, r in parameter.get("correlation", {}).items() if n in known]
+    if related:
+        words.append(f"correlation = {{ {', '.join(related)} }}")
+    return f"parameters.{name} = {{ {', '.join(words)} }}"
 
 
 def _text(value):

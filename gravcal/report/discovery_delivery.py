@@ -39,7 +39,7 @@ def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     document = words.document(numbers, calibration, event, provenance)
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
-    extended = words.model_text(numbers, event) if numbers.get("findings") else ""
+    extended = words.model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
     if extended and "model" in settings:  # a calibration that takes one
         files["model.toml"] = extended
     files["discovery.html"] = page(found, document, label, satellite)

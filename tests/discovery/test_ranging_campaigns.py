@@ -88,6 +88,8 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
     letters = extended["adopted"]["satellites"]
     value, sigma = (np.concatenate([letters[x][n] for x in "CD"]) for n in ("phase_centre_mm", "sigma_mm"))
     assert np.all(np.abs(value - true_mm(truth)) < 5 * sigma)
+    code, again = called("discover", folder, "--model", model, "--set", "discovery_level=0.0002")
+    assert (code, again["findings"]) == (0, [])  # the search begins with the model
 
 
 def test_a_second_cause_that_looks_alike_is_reported_tied(rng, tmp_path):

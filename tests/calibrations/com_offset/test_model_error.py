@@ -1,12 +1,14 @@
 """Errors of an extended model in the offset that is found with it."""
 
 import json
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from flows import com_offset as flow
-from flows import engine, models
+from flows import discover, engine, models
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.model_error import with_model_error
 from gravcal.calibrations.com_offset.schemas import COMBINE
@@ -72,32 +74,56 @@ def test_errors_that_are_none_are_refused(wrong):
         models.moved(read(f"{text}{wrong} }}"))
 
 
-def read(text, folder=None):
+def read(text):
     """Entries of a model file."""
-    import tempfile
-    from pathlib import Path
-
-    with tempfile.TemporaryDirectory() as made:
-        path = Path(folder or made) / "model.toml"
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.toml"
         path.write_text(text)
         return models.text_of(path)
 
 
-def test_the_error_of_a_leak_is_in_the_offset(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Folder with a day that holds a leak."""
+    folder = tmp_path_factory.mktemp("leak") / "files"
+    flow.simulate(folder, seed=8, truth=None, effects={"accelerometer.current_leak.z_from_x": LEAK}, settings={})
+    return folder
+
+
+def leak(value, error=""):
+    """Entries of a model with the leak."""
+    text = '[[effect]]\ncause = "accelerometer.current_leak"\n'
+    return read(f'{text}parameters.z_from_x = {{ value = {value}, {error}unit = "m s-2 A-1 m-2" }}')
+
+
+def test_the_error_of_a_leak_is_in_the_offset(files, tmp_path, monkeypatch):
     """Recovery: a leak that is wrong by its error moves the offset by what the covariance holds beyond the noise."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
-    files, leak = tmp_path / "files", "accelerometer.current_leak.z_from_x"
-    flow.simulate(files, seed=8, truth=None, effects={leak: LEAK}, settings={})
-    text = '[[effect]]\ncause = "accelerometer.current_leak"\n'
-    text += 'parameters.z_from_x = {{ value = {}, {}unit = "m s-2 A-1 m-2" }}'
-    sharp, wrong, open_ = (
-        adopted(files, read(text.format(value, error), tmp_path))
-        for value, error in ((LEAK, ""), (0.97 * LEAK, ""), (LEAK, f"sigma = {0.03 * LEAK}, "))
-    )
+    given = (LEAK, ""), (0.97 * LEAK, ""), (LEAK, f"sigma = {0.03 * LEAK}, ")
+    sharp, wrong, open_ = (adopted(files, leak(*one)) for one in given)
     moved = np.subtract(wrong["offset_um"], sharp["offset_um"])
     assert np.abs(moved).max() > 2 * np.min(sharp["sigma_um"])  # it matters
     assert open_["offset_um"] == sharp["offset_um"]
     np.testing.assert_allclose(open_["sigma_um"], np.hypot(sharp["sigma_um"], moved), rtol=0.02)
+
+
+def test_a_search_begins_with_the_model_that_is_given(files, tmp_path, monkeypatch):
+    """Contract: what the model holds is not found again; half of it is, and the new model holds both halves."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+    whole, half = (found(files, leak(share * LEAK)) for share in (1.0, 0.5))
+    assert json.loads((whole / "discovery.json").read_text())["findings"] == []
+    assert not (whole / "model.toml").exists()
+    entries = json.loads(models.text_of(half / "model.toml"))
+    first, *others = (one["parameters"].get("z_from_x", {}).get("value", 0.0) for one in entries)
+    assert first == 0.5 * LEAK
+    assert abs(sum(others) - 0.5 * LEAK) < 0.1 * LEAK
+    assert entries[0]["parameters"]["z_from_x"]["unit"] == "m s-2 A-1 m-2"
+
+
+def found(files, model):
+    """Folder of the report of a search."""
+    chosen = catalog.parameters("com_offset").with_settings({"model": model, "discovery_level": "0.0002"})
+    return engine.run(discover.com_offset, flow.source(data=files), chosen, engine="inline").folder
 
 
 def adopted(files, model):
