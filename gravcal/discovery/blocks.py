@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,6 +33,29 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Shape:
+    """What a cause depends on otherwise than linearly, all positive.
+
+    Attributes
+    ----------
+    names, units : (s,)
+    value : (s,) of the columns
+    columns : function of (s,) values -> one (n, q) or None a block
+    tried : (t, s) values to begin a refinement from; lower, upper : (s,) bounds
+    covariance : (s, s) once it is refined, None before
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: np.ndarray
+    columns: Callable[[np.ndarray], list[np.ndarray | None]]
+    tried: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    covariance: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
 class Candidate:
     """A cause with its columns in every block.
 
@@ -43,6 +67,8 @@ class Candidate:
     columns : one (n, q) or None a block
     prior : (q,) plausible sizes, none if empty
     at, at_sigma : epoch s of a step, frequency Hz of a line, and its error
+    shape : what it depends on otherwise than linearly, None for most
+    spread : (q, q) covariance of the parameters by the error of the shape, None without
     """
 
     cause: str
@@ -53,6 +79,8 @@ class Candidate:
     prior: list[float] = field(default_factory=list)
     at: float = np.nan
     at_sigma: float = np.nan
+    shape: Shape | None = None
+    spread: np.ndarray | None = None
 
     @property
     def listed(self) -> bool:

@@ -9,19 +9,18 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import discovery_tones
 from gravcal.calibrations.com_offset.discovery_again import with_model
-from gravcal.calibrations.com_offset.discovery_candidates import DAMPING, MODES_HZ, candidates
+from gravcal.calibrations.com_offset.discovery_candidates import candidates
 from gravcal.calibrations.com_offset.discovery_event import event
 from gravcal.calibrations.com_offset.discovery_reading import reading
 from gravcal.calibrations.com_offset.discovery_scene import offset_of
 from gravcal.calibrations.com_offset.discovery_view import CHANNELS
 from gravcal.discovery import products, readings
-from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.blocks import Block, Candidate, Shape
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
 from gravcal.discovery.widening import named_parameters, with_ties
 
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
-MODE_STEP_HZ = float(np.diff(MODES_HZ).mean())
 #: A line or a step that is found along the frequency or time axis, by channel.
 STEP = "accelerometer.bias_step"
 TONES = {"linear": "accelerometer.stray_tone", "angular": "unknown:time"}
@@ -92,18 +91,23 @@ def _searched(aligned, field, smoothed, solved, model, settings):
     order = dict.fromkeys(("linear", "angular"), settings["noise_order"])
     order["magnetometer"] = settings["attitude_noise_order"]
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet, order=order)
-    made = [Block(**b) for b in blocks], [Candidate(**c) for c in found]
+    made = [Block(**b) for b in blocks], [_candidate(**c) for c in found]
     result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
     numbers = summary(with_ties(result), choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
     for position, finding in enumerate(numbers["findings"]):
         where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
         finding["model"] = named_parameters(result, position) | where
-        _physical(finding, views, made[0])
+        _physical(finding, views, made[0], result.problem.candidates[result.findings[position].index].shape)
     place = readings.clearest(result, CHANNELS, choice.level)
     return result, numbers, readings.variables(result, place, lambda name, k, rows: reading(views[k], name, rows))
 
 
-def _physical(finding, views, blocks):
+def _candidate(shape=None, **fields):
+    """Candidate of its fields."""
+    return Candidate(**fields, shape=shape and Shape(**shape))
+
+
+def _physical(finding, views, blocks, shape):
     """Parameters as the effect of the catalogue has them, in place."""
     cause = finding["cause"]
     if "frequency" in finding["parameters"] and cause in TONES.values():
@@ -113,10 +117,10 @@ def _physical(finding, views, blocks):
         if cause == "torque.saturation":  # found as the dipole that is missing at full current
             full = max(float(np.abs(v.context.dipole_b).max()) for v in views)
             parameters["limit"]["value"] = full - parameters["limit"]["value"]
-        if cause == "accelerometer.flexible_mode":
-            frequency = float(finding["form"].split()[0])
-            parameters["frequency"] = {"value": frequency, "sigma": MODE_STEP_HZ / np.sqrt(12), "unit": "Hz"}
-            parameters["damping"] = {"value": DAMPING, "sigma": np.nan, "unit": "1"}
+        if shape is not None:
+            errors = np.sqrt(np.diag(shape.covariance)) if shape.covariance is not None else shape.value * np.nan
+            rows = zip(shape.names, shape.value.tolist(), errors.tolist(), shape.units, strict=True)
+            parameters |= {n: {"value": v, "sigma": s, "unit": u} for n, v, s, u in rows}
 
 
 def _amplitudes(finding, views):

@@ -14,7 +14,7 @@ SHADOW = 0.05
 
 
 def merged(problem: Problem, chosen: list, choice) -> list:
-    """Several forms of one listed cause become the form with all its parameters.
+    """Several forms of one listed cause become the form with all its parameters, of several shapes the best.
 
     Parameters
     ----------
@@ -27,11 +27,12 @@ def merged(problem: Problem, chosen: list, choice) -> list:
     wide = [k for k, c in enumerate(problem.candidates) if c.cause == twice and not c.local]
     if twice is None or not wide:
         return chosen
-    whole = max(wide, key=lambda k: len(problem.candidates[k].names))
+    most = max(len(problem.candidates[k].names) for k in wide)
+    whole = {k for k in wide if len(problem.candidates[k].names) == most}
     kept = [one for one, cause in zip(chosen, causes, strict=True) if cause != twice]
     rows = trials.tried(problem, baseline_of(problem, [k for k, _ in kept]), choice, [k for k, _ in kept])
-    found = [t for t in rows if t.index == whole]
-    return [*kept, (whole, found[0])] if found else chosen
+    found = max((t for t in rows if t.index in whole), key=lambda t: t.gain, default=None)
+    return [*kept, (found.index, found)] if found else chosen
 
 
 def renamed(problem, chosen, choice):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, hidden, naming, pairs, residuals, trials
+from gravcal.discovery import adequacy, attribution, hidden, naming, pairs, residuals, shaping, trials
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.problem import Problem, baseline_of, prepare
 
@@ -141,6 +141,7 @@ def _best(problem, used, rows, choice):
             at, at_sigma = trials.tuned(problem, baseline_of(problem, used), trial)
             trial = replace(trial, at=at, at_sigma=at_sigma)
         grown, index = trials.with_candidate(problem, trial)
+        grown, index = shaping.refined(grown, baseline_of(grown, used), index)
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
             if trial.kind == "step":
@@ -211,7 +212,8 @@ def _parameters(problem, gram, index):
     ratio = attribution.ratio(gram, problem.places[widest], problem.size)
     known = np.where(ratio.determined, 1.0, np.nan)
     entry = problem.candidates[widest]
-    return entry.names, entry.units, ratio.value * known, np.sqrt(np.diag(ratio.covariance)) * known
+    covariance = ratio.covariance if entry.spread is None else ratio.covariance + entry.spread
+    return entry.names, entry.units, ratio.value * known, np.sqrt(np.diag(covariance)) * known
 
 
 def _tied(problem, gram, index, ratio, tie):

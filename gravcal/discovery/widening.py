@@ -106,6 +106,7 @@ def named_parameters(result: Result, position: int) -> dict:
     value, covariance = found.value, found.covariance
     if len(entry.prior) == len(entry.names) and found.determined.all():
         value, covariance = _held(gram[place, place], gram[place, 0], np.asarray(entry.prior, dtype=float))
+    covariance = covariance if entry.spread is None else covariance + entry.spread
     sigma = np.sqrt(np.diag(covariance))
     rows = zip(entry.names, value.tolist(), sigma.tolist(), entry.units, found.determined, strict=True)
     named = {n: {"value": v if d else np.nan, "sigma": s if d else np.nan, "unit": u} for n, v, s, u, d in rows}

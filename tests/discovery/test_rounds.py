@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gravcal.discovery import residuals
-from gravcal.discovery.blocks import Block, Candidate, basis_of
+from gravcal.discovery.blocks import Block, Candidate, Shape, basis_of
 from gravcal.discovery.problem import prepare
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.widening import _held, widened
@@ -53,6 +53,43 @@ def test_probability_of_adequacy_is_uniform_on_noise():
     p = np.sort([search(*made(rng), CHOICE, rng).before.p for _ in range(60)])
     distance = np.max(np.abs(p - (np.arange(60) + 0.5) / 60)) + 0.5 / 60
     assert distance < 1.95 / np.sqrt(60)
+
+
+def waves(rng, frequency, size):
+    """Four blocks with a wave between two frequencies of a grid, and a candidate for each of the grid."""
+    blocks, _ = made(rng)
+    time = np.arange(300.0)
+    column = lambda f: [np.sin(2 * np.pi * f * time + k)[:, None] for k in range(4)]  # noqa: E731
+    for block, one in zip(blocks, column(frequency), strict=True):
+        block.observed[:] += size * one[:, 0]
+    found = []
+    for f in np.arange(0.05, 0.30, 0.002):
+        tried, limits = f + np.linspace(-0.002, 0.002, 5), (np.array([f - 0.004]), np.array([f + 0.004]))
+        shape = Shape(("frequency",), ("Hz",), np.array([f]), lambda v: column(v[0]), tried[:, None], *limits)
+        found.append(Candidate("case.wave", f"{f:.3f} Hz", ["size"], ["1"], column(f), shape=shape))
+    return blocks, found
+
+
+def test_a_shape_is_fitted_between_the_grid_and_its_error_counts():
+    """Recovery: frequency and size of a wave, squared errors over variance of 20 draws within the 0.01 % points."""
+    rng, errors = np.random.default_rng(21), []
+    for _ in range(20):
+        frequency = rng.uniform(0.1, 0.2)
+        result = search(*waves(rng, frequency, 1.0), CHOICE, rng)
+        (found,) = result.findings
+        shape = result.problem.candidates[found.index].shape
+        errors.append([(shape.value[0] - frequency) / np.sqrt(shape.covariance[0, 0])])
+        errors[-1].append((found.value[0] - 1.0) / found.sigma[0])
+    total = np.sum(np.square(errors), axis=0)
+    assert np.all(total < 52.4)
+    assert np.all(total > 4.4)
+
+
+def test_a_strong_wave_between_the_grid_is_one_name_in_its_own_shape():
+    """Recovery: 40 sigma; what the grid leaves gets no name, and no other shape of it is taken."""
+    result = search(*waves(np.random.default_rng(5), 0.1511, 3.0), CHOICE, np.random.default_rng(1))
+    (found,) = result.findings
+    assert abs(result.problem.candidates[found.index].shape.value[0] - 0.1511) < 1e-4
 
 
 def test_readings_that_leave_nothing_to_test_are_refused():

@@ -22,7 +22,8 @@ NOT_HERE = (
     "timing.thruster_delay",
 )
 LAGS_S = (0.05, 0.2, 0.5, 1.0, 2.0)  # where the lag is differentiated
-MODES_HZ = np.arange(0.10, 0.80, 0.02)
+MODE_STEP_HZ = 0.02
+MODES_HZ = np.arange(0.10, 0.80, MODE_STEP_HZ)
 STEP_S = 2.0  # over which the field is differentiated
 DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
 #: Channel of an effect -> channel of the view.
@@ -52,6 +53,7 @@ def candidates(views: list[View], smoothed, starts) -> list[dict]:
         timing = None if timing is None or shape["form"].startswith("manoeuvre") else timing
         if any(c is not None for c in columns) or timing is not None:
             fixed = {n: shape[n] for n in ("cause", "form", "names", "units", "prior")}
+            fixed |= {"shape": _mode_shape(views, shape["frequency"])} if "frequency" in shape else {}
             found += _split(fixed | {"columns": [*columns, timing]})
     return found
 
@@ -67,7 +69,9 @@ def shapes_of(entry: Effect) -> list[dict]:
         return [plain | {"signal": _torque(_clipped)}]
     if entry.slug == "accelerometer.flexible_mode":
         axes = {"names": names[2:], "units": units[2:], "prior": plain["prior"][2:]}
-        return [plain | axes | {"form": f"{f:.2f} Hz", "signal": _ringing(f)} for f in MODES_HZ]
+        return [
+            plain | axes | {"form": f"{f:.2f} Hz", "frequency": f, "signal": _ringing(f, DAMPING)} for f in MODES_HZ
+        ]
     if entry.channel in ("dipole_b", "torque_b"):
         return [plain | {"signal": _torque(_torque_of(entry))}]
     return [plain | {"signal": _reading(entry)}]
@@ -216,12 +220,26 @@ def _clipped(context):
     return np.cross(missing, context.field_b)[..., None]
 
 
-def _ringing(frequency):
+def _ringing(frequency, damping):
     """Linear reading per ringing dipole on each axis."""
 
     def signal(view):
         c = view.context
-        wave = ringing(c.time, c.dipole_b.sum(axis=1), frequency, DAMPING)
+        wave = ringing(c.time, c.dipole_b.sum(axis=1), frequency, damping)
         return {"linear": wave[:, None, None] * np.eye(3)}
 
     return signal
+
+
+def _mode_shape(views, frequency):
+    """Fields of `gravcal.discovery.blocks.Shape` of a flexible mode about a frequency of the grid."""
+    near = frequency + np.linspace(-MODE_STEP_HZ, MODE_STEP_HZ, 7)
+    return {
+        "names": ("frequency", "damping"),
+        "units": ("Hz", "1"),
+        "value": np.array([frequency, DAMPING]),
+        "columns": lambda value: [*(v.rows(_ringing(*value)(v)) for v in views), None],
+        "tried": np.array([(f, d) for f in near for d in (DAMPING / 4, DAMPING, 4 * DAMPING)]),
+        "lower": np.array([frequency - 2 * MODE_STEP_HZ, 1e-3]),
+        "upper": np.array([frequency + 2 * MODE_STEP_HZ, 0.5]),
+    }
