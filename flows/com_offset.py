@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from datetime import datetime
 from pathlib import Path
@@ -115,12 +116,8 @@ def scene_settings(source, chosen):
 def _with_model(source, chosen, aligned, checked):
     """Records without the effects of the model that was given, and the offsets for each of its errors."""
     products = _with_torquers(source, chosen, aligned, checked)
-    others = [
-        _extended(source, chosen, products, text, f"moved_{number}")
-        for number, text in enumerate(models.moved(chosen.model), start=1)
-    ]
-    moved = [combined(source, chosen, one) for one in others]
-    return _extended(source, chosen, products, chosen.model, "extended"), moved
+    extended = functools.partial(_extended, source, chosen, products)
+    return models.taken_out(chosen.model, extended, functools.partial(combined, source, chosen))
 
 
 def _extended(source, chosen, products, model, variant):

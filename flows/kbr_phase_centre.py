@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from dataclasses import replace
 from datetime import date as calendar
@@ -60,12 +61,8 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
 def _with_model(source, chosen, aligned):
     """Records without the effects of the model that was given, and the phase centres for each of its errors."""
     products = _of_range(source, chosen, aligned)
-    others = [
-        _extended(source, chosen, products, text, f"moved_{number}")
-        for number, text in enumerate(models.moved(chosen.model), start=1)
-    ]
-    moved = [combined(source, chosen, one) for one in others]
-    return _extended(source, chosen, products, chosen.model, "extended"), moved
+    extended = functools.partial(_extended, source, chosen, products)
+    return models.taken_out(chosen.model, extended, functools.partial(combined, source, chosen))
 
 
 def _extended(source, chosen, products, model, variant):

@@ -16,7 +16,6 @@ noise_science = lazy("gravcal.calibrations.com_offset.noise")
 angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
 solve_science = lazy("gravcal.calibrations.com_offset.solve")
 combine_science = lazy("gravcal.calibrations.com_offset.combine")
-model_error_science = lazy("gravcal.calibrations.com_offset.model_error")
 
 drawings_science = lazy("gravcal.report.com_offset_drawings")
 report_science = lazy("gravcal.report.com_offset_delivery")
@@ -155,7 +154,7 @@ def combine(*solved, method, determined_sigma_um, consistency_level, drag_sigma_
 @stage(reads=["com_offset.combine"], writes="com_offset.combine", version=1)
 def model_error(combined, *moved, determined_sigma_um):
     """The same with the errors of an extended model."""
-    return model_error_science.with_model_error(combined, *moved, determined_sigma_um=determined_sigma_um)
+    return combine_science.with_model_error(combined, *moved, determined_sigma_um=determined_sigma_um)
 
 
 @stage(

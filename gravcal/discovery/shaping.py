@@ -65,9 +65,7 @@ def _largest(shape: Shape, beside):
 
     loss = lambda u: -beside.gain(shape.columns(np.exp(u)))[0]  # noqa: E731
     begun = np.log(shape.tried)
-    losses = [loss(u) for u in begun]
-    best = np.argsort(losses)[: shape.value.size + 1]
-    first = begun[best[0]]
+    first = begun[int(np.argmin([loss(u) for u in begun]))]
     steps = np.abs(begun - first)
     width = np.array([np.min(column[column > 0], initial=0.1) / 2 for column in steps.T])
     simplex = first + np.concatenate([np.zeros((1, width.size)), np.diag(width)])

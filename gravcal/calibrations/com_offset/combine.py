@@ -57,6 +57,32 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     return build(COMBINE, values, variants=" ".join(names), **attrs)
 
 
+def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_um: float) -> xr.Dataset:
+    """The same with covariances that hold the errors of the effects that were taken out of the records before.
+
+    Single manoeuvres and the tests of consistency keep the errors of the noise alone.
+
+    Parameters
+    ----------
+    combined : Dataset, "com_offset.combine"
+    moved : Dataset, "com_offset.combine", one for each direction of the model's errors
+    determined_sigma_um : um, a component with a larger error is not determined
+
+    Returns
+    -------
+    widened : Dataset, "com_offset.combine"
+    """
+    before = combined["offset"].values
+    extra = estimation.covariance_of_moves(before, [one["offset"].values for one in moved])
+    widened = combined.copy(deep=True)
+    for name in ("covariance", "covariance_total"):
+        widened[name] = combined[name].copy(data=combined[name].values + extra)
+    known = np.array([_determined(one, determined_sigma_um * 1e-6) for one in widened["covariance"].values])
+    widened["determined"] = combined["determined"].copy(data=known.astype("u1"))
+    widened["offset"] = combined["offset"].copy(data=np.where(known, before, np.nan))
+    return widened
+
+
 def _selected(solved):
     """Rows and errors that the source paper keeps."""
     covariance = np.array([estimation.covariance(i) for i in solved["information"].values]).reshape(-1, 3, 3)

@@ -10,6 +10,7 @@ from gravcal.calibrations.com_offset.discovery_view import View, turning
 from gravcal.effects import Context, catalogue
 from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
+from gravcal.effects.entries import each_alone
 from gravcal.physics import frames
 
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
@@ -78,15 +79,9 @@ def shapes_of(entry: Effect) -> list[dict]:
 
 
 def _split(whole: dict) -> list[dict]:
-    """The effect with all its parameters, then with each alone."""
-    if len(whole["names"]) == 1 or whole["cause"].startswith("unknown:") or whole["form"].endswith("Hz"):
-        return [whole]
-    found = [whole]
-    for k, name in enumerate(whole["names"]):
-        columns = [c if c is None else c[:, k : k + 1] for c in whole["columns"]]
-        one = {"names": [name], "units": [whole["units"][k]], "prior": [whole["prior"][k]], "columns": columns}
-        found.append(whole | one | {"form": f"{whole['form']} {name} alone".strip()})
-    return found
+    """The effect with all its parameters, then with each alone; regressors and modes stay whole."""
+    stays = whole["cause"].startswith("unknown:") or whole["form"].endswith("Hz")
+    return [whole] if stays else each_alone(whole)
 
 
 def _table(view: View, shapes: list[dict]) -> list[np.ndarray | None]:

@@ -10,7 +10,7 @@ import pytest
 from flows import com_offset as flow
 from flows import discover, engine, models
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.model_error import with_model_error
+from gravcal.calibrations.com_offset.combine import with_model_error
 from gravcal.calibrations.com_offset.schemas import COMBINE
 from gravcal.data import catalog
 from gravcal.errors import CatalogError
