@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from flows import models
 from flows.engine import flow
 from gravcal.data import catalog
 from tasks import common, discovery_swing, inertial_sensor
@@ -26,7 +28,7 @@ def calibrate(source, chosen):
         files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
         parts |= _swing(found, files, source, chosen)
         if chosen.model:
-            parts |= _extended(parts, chosen)
+            parts |= _with_model(parts, chosen)
     if seen["roll_start"].size:
         files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
         rolled = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
@@ -48,11 +50,21 @@ def _solved(aligned, chosen):
     return {"align": aligned, "scale": scaled, "offset": moved}
 
 
-def _extended(parts, chosen):
-    """Products of a swing without the effects of the extended model."""
+def _with_model(parts, chosen):
+    """Products of a swing without the effects of the model that was given, its errors in theirs."""
+    extended = functools.partial(_extended, parts, chosen)
+    aligned, moved = models.taken_out(chosen.model, extended, functools.partial(_solved, chosen=chosen))
+    found = _solved(aligned, chosen)
+    if moved:
+        found["scale"] = inertial_sensor.scale_model_error(found["scale"], *(one["scale"] for one in moved))
+        found["offset"] = inertial_sensor.offset_model_error(found["offset"], *(one["offset"] for one in moved))
+    return found
+
+
+def _extended(parts, chosen, model, variant):
+    """Record of a swing without the effects of a model."""
     swing = [parts[name] for name in ("align", "scale", "offset")]
-    settings = chosen.for_stage("extend") | {"scene": scene_settings(chosen)}
-    return _solved(discovery_swing.extend(*swing, variant="extended", **settings), chosen)
+    return discovery_swing.extend(*swing, model=model, scene=scene_settings(chosen), variant=variant)
 
 
 def baseline(source, chosen):
@@ -64,7 +76,9 @@ def baseline(source, chosen):
         return (found,)
     files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
     parts = _swing(found, files, source, chosen)
-    return tuple((_extended(parts, chosen) if chosen.model else parts).values())
+    if chosen.model:
+        parts = _solved(_extended(parts, chosen, chosen.model, "extended"), chosen)
+    return tuple(parts.values())
 
 
 def scene_settings(chosen):

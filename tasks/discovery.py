@@ -18,7 +18,7 @@ for _kind, _schema in KINDS.items():
 READ = ["com_offset.align", "com_offset.field", "com_offset.attitude", "com_offset.solve"]
 
 
-@stage(reads=READ, writes="com_offset.discovery", version=6)
+@stage(reads=READ, writes="com_offset.discovery", version=8)
 def com_offset(
     aligned,
     checked,
@@ -39,7 +39,7 @@ def com_offset(
     return com_offset_science.discover(aligned, checked, smoothed, solved, **scene, **settings)
 
 
-@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.discovery", version=5)
+@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.discovery", version=7)
 def com_offset_again(
     aligned,
     checked,
@@ -64,13 +64,13 @@ def com_offset_again(
 _INPUTS = ("aligned", "checked", "smoothed", "solved", "first", "scene")
 
 
-@stage(reads=READ, writes="com_offset.align", version=1)
+@stage(reads=READ, writes="com_offset.align", version=2)
 def extend(aligned, checked, smoothed, solved, *, model, scene):
     """Records without the effects of an extended model."""
     return extension_science.extend(aligned, checked, smoothed, solved, model=json.loads(model), **scene)
 
 
-@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.align", version=1)
+@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.align", version=2)
 def extend_by(aligned, checked, smoothed, solved, found, *, scene):
     """Records without what was found in them."""
     model = json.loads(found.attrs["numbers"]).get("findings", [])

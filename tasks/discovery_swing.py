@@ -17,7 +17,7 @@ for _kind, _schema in KINDS.items():
     product.register(_kind, _schema)
 
 
-@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.discovery", version=3)
+@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.discovery", version=4)
 def search(*products, discovery_level, tie_chi2, round_limit, heldout_s, discovery_seed, scene):
     """What the model of a swing gets wrong, and why; without a swing nothing."""
     limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}

@@ -10,6 +10,7 @@ files = lazy("gravcal.data.inertial_files")
 detect_science = lazy("gravcal.calibrations.inertial_sensor.detect")
 align_science = lazy("gravcal.calibrations.inertial_sensor.align")
 scale_science = lazy("gravcal.calibrations.inertial_sensor.scale")
+model_error_science = lazy("gravcal.calibrations.inertial_sensor.model_error")
 offset_science = lazy("gravcal.calibrations.inertial_sensor.offset")
 segment_science = lazy("gravcal.calibrations.inertial_sensor.segment")
 bias_science = lazy("gravcal.calibrations.inertial_sensor.bias")
@@ -60,6 +61,18 @@ def offset(aligned, scaled, *, method, quiet_margin_s, drift_degree, noise_order
     """Centre of mass to test mass."""
     settings = {name: value for name, value in locals().items() if name not in ("aligned", "scaled")}
     return offset_science.offset(aligned, scaled, **settings)
+
+
+@stage(reads=["inertial_sensor.scale"], writes="inertial_sensor.scale", version=1)
+def scale_model_error(scaled, *moved):
+    """Scale factors with the errors of an extended model."""
+    return model_error_science.of_scale(scaled, *moved)
+
+
+@stage(reads=["inertial_sensor.offset"], writes="inertial_sensor.offset", version=1)
+def offset_model_error(found, *moved):
+    """Offset with the errors of an extended model."""
+    return model_error_science.of_offset(found, *moved)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)

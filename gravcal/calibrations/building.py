@@ -32,3 +32,14 @@ def build(schema: Mapping[str, Mapping[str, str]], values: Mapping[str, object],
     coords = {name: entry for name, entry in labelled.items() if entry.dims == (name,)}
     data = {name: entry for name, entry in labelled.items() if name not in coords}
     return xr.Dataset(data, coords=coords, attrs={"time_scale": "GPS"} | attrs)
+
+
+def replaced(dataset: xr.Dataset, values: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Copy of a dataset with other numbers in some of its variables, everything else as it is.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    values : {variable: array of its shape}
+    """
+    return dataset.copy(deep=True).assign({name: dataset[name].copy(data=array) for name, array in values.items()})

@@ -40,19 +40,25 @@ class Shape:
     ----------
     names, units : (s,)
     value : (s,) of the columns
-    columns : function of (s,) values -> one (n, q) or None a block
+    columns : function of (s,) values -> one (n, q) or None a block; with `inside`, of these numbers as well
     tried : (t, s) values to begin a refinement from; lower, upper : (s,) bounds
-    covariance : (s, s) once it is refined, None before
+    inside : function of (s,) values, the residual and the basis of the own columns of each block -> (b,) a number a
+        block that nothing else shares, where it fits best; None without
+    sized : whether the first of the values is the size of the cause itself
+    covariance : (s, s) once it is refined, None before; chosen : (b,) of `inside` then
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     value: np.ndarray
-    columns: Callable[[np.ndarray], list[np.ndarray | None]]
+    columns: Callable[..., list[np.ndarray | None]]
     tried: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    inside: Callable[..., np.ndarray] | None = None
+    sized: bool = False
     covariance: np.ndarray | None = None
+    chosen: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ import json
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import discovery_tones
+from gravcal.calibrations.com_offset import discovery_lag, discovery_tones
 from gravcal.calibrations.com_offset.discovery_again import with_model
 from gravcal.calibrations.com_offset.discovery_candidates import candidates
 from gravcal.calibrations.com_offset.discovery_event import event
 from gravcal.calibrations.com_offset.discovery_reading import reading
 from gravcal.calibrations.com_offset.discovery_scene import offset_of
 from gravcal.calibrations.com_offset.discovery_view import CHANNELS
-from gravcal.discovery import products, readings
+from gravcal.discovery import products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate, Shape
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
@@ -92,12 +92,15 @@ def _searched(aligned, field, smoothed, solved, model, settings):
     order["magnetometer"] = settings["attitude_noise_order"]
     choice = Choice(*limits, STEP, TONES, segment_s=settings["segment_s"], quiet=quiet, order=order)
     made = [Block(**b) for b in blocks], [_candidate(**c) for c in found]
-    result = search(*made, choice, np.random.default_rng(settings["discovery_seed"]))
+    result = search(*made, choice, residuals.source(settings["discovery_seed"], made[0]))
     numbers = summary(with_ties(result), choice, ["x", "y", "z"], "um", 1e6, offset_of(solved))
     for position, finding in enumerate(numbers["findings"]):
         where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
         finding["model"] = named_parameters(result, position) | where
-        _physical(finding, views, made[0], result.problem.candidates[result.findings[position].index].shape)
+        shape = result.problem.candidates[result.findings[position].index].shape
+        _physical(finding, views, made[0], shape)
+        if shape is not None and shape.chosen is not None:
+            finding["leads"] = discovery_lag.leads(views, shape.chosen)
     place = readings.clearest(result, CHANNELS, choice.level)
     return result, numbers, readings.variables(result, place, lambda name, k, rows: reading(views[k], name, rows))
 

@@ -10,7 +10,7 @@ import xarray as xr
 from gravcal.calibrations.gradient_torque import discovery_candidates as listed
 from gravcal.calibrations.gradient_torque.discovery_reading import reading
 from gravcal.calibrations.gradient_torque.discovery_view import CHANNELS, PARAMETERS, View, blocks, places, view
-from gravcal.discovery import attribution, products, readings
+from gravcal.discovery import attribution, products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.hidden import UNSEEN
 from gravcal.discovery.problem import Problem, baseline_of
@@ -72,7 +72,7 @@ def _searched(given, model, settings):
     rows = [Block(**_with(b, k, tried, model)) for k, b in enumerate(rows)]
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
     choice = Choice(*limits, "", {}, segment_s=settings["segment_s"], quiet=seen.quiet)
-    result = search(rows, tried, choice, np.random.default_rng(settings["discovery_seed"]))
+    result = search(rows, tried, choice, residuals.source(settings["discovery_seed"], rows))
     numbers = summary(widened(result), choice, list(PARAMETERS), "mm", 1e3, np.append(seen.start, np.zeros(6)))
     numbers["calibration_change"] = {n: _reported(v) for n, v in numbers["calibration_change"].items()}
     for position, finding in enumerate(numbers["findings"]):

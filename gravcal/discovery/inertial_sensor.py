@@ -10,7 +10,7 @@ import xarray as xr
 from gravcal.calibrations.inertial_sensor import discovery_candidates as listed
 from gravcal.calibrations.inertial_sensor.discovery_reading import reading
 from gravcal.calibrations.inertial_sensor.discovery_view import CHANNELS, PARAMETERS, View, blocks, view
-from gravcal.discovery import attribution, epochs, products, readings
+from gravcal.discovery import attribution, epochs, products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.lines import amplitude, lines
 from gravcal.discovery.problem import baseline_of
@@ -76,7 +76,7 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
     seed : of the draws of noise
     seen : View
     """
-    result = search(rows, tried, choice, np.random.default_rng(seed))
+    result = search(rows, tried, choice, residuals.source(seed, rows))
     groups, found = [0] * len(rows), []
     for axis in range(3):
         wave = listed.waves(seen, axis)
@@ -85,7 +85,7 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
     if found or broken:
         fine = [c for epoch in broken for c in _steps_at(seen, epoch + FINE_S)]
         more = [*tried, *fine, *(one.candidate for one in found)]
-        result = search(rows, more, choice, np.random.default_rng(seed))
+        result = search(rows, more, choice, residuals.source(seed, rows))
     return result, {one.candidate.form: one for one in found}
 
 

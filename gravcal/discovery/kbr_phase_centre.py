@@ -9,7 +9,7 @@ from gravcal.calibrations.kbr_phase_centre import discovery_candidates as listed
 from gravcal.calibrations.kbr_phase_centre.discovery_noise import with_pointing
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, blocks, factors, reading, view, white
 from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
-from gravcal.discovery import epochs, products, readings
+from gravcal.discovery import epochs, products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.lines import amplitude, lines
 from gravcal.discovery.rounds import Choice, search
@@ -72,7 +72,7 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
         phase = 2 * np.pi * frequency * (seen.arcs[k].time - seen.context.epoch)
         return white(scale[k], np.stack([np.cos(phase), np.sin(phase)], axis=1))
 
-    result = search(rows, tried, choice, np.random.default_rng(seed))
+    result = search(rows, tried, choice, residuals.source(seed, rows))
     groups = [int(arc.label.split()[0]) - 1 for arc in seen.arcs]
     found = lines(result, ("range", -1), wave, groups, (LINE, "m", choice.level))
     broken = [k for k, one in enumerate(result.findings) if one.cause.startswith(listed.BREAK)]
@@ -80,7 +80,7 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
         refined = [_break(result.findings[k], result, seen, scale)["time"]["value"] for k in broken]
         more = [*tried, *(one.candidate for one in found)]
         more += [c for epoch in refined for c in _breaks_at(seen, scale, np.array([epoch]))]
-        result = search(rows, more, choice, np.random.default_rng(seed))
+        result = search(rows, more, choice, residuals.source(seed, rows))
     return result, {one.candidate.form: one for one in found}
 
 

@@ -46,6 +46,17 @@ def measured(problem: Problem) -> list[np.ndarray]:
     return [c[:, :1] for c in problem.columns]
 
 
+def source(seed: int, blocks) -> np.random.Generator:
+    """Source of the draws of an event: its own, so that the probabilities of several events do not err alike.
+
+    Parameters
+    ----------
+    seed : of all events
+    blocks : list of Block; the second that each begins in
+    """
+    return np.random.default_rng([seed, *(abs(int(b.time.min())) for b in blocks if b.time.size)])
+
+
 def drawn(
     problem: Problem,
     count: int,

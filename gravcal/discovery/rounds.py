@@ -131,7 +131,8 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
 def _best(problem, used, rows, choice):
     """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
     everything, rows = rows, [t for t in rows if t.significance < choice.level]
-    ranked = _ranked(rows, choice.tie)
+    problem, rows = shaping.sized(problem, baseline_of(problem, used), rows)
+    ranked = _ranked(problem, baseline_of(problem, used), rows, choice.tie)
     if ranked and ranked[0].kind == "unknown":
         pair = pairs.best_pair(problem, baseline_of(problem, used), everything, choice.level)
         if pair and pair[1] > ranked[0].score - choice.tie:
@@ -151,13 +152,31 @@ def _best(problem, used, rows, choice):
     return problem, None
 
 
-def _ranked(rows, tie):
+def _ranked(problem, baseline, rows, tie):
     """Best first; a listed cause goes before one in no list that is not clearly better."""
     rows = sorted(rows, key=lambda t: -t.score)
     listed = [t for t in rows if not t.cause.startswith("unknown:")]
-    if listed and listed[0].score > rows[0].score - tie / 2:
+    near = [t for t in listed if t.score > rows[0].score - tie]
+    if not near:
+        return rows
+    close = near[0].score > rows[0].score - tie / 2
+    gram = None if close else attribution.projected(problem.gram.sum(axis=0), baseline)
+    if close or any(_stands(problem, gram, t, rows[0], tie) for t in near):
         return listed + [t for t in rows if t.cause.startswith("unknown:")]
     return rows
+
+
+def _stands(problem, gram, trial, best, tie):
+    """Whether a cause may be true though one in no list gained more: Cox's test of models that are not nested.
+
+    If it is true, the other loses the chi-square by which they are apart, with twice its root as standard deviation.
+    """
+    if trial.index < 0 or best.index < 0:
+        return False
+    place, other = problem.places[trial.index], problem.places[best.index]
+    value = attribution.ratio(gram, place, problem.size).value
+    apart = max(attribution.misfit(gram, place, value, other, problem.size), 0.0)
+    return best.score - trial.score < 2 * np.sqrt(tie * apart) - apart
 
 
 def _revised(problem, chosen, choice):

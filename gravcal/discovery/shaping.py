@@ -10,8 +10,11 @@ from gravcal.discovery import attribution, residuals
 from gravcal.discovery.blocks import Candidate, Shape
 from gravcal.discovery.problem import Problem, extended
 
+SHARE = 0.2  # of the largest gain of a round, from which a cause of any size may win
 EVALUATIONS = 40  # of the search for the largest gain, beyond those that it begins with
 STEP = 1e-4  # relative, for derivatives by the shape
+#: Of a size under the likelihood: first guess of its relative error, sizes tried on either side, and how often.
+FIRST, AROUND, PASSES = 0.02, 6, 3
 
 
 @dataclass(frozen=True)
@@ -33,11 +36,20 @@ class _Beside:
                 crossed, inner, right = crossed + known.T @ new, inner + new.T @ new, right + new.T @ rest[:, 0]
         return inner - crossed.T @ self.inverse @ crossed, right
 
-    def gain(self, parts):
-        """Gain of columns, and their values (q,)."""
+    def gain(self, parts, size=None):
+        """Gain of columns, and their values (q,), which are fitted unless given."""
         inner, right = self.products(parts)
-        value = attribution.inverse_of(inner) @ right
-        return float(right @ value), value
+        value = attribution.inverse_of(inner) @ right if size is None else np.array([size])
+        return float(2 * right @ value - value @ inner @ value), value
+
+    def inside(self, shape, value):
+        """Numbers of the blocks where they fit best."""
+        return () if shape.inside is None else (shape.inside(value, self.rest, self.problem.bases),)
+
+    def gain_of(self, shape, value):
+        """Gain of a shape."""
+        parts = shape.columns(value, *self.inside(shape, value))
+        return self.gain(parts, value[0] if shape.sized else None)[0]
 
 
 def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem, int]:
@@ -55,21 +67,46 @@ def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem
     rest = residuals.projected(problem, baseline, residuals.measured(problem))
     inverse = residuals.inverse_of_baseline(problem, baseline)
     beside = _Beside(problem, rest, [c[:, baseline] for c in problem.columns], inverse)
-    found = _with_errors(candidate, _largest(candidate.shape, beside), beside)
+    value = _largest(candidate.shape, beside)
+    found = (_with_spread if candidate.shape.sized else _with_errors)(candidate, value, beside)
     return extended(problem, found), len(problem.candidates)
+
+
+def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, list]:
+    """Problem and trials, with causes whose size is their shape refined where they may win.
+
+    What is tried of them is far from linear in the size, so that a form of the grid says little of how well they fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    rows : list of trials.Trial
+    """
+    most = max((t.gain for t in rows), default=0.0)
+    shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
+    found = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
+    best = max(found, key=lambda t: t.gain, default=None)
+    if best is None or best.gain < SHARE * most or shapes[best.index].covariance is not None:
+        return problem, rows
+    problem, index = refined(problem, baseline, best.index)
+    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    ratio = attribution.ratio(gram, problem.places[index], problem.size)
+    numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": problem.candidates[index].form}
+    return problem, [*(t for t in rows if t not in found), replace(best, index=index, **numbers)]
 
 
 def _largest(shape: Shape, beside):
     """Shape of largest gain: the best of those to begin with, then a simplex in their logarithms."""
     from scipy.optimize import minimize
 
-    loss = lambda u: -beside.gain(shape.columns(np.exp(u)))[0]  # noqa: E731
-    begun = np.log(shape.tried)
+    loss = lambda u: -beside.gain_of(shape, np.exp(u))  # noqa: E731
+    limits = list(zip(np.log(shape.lower), np.log(shape.upper), strict=True))
+    begun = np.clip(np.log(shape.tried), *np.transpose(limits))
     first = begun[int(np.argmin([loss(u) for u in begun]))]
     steps = np.abs(begun - first)
     width = np.array([np.min(column[column > 0], initial=0.1) / 2 for column in steps.T])
     simplex = first + np.concatenate([np.zeros((1, width.size)), np.diag(width)])
-    limits = list(zip(np.log(shape.lower), np.log(shape.upper), strict=True))
     options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-4, "fatol": 0.01}
     return np.exp(minimize(loss, first, method="Nelder-Mead", bounds=limits, options=options).x)
 
@@ -84,8 +121,36 @@ def _with_errors(candidate: Candidate, value, beside):
     joint, count = attribution.inverse_of(inner), size.size
     alone = attribution.inverse_of(inner[:count, :count])
     known = replace(shape, value=value, covariance=joint[count:, count:])
-    words = [f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in zip(shape.names, value, shape.units, strict=True)]
-    return replace(candidate, form=", ".join(words), columns=parts, shape=known, spread=joint[:count, :count] - alone)
+    spread = joint[:count, :count] - alone
+    return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
+
+
+def _with_spread(candidate: Candidate, value, beside):
+    """Candidate whose size is its shape: mean and standard deviation of its logarithm under the likelihood.
+
+    Where the numbers of the blocks fit best changes with the size, by leaps, so that the gain is bent differently to
+    either side.
+    """
+    shape, about, width = candidate.shape, np.log(value), FIRST
+    for _ in range(PASSES):
+        tried = about + width * np.linspace(-4, 4, 2 * AROUND + 1)[:, None]
+        gain = np.array([beside.gain_of(shape, np.exp(u)) for u in tried])
+        weight = np.exp((gain - gain.max()) / 2)[:, None] / np.sum(np.exp((gain - gain.max()) / 2))
+        about = np.sum(weight * tried, axis=0)
+        width = np.sqrt(np.sum(weight * (tried - about) ** 2, axis=0) + (width / AROUND) ** 2)
+    value, variance = np.exp(about), (np.exp(about) * width) ** 2
+    chosen = beside.inside(shape, value)
+    parts = shape.columns(value, *chosen)
+    alone = attribution.inverse_of(beside.products(parts)[0])
+    known = replace(shape, value=value, covariance=np.diag(variance), chosen=next(iter(chosen), None))
+    spread = np.maximum(np.diag(variance) - alone, 0.0)
+    return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
+
+
+def _form(shape, value):
+    """Shape in words."""
+    rows = zip(shape.names, value, shape.units, strict=True)
+    return ", ".join(f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in rows)
 
 
 def _slope(shape, value, k, size):

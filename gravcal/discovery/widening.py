@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from gravcal.discovery import attribution, trials
+from gravcal.discovery.hidden import UNSEEN
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Result
 
 CLEAR = 5.0  # sigma from which a direction is believed against its prior
+UNLIKELY = 12.0  # less of score than the best form: a weight of a quarter of a percent
 
 
 def widened(result: Result) -> Result:
@@ -55,22 +57,56 @@ def _after(result, value, covariance, named):
 
 
 def _moment(result, named, position, value):
-    """Second moment (p, p) of the calibration about its value over the causes that are tied, by their likelihood."""
+    """Second moment (p, p) of the calibration about its value over the forms of the causes that are tied.
+
+    By their likelihood; and what the directions that the data do not see of these causes would do to the calibration.
+    """
     problem, width = result.problem, value.size
     others = [*named[:position], *named[position + 1 :]]
     total, baseline = problem.gram.sum(axis=0), baseline_of(problem, others)
     gram = attribution.projected(total, baseline)
-    forms = {cause: [] for cause in (result.findings[position].cause, *result.findings[position].tied)}
+    causes, rows = (result.findings[position].cause, *result.findings[position].tied), []
     for k, candidate in enumerate(problem.candidates):
-        if candidate.cause in forms and k not in others:
+        if candidate.cause in causes and k not in others:
             found = attribution.ratio(gram, problem.places[k], problem.size)
-            forms[candidate.cause].append((found.gain - trials.COST * found.dof, k))
-    best = [max(rows) for rows in forms.values() if rows]
-    weight, moment = np.exp(np.array([score for score, _ in best]) / 2 - max(best)[0] / 2), np.zeros((width, width))
-    for share, (_, k) in list(zip(weight / weight.sum(), best, strict=True))[1:]:
-        moved = _with(problem, total, baseline, k)[:width] - value
-        moment += share * np.outer(moved, moved)
+            rows.append((found.gain - trials.COST * found.dof, k))
+    rows = [(score, k) for score, k in rows if score > max(rows)[0] - UNLIKELY]
+    weight, moment = np.exp(np.array([score for score, _ in rows]) / 2 - max(rows)[0] / 2), np.zeros((width, width))
+    for share, (_, k) in zip(weight / weight.sum(), rows, strict=True):
+        if k != named[position]:
+            moved = _with(problem, total, baseline, k)[:width] - value
+            moment += share * np.outer(moved, moved)
+    for cause in causes:
+        likely = sum(w for w, (_, k) in zip(weight, rows, strict=True) if problem.candidates[k].cause == cause)
+        moment += likely / weight.sum() * _unseen(problem, gram, baseline, cause, width)
     return moment
+
+
+def _unseen(problem, gram, baseline, cause, width):
+    """Second moment (p, p) of what directions that the data do not see of a cause would do to the calibration.
+
+    As large as those that they see, in units of what is plausible of each parameter.
+    """
+    moment, total = np.zeros((width, width)), problem.gram.sum(axis=0)
+    inverse = attribution.inverse_of(total[np.ix_(baseline, baseline)])
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        if candidate.cause != cause or "alone" in candidate.form or candidate.local or not candidate.prior:
+            continue
+        prior = np.asarray(candidate.prior)
+        known, vectors = np.linalg.eigh(gram[place, place] * np.outer(prior, prior))
+        hidden = known < UNSEEN**2
+        square = _scale(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
+        shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
+        bias = shift @ vectors[:, hidden] / np.sqrt(1 / square + np.maximum(known[hidden], 0.0))
+        moment = bias @ bias.T
+    return moment
+
+
+def _scale(known, gain):
+    """Square of the most likely common size of directions, from their information (n,) and gain (n,); 1 of none."""
+    square = np.geomspace(1e-6, 1e2, 161)
+    width = 1 + np.outer(square, known)
+    return float(square[np.argmin(np.sum(np.log(width) + gain / width, axis=1))]) if known.size else 1.0
 
 
 def _with(problem, total, baseline, index):

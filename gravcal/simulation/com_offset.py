@@ -19,8 +19,8 @@ AREAS = {
     "pitch_high": {"lat_min": 60, "lat_max": 80},
     "roll_high": {"lat_min": 60, "lat_max": 80},
 }
-#: Sub-steps over which the contributions of dipole and torque effects are averaged.
-PARTS = 8
+#: Channels of effects that turn the body, and sub-steps over which their contributions are averaged.
+EXTRA, PARTS = ("dipole_b", "torque_b"), 8
 #: Flown before and after what is written, so that readings with late or early tags exist.
 LEAD_S = 5.0
 RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
@@ -185,7 +185,7 @@ def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
     start[:4] = frames.quaternion_product(start[:4], tilt)
     slow = _slow_torque(steps.bound, chosen, rng)
     states, control = attitude.fly(steps, around, body, start, (np.zeros_like(slow), slow))
-    if any(entry.channel in ("dipole_b", "torque_b") for entry, _ in injected.values()):
+    if any(entry.channel in EXTRA for entry, _ in injected.values()):
         states, control, added = _with_effects(steps, around, body, start, slow, states, control, injected, scene)
     else:
         added = (np.zeros_like(slow), slow)
@@ -236,17 +236,25 @@ def _slow_torque(bound, chosen, rng):
 
 
 def _with_effects(steps, around, body, start, slow, states, control, injected, scene):
-    """Fly again with the injected dipole and torque effects, the controller's part as it was with them."""
-    parts = (np.arange(PARTS) + 0.5) / PARTS
+    """Fly again with the injected dipole and torque effects, the controller's part as it was with them.
+
+    An effect is linear in a step: what it is at the beginning, where instruments read, and its mean over the step.
+    """
+    parts = np.append(0.0, (np.arange(PARTS) + 0.5) / PARTS)
     inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
     for closed in (True, False):
-        context = streams.context_of_steps(inner, PARTS, steps, around, states, control[0], scene)
-        mean = lambda name, context=context: channel(injected, name, context).reshape(-1, PARTS, 3).mean(axis=1)  # noqa: E731
-        dipole, torque = (np.repeat(mean(name)[:, None], 2, axis=1) for name in ("dipole_b", "torque_b"))
+        context = streams.context_of_steps(inner, parts.size, steps, around, states, control[0], scene)
+        dipole, torque = (_ends(channel(injected, n, context).reshape(-1, parts.size, 3)) for n in EXTRA)
         again = None if closed else control
         torque = slow + torque
         states, control = attitude.fly(steps, around, body, start, (dipole, torque), again)
     return states, control, (dipole, torque)
+
+
+def _ends(values):
+    """Values (n, 2, 3) at both ends of each step, (n, 1 + parts, 3) at its beginning and within it."""
+    begin, mean = values[:, 0], values[:, 1:].mean(axis=1)
+    return np.stack([begin, 2 * mean - begin], axis=1)
 
 
 def _nodes(around, time, values):

@@ -6,6 +6,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from draws import enough
 from independent import damage
 from typer.testing import CliRunner
 
@@ -28,17 +29,13 @@ LISTED = {
 
 @pytest.fixture(scope="module")
 def rng():
-    """Generator of this run; GRAVCAL_DISCOVERY_SEED draws another.
-
-    The seed is fixed: of 15 draws one (3) got a slow line beside the right name, and one (8) only a wave of its driver.
-    """
-    return np.random.default_rng(int(os.environ.get("GRAVCAL_DISCOVERY_SEED", "4")))
+    """Generator of this run, whose seed tests/conftest.py draws and prints; GRAVCAL_TEST_SEED repeats one."""
+    return np.random.default_rng(int(os.environ["GRAVCAL_TEST_SEED"]))
 
 
-def written(folder, rng, effects, settings=SHORT):
+def written(folder, seed, effects, settings=SHORT):
     """Folder and truth of a simulated campaign, {slug: {parameter: value}} hidden."""
     flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
-    seed = int(rng.integers(1_000_000))
     truth = kbr_phase_centre.simulate(folder / "level1", seed=seed, truth=None, effects=flat, settings=settings)
     return folder / "level1", truth
 
@@ -60,48 +57,56 @@ def true_mm(truth):
 
 def test_nothing_is_named_on_a_clean_campaign(rng, tmp_path):
     """Recovery: one campaign at a chance of false names of two in ten thousand, and a probability that is not tiny."""
-    folder, _ = written(tmp_path, rng, {})
+    seed = int(rng.integers(1_000_000))
+    folder, _ = written(tmp_path, seed, {})
     code, document = called("discover", folder, "--set", "discovery_level=0.0002")
     assert code == 0
-    assert document["findings"] == []
-    assert document["p_before"] > 1e-4
+    assert document["findings"] == [], seed
+    assert document["p_before"] > 1e-4, seed
     hidden = {one["cause"] for one in document["indistinguishable_from_calibration"]}
     assert {"attitude.star_camera_misalignment", "ranging.antenna_correction"} <= hidden
 
 
-def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng, tmp_path):
+def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng, tmp_path, monkeypatch):
     """Recovery: one of four effects, alone or in its tied set, within 5 sigma; `run --model` returns the truth."""
-    slug = list(LISTED)[rng.integers(len(LISTED))]
-    folder, truth = written(tmp_path, rng, {slug: LISTED[slug]})
-    code, document = called("discover", folder)
-    assert code == 0
-    assert [slug in (f["cause"], *f["tied_with"]) for f in document["findings"]] == [True]
-    assert not document["adequate_before"]
-    assert document["p_after"] > document["p_before"]
-    (found,) = document["findings"]
-    assert found["heldout_gain"]["chi2"] > 0
-    for name, value in LISTED[slug].items():
-        parameter = found["parameters"][name]
-        assert abs(parameter["value"] - value) < 5 * parameter["sigma"]
-    model = next((tmp_path / "products").rglob("model.toml"))
-    code, extended = called("run", folder, "--model", model)
-    letters = extended["adopted"]["satellites"]
-    value, sigma = (np.concatenate([letters[x][n] for x in "CD"]) for n in ("phase_centre_mm", "sigma_mm"))
-    assert np.all(np.abs(value - true_mm(truth)) < 5 * sigma)
-    code, again = called("discover", folder, "--model", model, "--set", "discovery_level=0.0002")
-    assert (code, again["findings"]) == (0, [])  # the search begins with the model
+
+    def draw(seed, place):
+        monkeypatch.setenv("GRAVCAL_PRODUCTS", str(place / "products"))
+        slug = list(LISTED)[rng.integers(len(LISTED))]
+        folder, truth = written(place, seed, {slug: LISTED[slug]})
+        code, document = called("discover", folder)
+        found = document["findings"]
+        if code or [slug in (f["cause"], *f["tied_with"]) for f in found] != [True] or document["adequate_before"]:
+            return f"{slug}, seed {seed}: {[f['cause'] for f in found]}"
+        known = [(found[0]["parameters"][n], value) for n, value in LISTED[slug].items()]
+        far = [abs(p["value"] - value) / p["sigma"] for p, value in known]
+        better = found[0]["heldout_gain"]["chi2"] > 0 and document["p_after"] > document["p_before"]
+        model = next((place / "products").rglob("model.toml"))
+        _, extended = called("run", folder, "--model", model)
+        letters = extended["adopted"]["satellites"]
+        value, sigma = (np.concatenate([letters[x][n] for x in "CD"]) for n in ("phase_centre_mm", "sigma_mm"))
+        far += [*(np.abs(value - true_mm(truth)) / sigma)]
+        code, again = called("discover", folder, "--model", model, "--set", "discovery_level=0.0002")
+        rest = [f["cause"] for f in again["findings"]]  # the search begins with the model
+        return None if better and max(far) < 5 and not rest else f"{slug}, seed {seed}: {far}, {rest}"
+
+    good, wrong = enough(draw, rng, tmp_path)
+    assert good, wrong
 
 
 def test_a_second_cause_that_looks_alike_is_reported_tied(rng, tmp_path):
     """Recovery: four wiggles, 9 sigma: x from pitch and yaw differ by drift of z or curvature, alike at first order."""
-    folder, _ = written(tmp_path, rng, {"ranging.phase_centre_drift": {"z_a": 1.6e-9}}, FOUR)
-    code, document = called("discover", folder)
-    assert code == 0
     alike = {"ranging.phase_centre_curvature", "ranging.phase_centre_drift"}
-    named = [{f["cause"], *f["tied_with"]} for f in document["findings"]]
-    assert len(named) == 1
-    assert alike <= named[0]
-    assert document["findings"][0]["separation"]
+
+    def draw(seed, place):
+        folder, _ = written(place, seed, {"ranging.phase_centre_drift": {"z_a": 1.6e-9}}, FOUR)
+        code, document = called("discover", folder)
+        named = [{f["cause"], *f["tied_with"]} for f in document["findings"]]
+        good = code == 0 and len(named) == 1 and alike <= named[0] and document["findings"][0]["separation"]
+        return None if good else f"seed {seed}: {named}"
+
+    good, wrong = enough(draw, rng, tmp_path)
+    assert good, wrong
 
 
 def _cube(context, values):
@@ -111,18 +116,24 @@ def _cube(context, values):
 def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
     """Recovery: a cube of the pitch of B, made here: noticed, not given a catalogue name, its driver named."""
     cube = Effect("odd.cube", "range", (Parameter("size", "m", "", 1e-6),), _cube, "")
-    with mock.patch.object(simulation, "known_effects", return_value={"odd.cube": (cube, np.array([4e-6]))}):
-        folder, _ = written(tmp_path, rng, {})
-    code, document = called("discover", folder)
-    assert code == 0
-    assert document["findings"][0]["cause"] == "unknown:pointing"
-    assert "pitch_b" in document["findings"][0]["form"]
-    assert not any(f["in_catalogue"] for f in document["findings"])
+
+    def draw(seed, place):
+        with mock.patch.object(simulation, "known_effects", return_value={"odd.cube": (cube, np.array([4e-6]))}):
+            folder, _ = written(place, seed, {})
+        code, document = called("discover", folder)
+        found = document["findings"]
+        good = code == 0 and found and found[0]["cause"] == "unknown:pointing"
+        good = good and any(w in found[0]["form"] for w in ("pitch_b", "all angles"))
+        good = good and not any(f["in_catalogue"] for f in found)
+        return None if good else f"seed {seed}: {[(f['cause'], f['form']) for f in found]}"
+
+    good, wrong = enough(draw, rng, tmp_path)
+    assert good, wrong
 
 
 def test_a_day_without_wiggles_has_nothing_to_discover(rng, tmp_path):
     """Contract: exit code 3, status no_manoeuvre; no model file."""
-    folder, _ = written(tmp_path, rng, {}, SHORT | {"manoeuvres": ","})
+    folder, _ = written(tmp_path, int(rng.integers(1_000_000)), {}, SHORT | {"manoeuvres": ","})
     code, document = called("discover", folder)
     assert (code, document["status"]) == (3, "no_manoeuvre")
     assert not list((tmp_path / "products").rglob("model.toml"))
@@ -130,7 +141,7 @@ def test_a_day_without_wiggles_has_nothing_to_discover(rng, tmp_path):
 
 def test_damaged_files_fail_as_they_do_in_a_run(rng, tmp_path):
     """Contract: exit code 1, status failed; the message names the file."""
-    folder, _ = written(tmp_path, rng, {}, FOUR)
+    folder, _ = written(tmp_path, int(rng.integers(1_000_000)), {}, FOUR)
     damage.truncate_mid_line(next(folder.glob("KBR1B*")))
     code, document = called("discover", folder)
     assert (code, document["status"]) == (1, "failed")

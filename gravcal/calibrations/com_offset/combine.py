@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
+from gravcal.calibrations.building import build, replaced
 from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS
 from gravcal.calibrations.com_offset.schemas import COMBINE
@@ -74,13 +74,9 @@ def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_
     """
     before = combined["offset"].values
     extra = estimation.covariance_of_moves(before, [one["offset"].values for one in moved])
-    widened = combined.copy(deep=True)
-    for name in ("covariance", "covariance_total"):
-        widened[name] = combined[name].copy(data=combined[name].values + extra)
-    known = np.array([_determined(one, determined_sigma_um * 1e-6) for one in widened["covariance"].values])
-    widened["determined"] = combined["determined"].copy(data=known.astype("u1"))
-    widened["offset"] = combined["offset"].copy(data=np.where(known, before, np.nan))
-    return widened
+    widened = {name: combined[name].values + extra for name in ("covariance", "covariance_total")}
+    known = np.array([_determined(one, determined_sigma_um * 1e-6) for one in widened["covariance"]])
+    return replaced(combined, widened | {"determined": known.astype("u1"), "offset": np.where(known, before, np.nan)})
 
 
 def _selected(solved):

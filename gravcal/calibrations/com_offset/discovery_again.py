@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import discovery_timing
+from gravcal.calibrations.com_offset import discovery_lag, discovery_timing
 from gravcal.calibrations.com_offset.discovery_candidates import field_of_delay
 from gravcal.calibrations.com_offset.discovery_view import View
 from gravcal.calibrations.com_offset.extension import contribution, determined
@@ -53,8 +53,8 @@ def _of_delay(view, entry):
 
 
 def _edges(entry, smoothed, starts):
-    """Rows of an effect among the edge times."""
-    if entry["cause"].startswith("unknown:"):
+    """Rows of an effect among the edge times; behind a lag the fitted edges stay where they were."""
+    if entry["cause"].startswith("unknown:") or entry["cause"] == discovery_lag.CAUSE:
         return 0.0
     column = discovery_timing.columns(entry["cause"], smoothed, starts)
     return 0.0 if column is None else column[:, 0] * effect(entry["cause"]).values(determined(entry))[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.calibrations.com_offset import discovery_drivers, discovery_timing
+from gravcal.calibrations.com_offset import discovery_drivers, discovery_lag, discovery_timing
 from gravcal.calibrations.com_offset.discovery_scene import attitude_at, field_at
 from gravcal.calibrations.com_offset.discovery_view import View, turning
 from gravcal.effects import Context, catalogue
@@ -22,7 +22,6 @@ NOT_HERE = (
     "torque.thruster_firings",
     "timing.thruster_delay",
 )
-LAGS_S = (0.05, 0.2, 0.5, 1.0, 2.0)  # where the lag is differentiated
 MODE_STEP_HZ = 0.02
 MODES_HZ = np.arange(0.10, 0.80, MODE_STEP_HZ)
 STEP_S = 2.0  # over which the field is differentiated
@@ -52,9 +51,14 @@ def candidates(views: list[View], smoothed, starts) -> list[dict]:
         columns = [t[k] for t in tables]
         timing = discovery_timing.columns(shape["cause"], smoothed, starts)
         timing = None if timing is None or shape["form"].startswith("manoeuvre") else timing
+        fixed = {n: shape[n] for n in ("cause", "form", "names", "units", "prior")}
+        if "frequency" in shape:
+            fixed["shape"] = _mode_shape(views, shape["frequency"])
+        if "lag" in shape:
+            tau, leads = shape["lag"], [discovery_lag.usual_lead(shape["lag"])] * len(views)
+            timing = discovery_lag.edge_rows(views, smoothed, tau, leads) / tau
+            fixed["shape"] = discovery_lag.shape(views, smoothed, tau)
         if any(c is not None for c in columns) or timing is not None:
-            fixed = {n: shape[n] for n in ("cause", "form", "names", "units", "prior")}
-            fixed |= {"shape": _mode_shape(views, shape["frequency"])} if "frequency" in shape else {}
             found += _split(fixed | {"columns": [*columns, timing]})
     return found
 
@@ -65,7 +69,7 @@ def shapes_of(entry: Effect) -> list[dict]:
     plain = {"cause": entry.slug, "form": "", "names": names, "units": units}
     plain["prior"] = [p.prior_sigma for p in entry.parameters]
     if entry.slug == "torque.dipole_lag":
-        return [plain | {"form": f"tau {t:g} s", "signal": _torque(_lagged(entry, t))} for t in LAGS_S]
+        return [plain | {"form": f"tau {t:g} s", "lag": t, "signal": _lag(t)} for t in discovery_lag.TRIED_S]
     if entry.slug == "torque.saturation":
         return [plain | {"signal": _torque(_clipped)}]
     if entry.slug == "accelerometer.flexible_mode":
@@ -199,13 +203,9 @@ def torque_by(entry: Effect, values: np.ndarray):
     return torque
 
 
-def _lagged(entry, tau):
-    """Torque per second of lag, by its secant at tau."""
-
-    def torque(context):
-        return np.cross(entry.contribution(context, np.array([tau])) / tau, context.field_b)[..., None]
-
-    return torque
+def _lag(tau):
+    """Signal per second of lag."""
+    return lambda view: discovery_lag.column(view, tau, discovery_lag.usual_lead(tau))
 
 
 def _clipped(context):

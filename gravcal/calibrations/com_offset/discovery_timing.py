@@ -45,12 +45,21 @@ def columns(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray |
         "timing.star_camera_delay": np.append(-np.ones(count), 0.0),
         "timing.magnetometer_delay": np.append(np.zeros(count), -1.0),
         "timing.clock_drift": np.append(middle, middle.mean()),
-        "torque.dipole_lag": np.append(np.zeros(count), 1.0),
     }.get(slug)
-    if column is None:
-        return None
+    return None if column is None else column_of(smoothed, column)
+
+
+def column_of(smoothed: xr.Dataset, delays: np.ndarray) -> np.ndarray:
+    """Column (k + 1, 1) of the timing block.
+
+    Parameters
+    ----------
+    smoothed : Dataset, "com_offset.attitude"
+    delays : (k + 1,) edges of the accelerometer less those of the star camera in each manoeuvre, and against telemetry
+    """
+    spread = _spread(smoothed)
     used = np.isfinite(spread) & (spread > 0)
-    return np.where(used, column / np.where(used, spread, 1), 0.0)[:, None]
+    return np.where(used, delays / np.where(used, spread, 1), 0.0)[:, None]
 
 
 def _spread(smoothed):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import discovery_candidates, discovery_drivers, discovery_tones
+from gravcal.calibrations.com_offset import discovery_candidates, discovery_drivers, discovery_lag, discovery_tones
 from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
 from gravcal.calibrations.com_offset.discovery_view import View, turning, view_of
 from gravcal.effects import Context, effect
@@ -41,9 +41,10 @@ def extend(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved:
     made = scenes(aligned, field, smoothed, settings)
     views = [view_of(s, (aligned, field, smoothed), {}, offset, settings["mass"]) for s in made]
     extended = aligned.copy(deep=True)
-    for entry in model:
+    for entry in sorted(model, key=lambda e: e["cause"] == discovery_lag.CAUSE):  # what is left says where edges fall
         for view in views:
-            _subtract(extended, view, contribution(view, entry), _turns(entry))
+            placed = discovery_lag.placed(view, entry, extended) if entry["cause"] == discovery_lag.CAUSE else entry
+            _subtract(extended, view, contribution(view, placed), _turns(entry))
     for entry in model:  # last: the samples are found by their tags
         _delay(extended, entry)
     return extended.assign_attrs(model=" ".join(e["cause"] for e in model))
@@ -78,6 +79,8 @@ def contribution(view: View, entry: Mapping) -> dict[str, np.ndarray]:
         return _empirical(view, entry)
     known = effect(entry["cause"])
     values = known.values(determined(entry))
+    if known.slug == discovery_lag.CAUSE:
+        return discovery_lag.reading(view, entry)
     if known.channel in ("dipole_b", "torque_b"):
         torque = discovery_candidates.torque_by(known, values)
         return {channel: signal[:, :, 0] for channel, signal in turning(view, torque).items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
+from gravcal.calibrations.building import build, replaced
 from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, SUBSETS
 from gravcal.methods.estimation import covariance_of_moves
 
@@ -59,10 +59,9 @@ def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_limit_
     widened : Dataset, "kbr_phase_centre.combine"
     """
     extra = covariance_of_moves(combined["centre"].values, [one["centre"].values for one in moved])
-    widened, covariance = combined.copy(deep=True), combined["covariance"].values + extra
-    widened["covariance"] = combined["covariance"].copy(data=covariance)
-    widened["determined"] = combined["determined"].copy(data=_determined(covariance, determined_limit_mm).astype("u1"))
-    return widened
+    covariance = combined["covariance"].values + extra
+    known = _determined(covariance, determined_limit_mm).astype("u1")
+    return replaced(combined, {"covariance": covariance, "determined": known})
 
 
 def _determined(covariance, limit_mm):

@@ -1,0 +1,49 @@
+"""Errors of an extended model in the results of a swing."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.building import replaced
+from gravcal.methods.estimation import covariance_of_moves
+
+#: Values of a swing, and the standard deviations that hold every error of theirs.
+SIGMAS = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}
+
+
+def of_scale(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Scale factors with errors that hold those of the effects that were taken out of the record before.
+
+    Parameters
+    ----------
+    scaled : Dataset, "inertial_sensor.scale"
+    moved : Dataset, "inertial_sensor.scale", one for each direction of the model's errors
+
+    Returns
+    -------
+    widened : Dataset, "inertial_sensor.scale"
+    """
+    extra = covariance_of_moves(scaled["batch_value"].values, [one["batch_value"].values for one in moved])
+    widened = {"covariance": scaled["covariance"].values + extra}
+    for name, sigmas in SIGMAS.items():
+        each = (one[name].values[..., None] for one in moved)
+        square = covariance_of_moves(scaled[name].values[..., None], list(each))[..., 0, 0]
+        widened |= {sigma: np.sqrt(scaled[sigma].values ** 2 + square) for sigma in sigmas}
+    return replaced(scaled, widened)
+
+
+def of_offset(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Offset with covariances that hold the errors of the effects that were taken out of the record before.
+
+    Parameters
+    ----------
+    found : Dataset, "inertial_sensor.offset"
+    moved : Dataset, "inertial_sensor.offset", one for each direction of the model's errors
+
+    Returns
+    -------
+    widened : Dataset, "inertial_sensor.offset"
+    """
+    extra = covariance_of_moves(found["offset"].values, [one["offset"].values for one in moved])
+    return replaced(found, {name: found[name].values + extra for name in ("covariance", "covariance_total")})

@@ -1,0 +1,73 @@
+"""First-order lag of the rods beside edges that are free."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from gravcal.calibrations.com_offset import discovery_lag
+
+EDGES = np.array([2.0, 8.0, 14.0, 20.0])
+DIPOLE = np.array([[0.0, 3.0, 1.0], [0.5, -3.0, 1.0], [0.0, 3.0, 0.0]])
+ARC = SimpleNamespace(edges=EDGES, dipole_b=DIPOLE)
+
+
+def commanded(t):
+    """Dipole at an epoch, zero outside the edges."""
+    k = np.searchsorted(EDGES, t, side="right") - 1
+    return DIPOLE[k] if 0 <= k < len(DIPOLE) else np.zeros(3)
+
+
+@pytest.mark.parametrize("tau", [0.05, 0.3, 1.6])
+def test_a_lagging_rod_follows_its_equation(tau):
+    """Analytic: tau dm/dt = m_commanded - m, integrated between the edges; edges a lead before the fitted ones."""
+    lead, time = 0.4 * tau, np.arange(0.05, 25.0, 0.1)
+    missing, _ = discovery_lag._missing(ARC, tau)
+    found = discovery_lag._lagging(time, EDGES + lead, DIPOLE, missing, tau, np.array([0.0, lead]))[:, :, 1]
+    state, begin, expected = np.zeros(3), 0.0, []
+    for end in [*EDGES, 26.0]:
+        inside = time[(time >= begin) & (time < end)]
+        held = commanded((begin + end) / 2)
+        run = solve_ivp(lambda _, m: (held - m) / tau, (begin, end), state, dense_output=True, rtol=1e-11, atol=1e-13)  # noqa: B023
+        expected += [run.sol(t) for t in inside]
+        state, begin = run.y[:, -1], end
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("tau", [0.1, 0.8])
+def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
+    """Analytic: quadrature of (t - s) times lagging less late dipole over s."""
+    scene = SimpleNamespace(window=SimpleNamespace(arc=ARC), shift=tau)  # edges fitted later by the lag
+    time = np.array([1.0, 2.3, 2.9, 5.0, 8.05, 9.4, 13.9, 19.0, 24.0])
+    found = discovery_lag._swung(scene, time, tau)
+    missing, _ = discovery_lag._missing(ARC, tau)
+
+    def weighed(s, t, axis):
+        lagging = discovery_lag._lagging(np.array([s]), EDGES, DIPOLE, missing, tau, np.zeros(1))[0, axis, 0]
+        return (t - s) * (lagging - commanded(s - tau)[axis])
+
+    for t, row in zip(time, found, strict=True):
+        ends = [0.0, *(b for e in EDGES for b in (e, e + tau) if b < t), t]
+        for axis in range(3):
+            swung = sum(quad(weighed, a, b, args=(t, axis))[0] for a, b in pairwise(ends))
+            assert abs(swung - row[axis]) < 1e-7
+
+
+def test_the_lead_of_a_short_lag_is_the_lag_and_of_a_long_one_less():
+    """Property: the start of the search lies below the lag and grows with it."""
+    lags = np.array(discovery_lag.TRIED_S)
+    leads = discovery_lag.usual_lead(lags)
+    assert np.all(np.diff(leads) > 0)
+    assert np.all(leads < lags)
+    assert leads[0] > 0.95 * lags[0]
+
+
+def test_an_entry_keeps_its_leads_by_manoeuvre():
+    """Property: what a finding says of one manoeuvre is not taken for another's."""
+    views = [SimpleNamespace(scene=SimpleNamespace(time=np.array([t, t + 1]))) for t in (100.0, 700.0)]
+    entry = {"cause": discovery_lag.CAUSE, "leads": discovery_lag.leads(views, [0.1, 0.2])}
+    assert [discovery_lag._known(v, entry) for v in views] == [0.1, 0.2]
+    elsewhere = SimpleNamespace(scene=SimpleNamespace(time=np.array([2000.0])))
+    assert discovery_lag._known(elsewhere, entry) is None

@@ -1,0 +1,46 @@
+"""Errors of an extended model in the results of a swing."""
+
+import numpy as np
+import pytest
+
+from flows import engine, models
+from flows import inertial_sensor as flow
+from gravcal.data import catalog
+
+TURN, ERROR = 0.05, 0.03
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Folder with a swing whose tracker is turned."""
+    folder = tmp_path_factory.mktemp("turned") / "files"
+    effects = {"inertial_sensor.tracker_misalignment.angle_z": TURN}
+    flow.simulate(folder, seed=5, truth=None, effects=effects, settings={"manoeuvre": "swing"})
+    return folder
+
+
+def swing(files, folder, value, error=""):
+    """Result of a swing with a model of the turned tracker."""
+    path = folder / "model.toml"
+    line = f'parameters.angle_z = {{ value = {value}, {error}unit = "rad" }}'
+    path.write_text(f'[[effect]]\ncause = "inertial_sensor.tracker_misalignment"\n{line}\n')
+    chosen = catalog.parameters("inertial_sensor").with_settings({"model": models.text_of(path)})
+    ref = engine.run(flow.calibrate, flow.source(data=files), chosen, engine="inline")
+    return flow.document(ref)["swing"]
+
+
+def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(files, tmp_path, monkeypatch):
+    """Recovery: a turn that is wrong by its error moves the results by what their errors hold beyond the noise."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+    given = (TURN, ""), (TURN + ERROR, ""), (TURN, f"sigma = {ERROR}, ")
+    sharp, wrong, wide = (swing(files, tmp_path, *one) for one in given)
+    for axis in "xyz":
+        held, moved = sharp["beta"][axis]["sigma"], wrong["beta"][axis]["value"] - sharp["beta"][axis]["value"]
+        assert wide["beta"][axis]["value"] == sharp["beta"][axis]["value"]
+        assert wide["beta"][axis]["sigma"] == pytest.approx(np.hypot(held, moved), rel=0.02)
+    assert any(wide["beta"][a]["sigma"] > 1.5 * sharp["beta"][a]["sigma"] for a in "xyz")  # it matters
+    value, other, held, found = (
+        np.array(one["com_to_test_mass_um"][name])
+        for one, name in ((sharp, "value"), (wrong, "value"), (sharp, "sigma"), (wide, "sigma"))
+    )
+    np.testing.assert_allclose(found, np.hypot(held, other - value), rtol=0.02)
