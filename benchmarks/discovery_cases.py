@@ -187,7 +187,7 @@ def ratio(clean, changed, candidates=()) -> tuple[float, float]:
             return np.nan, np.nan
         blocks.append(Block(**(one | {"observed": other["observed"] - one["observed"]})))
     problem = prepare(blocks, [Candidate(**c) for c in candidates if not c["cause"].startswith("unknown:")])
-    gram = attribution.projected(problem.gram.sum(axis=0), rounds.baseline_of(problem, ()))
+    gram = attribution.projected(problem.total, rounds.baseline_of(problem, ()))
     gains = [attribution.ratio(gram, place, problem.size).gain for place in problem.places]
     whole = max(float(gram[0, 0]), 1e-300)
     return float(np.sqrt(whole)), 1 - max(gains, default=0.0) / whole
@@ -217,7 +217,7 @@ def known(blocks, forms, start) -> dict:
     names = [f"size_{k}" for k in range(len(forms))]
     hidden = Candidate("unknown:hidden", "", names, ["1"] * len(names), columns)
     problem = prepare([Block(**b) for b in blocks], [hidden])
-    total, fixed = problem.gram.sum(axis=0), baseline_of(problem, [0])
+    total, fixed = problem.total, baseline_of(problem, [0])
     covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])
     value = np.asarray(start) + (covariance @ total[fixed, 0])[:3]
     alone = attribution.projected(total, baseline_of(problem, ()))

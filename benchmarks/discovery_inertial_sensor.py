@@ -66,7 +66,7 @@ def ratio(clean, changed):
     other = replace(other, lower=one.lower, record=replace(other.record, noise=one.record.noise))
     pairs = zip(views.blocks(one), views.blocks(other), strict=True)
     problem = prepare([Block(**(a | {"observed": b["observed"] - a["observed"]})) for a, b in pairs], [])
-    return float(np.sqrt(attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, ()))[0, 0]))
+    return float(np.sqrt(attribution.projected(problem.total, baseline_of(problem, ()))[0, 0]))
 
 
 def drawn(rng):

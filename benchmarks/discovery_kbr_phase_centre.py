@@ -134,7 +134,7 @@ def ratio(clean, changed):
         for a, b in zip(views.blocks(one, scale), views.blocks(other, scale), strict=True)
     ]
     problem = prepare(rows, [])
-    return float(np.sqrt(attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, ()))[0, 0]))
+    return float(np.sqrt(attribution.projected(problem.total, baseline_of(problem, ()))[0, 0]))
 
 
 def drawn(rng, truth, kind):

@@ -151,7 +151,7 @@ def table(folder: Path, plt) -> None:
     label, blocks, candidates = prepared["runs"][0]
     result = discover_measured.searched(blocks, candidates, chosen)
     baseline = result.baseline
-    total = result.problem.gram.sum(axis=0)
+    total = result.problem.total
     value = np.linalg.pinv(total[np.ix_(baseline, baseline)]) @ total[baseline, 0]
     figure, axes = plt.subplots(1, 3, figsize=(9, 3.0), layout="constrained")
     for axis, name in enumerate("xyz"):

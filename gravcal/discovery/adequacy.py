@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import gamma
 
 from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.problem import Problem
 from gravcal.errors import EstimationError
+from gravcal.methods import chances
 
 BANDS = 4
 DRAWS = 199
@@ -85,20 +84,19 @@ def _rank(least):
 
 def _candidates(problem, baseline, rest):
     """Log of the smallest probability over candidates, corrected, for each column of the residual."""
-    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    gram = attribution.projected(problem.total, baseline)
     right = sum(c.T @ r for c, r in zip(problem.columns, rest, strict=True))
-    log_p = []
+    gains, dof = [], []
     for place in problem.places:
         factor = attribution.spread(gram, place, problem.size)
         if factor.shape[0]:
-            gain = np.sum((factor @ right[place]) ** 2, axis=0)
-            log_p.append(chi2_distribution.logsf(gain, factor.shape[0]))
-    return np.min(log_p, axis=0) + np.log(len(log_p)) if log_p else None
+            gains.append(np.sum((factor @ right[place]) ** 2, axis=0))
+            dof.append(factor.shape[0])
+    return chances.least_log_tail(np.array(gains), np.array(dof)) + np.log(len(dof)) if dof else None
 
 
 def _scanned(found):
-    log_p = chi2_distribution.logsf(found.gain, np.maximum(found.dof, 1)[:, None])
-    return log_p.min(axis=0) + np.log(found.at.size)
+    return chances.least_log_tail(found.gain, np.maximum(found.dof, 1)) + np.log(found.at.size)
 
 
 def _bands(blocks, rest):
@@ -112,7 +110,7 @@ def _bands(blocks, rest):
                 if mean <= 0:
                     continue
                 shape = mean**2 / freedom[band]
-                log_p.append(gamma.logsf(power[band], shape, scale=mean / shape))
+                log_p.append(chances.log_gamma_tail(power[band], shape, mean))
                 one = {"block": block.label, "channel": str(channel), "band": band, "p": float(np.exp(log_p[-1][0]))}
                 rows.append(one | {"ratio": float(power[band, 0] / mean)})
     return rows, (np.min(log_p, axis=0) + np.log(len(log_p)) if log_p else None)

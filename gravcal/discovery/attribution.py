@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
+
+from gravcal.methods import chances
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
 SEEN = 1e-4
@@ -84,7 +85,7 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
     factor = spread(gram, place, size)
     part = factor @ gram[place, 0]
     gain, dof = float(part @ part), factor.shape[0]
-    log_p = float(chi2_distribution.logsf(gain, dof)) if dof else 0.0
+    log_p = float(chances.log_tail(gain, dof)) if dof else 0.0
     covariance = factor.T @ factor
     scale = np.where(size[place] > 0, size[place], 1.0)
     inside = np.linalg.pinv(factor * scale) @ (factor * scale) if dof else np.zeros((scale.size,) * 2)

@@ -127,7 +127,7 @@ def beside_drag(problem: Problem, seen: View) -> list[dict]:
     problem : Problem
     seen : View
     """
-    gram = attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, ()))
+    gram = attribution.projected(problem.total, baseline_of(problem, ()))
     rows = []
     for entry in (one for one in EFFECTS if one.channel == "linear_each_b"):
         felt = entry.columns(seen.fine).mean(axis=1)

@@ -27,7 +27,7 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
     rows : {"cause", "direction": {parameter: share of its plausible size}, "signal_to_noise", "bias": [s],
         "bias_in_sigma"} at the plausible size
     """
-    total, width = problem.gram.sum(axis=0), scale.size
+    total, width = problem.total, scale.size
     inverse = attribution.inverse_of(total[np.ix_(baseline, baseline)])
     gram = attribution.projected(total, baseline)
     rows = []
@@ -71,7 +71,7 @@ def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, t
     -------
     row : {"cause", "expected_chi2", "best_block", "events_needed"}, None for events that cannot tell them apart
     """
-    total = problem.gram.sum(axis=0)
+    total = problem.total
     gram = attribution.projected(total, baseline)
     true, place = problem.places[index], problem.places[other]
     value = attribution.ratio(gram, true, problem.size).value

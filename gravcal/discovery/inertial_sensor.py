@@ -125,7 +125,7 @@ def _epoch(result, position):
     """Epoch of a step: mean and spread under the likelihood of the epochs that were tried near it."""
     problem, index = result.problem, result.findings[position].index
     others = [one.index for k, one in enumerate(result.findings) if k != position]
-    gram = attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, others))
+    gram = attribution.projected(problem.total, baseline_of(problem, others))
     middle = epochs.of(problem.candidates[index].form)
     steps = [k for k, one in enumerate(problem.candidates) if one.cause.startswith(listed.STEP)]
     near = {epochs.of(problem.candidates[k].form): k for k in steps}

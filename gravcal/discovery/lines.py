@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
 
 from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.rounds import Result
 from gravcal.discovery.trials import SHARES
+from gravcal.methods import chances
 
 AXES = "xyz"
 PEAKS = 4
@@ -60,7 +60,7 @@ def lines(result: Result, where: tuple[str, int], shape: Callable, groups: list[
         grid = peak + step * FINE
         gains = [_gain(result, _columns(shape, f, groups)) for f in grid]
         gain, dof = max(gains)
-        chance = chi2_distribution.logsf(gain, dof) + np.log(at.size / SHARES["line"])
+        chance = chances.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
         if chance < np.log(about[2]):
             kept.append(_line(grid, np.array([g for g, _ in gains]), (shape, groups), (where, *about)))
     return kept

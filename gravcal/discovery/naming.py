@@ -65,7 +65,7 @@ def without_shadows(problem: Problem, chosen: list) -> list:
     gains = []
     for position, (index, _) in enumerate(chosen):
         others = baseline_of(problem, [k for i, (k, _) in enumerate(chosen) if i != position])
-        gram = attribution.projected(problem.gram.sum(axis=0), others)
+        gram = attribution.projected(problem.total, others)
         gains.append(attribution.ratio(gram, problem.places[index], problem.size).gain)
     unknown = [g for g, (k, _) in zip(gains, chosen, strict=True) if not problem.candidates[k].listed]
     least = SHADOW * max(unknown, default=0.0)
@@ -115,6 +115,6 @@ def _agreed(problem, others, index):
 
     baseline, place = baseline_of(problem, others), problem.places[index]
     extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
-    gain = attribution.ratio(attribution.projected(problem.gram.sum(axis=0), baseline), place, problem.size).gain
+    gain = attribution.ratio(attribution.projected(problem.total, baseline), place, problem.size).gain
     share, level = DISAGREE
     return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level

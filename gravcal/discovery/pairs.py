@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
 
 from gravcal.discovery import attribution
 from gravcal.discovery.problem import Problem
 from gravcal.discovery.trials import COST, SHARES, Trial
+from gravcal.methods import chances
 
 #: Candidates, best first, of which all pairs are tried.
 PAIRED = 30
@@ -25,7 +25,7 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], level: 
     rows : trials of the round
     level : family-wise level
     """
-    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    gram = attribution.projected(problem.total, baseline)
     listed = [t for t in rows if t.kind == "listed"]
     limit = np.log(level * SHARES["listed"] / max(len(listed), 1))
     tops = sorted(listed, key=lambda t: -t.score)[:PAIRED]
@@ -36,7 +36,7 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], level: 
                 continue
             places = [problem.places[t.index] for t in (one, other)]
             gain, dof = _joint(gram, np.r_[places[0], places[1]], problem.size)
-            alone = [chi2_distribution.logsf(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
+            alone = [chances.log_tail(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
             score = gain - COST * dof
             if max(alone) < limit and (found is None or score > found[1]):
                 found = (one if one.score > other.score else other, score)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import functools
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class Problem:
     places : slice of each candidate; shared : slice
     size : (m,) norm before any projection
     samples : (b,) rows that carry weight, less own columns
+    memory : what follows from blocks and bases alone, made once
     """
 
     blocks: list[Block]
@@ -32,11 +34,17 @@ class Problem:
     places: list[slice]
     size: np.ndarray
     samples: np.ndarray
+    memory: dict = field(default_factory=dict)
 
     @property
     def shared(self) -> slice:
         """Place of the shared columns."""
         return slice(1, 1 + self.blocks[0].shared.shape[1])
+
+    @functools.cached_property
+    def total(self) -> np.ndarray:
+        """Products (m, m) of the columns, all blocks together."""
+        return self.gram.sum(axis=0)
 
 
 def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:

@@ -33,7 +33,7 @@ def inverse_of_baseline(problem: Problem, baseline: np.ndarray) -> np.ndarray:
     problem : Problem
     baseline : (p,) indices of columns
     """
-    return attribution.inverse_of(problem.gram.sum(axis=0)[np.ix_(baseline, baseline)])
+    return attribution.inverse_of(problem.total[np.ix_(baseline, baseline)])
 
 
 def measured(problem: Problem) -> list[np.ndarray]:

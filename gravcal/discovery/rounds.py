@@ -160,7 +160,7 @@ def _ranked(problem, baseline, rows, tie):
     if not near:
         return rows
     close = near[0].score > rows[0].score - tie / 2
-    gram = None if close else attribution.projected(problem.gram.sum(axis=0), baseline)
+    gram = None if close else attribution.projected(problem.total, baseline)
     if close or any(_stands(problem, gram, t, rows[0], tie) for t in near):
         return listed + [t for t in rows if t.cause.startswith("unknown:")]
     return rows
@@ -203,7 +203,7 @@ def _finding(problem, chosen, position, choice):
     index, trial = chosen[position]
     others = [k for i, (k, _) in enumerate(chosen) if i != position]
     baseline, candidate = baseline_of(problem, others), problem.candidates[index]
-    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    gram = attribution.projected(problem.total, baseline)
     ratio = attribution.ratio(gram, problem.places[index], problem.size)
     gain, kind = trials.held_out(problem, baseline, index, choice.segment_s)
     tied = _tied(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
@@ -248,7 +248,7 @@ def _tied(problem, gram, index, ratio, tie):
 
 
 def _result(problem, findings, tests, baseline, first):
-    total, width = problem.gram.sum(axis=0), problem.shared.stop - 1
+    total, width = problem.total, problem.shared.stop - 1
     ends = []
     for fixed in (baseline_of(problem, ()), baseline):
         covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])

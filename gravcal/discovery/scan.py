@@ -45,33 +45,42 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
     inverse = residuals.inverse_of_baseline(problem, baseline)
     place, at, gain = [], [], []
     for i, block in enumerate(problem.blocks):
-        if not block.local:
-            continue
-        shapes = np.concatenate(list(block.local.values()), axis=1)
-        width = shapes.shape[1] // len(block.local)
-        inner = _inner(problem, i, shapes, baseline, inverse)
-        right = shapes.T @ rest[i]
-        for k, epoch in enumerate(block.local):
-            part = slice(width * k, width * (k + 1))
-            place, at = [*place, i], [*at, epoch]
-            gain.append(_gain(inner[part, part], right[part]))
+        if block.local:
+            shapes, own = _local(problem, i)
+            cross = problem.columns[i][:, baseline].T @ shapes
+            inner = own - _paired(cross, inverse @ cross, len(block.local))
+            place, at = [*place, *[i] * len(block.local)], [*at, *block.local]
+            gain.append(_step_gain(inner, shapes.T @ rest[i]))
     count = rest[0].shape[1]
-    gain = np.array(gain).reshape(-1, count)
+    gain = np.concatenate(gain) if gain else np.zeros((0, count))
     return Scan("step", "linear", np.array(place, dtype=int), np.array(at), gain, np.full(len(at), 3))
 
 
-def _inner(problem, index, shapes, baseline, inverse):
-    """Products of shapes with own and baseline columns projected out."""
-    inside = problem.bases[index].T @ shapes
-    cross = problem.columns[index][:, baseline].T @ shapes
-    return shapes.T @ shapes - inside.T @ inside - cross.T @ inverse @ cross
+def _local(problem, index):
+    """Columns (n, k q) of the k epochs of a block, and their products (k, q, q) with own columns projected out."""
+    key = ("local", index)
+    if key not in problem.memory:
+        block = problem.blocks[index]
+        shapes = np.concatenate(list(block.local.values()), axis=1)
+        inside = problem.bases[index].T @ shapes
+        count = len(block.local)
+        problem.memory[key] = shapes, _paired(shapes, shapes, count) - _paired(inside, inside, count)
+    return problem.memory[key]
 
 
-def _gain(inner, right):
+def _paired(one, other, count):
+    """Products (count, q, q) of columns (n, count q) with those of the same group only."""
+    one, other = (m.reshape(m.shape[0], count, -1).transpose(1, 0, 2) for m in (one, other))
+    return one.transpose(0, 2, 1) @ other
+
+
+def _step_gain(inner, right):
+    """Reduction of chi-square (k, d) by columns with products (k, q, q), and (k q, d) with the residual."""
     values, vectors = np.linalg.eigh(inner)
-    seen = values > 1e-8 * max(values[-1], 1e-300)
-    part = (vectors[:, seen] / np.sqrt(values[seen])).T @ right
-    return np.sum(part**2, axis=0)
+    seen = values > 1e-8 * np.maximum(values[:, -1:], 1e-300)
+    size = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
+    part = (vectors * size[:, None]).transpose(0, 2, 1) @ right.reshape(*inner.shape[:2], -1)
+    return np.sum(part**2, axis=1)
 
 
 def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
@@ -131,30 +140,48 @@ def _gains(problem, baseline, rest, channel, grid):
     count = rest[0].shape[1]
     inverse = residuals.inverse_of_baseline(problem, baseline)
     gain, dof = np.zeros((4, grid.size, count)), np.zeros((4, grid.size), dtype=int)
-    for i, block in enumerate(problem.blocks):
-        weight = residuals.weighted(block)
+    for i in range(len(problem.blocks)):
         for axis in range(3):
-            rows = np.flatnonzero((block.channel == channel) & (block.axis == axis) & weight)
-            if rows.size < 40:
+            rows, flat, own = _waves(problem, i, channel, axis, grid)
+            if flat is None:
                 continue
-            fixed = problem.columns[i][rows][:, baseline]
-            gain[axis] += _line_gain(block.time[rows], rest[i][rows], problem.bases[i][rows], fixed, inverse, grid)
+            cross = problem.columns[i][np.ix_(rows, baseline)].T @ flat
+            inner = own - _paired(cross, inverse @ cross, grid.size)
+            gain[axis] += _line_gain(inner, flat.T @ rest[i][rows])
             dof[axis] += 2
     gain[3], dof[3] = gain[:3].sum(axis=0), dof[:3].sum(axis=0)
     return gain, dof
 
 
-def _line_gain(time, rest, basis, fixed, inverse, grid):
-    """Reduction of chi-square by sine and cosine at each frequency, (f, d)."""
-    phase = 2 * np.pi * np.outer(time - time[0], grid)
-    shape = np.stack([np.cos(phase), np.sin(phase)], axis=2)
-    flat = shape.reshape(time.size, -1)
-    inside = (basis.T @ flat).reshape(-1, grid.size, 2)
-    cross = (fixed.T @ flat).reshape(-1, grid.size, 2)
-    lost = np.einsum("kfs,kft->fst", inside, inside)
-    lost += np.einsum("kfs,kft->fst", cross, np.einsum("kj,jft->kft", inverse, cross))
-    inner = np.einsum("nfs,nft->fst", shape, shape) - lost + 1e-9 * time.size * np.eye(2)
-    right = (flat.T @ rest).reshape(grid.size, 2, -1)
+def _waves(problem, index, channel, axis, grid):
+    """Rows of an axis in a block; cosine and sine (n, f 2) there, and their products (f, 2, 2) beside own columns.
+
+    The columns are None where the block has less than 40 rows.
+    """
+    key = ("waves", index, channel, axis, grid.tobytes())
+    if key not in problem.memory:
+        block = problem.blocks[index]
+        rows = np.flatnonzero((block.channel == channel) & (block.axis == axis) & residuals.weighted(block))
+        problem.memory[key] = (rows, None, None) if rows.size < 40 else (rows, *_seen(problem, index, rows, grid))
+    return problem.memory[key]
+
+
+def _seen(problem, index, rows, grid):
+    """Cosine and sine (n, f 2) in some rows of a block, and their products (f, 2, 2) beside own columns."""
+    time = problem.blocks[index].time[rows]
+    key = ("table", (time - time[0]).tobytes(), grid.tobytes())
+    if key not in problem.memory:
+        phase = 2 * np.pi * np.outer(time - time[0], grid)
+        flat = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(time.size, -1)
+        problem.memory[key] = flat, _paired(flat, flat, grid.size)
+    flat, own = problem.memory[key]
+    inside = problem.bases[index][rows].T @ flat
+    return flat, own - _paired(inside, inside, grid.size) + 1e-9 * time.size * np.eye(2)
+
+
+def _line_gain(inner, right):
+    """Reduction of chi-square (f, d) by columns with products (f, 2, 2), and (f 2, d) with the residual."""
+    right = right.reshape(inner.shape[0], 2, -1)
     a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
     cosine, sine = right[:, 0], right[:, 1]
     return (c * cosine**2 - 2 * b * cosine * sine + a * sine**2) / (a * c - b**2)

@@ -90,7 +90,7 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     if best is None or best.gain < SHARE * most or shapes[best.index].covariance is not None:
         return problem, rows
     problem, index = refined(problem, baseline, best.index)
-    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    gram = attribution.projected(problem.total, baseline)
     ratio = attribution.ratio(gram, problem.places[index], problem.size)
     numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": problem.candidates[index].form}
     return problem, [*(t for t in rows if t not in found), replace(best, index=index, **numbers)]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import collections
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
 
 from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.problem import Problem, extended, halves
+from gravcal.methods import chances
 
 #: Share of the family-wise level that each kind of trial may spend.
 SHARES = {"listed": 0.5, "unknown": 0.2, "line": 0.2, "step": 0.1}
@@ -62,7 +63,7 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
     choice : rounds.Choice
     used : indices of candidates that are in the baseline
     """
-    gram = attribution.projected(problem.gram.sum(axis=0), baseline)
+    gram = attribution.projected(problem.total, baseline)
     rows = []
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         if k in used:
@@ -71,36 +72,32 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
         if found.dof:
             kind = "listed" if candidate.listed else "unknown"
             rows.append((kind, candidate.cause, candidate.form, k, found.gain, found.dof, found.log_p))
-    trials = [Trial(*row, significance=1.0) for row in rows]
-    trials += _along(problem, baseline, choice)
-    return _corrected(trials)
+    return _corrected(rows + _along(problem, baseline, choice))
 
 
 def _along(problem, baseline, choice):
-    """Lines and steps."""
+    """Lines and steps: fields of `Trial` without their significance."""
     rest = residuals.projected(problem, baseline, residuals.measured(problem))
     found = [scan.lines(problem, baseline, rest, c) for c in choice.tone_causes]
     found.append(scan.steps(problem, baseline, rest))
-    trials = []
+    rows = []
     for one in found:
         gain = one.gain[:, 0] if one.at.size else np.zeros(0)
-        log_p = chi2_distribution.logsf(gain, np.maximum(one.dof, 1))
-        spacing = float(np.median(np.abs(np.diff(one.at)))) if one.at.size > 1 else np.nan
-        cause = choice.step_cause if one.kind == "step" else choice.tone_causes[one.channel]
-        for k in range(one.at.size):
-            numbers = (float(gain[k]), int(one.dof[k]), float(log_p[k]), 1.0)
-            where = (one.channel, int(one.place[k]), float(one.at[k]), spacing / np.sqrt(12))
-            trials.append(Trial(one.kind, cause, f"{one.channel} reading", -1, *numbers, *where))
-    return trials
+        log_p = chances.log_tail(gain, np.maximum(one.dof, 1))
+        spacing = float(np.median(np.abs(np.diff(one.at)))) / np.sqrt(12) if one.at.size > 1 else np.nan
+        name = choice.step_cause if one.kind == "step" else choice.tone_causes[one.channel]
+        first = (one.kind, name, f"{one.channel} reading", -1)
+        numbers = zip(*(v.tolist() for v in (gain, one.dof, log_p, one.place, one.at)), strict=True)
+        rows += [(*first, g, d, p, one.channel, where, at, spacing) for g, d, p, where, at in numbers]
+    return rows
 
 
-def _corrected(trials):
-    """Probabilities corrected for the number of trials of a kind and its share of the level."""
-    from dataclasses import replace
-
-    count = {kind: max(sum(t.kind == kind for t in trials), 1) for kind in SHARES}
-    times = {kind: np.log(count[kind] / share) for kind, share in SHARES.items()}
-    return [replace(t, significance=float(min(1.0, np.exp(t.log_p + times[t.kind])))) for t in trials]
+def _corrected(rows):
+    """Trials, with probabilities corrected for the number of trials of a kind and its share of the level."""
+    count = collections.Counter(row[0] for row in rows)
+    times = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
+    chance = np.minimum(1.0, np.exp([row[6] + times[row[0]] for row in rows])).tolist()
+    return [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
 
 
 def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, float]:

@@ -27,7 +27,7 @@ def widened(result: Result) -> Result:
     result : Result
     """
     problem, width = result.problem, result.shared[1].size
-    total, named = problem.gram.sum(axis=0), [one.index for one in result.findings]
+    total, named = problem.total, [one.index for one in result.findings]
     for position, index in enumerate(named):
         others = baseline_of(problem, [*named[:position], *named[position + 1 :]])
         widest = _widest(problem, index)
@@ -63,7 +63,7 @@ def _moment(result, named, position, value):
     """
     problem, width = result.problem, value.size
     others = [*named[:position], *named[position + 1 :]]
-    total, baseline = problem.gram.sum(axis=0), baseline_of(problem, others)
+    total, baseline = problem.total, baseline_of(problem, others)
     gram = attribution.projected(total, baseline)
     causes, rows = (result.findings[position].cause, *result.findings[position].tied), []
     for k, candidate in enumerate(problem.candidates):
@@ -87,7 +87,7 @@ def _unseen(problem, gram, baseline, cause, width):
 
     As large as those that they see, in units of what is plausible of each parameter.
     """
-    moment, total = np.zeros((width, width)), problem.gram.sum(axis=0)
+    moment, total = np.zeros((width, width)), problem.total
     inverse = attribution.inverse_of(total[np.ix_(baseline, baseline)])
     for candidate, place in zip(problem.candidates, problem.places, strict=True):
         if candidate.cause != cause or "alone" in candidate.form or candidate.local or not candidate.prior:
@@ -136,7 +136,7 @@ def named_parameters(result: Result, position: int) -> dict:
     """
     problem, index = result.problem, result.findings[position].index
     others = baseline_of(problem, [f.index for k, f in enumerate(result.findings) if k != position])
-    gram, place, entry = problem.gram.sum(axis=0), problem.places[index], problem.candidates[index]
+    gram, place, entry = problem.total, problem.places[index], problem.candidates[index]
     gram = attribution.projected(gram, others)
     found = attribution.ratio(gram, place, problem.size)
     value, covariance = found.value, found.covariance

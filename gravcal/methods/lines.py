@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
 from scipy.stats import chi2
 
@@ -29,10 +30,12 @@ def without_lines(
     """
     cleaned, found = [s.copy() for s in segments], []
     length = int(np.median([np.isfinite(s[:, 0]).sum() for s in segments]))
-    grid = np.arange(LOWEST_HZ, 0.48 / step_s, 1 / (2 * length * step_s))
+    parts = next_fast_len(2 * length, real=True)
+    lowest = int(np.ceil(LOWEST_HZ * parts * step_s))
+    grid = np.arange(lowest, int(0.48 * parts)) / (parts * step_s)
     for axis in range(segments[0].shape[1]):
         for _ in range(LIMIT):
-            power = _power(cleaned, axis, grid, step_s)
+            power = _spectrum(cleaned, axis, parts)[lowest : int(0.48 * parts)]
             ratio = power / median_filter(power, BACKGROUND, mode="nearest")
             best = int(np.argmax(ratio))
             if chi2.sf(2 * len(cleaned) * ratio[best], 2 * len(cleaned)) * grid.size > level:
@@ -44,17 +47,32 @@ def without_lines(
     return cleaned, found
 
 
+def _spectrum(segments, axis, parts):
+    """Mean windowed power of the segments at whole multiples of the sampling frequency over ``parts``."""
+    total = np.zeros(parts // 2 + 1)
+    for segment in segments:
+        index, values, norm = _windowed(segment[:, axis])
+        folded = np.bincount(index % parts, weights=values, minlength=parts)  # longer segments come round again
+        total += np.abs(np.fft.rfft(folded)) ** 2 / norm
+    return total / len(segments)
+
+
 def _power(segments, axis, frequency, step_s):
-    """Mean windowed power of the segments at frequencies (f,)."""
+    """Mean windowed power of the segments at any frequencies (f,)."""
     total = np.zeros(frequency.size)
     for segment in segments:
-        index = np.flatnonzero(np.isfinite(segment[:, axis]))
-        window = np.hanning(index.size + 2)[1:-1]
-        values = segment[index, axis]
-        line = np.polynomial.Polynomial.fit(index, values, 2)(index)
+        index, values, norm = _windowed(segment[:, axis])
         wave = np.exp(-2j * np.pi * np.outer(frequency, index * step_s))
-        total += np.abs(wave @ (window * (values - line))) ** 2 / np.sum(window**2)
+        total += np.abs(wave @ values) ** 2 / norm
     return total / len(segments)
+
+
+def _windowed(values):
+    """Places of the samples that are there, these less a parabola under a Hann window, and its sum of squares."""
+    index = np.flatnonzero(np.isfinite(values))
+    window = np.hanning(index.size + 2)[1:-1]
+    line = np.polynomial.Polynomial.fit(index, values[index], 2)(index)
+    return index, window * (values[index] - line), np.sum(window**2)
 
 
 def _take_out(segments, axis, frequency, step_s):

@@ -200,13 +200,11 @@ def interpolate(time, quaternion, at):
     if at.size and not (time[0] <= at.min() and at.max() <= time[-1]):
         found, expected = f"epochs {at.min():.6f} to {at.max():.6f} s", f"{time[0]:.6f} to {time[-1]:.6f} s"
         refuse("interpolate: at", found, expected, "Attitude is not extrapolated; cut the epochs.")
-    origin = time[0]
-    slerp = scipy.spatial.transform.Slerp(
-        time - origin,
-        scipy.spatial.transform.Rotation.from_quat(
-            check_shape("interpolate", quaternion, (None, 4)), scalar_first=True
-        ),
-    )
+    known = check_shape("interpolate", quaternion, (time.size, 4))
+    first, last = np.searchsorted(time, (at.min(), at.max())) if at.size else (0, 0)
+    near = slice(max(first - 1, 0), max(last + 1, 2))  # of a day, a few minutes may be asked for
+    rotation, origin = scipy.spatial.transform.Rotation.from_quat(known[near], scalar_first=True), time[0]
+    slerp = scipy.spatial.transform.Slerp(time[near] - origin, rotation)
     return continuous(slerp(at - origin).as_quat(scalar_first=True))
 
 

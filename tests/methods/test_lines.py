@@ -1,7 +1,9 @@
 """Lines in quiet data."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
+from gravcal.methods import lines
 from gravcal.methods.lines import without_lines
 
 
@@ -33,3 +35,13 @@ def test_noise_without_lines_stays_as_it_is():
     """Recovery: ten draws of red noise; one line in ten thousand axes is allowed."""
     rng = np.random.default_rng(8)
     assert not any(without_lines(quiet(rng, 0.0), 0.5)[1] for _ in range(10))
+
+
+def test_spectrum_is_the_sum_over_waves_of_each_frequency():
+    """Reference: Fourier sums written out, with gaps and a segment longer than the period of the lowest frequency."""
+    rng = np.random.default_rng(6)
+    segments = [rng.standard_normal((n, 2)) for n in (300, 90, 170)]
+    segments[1][[3, 40, 41], 1] = np.nan
+    parts, step = 200, 0.25
+    frequency = np.arange(3, 90) / (parts * step)
+    assert_allclose(lines._spectrum(segments, 1, parts)[3:90], lines._power(segments, 1, frequency, step), rtol=1e-9)
