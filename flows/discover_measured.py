@@ -121,7 +121,7 @@ def finding(result, position: int, label: str, level: float, tie: float) -> dict
         "cause": one.cause,
         "form": one.form,
         "in": label,
-        "tied_with": sorted({*one.tied, *equal}),
+        "tied_with": sorted({*one.tied, *(other["cause"] for other in one.imitators), *equal}),
         "in_catalogue": not one.cause.startswith("unknown:"),
         "parameters": {n: {"value": plain(v), "sigma": plain(s), "unit": u} for n, u, v, s in rows},
         "significance": float(one.significance),

@@ -43,7 +43,7 @@ class Finding:
 
     Attributes
     ----------
-    cause, form, tied : name, shape, causes that fit as well
+    cause, form, tied : name, shape, causes of the catalogue that fit as well
     names, units, value, sigma : parameters of the cause, NaN where the data do not determine one
     index : of the candidate in the baseline, whose form may have fewer parameters
     gain, dof : of the likelihood ratio with all other findings in the baseline
@@ -51,6 +51,7 @@ class Finding:
     heldout : twice the log likelihood gained on data left out; kind : "manoeuvres" or "blocks"
     at, at_sigma : epoch s or frequency Hz of a step or a line
     separation : of `hidden.separation`, for each tied cause
+    imitators : {"cause", "form", "expected_chi2"} of drivers in no list that a listed cause cannot be told from
     """
 
     cause: str
@@ -69,6 +70,7 @@ class Finding:
     at: float = np.nan
     at_sigma: float = np.nan
     separation: list = field(default_factory=list)
+    imitators: list = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -206,12 +208,13 @@ def _finding(problem, chosen, position, choice):
     gram = attribution.projected(problem.total, baseline)
     ratio = attribution.ratio(gram, problem.places[index], problem.size)
     gain, kind = trials.held_out(problem, baseline, index, choice.segment_s)
-    tied = _tied(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
+    near = _near(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
+    tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
     apart = [hidden.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     names, units, value, sigma = _parameters(problem, gram, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
-    words |= {"kind": kind, "separation": apart}
+    words |= {"kind": kind, "separation": apart, "imitators": _imitators(problem, near)}
     return Finding(**words, **numbers, value=value, sigma=sigma, index=index, **_where(trial, candidate))
 
 
@@ -235,16 +238,26 @@ def _parameters(problem, gram, index):
     return entry.names, entry.units, ratio.value * known, np.sqrt(np.diag(covariance)) * known
 
 
-def _tied(problem, gram, index, ratio, tie):
-    """Other listed causes whose refit leaves less than the limit of expected chi-square, {cause: its best form}."""
+def _near(problem, gram, index, ratio, tie):
+    """Other causes whose refit leaves less than the limit of expected chi-square: {cause: (chi-square, best form)}."""
     true, left = problem.places[index], {}
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
-        if candidate.cause == problem.candidates[index].cause or not candidate.listed:
+        if candidate.cause == problem.candidates[index].cause:
             continue
         expected = attribution.misfit(gram, true, ratio.value, place, problem.size) - ratio.dof
         if expected < min(tie, left.get(candidate.cause, (np.inf, -1))[0]):
             left[candidate.cause] = (expected, k)
-    return {cause: k for cause, (_, k) in left.items()}
+    return left
+
+
+def _imitators(problem, near):
+    """Drivers in no list among causes that are near, nearest first."""
+    rows = []
+    for cause, (expected, k) in sorted(near.items(), key=lambda one: one[1]):
+        if not problem.candidates[k].listed:
+            row = {"cause": cause, "form": problem.candidates[k].form, "expected_chi2": max(float(expected), 0.0)}
+            rows.append(row)
+    return rows
 
 
 def _result(problem, findings, tests, baseline, first):

@@ -49,7 +49,7 @@ def _finding(found: Finding, choice):
     return {
         "cause": found.cause,
         "form": found.form,
-        "tied_with": found.tied,
+        "tied_with": [*found.tied, *(one["cause"] for one in found.imitators)],
         "in_catalogue": not found.cause.startswith("unknown:"),
         "parameters": parameters,
         "significance": found.significance,
@@ -57,6 +57,7 @@ def _finding(found: Finding, choice):
         "heldout": found.kind,
         "heldout_gain": {"chi2": found.heldout, "in_sample_chi2": found.gain, "parameters": found.dof},
         "separation": found.separation,
+        "imitators": found.imitators,
     }
 
 

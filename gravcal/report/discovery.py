@@ -62,8 +62,10 @@ def _chance(p):
 
 def _named(one):
     label = one["cause"] if one["in_catalogue"] else f"unknown effect, follows {one['cause'].removeprefix('unknown:')}"
-    tied = f" (or {', '.join(one['tied_with'])}: this data cannot tell)" if one["tied_with"] else ""
-    return label + tied
+    listed = [name for name in one["tied_with"] if not name.startswith("unknown:")]
+    drivers = [name.removeprefix("unknown:") for name in one["tied_with"] if name.startswith("unknown:")]
+    others = [*listed, *([f"an effect in no list that follows {' or '.join(drivers)}"] if drivers else [])]
+    return f"{label} (or {', '.join(others)}: this data cannot tell)" if others else label
 
 
 def findings_table(numbers: dict) -> dict | None:
@@ -125,6 +127,9 @@ def tied_table(numbers: dict) -> dict | None:
             more = "no such data would" if needed is None else f"{needed} events like this one"
             best = other["best_block"] or NOT_DETERMINED
             rows.append([one["cause"], other["cause"], f"{other['expected_chi2']:.1f}", best, more])
+        for other in one.get("imitators", []):
+            name = f"an effect in no list that follows {other['cause'].removeprefix('unknown:')}: {other['form']}"
+            rows.append([one["cause"], name, f"{other['expected_chi2']:.1f}", NOT_DETERMINED, ""])
     heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
     caption = "Causes that this data does not tell apart."
     return table(caption, heads, rows, words=(0, 1, 3, 4)) if rows else None

@@ -9,8 +9,10 @@ from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block, Candidate, Shape, basis_of
 from gravcal.discovery.problem import prepare
 from gravcal.discovery.rounds import Choice, search
+from gravcal.discovery.summary import summary
 from gravcal.discovery.widening import _held, widened, with_ties
 from gravcal.errors import EstimationError
+from gravcal.report.discovery import tied_table, verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -38,6 +40,22 @@ def test_an_effect_is_named_with_the_one_that_looks_the_same():
     assert len(found) == 1
     assert {found[0].cause, *found[0].tied} == {"case.a", "case.twin"}
     assert found[0].heldout > 0
+
+
+def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
+    """Recovery: the double is a regressor in no list; the listed cause is named, and the document says of the other."""
+    blocks, candidates = made(np.random.default_rng(5), signal=12.0)
+    far = replace(candidates[1], cause="unknown:time", form="once")
+    near = replace(candidates[2], cause="unknown:field", form="twice")
+    result = search(blocks, [candidates[0], far, near], CHOICE, np.random.default_rng(1))
+    (found,) = result.findings
+    assert (found.cause, found.tied) == ("case.a", [])
+    assert [(one["cause"], one["form"]) for one in found.imitators] == [("unknown:field", "twice")]
+    assert found.imitators[0]["expected_chi2"] == pytest.approx(0.0, abs=1e-6)
+    numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
+    assert numbers["findings"][0]["tied_with"] == ["unknown:field"]
+    assert "or an effect in no list that follows field: this data cannot tell" in verdict(numbers)
+    assert "twice" in str(tied_table(numbers)["rows"])
 
 
 def test_noise_names_nothing():
