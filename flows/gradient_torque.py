@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
+from flows import models
 from flows.engine import flow
 from gravcal.data import catalog
 from gravcal.errors import CatalogError, ProductError
@@ -33,9 +35,14 @@ def calibrate(source, chosen):
     file, fields, truth_file = _files(source, chosen)
     methods = _methods(file, chosen)
     observed, stored = _recorded(source, file, fields)
+    moved = []
     if chosen.model:
-        observed = _extended(observed, stored, chosen)
+        solved = functools.partial(_solved, stored=stored, chosen=chosen, methods=methods)
+        observed, moved = models.taken_out(chosen.model, _without(observed, stored, chosen), solved)
     modelled, drags = _solved(observed, stored, chosen, methods)
+    for k, name in enumerate(methods if moved else ()):
+        others = (result[1][k] for result in moved)
+        drags[k] = gradient_torque.drag_model_error(drags[k], *others, variant=name)
     known = []
     if truth_file is not None:
         clean = gradient_torque.ingest(truth_file, event=source.event)
@@ -72,17 +79,22 @@ def _of_one(observed, stored, chosen):
     return observed, modelled, drag
 
 
-def _extended(observed, stored, chosen):
-    """Readings without the effects of the extended model."""
-    settings = chosen.for_stage("extend") | {"scene": scene_settings(chosen), "variant": "extended"}
-    return discovery_gradient.extend(*_of_one(observed, stored, chosen), **settings)
+def _without(observed, stored, chosen):
+    """(model, variant) -> readings without the effects of that model."""
+    products = _of_one(observed, stored, chosen)
+    return functools.partial(_extended, products, scene_settings(chosen))
+
+
+def _extended(products, scene, model, variant):
+    """Readings without the effects of a model."""
+    return discovery_gradient.extend(*products, model=model, scene=scene, variant=variant)
 
 
 def baseline(source, chosen):
     """Products that discovery looks at: readings, gradient, drag by one sensor."""
     file, fields, _ = _files(source, chosen)
     observed, stored = _recorded(source, file, fields)
-    observed = _extended(observed, stored, chosen) if chosen.model else observed
+    observed = _without(observed, stored, chosen)(chosen.model, "extended") if chosen.model else observed
     return _of_one(observed, stored, chosen)
 
 

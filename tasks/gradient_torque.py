@@ -11,6 +11,7 @@ field_files = lazy("gravcal.data.icgem")
 reading_science = lazy("gravcal.calibrations.gradient_torque.reading")
 gradient_science = lazy("gravcal.calibrations.gradient_torque.gradient")
 torque_science = lazy("gravcal.calibrations.gradient_torque.torque")
+model_error_science = lazy("gravcal.calibrations.gradient_torque.model_error")
 drag_science = lazy("gravcal.calibrations.gradient_torque.drag")
 combine_science = lazy("gravcal.calibrations.gradient_torque.combine")
 report_science = lazy("gravcal.report.gradient_torque")
@@ -80,6 +81,12 @@ def drag(
     """Drag by one method."""
     settings = {name: value for name, value in locals().items() if name != "modelled"}
     return drag_science.drag(modelled, **settings)
+
+
+@stage(reads=["gradient_torque.drag"], writes="gradient_torque.drag", version=1)
+def drag_model_error(found, *moved):
+    """Drag with the errors of an extended model."""
+    return model_error_science.of_drag(found, *moved)
 
 
 @stage(
