@@ -103,12 +103,25 @@ def _largest(shape: Shape, beside):
     loss = lambda u: -beside.gain_of(shape, np.exp(u))  # noqa: E731
     limits = list(zip(np.log(shape.lower), np.log(shape.upper), strict=True))
     begun = np.clip(np.log(shape.tried), *np.transpose(limits))
-    first = begun[int(np.argmin([loss(u) for u in begun]))]
+    losses = [loss(u) for u in begun]
+    first = begun[int(np.argmin(losses))]
+    if shape.sized and first.size == 1:  # its spread is looked at anew
+        return np.exp(_between(loss, begun[:, 0], int(np.argmin(losses))))
     steps = np.abs(begun - first)
     width = np.array([np.min(column[column > 0], initial=0.1) / 2 for column in steps.T])
     simplex = first + np.concatenate([np.zeros((1, width.size)), np.diag(width)])
     options = {"initial_simplex": simplex, "maxfev": EVALUATIONS, "xatol": 1e-4, "fatol": 0.01}
     return np.exp(minimize(loss, first, method="Nelder-Mead", bounds=limits, options=options).x)
+
+
+def _between(loss, tried, best):
+    """Smallest loss between the neighbours of the best of increasing numbers, (1,)."""
+    from scipy.optimize import minimize_scalar
+
+    ends = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
+    options = {"xatol": FIRST / 4, "maxiter": EVALUATIONS}
+    found = minimize_scalar(lambda u: loss(np.array([u])), bounds=ends, method="bounded", options=options)
+    return np.array([found.x])
 
 
 def _with_errors(candidate: Candidate, value, beside):

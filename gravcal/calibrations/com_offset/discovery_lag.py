@@ -23,7 +23,7 @@ CAUSE = "torque.dipole_lag"
 TRIED_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 #: A lead is looked for from this much below zero to this much beyond the lag.
 SLACK_S = 0.05
-LEADS, LEVELS = 12, 3  # tried at once, and how often about the best of them
+LEADS, LEVELS = 12, 2  # tried at once, and how often about the best of them
 SHORTEST_S, LONGEST_S = 0.01, 4.0
 
 
@@ -57,7 +57,20 @@ def _acceleration(view, tau, leads):
     if key not in view.memory:  # what a unit dipole on each axis does
         torque = np.stack([np.cross(unit, view.context.field_b) for unit in np.eye(3)], axis=2)
         view.memory[key] = np.linalg.inv(view.context.inertia_b) @ torque
-    return view.memory[key] @ (dipole - view.context.dipole_b[..., None])
+    return _turning(view.memory[key], dipole, view.context.dipole_b)
+
+
+@numba.njit(cache=True)
+def _turning(response, dipole, fitted):
+    """Products (n, 3, q) of matrices (n, 3, 3) with dipoles (n, 3, q) less one (n, 3)."""
+    out = np.zeros(dipole.shape)
+    for k in range(dipole.shape[0]):
+        for j in range(3):
+            for q in range(dipole.shape[2]):
+                more = dipole[k, j, q] - fitted[k, j]
+                for i in range(3):
+                    out[k, i, q] += response[k, i, j] * more
+    return out
 
 
 def _missing(arc, tau):
@@ -125,12 +138,13 @@ def lead_of(view: View, tau: float, rest: np.ndarray, basis: np.ndarray) -> floa
     rest : (n,) whitened residual of the view, own columns projected out
     basis : (n, r) orthonormal, of the own columns
     """
+    there = view.place("angular")
+    rest, basis = rest[there], np.ascontiguousarray(basis[there].T)
 
     def gain(leads):
-        rows = view.rows({"angular": _acceleration(view, tau, leads)})
-        seen = np.any(rows != 0, axis=1)
-        inside = basis[seen].T @ rows[seen]
-        return 2 * rest @ rows - np.sum(rows[seen] ** 2, axis=0) + np.sum(inside**2, axis=0)
+        rows = view.rows_of("angular", _acceleration(view, tau, leads))
+        inside = basis @ rows
+        return 2 * rest @ rows - np.einsum("nq,nq->q", rows, rows) + np.einsum("rq,rq->q", inside, inside)
 
     return _largest(gain, tau)
 

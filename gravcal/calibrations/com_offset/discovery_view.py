@@ -45,16 +45,23 @@ class View:
         The readings of the accelerometer are given at its own epochs and go through the low-pass of the solution.
         """
         width = next(iter(signal.values())).shape[2]
-        parts = []
-        for channel, valid in self.valid().items():
-            values = signal.get(channel)
-            if values is None:
-                parts.append(np.zeros((3 * valid.size, width)))
-                continue
-            if channel in ("linear", "angular"):
-                values = self.scene.operator(values)
-            parts += [whiten(self.noise[channel][a], values[:, a], valid) for a in range(3)]
-        return np.concatenate(parts)
+        rows = np.zeros((3 * sum(valid.size for valid in self.valid().values()), width))
+        for channel, values in signal.items():
+            rows[self.place(channel)] = self.rows_of(channel, values)
+        return rows
+
+    def rows_of(self, channel: str, values: np.ndarray) -> np.ndarray:
+        """Those rows (3 m, q) of one channel, from its values (samples, 3, q)."""
+        if channel in ("linear", "angular"):
+            values = self.scene.operator(values)
+        valid = self.valid()[channel]
+        return np.concatenate([whiten(self.noise[channel][a], values[:, a], valid) for a in range(3)])
+
+    def place(self, channel: str) -> slice:
+        """Place of the rows of one channel."""
+        sizes = [3 * valid.size for valid in self.valid().values()]
+        first = sum(sizes[: CHANNELS.index(channel)])
+        return slice(first, first + sizes[CHANNELS.index(channel)])
 
     def valid(self) -> dict[str, np.ndarray]:
         """Usable samples of each channel."""
