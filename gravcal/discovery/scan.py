@@ -70,7 +70,8 @@ def _local(problem, index):
 
 def _paired(one, other, count):
     """Products (count, q, q) of columns (n, count q) with those of the same group only."""
-    one, other = (m.reshape(m.shape[0], count, -1).transpose(1, 0, 2) for m in (one, other))
+    width = one.shape[1] // max(count, 1)
+    one, other = (m.reshape(m.shape[0], count, width).transpose(1, 0, 2) for m in (one, other))
     return one.transpose(0, 2, 1) @ other
 
 
@@ -79,7 +80,7 @@ def _step_gain(inner, right):
     values, vectors = np.linalg.eigh(inner)
     seen = values > 1e-8 * np.maximum(values[:, -1:], 1e-300)
     size = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
-    part = (vectors * size[:, None]).transpose(0, 2, 1) @ right.reshape(*inner.shape[:2], -1)
+    part = (vectors * size[:, None]).transpose(0, 2, 1) @ right.reshape(*inner.shape[:2], right.shape[1])
     return np.sum(part**2, axis=1)
 
 
@@ -181,7 +182,7 @@ def _seen(problem, index, rows, grid):
 
 def _line_gain(inner, right):
     """Reduction of chi-square (f, d) by columns with products (f, 2, 2), and (f 2, d) with the residual."""
-    right = right.reshape(inner.shape[0], 2, -1)
+    right = right.reshape(inner.shape[0], 2, right.shape[1])
     a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
     cosine, sine = right[:, 0], right[:, 1]
     return (c * cosine**2 - 2 * b * cosine * sine + a * sine**2) / (a * c - b**2)
