@@ -64,7 +64,7 @@ def load(ref):
 
     Returns
     -------
-    dataset : Dataset, a copy of the caller's own, without provenance attributes; or None
+    dataset : Dataset, its arrays shared and not to be changed, without provenance attributes; or None
     """
     held = memory.recall(ref.path)
     if held is not None:
@@ -78,7 +78,7 @@ def load(ref):
 
     dataset = layout.content(image, record)
     memory.keep(ref.path, dataset)
-    return dataset.copy(deep=True)
+    return dataset.copy()
 
 
 def arrays(ref, names):
