@@ -161,10 +161,18 @@ def test_a_stage_called_with_datasets_is_its_body(pipeline):
 
 
 def test_a_body_cannot_change_what_others_read(pipeline):
-    """Contract: every reader has a copy of its own."""
+    """Contract: readers share the arrays, which refuse to be changed, and have labels of their own."""
     _, ref = pipeline.run()
-    read(ref)["value"][:] = -1.0
-    assert (read(ref)["value"].values >= 0).all()
+    for _ in range(2):  # from the file, and as kept
+        dataset = read(ref)
+        with pytest.raises(ValueError, match="read-only"):
+            dataset["value"].values[:] = -1.0
+        dataset["value"].attrs["units"] = dataset.attrs["title"] = "changed"
+        dataset["value"] = -dataset["value"]
+    again = read(ref)
+    assert (again["value"].values >= 0).all()
+    assert again["value"].attrs["units"] != "changed"
+    assert "title" not in again.attrs
 
 
 def test_a_default_value_is_refused():

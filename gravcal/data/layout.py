@@ -1,23 +1,25 @@
 """Where the arrays of a product file lie in it, so that reading it again costs no more than its bytes.
 
 Opening a variable and its attributes through HDF5 takes half a millisecond, and a product has a dozen of each. The
-record of a product keeps what they say, and the place of every array that is stored as it is; compressed ones are read
-through HDF5. The file itself stays complete: who has no record reads it with any netCDF library.
+record of a product keeps what they say, and the place of every array, compressed in one piece or as it is; records of
+earlier versions leave out the place of compressed ones, which are read through HDF5. The file itself stays complete:
+who has no record reads it with any netCDF library.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import zlib
 
 import numpy as np
 
 from gravcal.data import netcdf, netcdf_reading, product
 
 
-def recorded(dataset, offsets) -> dict:
+def recorded(dataset, places) -> dict:
     """What a record keeps of the layout; arguments as of `of`."""
-    text = of(dataset, offsets)
+    text = of(dataset, places)
     return {"layout": text, "layout_sha256": hashlib.sha256(text.encode()).hexdigest()}
 
 
@@ -38,13 +40,13 @@ def content(image: bytes, record: dict):
     return dataset
 
 
-def of(dataset, offsets) -> str:
+def of(dataset, places) -> str:
     """Layout of a dataset as JSON text.
 
     Parameters
     ----------
     dataset : Dataset, settled, without provenance
-    offsets : {name: first byte in the file} of arrays stored as they are, as of `netcdf.written`
+    places : {name: place in the file}, as of `netcdf.written`
     """
     coordinates, variables = set(dataset.coords), {}
     for name, variable in dataset.variables.items():
@@ -52,13 +54,14 @@ def of(dataset, offsets) -> str:
         if variable.dtype == object:
             entry["text"] = variable.values.ravel().tolist()
         else:
-            entry |= {"dtype": variable.dtype.str, "offset": offsets.get(name)}
+            first, packed = places.get(name) or (None, None)
+            entry |= {"dtype": variable.dtype.str, "offset": first} | ({"packed": packed} if packed else {})
         variables[name] = entry | ({"coordinate": True} if name in coordinates else {})
     return json.dumps({"attrs": _plain(dataset.attrs), "variables": variables})
 
 
 def dataset_of(image: bytes, text: str):
-    """Dataset of a product file by its layout; arrays stored as they are lie in `image` and cannot be changed.
+    """Dataset of a product file by its layout.
 
     Parameters
     ----------
@@ -79,13 +82,20 @@ def dataset_of(image: bytes, text: str):
 
 
 def _values(image, entry):
-    """Array of one entry that is not compressed."""
+    """Array of one entry."""
     if "text" in entry:
         return np.array(entry["text"], dtype=object).reshape(entry["shape"])
     dtype, count = np.dtype(entry["dtype"]), int(np.prod(entry["shape"]))
     if not count:
         return np.zeros(entry["shape"], dtype)
-    return np.frombuffer(image, dtype, count, entry["offset"]).reshape(entry["shape"])
+    if "packed" in entry:
+        chunk = memoryview(image)[entry["offset"] :][: entry["packed"]]
+        shuffled = zlib.decompress(chunk, bufsize=count * dtype.itemsize)
+        values = np.empty((count, dtype.itemsize), "u1")
+        for place, plane in enumerate(np.frombuffer(shuffled, "u1").reshape(dtype.itemsize, count)):
+            values[:, place] = plane
+        return values.view(dtype).reshape(entry["shape"])
+    return np.frombuffer(image, dtype, count, entry["offset"]).reshape(entry["shape"]).copy()  # aligned, image freed
 
 
 def _plain(attributes):

@@ -4,33 +4,35 @@ import threading
 from collections import OrderedDict
 
 LIMIT = 256e6  # bytes kept in memory, the least recently used go first
-_held = OrderedDict()
+_held = OrderedDict()  # path -> (size and time of change of the file), content, bytes of the content
 _trusted = {}
 _guard = threading.Lock()
 
 
 def keep(path, dataset):
-    """Keep a content as long as its file does not change."""
+    """Keep a content, whose arrays nobody can change from now on, as long as its file does not change."""
     status = path.stat()
+    for variable in dataset.variables.values():
+        variable.values.flags.writeable = False
     with _guard:
-        _held[path] = (status.st_size, status.st_mtime_ns), dataset
+        _held[path] = (status.st_size, status.st_mtime_ns), dataset, dataset.nbytes
         _held.move_to_end(path)
-        while sum(held.nbytes for _, held in _held.values()) > LIMIT:
+        while sum(size for _, _, size in _held.values()) > LIMIT:
             _held.popitem(last=False)
 
 
 def recall(path):
-    """Copy of a content kept, or None if there is none or the file changed."""
+    """A content kept, its labels the caller's own, its arrays shared; None if there is none or the file changed."""
     try:
         status = path.stat()
     except OSError:
         return None
     with _guard:
-        seen, dataset = _held.get(path, (None, None))
+        seen, dataset, _ = _held.get(path, (None, None, None))
         if seen != (status.st_size, status.st_mtime_ns):
             return None
         _held.move_to_end(path)
-    return dataset.copy(deep=True)
+    return dataset.copy()
 
 
 def drop(path):

@@ -6,6 +6,7 @@ depends on the clock. Names along a dimension, in memory a coordinate of that na
 ``<dimension>_label`` of the file, as the CF conventions want.
 """
 
+import functools
 import uuid
 import zlib
 
@@ -37,7 +38,7 @@ def to_bytes(dataset):
 
 
 def written(dataset):
-    """The same bytes, and where in them the arrays begin that are stored as they are.
+    """The same bytes, and where in them the arrays lie.
 
     Parameters
     ----------
@@ -46,11 +47,11 @@ def written(dataset):
     Returns
     -------
     image : bytes
-    offsets : {name: first byte}, None for a compressed array
+    places : {name: (first byte, bytes that a compressed array takes or None)}, None for what only HDF5 can read
     """
     import h5py
 
-    dataset, offsets = _with_labels(dataset), {}
+    dataset, places = _with_labels(dataset), {}
     own = uuid.uuid4().hex  # HDF5 wants one name per open file, also in memory; it is not written
     options = {"track_order": True, "libver": ("earliest", "v110")}
     coordinates, auxiliary = set(dataset.coords), _auxiliary(dataset)
@@ -65,9 +66,9 @@ def written(dataset):
                     h5py.h5ds.attach_scale(node, scales[dimension], axis)
             extra = {} if name in coordinates else _added(variable, auxiliary)
             _write_attributes(node, of_type(variable) | extra)
-            offsets[name] = node.get_offset()
+            places[name] = _place(node)
         file.flush()
-        return file.id.get_file_image(), offsets
+        return file.id.get_file_image(), places
 
 
 def _with_labels(dataset):
@@ -98,7 +99,7 @@ def _write_dimensions(file, dataset):
         if name in dataset.variables:
             scales[name], label = _write_variable(file, name, dataset.variables[name], True), name
         else:
-            scales[name] = file.create_dataset(name, shape=(size,), dtype=">f4").id
+            scales[name] = _created(file.id, name, np.dtype(">f4"), (size,))
             label = f"{BARE_DIMENSION}{size:10d}"
         h5py.h5ds.set_scale(scales[name], label.encode())
         _write_attributes(scales[name], {"_Netcdf4Dimid": np.int32(number)})
@@ -112,26 +113,30 @@ def _write_variable(file, name, variable, is_coordinate):
     values = np.asarray(variable.values)
     if values.dtype == object:
         return file.create_dataset(name, data=values, dtype=h5py.string_dtype()).id
-    options = {"fillvalue": np.nan} if values.dtype.kind == "f" and not is_coordinate else {}
-    if _shrinks(values):
-        packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-        return file.create_dataset(name, data=values, **packed, **options).id
-    return _write_plain(file.id, name, values, **options)
-
-
-def _write_plain(file, name, values, fillvalue=None):
-    """HDF5 dataset of numbers in one piece; low-level calls, since there are many."""
-    from h5py import h5d, h5p, h5s, h5t
-
-    made = h5p.create(h5p.DATASET_CREATE)
-    made.set_obj_track_times(False)  # nothing depends on the clock
-    if fillvalue is not None:
-        made.set_fill_value(np.array(fillvalue, values.dtype))
-    space = h5s.create_simple(values.shape) if values.ndim else h5s.create(h5s.SCALAR)
-    node = h5d.create(file, name.encode(), h5t.py_create(values.dtype, logical=True), space, made)
+    is_filled, packed = values.dtype.kind == "f" and not is_coordinate, _shrinks(values)
+    node = _created(file.id, name, values.dtype, values.shape, is_filled, packed)
     if values.size:
-        node.write(h5s.ALL, h5s.ALL, np.ascontiguousarray(values))
+        node.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(values))
     return node
+
+
+def _created(file, name, dtype, shape, is_filled=False, packed=False):
+    """HDF5 dataset of numbers, in one piece also where it is compressed; low-level calls, since there are many."""
+    from h5py import h5d
+
+    made = _properties(dtype.str if is_filled else None, shape if packed else None)
+    return h5d.create(file, name.encode(), _number_type(dtype), _space(shape), made)
+
+
+def _place(node):
+    """First byte of an array in the file, and how many it takes if it is compressed; None if only HDF5 can read it."""
+    first = node.get_offset()
+    if first is not None:
+        return first, None
+    if node.get_create_plist().get_nfilters() == 0:  # without values
+        return None
+    chunk = node.get_chunk_info(0)
+    return None if chunk.filter_mask else (chunk.byte_offset, chunk.size)  # what does not shrink is left as it is
 
 
 def _shrinks(values):
@@ -159,19 +164,64 @@ def _free_coordinates(dataset, auxiliary):
 
 def _write_attributes(node, attributes):
     """Attributes as fixed-length text or numbers, by name; low-level calls, since there are many."""
-    from h5py import h5a, h5s, h5t, string_dtype
+    from h5py import h5a, h5t, string_dtype
 
     for name, value in sorted(attributes.items()):
         if isinstance(value, str):
-            kind = h5t.C_S1.copy()
-            kind.set_size(max(len(value.encode()), 1))
-            kind.set_cset(h5t.CSET_UTF8)
-            held = kind
-            space, values = h5s.create(h5s.SCALAR if value else h5s.NULL), np.array(value.encode() or b" ")
-        else:
-            values = np.array(value, string_dtype()) if isinstance(value, list) else np.asarray(value)
+            text = value.encode()
+            kind = held = _text_type(max(len(text), 1))
+            space, values = _space(() if text else None), np.array(text or b" ")
+        elif isinstance(value, list):
+            values = np.array(value, string_dtype())
             kind, held = h5t.py_create(values.dtype, logical=True), h5t.py_create(values.dtype)  # in the file, here
-            space = h5s.create_simple(values.shape) if values.ndim else h5s.create(h5s.SCALAR)
+            space = _space(values.shape)
+        else:
+            values = np.asarray(value)
+            kind = held = _number_type(values.dtype)
+            space = _space(values.shape)
         created = h5a.create(node, name.encode(), kind, space)
-        if space.get_simple_extent_type() != h5s.NULL:
+        if not isinstance(value, str) or value:
             created.write(values, mtype=held)
+
+
+@functools.lru_cache(maxsize=1024)
+def _text_type(size):
+    """HDF5 type of a text of so many bytes."""
+    from h5py import h5t
+
+    kind = h5t.C_S1.copy()
+    kind.set_size(size)
+    kind.set_cset(h5t.CSET_UTF8)
+    return kind
+
+
+@functools.lru_cache(maxsize=1024)
+def _space(shape):
+    """HDF5 space of a shape; None is that of an empty text."""
+    from h5py import h5s
+
+    return h5s.create_simple(shape) if shape else h5s.create(h5s.NULL if shape is None else h5s.SCALAR)
+
+
+@functools.lru_cache(maxsize=1024)
+def _number_type(dtype):
+    """HDF5 type of numbers."""
+    from h5py import h5t
+
+    return h5t.py_create(dtype, logical=True)
+
+
+@functools.lru_cache(maxsize=1024)
+def _properties(filled, chunk):
+    """How an HDF5 dataset is kept: numpy type if NaN fills it, shape if it is compressed; None otherwise."""
+    from h5py import h5p
+
+    made = h5p.create(h5p.DATASET_CREATE)
+    made.set_obj_track_times(False)  # nothing depends on the clock
+    if chunk:
+        made.set_chunk(chunk)
+        made.set_shuffle()
+        made.set_deflate(1)
+    if filled:
+        made.set_fill_value(np.array(np.nan, filled))
+    return made

@@ -75,14 +75,12 @@ def check(dataset, kind):
     ProductError : what was found, what the schema says
     """
     expected = schema(kind)
-    labelled = without_provenance(dataset)
-    _check_names(labelled, kind, expected)
-    for name in labelled.variables:
-        stated = {} if expected is ANY else expected[name]
-        labelled[name].attrs = _labels(labelled[name], stated, f"{kind}, variable {name}")
-    labelled = settled(labelled)
+    _check_names(dataset, kind, expected)
+    stated = {name: {} if expected is ANY else expected[name] for name in dataset.variables}
+    labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
+    labelled = _settled(dataset, labels, _own(dataset.attrs))
     for name, variable in labelled.variables.items():
-        _check_variable(variable, {} if expected is ANY else expected[name], f"{kind}, variable {name}")
+        _check_variable(variable, stated[name], f"{kind}, variable {name}")
         if is_time(name, variable):
             _check_time(variable.values, f"{kind}, coordinate {name}")
     return labelled
@@ -99,15 +97,19 @@ def settled(dataset):
     -------
     settled : Dataset, new
     """
+    return _settled(dataset, {name: variable.attrs for name, variable in dataset.variables.items()}, dataset.attrs)
+
+
+def _settled(dataset, labels, attributes):
+    """The same with other attributes: those of each variable by name, and the global ones."""
     import xarray as xr
 
-    def plain(variable):
-        values, attributes = _settled_values(variable.values), _settled_attributes(variable.attrs)
-        return xr.Variable(variable.dims, values, attributes, fastpath=True)  # the other path imports dask.array
-
-    variables = {name: plain(dataset[name]) for name in dataset.data_vars}
-    coordinates = {name: plain(dataset[name]) for name in sorted(dataset.coords)}
-    return xr.Dataset(variables, coordinates, _settled_attributes(dataset.attrs))
+    variables = {}
+    for name, variable in dataset.variables.items():
+        values, own = _settled_values(variable.values), _settled_attributes(labels[name])
+        variables[name] = xr.Variable(variable.dims, values, own, fastpath=True)  # the other path imports dask.array
+    coordinates = {name: variables.pop(name) for name in sorted(dataset.coords)}
+    return xr.Dataset(variables, coordinates, _settled_attributes(attributes))
 
 
 def digest(dataset):
@@ -122,8 +124,7 @@ def digest(dataset):
     digest : str, 64 hexadecimal digits
     """
     total = hashlib.sha256()
-    own = {name: value for name, value in dataset.attrs.items() if name not in PROVENANCE}
-    total.update(_attribute_text(own))
+    total.update(_attribute_text(_own(dataset.attrs)))
     for name in sorted(dataset.variables):
         variable = dataset.variables[name]
         values = np.ascontiguousarray(variable.values)
@@ -164,7 +165,12 @@ def read(path):
 
 def without_provenance(dataset):
     """The dataset as its stage's body returned it; what other bodies are given."""
-    return dataset.drop_attrs(deep=False).assign_attrs({k: v for k, v in dataset.attrs.items() if k not in PROVENANCE})
+    return dataset.drop_attrs(deep=False).assign_attrs(_own(dataset.attrs))
+
+
+def _own(attributes):
+    """Global attributes without provenance."""
+    return {name: value for name, value in attributes.items() if name not in PROVENANCE}
 
 
 def is_time(name, variable):
@@ -190,18 +196,18 @@ def _check_names(dataset, kind, expected):
         )
 
 
-def _labels(variable, stated, where):
+def _labels(name, variable, stated, where):
     """Attributes of one variable completed by the schema; those that contradict it are an error."""
-    known = {name: stated[name] for name in STATED if isinstance(stated.get(name), str)}
-    known = TIME | known if is_time(variable.name, variable) else known
-    found = {name: value for name, value in variable.attrs.items() if name not in ("_FillValue", "coordinates")}
-    for name in ("units", "frame"):
-        if name in found and name in known and found[name] != known[name]:
+    known = {label: stated[label] for label in STATED if isinstance(stated.get(label), str)}
+    known = TIME | known if is_time(name, variable) else known
+    found = {label: value for label, value in variable.attrs.items() if label not in ("_FillValue", "coordinates")}
+    for label in ("units", "frame"):
+        if label in found and label in known and found[label] != known[label]:
             raise ProductError(
-                f"{where}: {name} is {found[name]!r}, the schema says {known[name]!r}. Convert before returning it.",
+                f"{where}: {label} is {found[label]!r}, the schema says {known[label]!r}. Convert before returning it.",
                 where=where,
             )
-    return known | found | {name: known[name] for name in ("units", "frame") if name in known}
+    return known | found | {label: known[label] for label in ("units", "frame") if label in known}
 
 
 def _check_variable(variable, stated, where):

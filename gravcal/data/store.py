@@ -64,7 +64,7 @@ def load(ref):
 
     Returns
     -------
-    dataset : Dataset, a copy of the caller's own, without provenance attributes; or None
+    dataset : Dataset, its arrays shared and not to be changed, without provenance attributes; or None
     """
     held = memory.recall(ref.path)
     if held is not None:
@@ -78,7 +78,7 @@ def load(ref):
 
     dataset = layout.content(image, record)
     memory.keep(ref.path, dataset)
-    return dataset.copy(deep=True)
+    return dataset.copy()
 
 
 def arrays(ref, names):
@@ -257,7 +257,7 @@ def _write_folder(aside, key, recipe, dataset, files):
     content = product.digest(dataset)
     dataset.encoding[product.DIGEST] = content
     labels = product.provenance(recipe, key, content, __version__)
-    image, offsets = netcdf.written(dataset.assign_attrs(labels))
+    image, places = netcdf.written(dataset.assign_attrs(labels))
     (aside / "product.nc").write_bytes(image)
     extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name, text in extra.items():
@@ -272,7 +272,7 @@ def _write_folder(aside, key, recipe, dataset, files):
         "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "machine": platform.node(),
         "recipe": recipe,
-        **layout.recorded(dataset, offsets),
+        **layout.recorded(dataset, places),
     }
 
 

@@ -26,7 +26,7 @@ class NoiseModel:
     @property
     def coefficients(self) -> np.ndarray:
         """(p + 1, p) prediction coefficients: row k predicts from k previous samples, most recent first."""
-        return _levinson_rows(np.asarray(self.reflection, dtype=float))
+        return _levinson_rows(np.array(self.reflection, dtype=float))  # numba compiles once more for what is read-only
 
     def density(self, frequency_hz: np.ndarray) -> np.ndarray:
         """One-sided power spectral density.

@@ -125,12 +125,12 @@ def lowpass_resampler(
     lowpass_hz : Hz, frequency of half amplitude
     half_width_s : s, half length of the support
     """
-    time_in = np.ascontiguousarray(time_in, dtype=float)
-    time_out = np.ascontiguousarray(time_out, dtype=float)
+    time_in, time_out = (np.array(time, dtype=float, order="C") for time in (time_in, time_out))
+    good = np.array(good, order="C")  # copies: numba compiles once more for each array that is read-only
     step = float(np.median(np.diff(time_in)))
     width = int(np.ceil(2 * half_width_s / step)) + 2
     width = min(width, time_in.size)
-    start, _, valid = _band(time_in, np.ascontiguousarray(good), time_out, half_width_s, 1.5 * step, width)
+    start, _, valid = _band(time_in, good, time_out, half_width_s, 1.5 * step, width)
     cubics = _cubics(float(lowpass_hz), float(half_width_s))
     weights = _weights(time_in, time_out, start, width, float(half_width_s), cubics)
     return Resampler(time_out, start, weights, valid & (weights != 0).any(axis=1))

@@ -38,20 +38,27 @@ def manoeuvres(combined, smoothed, field, detected, settings):
     combined, smoothed, field, detected : Dataset, "com_offset.combine", "attitude", "field", "detect"
     settings : mapping with torque_scale_sigma, the prior
     """
-    each = [_manoeuvre(combined, field, detected, i) for i in range(combined.sizes["manoeuvre"])]
+    names = combined.attrs["variants"].split()
+    count = combined.sizes["manoeuvre"]
+    combined, smoothed, field, detected = (_arrays(one) for one in (combined, smoothed, field, detected))
+    each = [_manoeuvre(names, combined, field, detected, i) for i in range(count)]
     return [one | _instruments(smoothed, settings, i) for i, one in enumerate(each)]
 
 
-def _manoeuvre(combined, field, detected, index):
-    start, stop = (float(combined[name].values[index]) for name in ("start", "stop"))
+def _arrays(product):
+    """Variables of a product as bare arrays, by name; taking one from a dataset takes longer than its use."""
+    return {name: variable.values for name, variable in product.variables.items()}
+
+
+def _manoeuvre(names, combined, field, detected, index):
+    start, stop = (float(combined[name][index]) for name in ("start", "stop"))
     latitude = _latitude(field, (start + stop) / 2)
-    names = combined.attrs["variants"].split()
     return {
-        "kind": KINDS[int(combined["kind"].values[index])],
+        "kind": KINDS[int(combined["kind"][index])],
         "start": start,
         "stop": stop,
-        "rod": "xyz"[int(detected["rod"].values[index])],
-        "regular": bool(detected["regular"].values[index]),
+        "rod": "xyz"[int(detected["rod"][index])],
+        "regular": bool(detected["regular"][index]),
         "latitude_deg": None if latitude is None else float(np.degrees(latitude)),
         "latitude_class": None if latitude is None else "high" if abs(latitude) > HIGH_LATITUDE else "low",
         "variants": {name: _single(combined, i, index) for i, name in enumerate(names)},
@@ -62,38 +69,35 @@ def _instruments(smoothed, settings, index):
     """Gaps, shifts, scales and residual of one manoeuvre; a scale that only repeats its prior is not determined."""
     limit = SCALE_SHARE * float(settings["torque_scale_sigma"])
     return {
-        "gaps": [name for name, bit in GAPS.items() if int(smoothed["gap"].values[index]) & bit],
+        "gaps": [name for name, bit in GAPS.items() if int(smoothed["gap"][index]) & bit],
         "acc_shift_s": _pick(smoothed, "acc_shift", index),
         "sca_shift_s": _pick(smoothed, "sca_shift", index),
         "torque_scale": _pick(smoothed, "torque_scale", index, limit),
         "angular_scale": _pick(smoothed, "angular_scale", index, ANGULAR_LIMIT),
-        "attitude_rms_urad": numbers(1e6 * smoothed["residual_rms"].values[index]),
+        "attitude_rms_urad": numbers(1e6 * smoothed["residual_rms"][index]),
     }
 
 
 def _single(combined, variant, index):
     """Offset of one manoeuvre for one angular acceleration, with its fit."""
-    covariance = combined["manoeuvre_covariance"].values[variant, index]
-    determined = combined["manoeuvre_determined"].values[variant, index]
-    block = offset_block(combined["manoeuvre_offset"].values[variant, index], covariance, determined)
-    fit = chi_square_test(
-        combined["manoeuvre_chi2"].values[variant, index], combined["manoeuvre_dof"].values[variant, index]
+    offset, covariance, determined, chi2, dof = (
+        combined[f"manoeuvre_{name}"][variant, index] for name in ("offset", "covariance", "determined", "chi2", "dof")
     )
-    return block | {"fit": fit}
+    return offset_block(offset, covariance, determined) | {"fit": chi_square_test(chi2, dof)}
 
 
 def _pick(smoothed, name, index, limit=np.inf):
     """Value and error of one manoeuvre where the error is below a limit."""
-    sigma = smoothed[f"{name}_sigma"].values[index]
-    return estimate(smoothed[name].values[index], np.where(sigma < limit, sigma, np.nan))
+    sigma = smoothed[f"{name}_sigma"][index]
+    return estimate(smoothed[name][index], np.where(sigma < limit, sigma, np.nan))
 
 
 def _latitude(field, time):
     """Geocentric latitude at an epoch, None outside the orbit."""
-    known = field["time_orbit"].values
+    known = field["time_orbit"]
     if known.size == 0 or not known[0] <= time <= known[-1]:
         return None
-    return float(np.interp(time, known, field["latitude"].values))
+    return float(np.interp(time, known, field["latitude"]))
 
 
 def delays(smoothed):

@@ -27,8 +27,14 @@ def numbers(values):
     ----------
     values : (...) array
     """
-    array = np.asarray(values, dtype=float)
-    return [numbers(item) for item in array] if array.ndim else number(array)
+    return _finite(np.asarray(values, dtype=float).tolist())
+
+
+def _finite(plain):
+    """Nested lists of floats with None for what is not finite."""
+    if isinstance(plain, list):
+        return [_finite(item) for item in plain]
+    return plain if math.isfinite(plain) else None
 
 
 def estimate(value, sigma):

@@ -212,14 +212,25 @@ def test_a_layout_gives_what_the_file_gives(values, attributes):
     flags = ("row", (np.arange(2000) // 500).astype(np.uint8), {"flag_masks": np.array([1, 2]), "units": "1"})
     names = ("name", np.array(["µ", ""], dtype=object))
     made = xr.Dataset(variables | {"flags": flags}, {"name": names, "row": np.arange(2000.0)}, attributes)
-    image, offsets = netcdf.written(product.settled(made))
-    again, plain = layout.dataset_of(image, layout.of(product.settled(made), offsets)), netcdf_reading.from_bytes(image)
+    image, places = netcdf.written(product.settled(made))
+    again, plain = layout.dataset_of(image, layout.of(product.settled(made), places)), netcdf_reading.from_bytes(image)
     xr.testing.assert_identical(again, plain)
     assert netcdf.to_bytes(again) == netcdf.to_bytes(plain) == image
     assert product.digest(again) == product.digest(plain)
     for name, variable in plain.variables.items():
         assert again.variables[name].dtype == variable.dtype
         assert {k: type(v) for k, v in again[name].attrs.items()} == {k: type(v) for k, v in variable.attrs.items()}
+
+
+def test_what_is_compressed_is_found_by_its_place_too():
+    """Analytic: with its place in the record, and with a record of before, which has none for what is compressed."""
+    steady = np.arange(20_000.0).reshape(-1, 2)
+    variables = {"steady": (("row", "axis"), steady, {}), "flag": ("row", (steady[:, 0] > 9).astype("u1"), {})}
+    made = product.settled(xr.Dataset(variables))
+    image, places = netcdf.written(made)
+    assert places["steady"][1] < steady.nbytes / 2
+    for known in (places, {name: None for name in places}):
+        xr.testing.assert_identical(layout.dataset_of(image, layout.of(made, known)), made)
 
 
 def test_a_product_comes_and_goes_without_dask_array():

@@ -12,6 +12,7 @@ from gravcal.calibrations.com_offset.schemas import SOLVE
 from gravcal.effects import Context, effect
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, fit_noise, whiten
+from gravcal.methods.remembering import remembered
 from gravcal.methods.resampling import operator_for
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
@@ -120,16 +121,16 @@ def _block(aligned, smoothed, angular, index, settings):
     linear, marked = _reading(aligned, time)
     value, modes = angular["rate_dot_b"][inside], angular["mode"][:, inside]
     good = ~marked & np.isfinite(value).all(axis=1)
-    operator = _operator(_ends(aligned, smoothed, index), time, good, settings)
+    motion = smoothed["rate_b"][inside], smoothed["gradient_b"][inside]
+    operator, still = _still(time, good, *motion, _filter(aligned, smoothed, index, settings))
     if operator.valid.sum() < 60:
         return None
-    still = operator(_columns(time, smoothed["rate_b"][inside], np.zeros(3), smoothed["gradient_b"][inside]))
     driven = [value]
     if settings["variant"] != "mtq":
         driven.append(smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside])
     series = np.stack([linear - linear[good].mean(axis=0), *driven, *modes], axis=1)
     reading, *turning = np.moveaxis(operator(np.nan_to_num(series)), 1, 0)
-    turning = [_columns(operator.time, np.zeros(3), one, np.zeros((3, 3))) for one in turning]
+    turning = list(_columns(operator.time, np.zeros(3), np.array(turning), np.zeros((3, 3))))
     return {
         "operator": operator,
         "reading": reading,
@@ -156,10 +157,17 @@ def _reading(aligned, time):
     return linear, (aligned["acc_flag"][at] != 0) | ~np.isfinite(linear).all(axis=1)
 
 
-def _operator(ends, time, good, settings):
-    """Low-pass and resampling between the first and the last edge."""
-    filters = [settings[name] for name in ("lowpass_hz", "half_width_s", "step_s")]
-    return operator_for(time, good, max(ends[0], time[0]), min(ends[1], time[-1]), *filters)
+@remembered(16)
+def _still(time, good, rate, gradient, filtered):
+    """Low-pass and resampling, and the columns without angular acceleration: one for all variants of a manoeuvre."""
+    start, stop, *settings = filtered
+    operator = operator_for(time, good, max(start, time[0]), min(stop, time[-1]), *settings)
+    return operator, operator(_columns(time, rate, np.zeros(3), gradient))
+
+
+def _filter(aligned, smoothed, index, settings):
+    """First and last edge, and what the low-pass and resampling between them needs."""
+    return *_ends(aligned, smoothed, index), *(settings[name] for name in ("lowpass_hz", "half_width_s", "step_s"))
 
 
 def _ends(aligned, smoothed, index):
@@ -190,12 +198,22 @@ def _whitened(block, noise):
     white = []
     for a in range(3):
         turned = whiten(noise[a], np.concatenate([columns[:, a], drift], axis=1), valid)
-        white.append(estimation.without(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
+        white.append(_without(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
     reading, *parts = np.split(np.concatenate(white), np.arange(1, columns.shape[2], 3), axis=1)
     found = {"reading": reading[:, 0], "design": parts.pop(0)}
     found["instruments"] = None if block["instruments"] is None else parts.pop(0)
     rows = 3 * int(valid.sum())
     return found | {"modes": parts, "rows": rows, "dof": rows - 3 * drift.shape[1]}
+
+
+def _without(drift, columns):
+    """Columns without drift."""
+    basis = _basis(drift)
+    return columns - basis @ (basis.T @ columns)
+
+
+#: Basis of a drift; all variants of a manoeuvre have the same.
+_basis = remembered(64)(estimation.orthonormal)
 
 
 def _score(white):
@@ -242,7 +260,7 @@ def _values(blocks, whitened, scores, joint, modes):
             table[name][i] = value
         valid = block["operator"].valid
         both = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
-        both = estimation.without(block["drift"][valid], both)
+        both = _without(block["drift"][valid], both)
         series["time_grid"].append(block["operator"].time[valid])
         series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
         series["reading"].append(both[:, :3])
