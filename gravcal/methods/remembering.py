@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
@@ -18,17 +19,20 @@ def remembered(count: int) -> Callable[[Callable], Callable]:
     """
 
     def decorate(function):
-        known = OrderedDict()
+        known, guard = OrderedDict(), threading.Lock()  # stages of one event may run in several threads
 
         @functools.wraps(function)
         def called(*arguments):
             key = tuple(_content(one) for one in arguments)
-            if key in known:
-                known.move_to_end(key)
-                return known[key]
-            found = known[key] = function(*arguments)
-            if len(known) > count:
-                known.popitem(last=False)
+            with guard:
+                if key in known:
+                    known.move_to_end(key)
+                    return known[key]
+            found = function(*arguments)
+            with guard:
+                known[key] = found
+                if len(known) > count:
+                    known.popitem(last=False)
             return found
 
         return called
