@@ -222,10 +222,16 @@ def recipe(call):
     return wanted, modules
 
 
+@functools.cache
+def _parameters(body):
+    """Parameters of the body of a stage."""
+    return inspect.signature(body).parameters
+
+
 def call_of(called, items, settings):
     """Call with checked inputs and settings in canonical form."""
     inputs.check(called.name, items, called.reads)
-    known = inspect.signature(called.body).parameters
+    known = _parameters(called.body)
     given = dict(settings)
     event = given["event"] if "event" in given else inputs.event(called.name, items)
     variant = given["variant"] if "variant" in given else inputs.variant(items)

@@ -70,6 +70,24 @@ def read(kind, name):
     return path, parse(path)
 
 
+def made(kind, name, make):
+    """What a function makes of one TOML entry; made once for each text of the file, and not to be changed.
+
+    Parameters
+    ----------
+    kind, name : str
+    make : function of name, path and content
+    """
+    path = find(kind, name)
+    parse(path)  # says what is wrong with the file
+    return _made(make, name, path, path.read_text(encoding="utf-8"))
+
+
+@lru_cache(maxsize=128)
+def _made(make, name, path, text):
+    return make(name, path, _loads(text))
+
+
 def parse(path):
     """Content of a TOML file as a dict; what is wrong with it is said with file and line."""
     try:

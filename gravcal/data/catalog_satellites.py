@@ -83,7 +83,11 @@ def satellite(name):
         )
     if key not in known:
         raise files.unknown("satellite", name, known, where="catalogue")
-    path, content = files.read("satellites", key)
+    return files.made("satellites", key, _satellite)
+
+
+def _satellite(key, path, content):
+    """Satellite from the content of its file."""
     tables = {k: v for k, v in content.items() if isinstance(v, dict)}
     heading = {k: v for k, v in content.items() if k not in tables}
     files.require(heading, HEADING, path)
