@@ -1,8 +1,8 @@
 """Where the arrays of a product file lie in it, so that reading it again costs no more than its bytes.
 
 Opening a variable and its attributes through HDF5 takes half a millisecond, and a product has a dozen of each. The
-record of a product keeps what they say, and the place of every array, compressed in one piece or as it is; records of
-earlier versions leave out the place of compressed ones, which are read through HDF5. The file itself stays complete:
+record of a product keeps what they say, and the place of every array, as it is or compressed piece by piece; records of
+earlier versions leave out the places of compressed ones, which are read through HDF5. The file itself stays complete:
 who has no record reads it with any netCDF library.
 """
 
@@ -54,8 +54,8 @@ def of(dataset, places) -> str:
         if variable.dtype == object:
             entry["text"] = variable.values.ravel().tolist()
         else:
-            first, packed = places.get(name) or (None, None)
-            entry |= {"dtype": variable.dtype.str, "offset": first} | ({"packed": packed} if packed else {})
+            place = places.get(name)
+            entry |= {"dtype": variable.dtype.str} | (place if isinstance(place, dict) else {"offset": place})
         variables[name] = entry | ({"coordinate": True} if name in coordinates else {})
     return json.dumps({"attrs": _plain(dataset.attrs), "variables": variables})
 
@@ -72,7 +72,8 @@ def dataset_of(image: bytes, text: str):
 
     layout = json.loads(text)
     entries, parts = layout["variables"], ({}, {})
-    through = [name for name, e in entries.items() if "text" not in e and e["offset"] is None and 0 not in e["shape"]]
+    placed = ("text", "offset", "pieces")
+    through = [n for n, e in entries.items() if all(e.get(k) is None for k in placed) and 0 not in e["shape"]]
     packed = netcdf_reading.arrays(image, through) if through else {}
     for name, entry in entries.items():
         values = packed[name] if name in packed else _values(image, entry)
@@ -88,14 +89,22 @@ def _values(image, entry):
     dtype, count = np.dtype(entry["dtype"]), int(np.prod(entry["shape"]))
     if not count:
         return np.zeros(entry["shape"], dtype)
-    if "packed" in entry:
-        chunk = memoryview(image)[entry["offset"] :][: entry["packed"]]
-        shuffled = zlib.decompress(chunk, bufsize=count * dtype.itemsize)
-        values = np.empty((count, dtype.itemsize), "u1")
-        for place, plane in enumerate(np.frombuffer(shuffled, "u1").reshape(dtype.itemsize, count)):
-            values[:, place] = plane
-        return values.view(dtype).reshape(entry["shape"])
+    if "pieces" in entry:
+        return _unpacked(image, entry, dtype)
     return np.frombuffer(image, dtype, count, entry["offset"]).reshape(entry["shape"]).copy()  # aligned, image freed
+
+
+def _unpacked(image, entry, dtype):
+    """Array of compressed pieces, each a number of rows; bytes of the same place in each number lie together."""
+    values, rows, size = np.empty(entry["shape"], dtype), entry["rows"], dtype.itemsize
+    count = rows * int(np.prod(entry["shape"][1:]))  # the last piece is filled up
+    flat = values.reshape(-1).view("u1").reshape(-1, size)
+    for number, (first, packed) in enumerate(entry["pieces"]):
+        shuffled = zlib.decompress(memoryview(image)[first:][:packed], bufsize=count * size)
+        part = flat[number * count : (number + 1) * count]
+        for place, plane in enumerate(np.frombuffer(shuffled, "u1").reshape(size, count)):
+            part[:, place] = plane[: len(part)]
+    return values
 
 
 def _plain(attributes):

@@ -15,6 +15,7 @@ import numpy as np
 BARE_DIMENSION = (
     "This is a netCDF dimension but not a netCDF variable."  # netCDF-4 file format, section "dimension scales"
 )
+PIECE = 1 << 20  # bytes of a compressed piece, before it is compressed
 SMALL = 4096  # bytes; below this a compressed chunk costs more than it saves
 TRIED = 2048  # values on which compression is tried; noise hardly shrinks and takes nearly all of the time
 LABEL = "_label"
@@ -47,7 +48,8 @@ def written(dataset):
     Returns
     -------
     image : bytes
-    places : {name: (first byte, bytes that a compressed array takes or None)}, None for what only HDF5 can read
+    places : {name: first byte, or of a compressed array {"rows": of a piece, "pieces": [[first byte, bytes], ...]}},
+        None for what only HDF5 can read
     """
     import h5py
 
@@ -121,22 +123,30 @@ def _write_variable(file, name, variable, is_coordinate):
 
 
 def _created(file, name, dtype, shape, is_filled=False, packed=False):
-    """HDF5 dataset of numbers, in one piece also where it is compressed; low-level calls, since there are many."""
+    """HDF5 dataset of numbers, compressed in pieces of whole rows; low-level calls, since there are many."""
     from h5py import h5d
 
-    made = _properties(dtype.str if is_filled else None, shape if packed else None)
+    chunk = (_rows(shape, dtype.itemsize), *shape[1:]) if packed else None
+    made = _properties(dtype.str if is_filled else None, chunk)
     return h5d.create(file, name.encode(), _number_type(dtype), _space(shape), made)
 
 
+def _rows(shape, size):
+    """Rows of a compressed piece: so many that a view of a few of them need not unpack a long array."""
+    return max(1, min(shape[0], PIECE // max(size * int(np.prod(shape[1:])), 1)))
+
+
 def _place(node):
-    """First byte of an array in the file, and how many it takes if it is compressed; None if only HDF5 can read it."""
+    """Where an array lies in the file, as `written` returns it."""
     first = node.get_offset()
-    if first is not None:
-        return first, None
-    if node.get_create_plist().get_nfilters() == 0:  # without values
+    made = node.get_create_plist()
+    if first is not None or made.get_nfilters() == 0:  # a plain array, or one without values
+        return first
+    chunks = [node.get_chunk_info(number) for number in range(node.get_num_chunks())]
+    if any(chunk.filter_mask for chunk in chunks):  # what does not shrink is left as it is
         return None
-    chunk = node.get_chunk_info(0)
-    return None if chunk.filter_mask else (chunk.byte_offset, chunk.size)  # what does not shrink is left as it is
+    chunks.sort(key=lambda chunk: chunk.chunk_offset)
+    return {"rows": made.get_chunk()[0], "pieces": [[chunk.byte_offset, chunk.size] for chunk in chunks]}
 
 
 def _shrinks(values):

@@ -11,6 +11,7 @@ from gravcal.discovery.blocks import Candidate, Shape
 from gravcal.discovery.problem import Problem, extended
 
 SHARE = 0.2  # of the largest gain of a round, from which a cause of any size may win
+NEAR = 1.0  # of chi-square below the best form, within which one that was refined beside other causes will do
 EVALUATIONS = 40  # of the search for the largest gain, beyond those that it begins with
 STEP = 1e-4  # relative, for derivatives by the shape
 #: Of a size under the likelihood: first guess of its relative error, sizes tried on either side, and how often.
@@ -87,7 +88,8 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
     found = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
     best = max(found, key=lambda t: t.gain, default=None)
-    if best is None or best.gain < SHARE * most or shapes[best.index].covariance is not None:
+    known = [t for t in found if shapes[t.index].covariance is not None]
+    if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in known):
         return problem, rows
     problem, index = refined(problem, baseline, best.index)
     gram = attribution.projected(problem.total, baseline)
