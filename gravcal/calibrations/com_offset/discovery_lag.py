@@ -23,7 +23,7 @@ CAUSE = "torque.dipole_lag"
 TRIED_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 #: A lead is looked for from this much below zero to this much beyond the lag.
 SLACK_S = 0.05
-LEADS, LEVELS = 12, 3  # tried at once, and how often about the best of them
+LEADS, LEVELS = 12, 3  # tried at once, and how often about the best of them: to a millisecond
 SHORTEST_S, LONGEST_S = 0.01, 4.0
 
 
