@@ -79,8 +79,7 @@ def made(kind, name, make):
     make : function of name, path and content
     """
     path = find(kind, name)
-    parse(path)  # says what is wrong with the file
-    return _made(make, name, path, path.read_text(encoding="utf-8"))
+    return _read(path, lambda text: _made(make, name, path, text))
 
 
 @lru_cache(maxsize=128)
@@ -90,8 +89,13 @@ def _made(make, name, path, text):
 
 def parse(path):
     """Content of a TOML file as a dict; what is wrong with it is said with file and line."""
+    return _read(path, _loads)
+
+
+def _read(path, use):
+    """What a function makes of the text of a TOML file."""
     try:
-        return _loads(path.read_text(encoding="utf-8"))
+        return use(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
         raise CatalogError(
             f"{path}: found bytes that are not UTF-8 ({error.reason} at byte {error.start}), expected a TOML file. "

@@ -10,6 +10,7 @@ from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS
 from gravcal.calibrations.com_offset.schemas import COMBINE
 from gravcal.calibrations.com_offset.solve import PRIOR
+from gravcal.calibrations.model_error import widened
 from gravcal.methods import estimation
 
 
@@ -70,13 +71,12 @@ def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_
 
     Returns
     -------
-    widened : Dataset, "com_offset.combine"
+    combined : Dataset, "com_offset.combine"
     """
     before = combined["offset"].values
-    extra = estimation.covariance_of_moves(before, [one["offset"].values for one in moved])
-    widened = {name: combined[name].values + extra for name in ("covariance", "covariance_total")}
-    known = np.array([_determined(one, determined_sigma_um * 1e-6) for one in widened["covariance"]])
-    return replaced(combined, widened | {"determined": known.astype("u1"), "offset": np.where(known, before, np.nan)})
+    new = widened(combined, moved, {"offset": ("covariance", "covariance_total")})
+    known = np.array([_determined(one, determined_sigma_um * 1e-6) for one in new["covariance"]])
+    return replaced(combined, new | {"determined": known.astype("u1"), "offset": np.where(known, before, np.nan)})
 
 
 def _selected(solved):

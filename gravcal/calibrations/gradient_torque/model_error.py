@@ -5,7 +5,10 @@ from __future__ import annotations
 import xarray as xr
 
 from gravcal.calibrations.building import replaced
-from gravcal.methods.estimation import covariance_of_moves
+from gravcal.calibrations.model_error import widened
+
+#: Results, and the covariances that hold every error of theirs.
+HELD = {"drag_b": ("covariance", "covariance_total"), "pressure": ("pressure_covariance",)}
 
 
 def of_drag(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
@@ -18,11 +21,7 @@ def of_drag(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
 
     Returns
     -------
-    widened : Dataset, "gradient_torque.drag"
+    found : Dataset, "gradient_torque.drag"
     """
-    extra = covariance_of_moves(found["drag_b"].values, [one["drag_b"].values for one in moved])
-    widened = {name: found[name].values + extra for name in ("covariance", "covariance_total")}
-    if "pressure" in found:
-        shift = covariance_of_moves(found["pressure"].values, [one["pressure"].values for one in moved])
-        widened["pressure_covariance"] = found["pressure_covariance"].values + shift
-    return replaced(found, widened)
+    held = HELD if "pressure" in found else {"drag_b": HELD["drag_b"]}
+    return replaced(found, widened(found, moved, held))

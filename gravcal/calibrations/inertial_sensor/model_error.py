@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import replaced
+from gravcal.calibrations.model_error import widened
 from gravcal.methods.estimation import covariance_of_moves
 
 #: Values of a swing, and the standard deviations that hold every error of theirs.
@@ -22,15 +23,14 @@ def of_scale(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
 
     Returns
     -------
-    widened : Dataset, "inertial_sensor.scale"
+    scaled : Dataset, "inertial_sensor.scale"
     """
-    extra = covariance_of_moves(scaled["batch_value"].values, [one["batch_value"].values for one in moved])
-    widened = {"covariance": scaled["covariance"].values + extra}
+    new = widened(scaled, moved, {"batch_value": ("covariance",)})
     for name, sigmas in SIGMAS.items():
         each = (one[name].values[..., None] for one in moved)
         square = covariance_of_moves(scaled[name].values[..., None], list(each))[..., 0, 0]
-        widened |= {sigma: np.sqrt(scaled[sigma].values ** 2 + square) for sigma in sigmas}
-    return replaced(scaled, widened)
+        new |= {sigma: np.sqrt(scaled[sigma].values ** 2 + square) for sigma in sigmas}
+    return replaced(scaled, new)
 
 
 def of_offset(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
@@ -43,7 +43,6 @@ def of_offset(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
 
     Returns
     -------
-    widened : Dataset, "inertial_sensor.offset"
+    found : Dataset, "inertial_sensor.offset"
     """
-    extra = covariance_of_moves(found["offset"].values, [one["offset"].values for one in moved])
-    return replaced(found, {name: found[name].values + extra for name in ("covariance", "covariance_total")})
+    return replaced(found, widened(found, moved, {"offset": ("covariance", "covariance_total")}))

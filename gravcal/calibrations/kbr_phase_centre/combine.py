@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build, replaced
 from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, SUBSETS
-from gravcal.methods.estimation import covariance_of_moves
+from gravcal.calibrations.model_error import widened
 
 SHARED = ("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept", "arc_value", "arc_sigma")
 MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
@@ -56,12 +56,11 @@ def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_limit_
 
     Returns
     -------
-    widened : Dataset, "kbr_phase_centre.combine"
+    combined : Dataset, "kbr_phase_centre.combine"
     """
-    extra = covariance_of_moves(combined["centre"].values, [one["centre"].values for one in moved])
-    covariance = combined["covariance"].values + extra
-    known = _determined(covariance, determined_limit_mm).astype("u1")
-    return replaced(combined, {"covariance": covariance, "determined": known})
+    new = widened(combined, moved, {"centre": ("covariance",)})
+    known = _determined(new["covariance"], determined_limit_mm).astype("u1")
+    return replaced(combined, new | {"determined": known})
 
 
 def _determined(covariance, limit_mm):
