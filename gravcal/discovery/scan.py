@@ -34,7 +34,7 @@ class Scan:
 
 
 def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Scan:
-    """A step of the linear reading in one block, at every epoch that the block offers.
+    """A step of the linear reading in one block, at every epoch that the block offers: on all axes, then on each.
 
     Parameters
     ----------
@@ -43,28 +43,30 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
     rest : (n, d) a block, of `residuals.projected`
     """
     inverse = residuals.inverse_of_baseline(problem, baseline)
-    place, at, gain = [], [], []
+    epochs, gain = [], []
     for i, block in enumerate(problem.blocks):
         if block.local:
-            shapes, own = _local(problem, i)
-            cross = problem.columns[i][:, baseline].T @ shapes
+            rows, shapes, own = _local(problem, i)
+            cross = problem.columns[i][np.ix_(rows, baseline)].T @ shapes
             inner = own - _paired(cross, inverse @ cross, len(block.local))
-            place, at = [*place, *[i] * len(block.local)], [*at, *block.local]
-            gain.append(_step_gain(inner, shapes.T @ rest[i]))
-    count = rest[0].shape[1]
-    gain = np.concatenate(gain) if gain else np.zeros((0, count))
-    return Scan("step", "linear", np.array(place, dtype=int), np.array(at), gain, np.full(len(at), 3))
+            right = (shapes.T @ rest[i][rows]).reshape(*inner.shape[:2], -1)
+            gain += [_step_gain(inner, right), *_axis_gains(inner, right)]
+            epochs += [(i, at, dof) for dof in (inner.shape[1], *[1] * inner.shape[1]) for at in block.local]
+    place, at, dof = (np.array(column) for column in (zip(*epochs, strict=True) if epochs else [[]] * 3))
+    gain = np.concatenate(gain) if gain else np.zeros((0, rest[0].shape[1]))
+    return Scan("step", "linear", place.astype(int), at.astype(float), gain, dof.astype(int))
 
 
 def _local(problem, index):
-    """Columns (n, k q) of the k epochs of a block, and their products (k, q, q) with own columns projected out."""
+    """Rows that steps touch, columns (n, k q) of the k epochs there, products (k, q, q) beside own columns."""
     key = ("local", index)
     if key not in problem.memory:
         block = problem.blocks[index]
         shapes = np.concatenate(list(block.local.values()), axis=1)
-        inside = problem.bases[index].T @ shapes
-        count = len(block.local)
-        problem.memory[key] = shapes, _paired(shapes, shapes, count) - _paired(inside, inside, count)
+        rows = np.flatnonzero(np.any(shapes != 0, axis=1))
+        shapes, count = shapes[rows], len(block.local)
+        inside = problem.bases[index][rows].T @ shapes
+        problem.memory[key] = rows, shapes, _paired(shapes, shapes, count) - _paired(inside, inside, count)
     return problem.memory[key]
 
 
@@ -76,12 +78,20 @@ def _paired(one, other, count):
 
 
 def _step_gain(inner, right):
-    """Reduction of chi-square (k, d) by columns with products (k, q, q), and (k q, d) with the residual."""
+    """Reduction of chi-square (k, d) by columns with products (k, q, q), and (k, q, d) with the residual."""
     values, vectors = np.linalg.eigh(inner)
     seen = values > 1e-8 * np.maximum(values[:, -1:], 1e-300)
     size = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
-    part = (vectors * size[:, None]).transpose(0, 2, 1) @ right.reshape(*inner.shape[:2], right.shape[1])
+    part = (vectors * size[:, None]).transpose(0, 2, 1) @ right
     return np.sum(part**2, axis=1)
+
+
+def _axis_gains(inner, right):
+    """The same (q, k, d) for each of the q columns alone."""
+    own = np.einsum("kqq->kq", inner)
+    seen = own > 1e-8 * np.max(own, axis=1, keepdims=True)
+    size = np.where(seen, 1 / np.sqrt(np.where(seen, own, 1.0)), 0.0)
+    return np.moveaxis((size[:, :, None] * right) ** 2, 1, 0)
 
 
 def frequencies(blocks: list[Block], channel: str) -> np.ndarray:

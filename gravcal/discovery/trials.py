@@ -129,7 +129,8 @@ def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
     trial : Trial
     rows : everything tried in its round
     """
-    near = [r for r in rows if (r.kind, r.channel, r.place) == (trial.kind, trial.channel, trial.place)]
+    like = (trial.kind, trial.channel, trial.place, trial.dof)
+    near = [r for r in rows if (r.kind, r.channel, r.place, r.dof) == like]
     near = [r for r in near if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
     at = np.array([r.at for r in near])
     weight = np.exp(np.array([r.gain - trial.gain for r in near]) / 2)
