@@ -21,6 +21,7 @@ from gravcal.data import catalog  # noqa: E402
 from gravcal.discovery import attribution  # noqa: E402
 from gravcal.discovery import inertial_sensor as discovery  # noqa: E402
 from gravcal.discovery.blocks import Block  # noqa: E402
+from gravcal.discovery.inertial_sensor_parts import SWING  # noqa: E402
 from gravcal.discovery.problem import baseline_of, prepare  # noqa: E402
 from gravcal.effects import catalogue  # noqa: E402
 from gravcal.simulation import inertial_sensor as swings  # noqa: E402
@@ -55,7 +56,7 @@ def settings():
 
     chosen = catalog.parameters("inertial_sensor")
     limits = chosen.for_stage("discovery")
-    return scene_settings(chosen), limits | {"segment_s": limits["heldout_s"]}
+    return scene_settings(chosen), {"segment_s": limits.pop("heldout_s")} | limits
 
 
 def ratio(clean, changed):
@@ -111,9 +112,9 @@ def case(seed, kind):
     effects = hidden(seed) if kind == "one" else {}
     truth, parts = products(seed, effects)
     scene, limits = settings()
-    limits = {n: limits[n] for n in discovery.SEARCH}
-    numbers = json.loads(discovery.discover(*parts, **scene, **limits).attrs["numbers"])
-    true = discovery.SCALE * np.concatenate([truth.beta[:2], [truth.delay], truth.offset])
+    found = discovery.discover(*parts, parts=discovery.SWING, scene=scene, rolling={}, **limits)
+    numbers = json.loads(found.attrs["numbers"])
+    true = SWING[0] * np.concatenate([truth.beta[:2], [truth.delay], truth.offset])
     change = numbers["calibration_change"]
     error = (np.array(change["after"]) - true) / np.array(change["sigma_after"])
     found = [{k: f[k] for k in ("cause", "form", "tied_with", "parameters")} for f in numbers["findings"]]

@@ -1,4 +1,4 @@
-"""Discovery in a swing of an inertial sensor."""
+"""Discovery in a swing and a roll of an inertial sensor."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from tasks import discovery_swing as stages
 
 @flow(name="inertial_sensor_discovery")
 def inertial_sensor(source, chosen):
-    """Causes of what the swing of an inertial sensor leaves unexplained."""
-    products = calibration.baseline(source, chosen)
-    scene = calibration.scene_settings(chosen)
-    found = stages.search(*products, event=source.event, scene=scene, **chosen.for_stage("discovery"))
+    """Causes of what the swing and the roll of an inertial sensor leave unexplained."""
+    parts = calibration.baseline(source, chosen)
+    views = {"scene": calibration.scene_settings(chosen), "rolling": calibration.roll_settings(chosen)}
+    settings = views | chosen.for_stage("discovery")
+    found = stages.search(*parts.values(), parts=list(parts), event=source.event, **settings)
     values = {name: entry.value for name, entry in chosen.entries.items()}
     named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
     return stages.report(found, settings=values, **named)

@@ -15,6 +15,7 @@ from tasks.stage import numbers, read
 
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
 ORIGIN = datetime(2000, 1, 1, 12)
+KNOWN = ("scale", "offset")  # products of a swing that a roll is solved with
 
 
 @flow(name="inertial_sensor")
@@ -31,9 +32,8 @@ def calibrate(source, chosen):
             parts |= _with_model(parts, chosen)
     if seen["roll_start"].size:
         files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
-        rolled = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
-        swing = [parts[name] for name in ("scale", "offset") if name in parts]
-        parts["bias"] = inertial_sensor.bias(rolled, *swing, assumed=_assumed(chosen), **chosen.for_stage("bias"))
+        rolled = _rolled(found, files, source, chosen, parts)
+        parts["bias"] = _roll_with_model(rolled, parts, chosen) if chosen.model else rolled["bias"]
     return inertial_sensor.report(*parts.values(), names=list(parts), **_report_settings(source, chosen))
 
 
@@ -61,6 +61,35 @@ def _with_model(parts, chosen):
     return found
 
 
+def _rolled(found, files, source, chosen, swing):
+    """Products of a roll by name; `swing` holds those of a swing, if there is one."""
+    segmented = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
+    return _turned(segmented, chosen, swing)
+
+
+def _turned(segmented, chosen, swing):
+    """Products of the bins of a roll by name."""
+    known = [swing[name] for name in KNOWN if name in swing]
+    settings = {"assumed": _assumed(chosen)} | chosen.for_stage("bias")
+    return {"segment": segmented, "bias": inertial_sensor.bias(segmented, *known, **settings)}
+
+
+def _roll_with_model(rolled, swing, chosen):
+    """Bias of a roll without the effects of the model that was given, its errors in that of the bias."""
+    parts = rolled | {name: swing[name] for name in KNOWN if name in swing}
+    extended = functools.partial(_extended_roll, parts, chosen)
+    again = functools.partial(_turned, chosen=chosen, swing=swing)
+    segmented, moved = models.taken_out(chosen.model, extended, again)
+    found = again(segmented)["bias"]
+    return inertial_sensor.bias_model_error(found, *(one["bias"] for one in moved)) if moved else found
+
+
+def _extended_roll(parts, chosen, model, variant):
+    """Bins of a roll without the effects of a model."""
+    given = [parts[name] for name in ("segment", "bias", *KNOWN) if name in parts]
+    return discovery_swing.extend_roll(*given, model=model, rolling=roll_settings(chosen), variant=variant)
+
+
 def _extended(parts, chosen, model, variant):
     """Record of a swing without the effects of a model."""
     swing = [parts[name] for name in ("align", "scale", "offset")]
@@ -68,17 +97,21 @@ def _extended(parts, chosen, model, variant):
 
 
 def baseline(source, chosen):
-    """Products that discovery looks at: aligned, scale and offset of the swing; what was detected if there is none."""
+    """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither."""
     days = _days(source)
     found = _detected(days, source, chosen)
-    seen = numbers(found, "swing_start", "swing_stop")
-    if not seen["swing_start"].size:
-        return (found,)
-    files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
-    parts = _swing(found, files, source, chosen)
-    if chosen.model:
-        parts = _solved(_extended(parts, chosen, chosen.model, "extended"), chosen)
-    return tuple(parts.values())
+    seen, parts = numbers(found, "swing_start", "swing_stop", "roll_start", "roll_stop"), {}
+    if seen["swing_start"].size:
+        files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
+        parts |= _swing(found, files, source, chosen)
+        if chosen.model:
+            parts |= _solved(_extended(parts, chosen, chosen.model, "extended"), chosen)
+    if seen["roll_start"].size:
+        files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
+        parts |= _rolled(found, files, source, chosen, parts)
+        if chosen.model:
+            parts |= _turned(_extended_roll(parts, chosen, chosen.model, "extended"), chosen, parts)
+    return parts or {"detect": found}
 
 
 def scene_settings(chosen):
@@ -86,6 +119,13 @@ def scene_settings(chosen):
     known = chosen.for_stage("scale") | chosen.for_stage("offset")
     names = ("bin_s", "quiet_margin_s", "drift_degree", "noise_order")
     return {name: known[name] for name in names} | {"inertia": _geometry()["inertia"]}
+
+
+def roll_settings(chosen):
+    """What the view of a roll needs beside the products."""
+    known = chosen.for_stage("bias")
+    names = ("segment_s", "trend_degree", "amplitude_degree", "amplitude_harmonics")
+    return {name: known[name] for name in names} | {"assumed": _assumed(chosen)}
 
 
 def _days(source):

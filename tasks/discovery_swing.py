@@ -1,4 +1,4 @@
-"""Stages of discovery in a swing of an inertial sensor."""
+"""Stages of discovery in a swing and a roll of an inertial sensor."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ for _kind, _schema in KINDS.items():
     product.register(_kind, _schema)
 
 
-@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.discovery", version=4)
-def search(*products, discovery_level, tie_chi2, round_limit, heldout_s, discovery_seed, scene):
-    """What the model of a swing gets wrong, and why; without a swing nothing."""
+@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.discovery", version=5)
+def search(*products, parts, discovery_level, tie_chi2, round_limit, heldout_s, discovery_seed, scene, rolling):
+    """What the model of a swing and of a roll gets wrong, and why; without both nothing."""
     limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}
-    return science.discover(*products, **limits, segment_s=heldout_s, discovery_seed=discovery_seed, **scene)
+    limits |= {"segment_s": heldout_s, "discovery_seed": discovery_seed}
+    return science.discover(*products, parts=parts, scene=scene, rolling=rolling, **limits)
 
 
 @stage(
@@ -32,6 +33,16 @@ def search(*products, discovery_level, tie_chi2, round_limit, heldout_s, discove
 def extend(aligned, scaled, moved, *, model, scene):
     """Record of a swing without the effects of an extended model."""
     return extension_science.extend(aligned, scaled, moved, model=json.loads(model), **scene)
+
+
+@stage(
+    reads=["inertial_sensor.segment", "inertial_sensor.bias", "inertial_sensor.scale", "inertial_sensor.offset"],
+    writes="inertial_sensor.segment",
+    version=1,
+)
+def extend_roll(segmented, biased, *swing, model, rolling):
+    """Bins of a roll without the effects of an extended model."""
+    return extension_science.extend_roll(segmented, biased, *swing, model=json.loads(model), **rolling)
 
 
 @stage(reads=["inertial_sensor.discovery"], writes="inertial_sensor.discovery_report", version=1)

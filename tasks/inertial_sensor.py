@@ -104,6 +104,12 @@ def bias(
     return bias_science.bias(segmented, *swing, **settings)
 
 
+@stage(reads=["inertial_sensor.bias"], writes="inertial_sensor.bias", version=1)
+def bias_model_error(found, *moved):
+    """Bias with the errors of an extended model."""
+    return model_error_science.of_bias(found, *moved)
+
+
 @stage(reads=["inertial_sensor.*"], writes="inertial_sensor.report", version=1)
 def report(*products, event, names, settings, published):
     """Result document and page."""

@@ -1,4 +1,4 @@
-"""Discovery in a swing of an inertial sensor: the view, the rounds, and what is kept of them."""
+"""Discovery in a swing and a roll of an inertial sensor: the views, the rounds, and what is kept of them."""
 
 from __future__ import annotations
 
@@ -8,133 +8,129 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import discovery_candidates as listed
-from gravcal.calibrations.inertial_sensor.discovery_reading import reading
-from gravcal.calibrations.inertial_sensor.discovery_view import CHANNELS, PARAMETERS, View, blocks, view
-from gravcal.discovery import attribution, epochs, products, readings, residuals
+from gravcal.calibrations.inertial_sensor.discovery_roll import CHANNEL as ROLL
+from gravcal.calibrations.inertial_sensor.discovery_roll import roll
+from gravcal.calibrations.inertial_sensor.discovery_view import view
+from gravcal.discovery import attribution, epochs, inertial_sensor_parts, products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate
+from gravcal.discovery.inertial_sensor_parts import Parts, made, parts_of
 from gravcal.discovery.lines import amplitude, lines
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
 from gravcal.discovery.widening import named_parameters, widened
 
-SEARCH = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
-PRODUCTS = 3  # of a swing
-#: Of the reported parameters: 1e-6 rad s-2 V-1, ms, um.
-SCALE = np.array([1e6, 1e6, 1e3, 1e6, 1e6, 1e6])
-UNIT = "1e-6 rad s-2 V-1, ms, um"
-#: Epochs round that of the search at which a step is looked for again, s.
-FINE_S = np.linspace(-listed.STEP_S, listed.STEP_S, 21)
+SWING = ("align", "scale", "offset")
+#: Epochs round that of the search at which a step is looked for again, in spacings of the search.
+NEAR = np.linspace(-1.0, 1.0, 21)
 
 
-def discover(*swing: xr.Dataset, **settings) -> xr.Dataset:
-    """What the model of a swing gets wrong, and why.
+def discover(*given: xr.Dataset, parts, scene, rolling, segment_s, discovery_seed, **limits) -> xr.Dataset:
+    """What the model of a swing and of a roll gets wrong, and why.
 
     Parameters
     ----------
-    *swing : Dataset, "inertial_sensor.align", "inertial_sensor.scale" and "inertial_sensor.offset"; another number of
-        them stands for a record without swing
-    settings : of `discovery_view.view`, with discovery_level, tie_chi2, round_limit, segment_s, discovery_seed
+    *given : Dataset; parts : their names: "align", "scale" and "offset" of a swing, "segment" and "bias" of a roll
+    scene : of `discovery_view.view`; rolling : of `discovery_roll.roll`
+    segment_s : s, stretch left out; discovery_seed : of the draws of noise
+    limits : discovery_level, tie_chi2, round_limit
 
     Returns
     -------
     found : Dataset, "inertial_sensor.discovery"; attribute `numbers` holds the summary as JSON
     """
-    if len(swing) != PRODUCTS:
+    seen = _seen(dict(zip(parts, given, strict=True)), scene, rolling)
+    if seen is None:
         return products.nothing()
-    own = {name: value for name, value in settings.items() if name not in SEARCH}
-    seen = view(*swing, **own)
     rows, tried = made(seen)
-    limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
-    choice = Choice(*limits, listed.STEP, {}, segment_s=settings["segment_s"], quiet=seen.quiet)
-    result, waves = searched(rows, tried, choice, settings["discovery_seed"], seen)
-    numbers = summary(_reported(widened(result)), choice, list(PARAMETERS), UNIT, 1.0, SCALE * seen.start)
+    order = (limits["discovery_level"], limits["tie_chi2"], limits["round_limit"])
+    choice = Choice(*order, listed.STEP, {}, segment_s=segment_s, quiet=seen.quiet)
+    result, waves = searched(rows, tried, choice, discovery_seed, seen)
+    numbers = summary(
+        _reported(widened(result), seen), choice, list(seen.names), seen.unit, 1.0, seen.scale * seen.start
+    )
     for position, finding in enumerate(numbers["findings"]):
         if finding["form"] in waves:
             found = amplitude(waves[finding["form"]], finding["parameters"])
             axis = finding["form"].split(",")[0][-1]
             finding["parameters"] = {"frequency": found["frequency"], axis: found["amplitude"]}
-        _physical(finding, position, result)
+        _physical(finding, position, result, seen)
     for one in numbers["indistinguishable_from_calibration"]:
-        one["bias"] = (SCALE * np.array(one["bias"])).tolist()
+        one["bias"] = (seen.scale * np.array(one["bias"])).tolist()
     whole = _joined(result)
-    place = readings.clearest(whole, CHANNELS, choice.level)
-    place = place if place and place[0] == "linear" else None
-    shown = readings.variables(whole, place, lambda *given: reading(seen, given[-1]))
-    return products.dataset(whole, epochs.plain(numbers), CHANNELS, shown)
+    place = readings.clearest(whole, ("linear", ROLL), choice.level)
+    told = lambda channel, k, part: inertial_sensor_parts.shown(seen, whole.problem.blocks[k], channel, part)  # noqa: E731
+    return products.dataset(whole, epochs.plain(numbers), seen.channels, readings.variables(whole, place, told))
 
 
-def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: View) -> tuple:
+def _seen(given, scene, rolling):
+    """Views of what was recorded, None without swing and roll."""
+    swing = [given[name] for name in SWING if name in given]
+    turned = view(*swing, **scene) if len(swing) == len(SWING) else None
+    known = [given[name] for name in SWING[1:] if name in given]
+    rolled = roll(given["segment"], given["bias"], *known, **rolling) if "bias" in given else None
+    return parts_of(turned, rolled) if turned or rolled else None
+
+
+def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: Parts) -> tuple:
     """Result of the rounds and lines by their form: rounds, tones in what is left, rounds with these beside all others.
 
-    Steps are looked for again round the epochs found, so that what an epoch half a spacing off leaves gets no name.
+    Steps are looked for again round the epochs found, so that what an epoch half a spacing off leaves gets
+    no name.
 
     Parameters
     ----------
     rows, tried : blocks and candidates
     choice : Choice without lines
     seed : of the draws of noise
-    seen : View
+    seen : Parts
     """
     result = search(rows, tried, choice, residuals.source(seed, rows))
-    groups, found = [0] * len(rows), []
-    for axis in range(3):
-        wave = listed.waves(seen, axis)
-        found += lines(result, ("linear", axis), wave, groups, (listed.TONE, "m s-2", choice.level))
+    groups, found = inertial_sensor_parts.groups(rows), []
+    for channel in [c for c in ("linear", ROLL) if c in seen.channels]:
+        for axis in range(3):
+            wave = inertial_sensor_parts.waves(seen, rows, channel, axis)
+            found += lines(result, (channel, axis), wave, groups, (listed.TONE, "m s-2", choice.level))
     broken = [epochs.of(one.form) for one in result.findings if one.cause.startswith(listed.STEP)]
     if found or broken:
-        fine = [c for epoch in broken for c in _steps_at(seen, epoch + FINE_S)]
+        fine = [c for epoch in broken for c in inertial_sensor_parts.steps(seen, epoch, NEAR)]
         more = [*tried, *fine, *(one.candidate for one in found)]
         result = search(rows, more, choice, residuals.source(seed, rows))
     return result, {one.candidate.form: one for one in found}
 
 
-def made(seen: View) -> tuple[list[Block], list[Candidate]]:
-    """Blocks and candidates of a view.
-
-    Parameters
-    ----------
-    seen : View
-    """
-    tried = [epochs.each_its_own(Candidate(**c), listed.STEP) for c in listed.candidates(seen)]
-    return [Block(**b) for b in blocks(seen)], tried
-
-
-def _steps_at(seen, at):
-    return [epochs.each_its_own(Candidate(**c), listed.STEP) for c in listed.steps(seen, at)]
-
-
-def _reported(result):
+def _reported(result, seen):
     """Result whose shared parameters are the reported ones, in the units they are reported in."""
-    count = SCALE.size
-    cut = {n: tuple(SCALE * part[:count] for part in getattr(result, n)) for n in ("shared", "sigma")}
-    both = tuple(np.outer(SCALE, SCALE) * part[:count, :count] for part in result.covariance)
+    scale, count = seen.scale, seen.scale.size
+    cut = {n: tuple(scale * part[:count] for part in getattr(result, n)) for n in ("shared", "sigma")}
+    both = tuple(np.outer(scale, scale) * part[:count, :count] for part in result.covariance)
     return replace(result, **cut, covariance=both)
 
 
-def _physical(finding, position, result):
+def _physical(finding, position, result, seen):
     """Parameters as the effect of the catalogue has them, in place."""
     if not np.isfinite(result.findings[position].value).any():
         finding["parameters"] = named_parameters(result, position)
-    if finding["cause"].startswith(listed.STEP):
-        finding["parameters"]["time"] = _epoch(result, position)
+    if finding["cause"].startswith(f"{listed.STEP}@"):
+        finding["parameters"]["time"] = _epoch(result, position, seen)
     finding["heldout"] = "blocks"  # even and odd stretches
 
 
-def _epoch(result, position):
+def _epoch(result, position, seen):
     """Epoch of a step: mean and spread under the likelihood of the epochs that were tried near it."""
     problem, index = result.problem, result.findings[position].index
     others = [one.index for k, one in enumerate(result.findings) if k != position]
     gram = attribution.projected(problem.total, baseline_of(problem, others))
     middle = epochs.of(problem.candidates[index].form)
-    steps = [k for k, one in enumerate(problem.candidates) if one.cause.startswith(listed.STEP)]
+    width = inertial_sensor_parts.spacing(seen, middle)
+    steps = [k for k, one in enumerate(problem.candidates) if one.cause.startswith(f"{listed.STEP}@")]
     near = {epochs.of(problem.candidates[k].form): k for k in steps}
-    near = {at: k for at, k in sorted(near.items()) if abs(at - middle) <= listed.STEP_S}
+    near = {at: k for at, k in sorted(near.items()) if abs(at - middle) <= width}
     at = np.array(list(near))
     gain = np.array([attribution.ratio(gram, problem.places[k], problem.size).gain for k in near.values()])
     weight = np.exp((gain - gain.max()) / 2) * np.gradient(at) if at.size > 1 else np.ones(1)
     mean = float(weight @ at / weight.sum())
-    spacing = float(np.diff(at).min()) if at.size > 1 else listed.STEP_S
+    spacing = float(np.diff(at).min()) if at.size > 1 else width
     spread = float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum() + spacing**2 / 12))
     return {"value": mean, "sigma": spread, "unit": "s"}
 

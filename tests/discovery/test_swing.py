@@ -76,13 +76,13 @@ def test_a_record_without_swing_has_nothing_to_discover(rng, tmp_path):
     assert (code, document["status"]) == (3, "no_manoeuvre")
 
 
-def calibrated(folder, *options):
-    """Document of `gravcal run` on the files of a simulated event."""
+def calibrated(folder, *options, part="swing"):
+    """Part of the document of `gravcal run` on the files of a simulated event."""
     target = folder / "run.json"
     arguments = ["run", "inertial_sensor", "--data", str(folder / "level1"), "--engine", "inline"]
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *map(str, options)])
     assert result.exit_code == 0, result.output
-    return json.loads(target.read_text())["swing"]
+    return json.loads(target.read_text())[part]
 
 
 def extended(folder):

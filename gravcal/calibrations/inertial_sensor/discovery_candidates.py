@@ -112,9 +112,7 @@ def waves(seen: View, axis: int):
 
     def wave(block, frequency):
         if frequency not in known:
-            phase = 2 * np.pi * frequency * (time - time[0])
-            both = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-            both *= np.sinc(frequency * (time[1] - time[0]))  # mean over a bin
+            both = waves_of(time - time[0], time[1] - time[0], frequency)
             rows = linear_rows(seen, both[:, None, :] * np.eye(3)[axis][None, :, None])
             empty = np.zeros((int(seen.valid.sum()), 2))
             known.clear()
@@ -122,6 +120,17 @@ def waves(seen: View, axis: int):
         return known[frequency][block]
 
     return wave
+
+
+def waves_of(time: np.ndarray, width: float, frequency: float) -> np.ndarray:
+    """Cosine and sine (n, 2), means over bins.
+
+    Parameters
+    ----------
+    time : (n,) s; width : s, of a bin; frequency : Hz
+    """
+    phase = 2 * np.pi * frequency * time
+    return np.stack([np.cos(phase), np.sin(phase)], axis=1) * np.sinc(frequency * width)
 
 
 def _drivers(seen):

@@ -1,4 +1,4 @@
-"""Voltages and attitudes of a swing less what an extended model says that its effects add to them."""
+"""Voltages and attitudes of a swing, and bins of a roll, less what an extended model says that its effects add."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import discovery_candidates as listed
+from gravcal.calibrations.inertial_sensor import discovery_roll as rolls
 from gravcal.calibrations.inertial_sensor.discovery_view import View, context, view
 from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
@@ -43,6 +44,50 @@ def extend(aligned: xr.Dataset, scaled: xr.Dataset, moved: xr.Dataset, *, model,
     for entry in model:  # last: what is added was read at the tags as they are
         _correct(extended, entry)
     return extended.assign_attrs(model=" ".join(e["cause"] for e in model))
+
+
+def extend_roll(segmented: xr.Dataset, biased: xr.Dataset, *swing: xr.Dataset, model, **settings) -> xr.Dataset:
+    """Bins of a roll without the effects of a model on the linear readings; drifts count from its middle.
+
+    Parameters
+    ----------
+    segmented, biased : Dataset, "inertial_sensor.segment" and "inertial_sensor.bias"
+    swing : Dataset, "inertial_sensor.scale" and "inertial_sensor.offset", or none
+    model : as for `extend`
+    settings : as for `discovery_roll.roll`
+
+    Returns
+    -------
+    extended : Dataset, "inertial_sensor.segment"
+    """
+    extended = segmented.copy(deep=True).assign_attrs(model=" ".join(e["cause"] for e in model))
+    _, parts = rolls.spans(segmented, settings["segment_s"])
+    known = ("linear_volt", "R_bo", "rate_b", "gradient_b")
+    whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in known)]
+    if not whole or not np.isfinite(biased["bias"].values).all():
+        return extended
+    seen = rolls.fitted(segmented, biased, *swing, used=whole, **settings)
+    about = rolls.context(seen)
+    added = sum(_added_in_roll(about, seen, one) for one in model)
+    for k, part in zip(whole, added.reshape(*seen.time.shape, 3) / seen.k, strict=True):
+        extended["linear_volt"].values[parts[k]] -= part
+    return extended
+
+
+def _added_in_roll(about, seen, entry):
+    """What an entry adds to the linear readings of a roll, (n, 3) m s-2."""
+    values, added = determined(entry), np.zeros((about.time.size, 3))
+    if entry["cause"].startswith("unknown:"):
+        size = np.array([values.get(f"linear_{axis}", 0.0) for axis in "xyz"])
+        for driver, form, shape in rolls.series(seen):
+            if (entry["cause"], entry["form"]) == (f"unknown:{driver}", f"{rolls.CHANNEL} reading, {form}"):
+                added += shape.ravel()[:, None] * size
+        return added
+    known = effect(entry["cause"])
+    before = "time" in values and values["time"] < about.time[0]  # a step that the bias of the roll contains
+    if known.channel != "linear_b" or known.slug == listed.TONE or before:
+        return added
+    return known.contribution(about, known.values(values))
 
 
 def _on(coarse: Context, time: np.ndarray) -> Context:

@@ -1,4 +1,4 @@
-"""Errors of an extended model in the results of a swing."""
+"""Errors of an extended model in the results of a swing and of a roll."""
 
 from __future__ import annotations
 
@@ -46,3 +46,19 @@ def of_offset(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
     found : Dataset, "inertial_sensor.offset"
     """
     return replaced(found, widened(found, moved, {"offset": ("covariance", "covariance_total")}))
+
+
+def of_bias(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Bias with errors that hold those of the effects that were taken out of the bins before.
+
+    Parameters
+    ----------
+    found : Dataset, "inertial_sensor.bias"
+    moved : Dataset, "inertial_sensor.bias", one for each direction of the model's errors
+
+    Returns
+    -------
+    found : Dataset, "inertial_sensor.bias"
+    """
+    square = sum((one["bias"].values - found["bias"].values) ** 2 for one in moved)
+    return replaced(found, {n: np.sqrt(found[n].values ** 2 + square) for n in ("bias_sigma", "bias_sigma_total")})

@@ -99,19 +99,24 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     (erratum T-3); a_J may hold one and two cycles per revolution beside, as drag does. About y the cosine with y is
     constant: nothing is fitted, the constant holds b and a_0 (T-9).
     """
-    u = np.linspace(-1, 1, readings.shape[0])
+    columns = design(axis, R_bo, model, phase)
+    basis, triangle = np.linalg.qr(columns)
+    first = np.linalg.solve(triangle.T, np.eye(triangle.shape[0])[0])  # weights of the constant along the basis
+    share = basis.T @ readings
+    residual = readings - basis @ share
+    variance = np.einsum("bm,bm->m", residual, residual) / (columns.shape[0] - columns.shape[1])
+    return first @ share, np.sqrt(variance * (first @ first)), residual
+
+
+def design(axis: int, R_bo: np.ndarray, model: Model, phase: np.ndarray | None = None) -> np.ndarray:
+    """Columns (b, p) that are fitted to one axis of a segment, the constant first; arguments as of `solve_axis`."""
+    u = np.linspace(-1, 1, R_bo.shape[0])
     trend = np.polynomial.legendre.legvander(u, model.trend_degree)
     change = np.polynomial.legendre.legvander(u, model.amplitude_degree)
     waves = [wave(n * phase)[:, None] for n in range(1, model.harmonics + 1) for wave in (np.cos, np.sin)]
     change = np.concatenate([change, *waves], axis=1)
     turning = () if axis == 1 else (0, 2)
-    design = np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
-    basis, triangle = np.linalg.qr(design)
-    first = np.linalg.solve(triangle.T, np.eye(triangle.shape[0])[0])  # weights of the constant along the basis
-    share = basis.T @ readings
-    residual = readings - basis @ share
-    variance = np.einsum("bm,bm->m", residual, residual) / (u.size - design.shape[1])
-    return first @ share, np.sqrt(variance * (first @ first)), residual
+    return np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
 
 
 @dataclass(frozen=True)
