@@ -19,7 +19,14 @@ DISCOVERY = {
     "p_band_after": _TEST | {"long_name": "probability of more power by chance, extended model"},
 }
 #: Channels that are also kept in the units of their reading, where the extension helps most.
-READINGS = {"linear": "m s-2", "angular": "rad s-2", "attitude": "rad", "magnetometer": "T", "range": "m"}
+READINGS = {
+    "linear": "m s-2",
+    "angular": "rad s-2",
+    "attitude": "rad",
+    "magnetometer": "T",
+    "range": "m",
+    "roll": "m s-2",
+}
 _PARTS = {
     "measured": "as measured",
     "baseline": "as the baseline simulates it, drift and start fitted",

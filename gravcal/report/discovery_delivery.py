@@ -131,7 +131,11 @@ MORE = {
         "both sensors, the star camera against the angular readings, and the torque that gravity gradient and control "
         "leave."
     ),
-    "inertial_sensor": "A swing is looked at in even and odd stretches of ten seconds; rolls are not looked at.",
+    "inertial_sensor": (
+        "A swing is looked at in even and odd stretches of ten seconds. A roll is looked at in its segments, each with "
+        "amplitudes of its own; its noise is that of a fit with every form that is tried, and its constants may wander "
+        "about the bias as far as they scatter about a straight line."
+    ),
     "kbr_phase_centre": (
         "Range, range rate and range acceleration come from one phase; the range stands for all three. Only a tilted "
         "antenna feels the noise of the star cameras, so this part is that of the manoeuvres beside everything that a "

@@ -26,6 +26,7 @@ WHAT = {
     ("com_offset", "angular"): FILTERED,
     ("com_offset", "attitude"): " It is the rotation from a satellite whose torquers are off; its mean is left out.",
     ("gradient_torque", "linear"): " It is the difference of both sensors; its mean is left out.",
+    ("inertial_sensor", "roll"): " Straight pieces lie between the segments; its mean is left out.",
     ("kbr_phase_centre", "range"): " The distance of the orbits is taken off, and the mean.",
 }
 PLAIN = " Its mean is left out."
