@@ -65,18 +65,39 @@ def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem
     candidate = problem.candidates[index]
     if candidate.shape is None or candidate.shape.covariance is not None:
         return problem, index
-    rest = residuals.projected(problem, baseline, residuals.measured(problem))
-    inverse = residuals.inverse_of_baseline(problem, baseline)
-    beside = _Beside(problem, rest, [c[:, baseline] for c in problem.columns], inverse)
-    value = _largest(candidate.shape, beside)
+    beside = _beside(problem, baseline)
+    value = candidate.shape.value if _settled(candidate.shape) else _largest(candidate.shape, beside)
     found = (_with_spread if candidate.shape.sized else _with_errors)(candidate, value, beside)
     return extended(problem, found), len(problem.candidates)
 
 
+def _beside(problem, baseline):
+    rest = residuals.projected(problem, baseline, residuals.measured(problem))
+    inverse = residuals.inverse_of_baseline(problem, baseline)
+    return _Beside(problem, rest, [c[:, baseline] for c in problem.columns], inverse)
+
+
+def _settled(shape):
+    """Whether the value is that of largest gain, so that there is nothing else to be tried."""
+    return shape.tried.shape[0] == 1
+
+
+def _at_largest(problem, baseline, index):
+    """Problem with a candidate whose size is its shape where it gains most, without its errors, and its index."""
+    candidate, beside = problem.candidates[index], _beside(problem, baseline)
+    value = _largest(candidate.shape, beside)
+    chosen = beside.inside(candidate.shape, value)
+    parts = candidate.shape.columns(value, *chosen)
+    settled = replace(candidate.shape, value=value, tried=value[None], chosen=next(iter(chosen), None))
+    found = replace(candidate, form=_form(candidate.shape, value), columns=parts, shape=settled)
+    return extended(problem, found), len(problem.candidates)
+
+
 def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, list]:
-    """Problem and trials, with causes whose size is their shape refined where they may win.
+    """Problem and trials, with causes whose size is their shape at their largest gain where they may win.
 
     What is tried of them is far from linear in the size, so that a form of the grid says little of how well they fit.
+    Their errors cost twice as much as that and are found when one of them has won.
 
     Parameters
     ----------
@@ -88,10 +109,10 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
     found = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
     best = max(found, key=lambda t: t.gain, default=None)
-    known = [t for t in found if shapes[t.index].covariance is not None]
+    known = [t for t in found if _settled(shapes[t.index])]
     if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in known):
         return problem, rows
-    problem, index = refined(problem, baseline, best.index)
+    problem, index = _at_largest(problem, baseline, best.index)
     gram = attribution.projected(problem.total, baseline)
     ratio = attribution.ratio(gram, problem.places[index], problem.size)
     numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": problem.candidates[index].form}
@@ -157,7 +178,8 @@ def _with_spread(candidate: Candidate, value, beside):
     chosen = beside.inside(shape, value)
     parts = shape.columns(value, *chosen)
     alone = attribution.inverse_of(beside.products(parts)[0])
-    known = replace(shape, value=value, covariance=np.diag(variance), chosen=next(iter(chosen), None))
+    held = {"covariance": np.diag(variance), "chosen": next(iter(chosen), None)}
+    known = replace(shape, value=value, tried=value[None], **held)
     spread = np.maximum(np.diag(variance) - alone, 0.0)
     return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
 

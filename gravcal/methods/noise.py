@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numba
@@ -23,7 +24,7 @@ class NoiseModel:
     variance: np.ndarray
     step_s: float
 
-    @property
+    @functools.cached_property
     def coefficients(self) -> np.ndarray:
         """(p + 1, p) prediction coefficients: row k predicts from k previous samples, most recent first."""
         return _levinson_rows(np.array(self.reflection, dtype=float))  # numba compiles once more for what is read-only
@@ -149,7 +150,8 @@ def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndar
     valid : (n,) bool
     """
     columns = np.asarray(columns, dtype=float)
-    flat = np.nan_to_num(columns.reshape(columns.shape[0], -1))
+    flat = columns.reshape(columns.shape[0], -1)
+    flat = np.where(np.isnan(flat), 0.0, flat)
     sigma = np.sqrt(noise.variance)
     out = _whiten(np.ascontiguousarray(flat), np.ascontiguousarray(valid), noise.coefficients, sigma)
     return out.reshape(columns.shape)

@@ -10,6 +10,8 @@ import numpy as np
 
 #: Intervals of the kernel's table; a cubic through four values is then exact to 3e-15 of its peak.
 INTERVALS = 16384
+#: Numbers of columns that are summed by threes.
+BY_THREES = (3, 6, 9, 12, 15, 18)
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class Resampler:
         """
         columns = np.asarray(columns, dtype=float)
         flat = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
-        out = _apply(self.start, self.weights, self.valid, flat)
+        sums = _apply_few if flat.shape[1] in BY_THREES else _apply
+        out = sums(self.start, self.weights, self.valid, flat)
         return out.reshape(self.time.shape + columns.shape[1:])
 
 
@@ -57,6 +60,25 @@ def _apply(start, weights, valid, columns):
             if weights[j, k] != 0.0:
                 for c in range(columns.shape[1]):
                     out[j, c] += weights[j, k] * columns[start[j] + k, c]
+    return out
+
+
+@numba.njit(cache=True)
+def _apply_few(start, weights, valid, columns):
+    """The same sums of columns by threes, which stay in registers."""
+    out = np.full((start.size, columns.shape[1]), np.nan)
+    for j in range(start.size):
+        if not valid[j]:
+            continue
+        for c in range(0, columns.shape[1], 3):
+            x, y, z = 0.0, 0.0, 0.0
+            for k in range(weights.shape[1]):
+                w = weights[j, k]
+                if w != 0.0:
+                    x += w * columns[start[j] + k, c]
+                    y += w * columns[start[j] + k, c + 1]
+                    z += w * columns[start[j] + k, c + 2]
+            out[j, c], out[j, c + 1], out[j, c + 2] = x, y, z
     return out
 
 
