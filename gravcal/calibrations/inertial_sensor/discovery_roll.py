@@ -136,7 +136,8 @@ def _wander(biased):
     values, time = biased["segment_bias"].values[used], biased["time_segment"].values[used]
     line = np.stack([np.ones_like(time), time - time.mean()], axis=1)
     rest = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
-    return np.sqrt(np.sum(rest**2, axis=0) / max(time.size - 2, 1) * (1 + ALIKE) / (1 - ALIKE))
+    seen = np.sum(rest**2, axis=0) / max(time.size - 2, 1) * (1 + ALIKE) / (1 - ALIKE)
+    return np.sqrt(np.maximum(seen, np.mean(biased["segment_sigma"].values[used] ** 2, axis=0)))
 
 
 def _noise(seen, step):
