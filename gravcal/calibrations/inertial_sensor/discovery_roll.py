@@ -189,7 +189,7 @@ def rows(seen: Roll, added: np.ndarray) -> list[np.ndarray]:
     seen : Roll
     added : (s, b, 3, q) m s-2
     """
-    whole = np.ones(seen.time.shape[1], dtype=bool)
+    whole = np.ones(added.shape[1], dtype=bool)
     nothing = np.zeros((3, added.shape[3]))
     return [
         np.concatenate(
@@ -231,14 +231,9 @@ def _own(seen, index):
         columns[:, axis, place : place + design.shape[1]] = design
         held[axis, place] = 1 / seen.wander[axis]
         place += design.shape[1]
-    (found,) = rows(_only(seen, index), columns[None])
+    (found,) = rows(seen, columns[None])
     found[-3:] = held
     return found
-
-
-def _only(seen, index):
-    """Roll of one segment, for `rows`."""
-    return replace(seen, time=seen.time[index : index + 1])
 
 
 def _steps(seen, index):
@@ -258,7 +253,7 @@ def steps(seen: Roll, index: int, epochs: np.ndarray) -> dict[float, np.ndarray]
     width = time[1] - time[0]
     shapes = np.clip((time[:, None] + width / 2 - epochs) / width, 0, 1)
     added = np.einsum("bk,ac->bakc", shapes, np.eye(3)).reshape(time.size, 3, -1)
-    (found,) = rows(_only(seen, index), added[None])
+    (found,) = rows(seen, added[None])
     return {float(t): found[:, 3 * k : 3 * k + 3] for k, t in enumerate(epochs)}
 
 
