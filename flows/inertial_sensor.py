@@ -31,8 +31,7 @@ def calibrate(source, chosen):
         if chosen.model:
             parts |= _with_model(parts, chosen)
     if seen["roll_start"].size:
-        files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
-        rolled = _rolled(found, files, source, chosen, parts)
+        rolled = _rolled(found, days, source, chosen, parts)
         parts["bias"] = _roll_with_model(rolled, parts, chosen) if chosen.model else rolled["bias"]
     return inertial_sensor.report(*parts.values(), names=list(parts), **_report_settings(source, chosen))
 
@@ -61,8 +60,10 @@ def _with_model(parts, chosen):
     return found
 
 
-def _rolled(found, files, source, chosen, swing):
+def _rolled(found, days, source, chosen, swing):
     """Products of a roll by name; `swing` holds those of a swing, if there is one."""
+    seen = numbers(found, "roll_start", "roll_stop")
+    files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
     segmented = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
     return _turned(segmented, chosen, swing)
 
@@ -76,8 +77,7 @@ def _turned(segmented, chosen, swing):
 
 def _roll_with_model(rolled, swing, chosen):
     """Bias of a roll without the effects of the model that was given, its errors in that of the bias."""
-    parts = rolled | {name: swing[name] for name in KNOWN if name in swing}
-    extended = functools.partial(_extended_roll, parts, chosen)
+    extended = functools.partial(_extended_roll, swing | rolled, chosen)
     again = functools.partial(_turned, chosen=chosen, swing=swing)
     segmented, moved = models.taken_out(chosen.model, extended, again)
     found = again(segmented)["bias"]
@@ -107,8 +107,7 @@ def baseline(source, chosen):
         if chosen.model:
             parts |= _solved(_extended(parts, chosen, chosen.model, "extended"), chosen)
     if seen["roll_start"].size:
-        files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
-        parts |= _rolled(found, files, source, chosen, parts)
+        parts |= _rolled(found, days, source, chosen, parts)
         if chosen.model:
             parts |= _turned(_extended_roll(parts, chosen, chosen.model, "extended"), chosen, parts)
     return parts or {"detect": found}

@@ -46,9 +46,8 @@ def discover(*given: xr.Dataset, parts, scene, rolling, segment_s, discovery_see
     order = (limits["discovery_level"], limits["tie_chi2"], limits["round_limit"])
     choice = Choice(*order, listed.STEP, {}, segment_s=segment_s, quiet=seen.quiet)
     result, waves = searched(rows, tried, choice, discovery_seed, seen)
-    numbers = summary(
-        _reported(widened(result), seen), choice, list(seen.names), seen.unit, 1.0, seen.scale * seen.start
-    )
+    reported, start = _reported(widened(result), seen), seen.scale * seen.start
+    numbers = summary(reported, choice, list(seen.names), seen.unit, 1.0, start)
     for position, finding in enumerate(numbers["findings"]):
         if finding["form"] in waves:
             found = amplitude(waves[finding["form"]], finding["parameters"])
@@ -75,8 +74,7 @@ def _seen(given, scene, rolling):
 def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: int, seen: Parts) -> tuple:
     """Result of the rounds and lines by their form: rounds, tones in what is left, rounds with these beside all others.
 
-    Steps are looked for again round the epochs found, so that what an epoch half a spacing off leaves gets
-    no name.
+    Steps are looked for again round the epochs found, so that what an epoch half a spacing off leaves gets no name.
 
     Parameters
     ----------
@@ -93,7 +91,7 @@ def searched(rows: list[Block], tried: list[Candidate], choice: Choice, seed: in
             found += lines(result, (channel, axis), wave, groups, (listed.TONE, "m s-2", choice.level))
     broken = [epochs.of(one.form) for one in result.findings if one.cause.startswith(listed.STEP)]
     if found or broken:
-        fine = [c for epoch in broken for c in inertial_sensor_parts.steps(seen, epoch, NEAR)]
+        fine = [c for epoch in broken for c in inertial_sensor_parts.steps(seen, rows, epoch, NEAR)]
         more = [*tried, *fine, *(one.candidate for one in found)]
         result = search(rows, more, choice, residuals.source(seed, rows))
     return result, {one.candidate.form: one for one in found}

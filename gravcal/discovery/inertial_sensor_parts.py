@@ -105,24 +105,31 @@ def _key(one):
     return one["cause"], one["form"]
 
 
-def steps(seen: Parts, epoch: float, near: np.ndarray) -> list[Candidate]:
+def steps(seen: Parts, rows: list[Block], epoch: float, near: np.ndarray) -> list[Candidate]:
     """A step of the linear readings at epochs near one that was found, in the swing or in a segment of the roll.
 
     Parameters
     ----------
     seen : Parts
+    rows : blocks
     epoch : s; near : (k,) 1, from -1 to 1 of the spacing of the search
     """
-    rolled, at = seen.roll.time.shape[0] if seen.roll else 0, epoch + spacing(seen, epoch) * near
-    inside = _segment(seen, epoch)
-    if not inside:
-        rows = in_swing.steps(seen.swing, at)
-        rows = [one | {"columns": [*one["columns"], *[None] * rolled]} for one in rows]
-    else:
-        swung = len(blocks(seen.swing)) if seen.swing else 0
+    at, inside = epoch + spacing(seen, epoch) * near, _segment(seen, epoch)
+    if inside:
+        before = _first(rows, rolls.CHANNEL) + inside[0]
+        after = [None] * (len(rows) - before - 1)
         each = rolls.steps(seen.roll, inside[0], at)
-        rows = [_step(at, columns, swung + inside[0], swung + rolled + (not swung)) for at, columns in each.items()]
-    return [epochs.each_its_own(Candidate(**one), in_swing.STEP) for one in rows]
+        found = [in_swing.step(one, [*[None] * before, columns, *after]) for one, columns in each.items()]
+    else:
+        found = in_swing.steps(seen.swing, at)
+        after = [None] * (len(rows) - len(found[0]["columns"]))
+        found = [one | {"columns": [*one["columns"], *after]} for one in found]
+    return [epochs.each_its_own(Candidate(**one), in_swing.STEP) for one in found]
+
+
+def _first(rows, channel):
+    """Number of the first block that holds a channel."""
+    return next(k for k, one in enumerate(rows) if channel in one.channel)
 
 
 def spacing(seen: Parts, epoch: float) -> float:
@@ -134,13 +141,6 @@ def _segment(seen, epoch):
     """Number of the segment of a roll that an epoch lies in, in a list; empty where it lies in none."""
     time = seen.roll.time if seen.roll else np.zeros((0, 1))
     return [k for k, one in enumerate(time) if one[0] <= epoch <= one[-1]]
-
-
-def _step(at, columns, place, count):
-    """Fields of a candidate: a step in one block of so many."""
-    parts = [columns if k == place else None for k in range(count)]
-    words = {"cause": in_swing.STEP, "form": f"time {at:.1f} s", "names": ["x", "y", "z"], "units": ["m s-2"] * 3}
-    return words | {"prior": [], "columns": parts}
 
 
 def groups(rows: list[Block]) -> list[int]:
@@ -163,9 +163,9 @@ def waves(seen: Parts, rows: list[Block], channel: str, axis: int):
     rows : blocks
     channel : "linear" or "roll"; axis : 0, 1 or 2
     """
-    first = next(k for k, one in enumerate(rows) if channel in one.channel)
-    shift = 0 if channel == "linear" else first
-    wave = in_swing.waves(seen.swing, axis) if channel == "linear" else in_roll.waves(seen.roll, axis)
+    rolled = channel == rolls.CHANNEL
+    shift = _first(rows, channel) if rolled else 0
+    wave = in_roll.waves(seen.roll, axis) if rolled else in_swing.waves(seen.swing, axis)
 
     def found(block, frequency):
         if channel in rows[block].channel:

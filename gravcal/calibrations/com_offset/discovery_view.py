@@ -14,9 +14,8 @@ from gravcal.methods.noise import NoiseModel, whiten
 from gravcal.physics import frames, surroundings
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
-STEP_S = (
-    1.0  # between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain
-)
+#: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
+STEP_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -48,10 +47,15 @@ class View:
         The readings of the accelerometer are given at its own epochs and go through the low-pass of the solution.
         """
         width = next(iter(signal.values())).shape[2]
-        rows = np.zeros((3 * sum(valid.size for valid in self.valid().values()), width))
+        rows = np.zeros((self.size, width))
         for channel, values in signal.items():
             rows[self.place(channel)] = self.rows_of(channel, values)
         return rows
+
+    @property
+    def size(self) -> int:
+        """Number of rows of all channels."""
+        return 3 * sum(valid.size for valid in self.valid().values())
 
     def rows_of(self, channel: str, values: np.ndarray) -> np.ndarray:
         """Those rows (3 m, q) of one channel, from its values (samples, 3, q)."""
@@ -179,7 +183,7 @@ def _steps(view):
     grid, time = view.scene.operator.time, view.scene.time
     epochs = np.arange(grid[0] + 6, grid[-1] - 6, STEP_S)
     shapes = view.scene.operator((time[:, None, None] >= epochs).astype(float))[:, 0]
-    rows = np.zeros((3 * sum(valid.size for valid in view.valid().values()), epochs.size, 3))
+    rows = np.zeros((view.size, epochs.size, 3))
     place, whole = view.place("linear"), view.valid()["linear"]
     for axis in range(3):
         one = slice(place.start + axis * grid.size, place.start + (axis + 1) * grid.size)

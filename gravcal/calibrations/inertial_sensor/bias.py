@@ -88,7 +88,7 @@ def bias(
     """
     sensor = sensor_of(swing, assumed)
     bins = {name: segmented[name].values for name in segmented.variables}
-    step = float(np.median(np.diff(bins["time"][:1000]))) if bins["time"].size > 1 else segment_s
+    step = roll_segments.bin_length(bins["time"], segment_s)
     limits = {"step_s": step, "segment_s": segment_s, "uniformity": uniformity_limit, "share": share_limit}
     printed = method == "published"
     changes = (1, 0) if printed else (amplitude_degree, amplitude_harmonics)

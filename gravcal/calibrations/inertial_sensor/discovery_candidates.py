@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 
 from gravcal.calibrations.inertial_sensor.discovery_view import (
@@ -13,7 +16,7 @@ from gravcal.calibrations.inertial_sensor.discovery_view import (
     stretches,
     turned,
 )
-from gravcal.effects import effect
+from gravcal.effects import Effect, effect
 from gravcal.effects.entries import each_alone
 from gravcal.effects.inertial_sensor import EFFECTS
 
@@ -43,9 +46,18 @@ def candidates(seen: View) -> list[dict]:
 
 def _of(seen, entry):
     """An effect with all its parameters."""
+    return named(entry) | {"columns": cut(seen, **_rows(seen, entry))}
+
+
+def named(entry: Effect) -> dict:
+    """Fields of a candidate with all parameters of an effect, but for its columns.
+
+    Parameters
+    ----------
+    entry : Effect
+    """
     words = {"cause": entry.slug, "form": "", "names": [p.name for p in entry.parameters]}
-    words |= {"units": [p.unit for p in entry.parameters], "prior": [p.prior_sigma for p in entry.parameters]}
-    return words | {"columns": cut(seen, **_rows(seen, entry))}
+    return words | {"units": [p.unit for p in entry.parameters], "prior": [p.prior_sigma for p in entry.parameters]}
 
 
 def _rows(seen, entry):
@@ -93,10 +105,20 @@ def steps(seen: View, epochs: np.ndarray) -> list[dict]:
     time, found = seen.record.time, []
     for epoch in epochs:
         after = np.clip((time + (time[1] - time[0]) / 2 - epoch) / (time[1] - time[0]), 0, 1)
-        columns = cut(seen, linear=linear_rows(seen, after[:, None, None] * np.eye(3)))
-        words = {"cause": STEP, "form": f"time {epoch:.1f} s", "names": ["x", "y", "z"], "units": ["m s-2"] * 3}
-        found.append(words | {"prior": [], "columns": columns})
+        found.append(step(epoch, cut(seen, linear=linear_rows(seen, after[:, None, None] * np.eye(3)))))
     return found
+
+
+def step(epoch: float, columns: list[np.ndarray | None]) -> dict:
+    """Fields of a candidate: a step of the linear readings.
+
+    Parameters
+    ----------
+    epoch : s
+    columns : (n, 3) or None a block
+    """
+    words = {"cause": STEP, "form": f"time {epoch:.1f} s", "names": ["x", "y", "z"], "units": ["m s-2"] * 3}
+    return words | {"prior": [], "columns": columns}
 
 
 def waves(seen: View, axis: int):
@@ -108,18 +130,24 @@ def waves(seen: View, axis: int):
     axis : 0, 1 or 2
     """
     time = seen.record.time
-    known = {}
 
-    def wave(block, frequency):
-        if frequency not in known:
-            both = waves_of(time - time[0], time[1] - time[0], frequency)
-            rows = linear_rows(seen, both[:, None, :] * np.eye(3)[axis][None, :, None])
-            empty = np.zeros((int(seen.valid.sum()), 2))
-            known.clear()
-            known[frequency] = cut(seen, attitude=empty, linear=rows)
-        return known[frequency][block]
+    def columns(frequency):
+        both = waves_of(time - time[0], time[1] - time[0], frequency)
+        rows = linear_rows(seen, both[:, None, :] * np.eye(3)[axis][None, :, None])
+        return cut(seen, attitude=np.zeros((int(seen.valid.sum()), 2)), linear=rows)
 
-    return wave
+    return block_by_block(columns)
+
+
+def block_by_block(columns: Callable):
+    """Function (block, Hz) of a function Hz -> columns of every block; those of the last frequency are kept.
+
+    Parameters
+    ----------
+    columns : as described
+    """
+    last = functools.lru_cache(1)(columns)
+    return lambda block, frequency: last(frequency)[block]
 
 
 def waves_of(time: np.ndarray, width: float, frequency: float) -> np.ndarray:
@@ -139,14 +167,21 @@ def _drivers(seen):
     coarse = context(seen, fine=False)
     for driver, form, shape in _series(coarse, seen):
         columns = cut(seen, linear=linear_rows(seen, shape[:, None, None] * np.eye(3)))
-        found.append(_unknown(driver, f"linear reading, {form}", "linear", "m s-2", columns))
+        found.append(unknown(driver, f"linear reading, {form}", "linear", "m s-2", columns))
     for driver, form, shape in _series(context(seen, fine=True), seen):
         columns = cut(seen, attitude=-attitude_rows(seen, turned(seen, shape[:, None, None] * np.eye(3))))
-        found.append(_unknown(driver, f"angular reading, {form}", "angular", "rad s-2", columns))
+        found.append(unknown(driver, f"angular reading, {form}", "angular", "rad s-2", columns))
     return found
 
 
-def _unknown(driver, form, channel, unit, columns):
+def unknown(driver: str, form: str, channel: str, unit: str, columns: list[np.ndarray | None]) -> dict:
+    """Fields of a candidate in no list, added to the three readings of a channel.
+
+    Parameters
+    ----------
+    driver, form, channel, unit : words
+    columns : (n, 3) or None a block
+    """
     names = [f"{channel}_{a}" for a in "xyz"]
     return {"cause": f"unknown:{driver}", "form": form, "names": names, "units": [unit] * 3, "prior": [],
             "columns": columns}  # fmt: skip

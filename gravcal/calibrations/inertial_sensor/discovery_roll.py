@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import roll_segments
-from gravcal.calibrations.inertial_sensor.bias import sensor_of
+from gravcal.calibrations.inertial_sensor.bias import ENOUGH, sensor_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.methods import noise
@@ -23,7 +23,6 @@ from gravcal.methods.lines import without_lines
 CHANNEL, CONSTANT = "roll", "constant"
 PARAMETERS = ("bias_x", "bias_y", "bias_z")
 MOST = 48  # segments, evenly taken: columns of more take memory and add little
-LEAST = 3
 ALIKE = 0.9  # correlation of the bias of neighbouring segments, at most
 UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
 STEP_EVERY_S = 20.0
@@ -74,7 +73,7 @@ def roll(segmented: xr.Dataset, biased: xr.Dataset, *swing: xr.Dataset, **settin
     settings : segment_s s; trend_degree, amplitude_degree, amplitude_harmonics; assumed, as of `bias.bias`
     """
     used = np.flatnonzero(biased["used"].values)
-    if used.size < LEAST or not np.isfinite(biased["bias"].values).all():
+    if used.size < ENOUGH or not np.isfinite(biased["bias"].values).all():
         return None
     used = used[np.unique(np.linspace(0, used.size - 1, min(MOST, used.size)).round().astype(int))]
     seen = fitted(segmented, biased, *swing, used=used, **settings)
@@ -90,7 +89,7 @@ def spans(segmented: xr.Dataset, segment_s: float) -> tuple[float, list[slice]]:
     segment_s : s
     """
     time = segmented["time"].values
-    step = float(np.median(np.diff(time[:1000]))) if time.size > 1 else segment_s
+    step = roll_segments.bin_length(time, segment_s)
     return step, roll_segments.cut(time, step, segment_s)
 
 
@@ -191,12 +190,8 @@ def rows(seen: Roll, added: np.ndarray) -> list[np.ndarray]:
     """
     whole = np.ones(added.shape[1], dtype=bool)
     nothing = np.zeros((3, added.shape[3]))
-    return [
-        np.concatenate(
-            [*(noise.whiten(seen.noise[a], np.ascontiguousarray(one[:, a]), whole) for a in range(3)), nothing]
-        )
-        for one in added
-    ]
+    axes = [[noise.whiten(seen.noise[a], np.ascontiguousarray(one[:, a]), whole) for a in range(3)] for one in added]
+    return [np.concatenate([*one, nothing]) for one in axes]
 
 
 def blocks(seen: Roll, *, alone: bool) -> list[dict]:

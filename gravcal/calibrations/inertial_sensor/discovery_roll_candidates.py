@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.calibrations.inertial_sensor import discovery_roll as rolls
-from gravcal.calibrations.inertial_sensor.discovery_candidates import OTHERS, waves_of
+from gravcal.calibrations.inertial_sensor.discovery_candidates import OTHERS, block_by_block, named, unknown, waves_of
 from gravcal.calibrations.inertial_sensor.discovery_roll import Roll
 from gravcal.effects import effect
 from gravcal.effects.entries import each_alone
@@ -21,18 +21,12 @@ def candidates(seen: Roll) -> list[dict]:
     """
     about, found = rolls.context(seen), []
     for entry in (one for one in (*EFFECTS, *map(effect, OTHERS)) if one.channel == "linear_b"):
-        words = {"cause": entry.slug, "form": "", "names": [p.name for p in entry.parameters]}
-        words |= {"units": [p.unit for p in entry.parameters], "prior": [p.prior_sigma for p in entry.parameters]}
         added = entry.columns(about).reshape(*seen.time.shape, 3, -1)
-        found += each_alone(words | {"columns": rolls.rows(seen, added)})
-    return found + [_unknown(seen, *one) for one in rolls.series(seen)]
-
-
-def _unknown(seen, driver, form, shape):
-    """Regressor of all three linear readings."""
-    words = {"cause": f"unknown:{driver}", "form": f"{rolls.CHANNEL} reading, {form}", "prior": []}
-    words |= {"names": [f"linear_{a}" for a in "xyz"], "units": ["m s-2"] * 3}
-    return words | {"columns": rolls.rows(seen, shape[:, :, None, None] * np.eye(3))}
+        found += each_alone(named(entry) | {"columns": rolls.rows(seen, added)})
+    for driver, form, shape in rolls.series(seen):
+        columns = rolls.rows(seen, shape[:, :, None, None] * np.eye(3))
+        found.append(unknown(driver, f"{rolls.CHANNEL} reading, {form}", "linear", "m s-2", columns))
+    return found
 
 
 def waves(seen: Roll, axis: int):
@@ -49,12 +43,4 @@ def waves(seen: Roll, axis: int):
         both = waves_of(seen.time.ravel() - seen.time[0, 0], width, frequency).reshape(*seen.time.shape, 2)
         return rolls.rows(seen, both[:, :, None, :] * np.eye(3)[axis][:, None])
 
-    known = {}
-
-    def wave(block, frequency):
-        if frequency not in known:
-            known.clear()
-            known[frequency] = columns(frequency)
-        return known[frequency][block]
-
-    return wave
+    return block_by_block(columns)

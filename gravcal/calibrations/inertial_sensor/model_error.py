@@ -9,8 +9,9 @@ from gravcal.calibrations.building import replaced
 from gravcal.calibrations.model_error import widened
 from gravcal.methods.estimation import covariance_of_moves
 
-#: Values of a swing, and the standard deviations that hold every error of theirs.
-SIGMAS = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}
+#: Values, and the standard deviations that hold every error of theirs: of a swing, of a roll.
+SWING = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}
+ROLL = {"bias": ("bias_sigma", "bias_sigma_total")}
 
 
 def of_scale(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
@@ -26,11 +27,17 @@ def of_scale(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
     scaled : Dataset, "inertial_sensor.scale"
     """
     new = widened(scaled, moved, {"batch_value": ("covariance",)})
-    for name, sigmas in SIGMAS.items():
+    return replaced(scaled, new | _each_alone(scaled, moved, SWING))
+
+
+def _each_alone(found, moved, held):
+    """Standard deviations with the errors of a model, {variable: array}, of values without covariances."""
+    new = {}
+    for name, sigmas in held.items():
         each = (one[name].values[..., None] for one in moved)
-        square = covariance_of_moves(scaled[name].values[..., None], list(each))[..., 0, 0]
-        new |= {sigma: np.sqrt(scaled[sigma].values ** 2 + square) for sigma in sigmas}
-    return replaced(scaled, new)
+        square = covariance_of_moves(found[name].values[..., None], list(each))[..., 0, 0]
+        new |= {sigma: np.sqrt(found[sigma].values ** 2 + square) for sigma in sigmas}
+    return new
 
 
 def of_offset(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
@@ -60,5 +67,4 @@ def of_bias(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
     -------
     found : Dataset, "inertial_sensor.bias"
     """
-    square = sum((one["bias"].values - found["bias"].values) ** 2 for one in moved)
-    return replaced(found, {n: np.sqrt(found[n].values ** 2 + square) for n in ("bias_sigma", "bias_sigma_total")})
+    return replaced(found, _each_alone(found, moved, ROLL))

@@ -30,6 +30,16 @@ class Model:
     with_offset: bool = True
 
 
+def bin_length(time: np.ndarray, segment_s: float) -> float:
+    """Length s of the bins of a roll; that of a segment where there is one bin only.
+
+    Parameters
+    ----------
+    time : (b,) s, middles of bins; segment_s : s
+    """
+    return float(np.median(np.diff(time[:1000]))) if time.size > 1 else segment_s
+
+
 def cut(time: np.ndarray, step_s: float, segment_s: float) -> list[slice]:
     """Slices of segments that hold no gap.
 

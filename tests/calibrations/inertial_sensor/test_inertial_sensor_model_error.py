@@ -1,10 +1,12 @@
-"""Errors of an extended model in the results of a swing."""
+"""Errors of an extended model in the results of a swing and of a roll."""
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from flows import engine, models
 from flows import inertial_sensor as flow
+from gravcal.calibrations.inertial_sensor.model_error import of_bias
 from gravcal.data import catalog
 
 TURN, ERROR = 0.05, 0.03
@@ -44,3 +46,16 @@ def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(files, tmp_path,
         for one, name in ((sharp, "value"), (wrong, "value"), (sharp, "sigma"), (wide, "sigma"))
     )
     np.testing.assert_allclose(found, np.hypot(held, other - value), rtol=0.02)
+
+
+def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
+    """Analytic: moves add in squares; what one of them leaves undetermined does not move."""
+
+    def biased(value):
+        values = {"bias": value, "bias_sigma": [3.0, 1.0, 2.0], "bias_sigma_total": [0.0, 5.0, np.nan]}
+        return xr.Dataset({name: ("axis", np.array(given)) for name, given in values.items()})
+
+    moved = biased([4.0, 2.0, 1.0]), biased([0.0, 2.0, np.nan])
+    found = of_bias(biased([0.0, 2.0, 1.0]), *moved)
+    np.testing.assert_allclose(found["bias_sigma"], [5.0, 1.0, 2.0])
+    np.testing.assert_allclose(found["bias_sigma_total"], [4.0, 5.0, np.nan])
