@@ -12,7 +12,8 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e .
-	@echo "Compiling the kernels (half a minute, once) ..."
+	@echo "Compiling (half a minute, once) ..."
+	@$(BIN)/python -m compileall -q gravcal flows tasks catalog
 	@aside=$$(mktemp -d); export GRAVCAL_PRODUCTS=$$aside/products; \
 	  $(BIN)/gravcal simulate com_offset --out $$aside/files > /dev/null && \
 	  $(BIN)/gravcal run com_offset --data $$aside/files --engine inline > /dev/null; \

@@ -44,7 +44,7 @@ def calibrate(source, chosen):
     if moved:
         combined = com_offset.model_error(combined, *moved, **chosen.for_stage("model_error"), variant=name)
     drawn = com_offset.figures(*angular, smoothed, checked, aligned, found, variant=name)
-    products = (combined, *solved, *angular, smoothed, surveyed, checked, aligned, found, drawn)
+    products = (combined, *solved, smoothed, surveyed, checked, found, drawn)
     return com_offset.report(*products, **_report_settings(source, chosen), variant=name)
 
 
@@ -68,13 +68,23 @@ def _solved(source, chosen, aligned, checked, variants):
     satellite = catalog.satellite(source.satellite).settings()
     settings = {n: satellite[n] for n in TORQUERS_WITH_SIGMA} | chosen.for_stage("angular_acceleration")
     smoothed = _smoothed(source, chosen, aligned, checked)
-    quiet = com_offset.noise(aligned, **chosen.for_stage("noise"))
-    angular, solved = [], []
-    for variant in variants:
-        angular.append(com_offset.angular_acceleration(smoothed, aligned, variant=variant, **settings))
-        equations = (aligned, smoothed, angular[-1], quiet)
-        solved.append(com_offset.solve(*equations, variant=variant, **chosen.for_stage("solve")))
+    angular = [com_offset.angular_acceleration(smoothed, aligned, variant=one, **settings) for one in variants]
+    turning = dict(zip(variants, angular, strict=True))
+    if chosen.method == "published":
+        solved = [com_offset.published_solve(aligned, smoothed, one, variant=name) for name, one in turning.items()]
+    else:
+        solved = _weighed(chosen, aligned, smoothed, turning)
     return smoothed, angular, solved
+
+
+def _weighed(chosen, aligned, smoothed, angular):
+    """Offset of every manoeuvre, with the noise as measured; angular accelerations by variant."""
+    pieces = com_offset.quiet(aligned, **chosen.for_stage("quiet"))
+    measured, solved = com_offset.noise(pieces, **chosen.for_stage("noise")), []
+    for variant, one in angular.items():
+        resampled = com_offset.equations(aligned, smoothed, one, variant=variant, **chosen.for_stage("equations"))
+        solved.append(com_offset.solve(resampled, measured, variant=variant, **chosen.for_stage("solve")))
+    return solved
 
 
 def baseline(source, chosen):
@@ -108,7 +118,7 @@ def scene_settings(source, chosen):
     """What the view of a manoeuvre needs beside the products."""
     satellite = catalog.satellite(source.satellite).settings()
     known = {n: satellite[n] for n in TORQUERS} | {"mass": float(satellite["mass_at_launch"])}
-    for stage in ("attitude", "noise", "solve"):
+    for stage in ("attitude", "quiet", "equations", "noise", "solve"):
         known |= chosen.for_stage(stage)
     return dict(sorted(known.items()))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravcal.calibrations import align_schema
-from gravcal.calibrations.com_offset import schemas
+from gravcal.calibrations.com_offset import equations_schema, schemas
 from gravcal.data import product
 from tasks.stage import lazy, stage
 
@@ -14,7 +14,9 @@ attitude_science = lazy("gravcal.calibrations.com_offset.attitude")
 survey_science = lazy("gravcal.calibrations.com_offset.survey")
 noise_science = lazy("gravcal.calibrations.com_offset.noise")
 angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
+equations_science = lazy("gravcal.calibrations.com_offset.equations")
 solve_science = lazy("gravcal.calibrations.com_offset.solve")
+published_science = lazy("gravcal.calibrations.com_offset.published_solve")
 combine_science = lazy("gravcal.calibrations.com_offset.combine")
 
 drawings_science = lazy("gravcal.report.com_offset_drawings")
@@ -26,8 +28,10 @@ KINDS = {
     "com_offset.field": schemas.FIELD,
     "com_offset.attitude": schemas.ATTITUDE,
     "com_offset.survey": schemas.SURVEY,
+    "com_offset.quiet": equations_schema.QUIET,
     "com_offset.noise": schemas.NOISE,
     "com_offset.angular_acceleration": schemas.ANGULAR,
+    "com_offset.equations": equations_schema.EQUATIONS,
     "com_offset.solve": schemas.SOLVE,
     "com_offset.combine": schemas.COMBINE,
     "com_offset.figures": schemas.FIGURES,
@@ -95,11 +99,17 @@ def survey(aligned, checked):
     return survey_science.survey(aligned, checked)
 
 
-@stage(reads=["com_offset.align"], writes="com_offset.noise", version=1)
-def noise(aligned, *, lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s):
-    """Noise of the linear channels in quiet data."""
+@stage(reads=["com_offset.align"], writes="com_offset.quiet", version=1)
+def quiet(aligned, *, lowpass_hz, half_width_s, step_s, quiet_margin_s):
+    """Linear channels outside the manoeuvres."""
     settings = {name: value for name, value in locals().items() if name != "aligned"}
-    return noise_science.noise(aligned, **settings)
+    return noise_science.quiet(aligned, **settings)
+
+
+@stage(reads=["com_offset.quiet"], writes="com_offset.noise", version=2)
+def noise(pieces, *, drift_degree, noise_order):
+    """Noise of the linear channels in quiet data."""
+    return noise_science.noise(pieces, drift_degree=drift_degree, noise_order=noise_order)
 
 
 @stage(reads=["com_offset.attitude", "com_offset.align"], writes="com_offset.angular_acceleration", version=1)
@@ -120,28 +130,30 @@ def angular_acceleration(
 
 
 @stage(
-    reads=["com_offset.align", "com_offset.attitude", "com_offset.angular_acceleration", "com_offset.noise"],
+    reads=["com_offset.align", "com_offset.attitude", "com_offset.angular_acceleration"],
+    writes="com_offset.equations",
+    version=1,
+)
+def equations(aligned, smoothed, angular, *, variant, lowpass_hz, half_width_s, step_s):  # noqa: ARG001 - of the name
+    """Resampled reading and columns of every manoeuvre for one angular acceleration."""
+    settings = {"lowpass_hz": lowpass_hz, "half_width_s": half_width_s, "step_s": step_s}
+    return equations_science.equations(aligned, smoothed, angular, **settings)
+
+
+@stage(reads=["com_offset.equations", "com_offset.noise"], writes="com_offset.solve", version=2)
+def solve(resampled, measured, *, variant, drift_degree, noise_order):  # noqa: ARG001 - of the name
+    """Offset of every manoeuvre from one angular acceleration."""
+    return solve_science.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)
+
+
+@stage(
+    reads=["com_offset.align", "com_offset.attitude", "com_offset.angular_acceleration"],
     writes="com_offset.solve",
     version=1,
 )
-def solve(
-    aligned,
-    smoothed,
-    angular,
-    measured,
-    *,
-    variant,
-    method,
-    lowpass_hz,
-    half_width_s,
-    step_s,
-    drift_degree,
-    noise_order,
-):
-    """Offset of every manoeuvre from one angular acceleration."""
-    inputs = ("aligned", "smoothed", "angular", "measured", "variant")
-    settings = {name: value for name, value in locals().items() if name not in inputs}
-    return solve_science.solve(aligned, smoothed, angular, measured, **settings)
+def published_solve(aligned, smoothed, angular, *, variant):  # noqa: ARG001 - of the name
+    """The same as printed in the source paper."""
+    return published_science.solve(aligned, smoothed, angular)
 
 
 @stage(reads=["com_offset.solve"], writes="com_offset.combine", version=1)
@@ -166,7 +178,7 @@ def model_error(combined, *moved, determined_sigma_um):
         "com_offset.detect",
     ],
     writes="com_offset.figures",
-    version=1,
+    version=2,
 )
 def figures(*products):
     """Figures of the page that no solution changes."""
@@ -178,16 +190,14 @@ def figures(*products):
     reads=[
         "com_offset.combine",
         *["com_offset.solve"] * 4,
-        *["com_offset.angular_acceleration"] * 4,
         "com_offset.attitude",
         "com_offset.survey",
         "com_offset.field",
-        "com_offset.align",
         "com_offset.detect",
         "com_offset.figures",
     ],
     writes="com_offset.report",
-    version=1,
+    version=2,
 )
 def report(*products, event, satellite, settings, published, templates):  # noqa: ARG001 - templates are in the key
     """Result document, page and line of the sequence-of-events file."""

@@ -3,7 +3,6 @@
 Short campaigns import it before they fork, so that their children begin with it. Nothing here starts a thread.
 """
 
-import dask.base  # noqa: F401 - xarray asks it for each index
 import h5py  # noqa: F401
 import jinja2  # noqa: F401
 import jsonschema  # noqa: F401

@@ -6,12 +6,14 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.align import align
+from gravcal.calibrations.com_offset import published_solve
 from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS, angular_acceleration
 from gravcal.calibrations.com_offset.attitude import attitude
 from gravcal.calibrations.com_offset.combine import combine
 from gravcal.calibrations.com_offset.detect import detect
+from gravcal.calibrations.com_offset.equations import equations
 from gravcal.calibrations.com_offset.field import field
-from gravcal.calibrations.com_offset.noise import noise
+from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.calibrations.com_offset.solve import solve
 from gravcal.data import catalog
 from gravcal.simulation.com_offset import simulate
@@ -66,16 +68,23 @@ def chain(observed, satellite=SATELLITE, **settings):
     made, chosen = smoothed(observed, satellite, **settings)
     names = ("inertia", "inertia_sigma", "dipole_per_current", "dipole_per_current_sigma")
     with_sigma = {name: satellite[name] for name in names}
-    made["noise"] = noise(made["align"], **chosen.for_stage("noise"))
+    made["noise"] = noise(quiet(made["align"], **chosen.for_stage("quiet")), **chosen.for_stage("noise"))
     made["angular_acceleration"], made["solve"] = {}, {}
     for variant in VARIANTS:
         stage = chosen.for_stage("angular_acceleration") | with_sigma | {"variant": variant}
         angular = angular_acceleration(made["attitude"], made["align"], **stage)
         made["angular_acceleration"][variant] = angular
-        equations = (made["align"], made["attitude"], angular, made["noise"])
-        made["solve"][variant] = solve(*equations, **chosen.for_stage("solve"))
+        made["solve"][variant] = solution(made["align"], made["attitude"], angular, made["noise"], chosen)
     made["combine"] = combine(*made["solve"].values(), **chosen.for_stage("combine"))
     return made
+
+
+def solution(aligned, smoothed, angular, measured, chosen):
+    """Offset of every manoeuvre for one angular acceleration, with the chosen parameters."""
+    if chosen.method == "published":
+        return published_solve.solve(aligned, smoothed, angular)
+    resampled = equations(aligned, smoothed, angular, **chosen.for_stage("equations"))
+    return solve(resampled, measured, **chosen.for_stage("solve"))
 
 
 def errors(combined, truth):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 
@@ -28,7 +29,10 @@ def build(schema: Mapping[str, Mapping[str, str]], values: Mapping[str, object],
         dims = tuple(stated["dims"].split())
         label = {k: stated[k] for k in ("units", "frame", "long_name") if k in stated}
         array = np.asarray(values[name], dtype=stated.get("dtype", "f8"))
-        labelled[name] = xr.Variable(dims, array, label, fastpath=True)  # the other path imports dask.array
+        if dims == (name,) and array.dtype.kind in "fiu":  # an index at once; the other paths import dask
+            labelled[name] = xr.IndexVariable(dims, pd.Index(array), label, fastpath=True)
+        else:
+            labelled[name] = xr.Variable(dims, array, label, fastpath=True)
     coords = {name: entry for name, entry in labelled.items() if entry.dims == (name,)}
     data = {name: entry for name, entry in labelled.items() if name not in coords}
     return xr.Dataset(data, coords=coords, attrs={"time_scale": "GPS"} | attrs)

@@ -14,7 +14,7 @@ import zlib
 
 import numpy as np
 
-from gravcal.data import netcdf, netcdf_reading, product
+from gravcal.data import netcdf, netcdf_reading, product, variables
 
 
 def recorded(dataset, places) -> dict:
@@ -48,7 +48,7 @@ def of(dataset, places) -> str:
     dataset : Dataset, settled, without provenance
     places : {name: place in the file}, as of `netcdf.written`
     """
-    coordinates, variables = set(dataset.coords), {}
+    coordinates, entries = set(dataset.coords), {}
     for name, variable in dataset.variables.items():
         entry = {"dims": list(variable.dims), "shape": list(variable.shape), "attrs": _plain(netcdf.of_type(variable))}
         if variable.dtype == object:
@@ -56,8 +56,8 @@ def of(dataset, places) -> str:
         else:
             place = places.get(name)
             entry |= {"dtype": variable.dtype.str} | (place if isinstance(place, dict) else {"offset": place})
-        variables[name] = entry | ({"coordinate": True} if name in coordinates else {})
-    return json.dumps({"attrs": _plain(dataset.attrs), "variables": variables})
+        entries[name] = entry | ({"coordinate": True} if name in coordinates else {})
+    return json.dumps({"attrs": _plain(dataset.attrs), "variables": entries})
 
 
 def dataset_of(image: bytes, text: str):
@@ -77,7 +77,7 @@ def dataset_of(image: bytes, text: str):
     packed = netcdf_reading.arrays(image, through) if through else {}
     for name, entry in entries.items():
         values = packed[name] if name in packed else _values(image, entry)
-        variable = xr.Variable(tuple(entry["dims"]), values, _attributes(entry["attrs"]), fastpath=True)
+        variable = variables.made(name, tuple(entry["dims"]), values, _attributes(entry["attrs"]))
         parts["coordinate" in entry][name] = variable
     return xr.Dataset(*parts, _attributes(layout["attrs"]))
 

@@ -20,7 +20,7 @@ import re
 
 import numpy as np
 
-from gravcal.data import netcdf_reading
+from gravcal.data import netcdf_reading, variables
 from gravcal.errors import ProductError
 
 TIME = {
@@ -104,12 +104,12 @@ def _settled(dataset, labels, attributes):
     """The same with other attributes: those of each variable by name, and the global ones."""
     import xarray as xr
 
-    variables = {}
+    found = {}
     for name, variable in dataset.variables.items():
         values, own = _settled_values(variable.values), _settled_attributes(labels[name])
-        variables[name] = xr.Variable(variable.dims, values, own, fastpath=True)  # the other path imports dask.array
-    coordinates = {name: variables.pop(name) for name in sorted(dataset.coords)}
-    return xr.Dataset(variables, coordinates, _settled_attributes(attributes))
+        found[name] = variables.made(name, variable.dims, values, own)
+    coordinates = {name: found.pop(name) for name in sorted(dataset.coords)}
+    return xr.Dataset(found, coordinates, _settled_attributes(attributes))
 
 
 def digest(dataset):

@@ -18,7 +18,7 @@ def report(*products, event, satellite, settings, published):
 
     Parameters
     ----------
-    products : Dataset, combine, four solve, four angular_acceleration, attitude, survey, field, align, detect, figures
+    products : Dataset, combine, four solve, attitude, survey, field, detect, figures
     event : str
     satellite : letter
     settings : mapping of all parameters
@@ -30,8 +30,8 @@ def report(*products, event, satellite, settings, published):
     files : {name: text or bytes}
     """
     combined, solved = products[0], products[1:5]
-    smoothed, surveyed, checked, _, detected, drawn = products[9:]
-    provenance = {"products": {name: product.digest_as_read(d)[:12] for name, d in _named(products).items()}}
+    smoothed, surveyed, checked, detected, drawn = products[5:]
+    provenance = {"products": {name: digest[:12] for name, digest in _digests(products).items()}}
     arguments = {"event": event, "provenance": provenance, "settings": settings}
     document = com_offset.document(combined, solved, smoothed, checked, detected, surveyed, **arguments)
     validate(document)
@@ -45,12 +45,12 @@ def report(*products, event, satellite, settings, published):
     return _dataset(document), files
 
 
-def _named(products):
-    """Products by the stage that made them."""
+def _digests(products):
+    """Digests of what led here, by the stage that made it; the figures know those of the series they show."""
     names = ["combine", *(f"solve.{d.attrs['variant']}" for d in products[1:5])]
-    names += [f"angular_acceleration.{d.attrs['variant']}" for d in products[5:9]]
-    names += ["attitude", "survey", "field", "align", "detect"]
-    return dict(zip((f"com_offset.{n}" for n in names), products[:-1], strict=True))
+    names += ["attitude", "survey", "field", "detect"]
+    known = {f"com_offset.{n}": product.digest_as_read(d) for n, d in zip(names, products[:-1], strict=True)}
+    return known | json.loads(products[-1].attrs["drawn_from"])
 
 
 def _dataset(document):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,6 +10,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import FIGURES
+from gravcal.data import product
 from gravcal.report import com_offset_figures as figures
 
 
@@ -31,7 +33,7 @@ def drawings(
 
     Returns
     -------
-    drawn : Dataset, "com_offset.figures"
+    drawn : Dataset, "com_offset.figures"; its attribute ``drawn_from`` is JSON of the digest of each product
     """
     wanted = {"attitude": (figures.attitude, smoothed), "field": (figures.field, field, aligned)}
     if detected is not None and detected.sizes["manoeuvre"]:
@@ -40,7 +42,11 @@ def drawings(
     found = {name: draw(*given) for name, (draw, *given) in wanted.items() if all(one is not None for one in given)}
     texts = {name: text.encode() for name, text in found.items() if text is not None}
     values = {"name": np.array(list(texts), dtype=object), "stop": np.cumsum([len(text) for text in texts.values()])}
-    return build(FIGURES, values | {"svg": np.frombuffer(b"".join(texts.values()), np.uint8)})
+    origins = {f"angular_acceleration.{variant}": one for variant, one in (angular or {}).items()}
+    origins |= {"attitude": smoothed, "field": field, "align": aligned, "detect": detected}
+    origins = {f"com_offset.{n}": product.digest_as_read(d) for n, d in origins.items() if d is not None}
+    values["svg"] = np.frombuffer(b"".join(texts.values()), np.uint8)
+    return build(FIGURES, values, drawn_from=json.dumps(origins))
 
 
 def texts(drawn: xr.Dataset | None) -> dict[str, str]:

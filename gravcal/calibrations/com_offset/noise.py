@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
+from gravcal.calibrations.com_offset.equations_schema import QUIET
 from gravcal.calibrations.com_offset.schemas import NOISE
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, fit_noise
@@ -16,20 +17,42 @@ QUIET_S = 300.0
 FREQUENCY = np.linspace(0.005, 1.0, 200)
 
 
-def noise(aligned: xr.Dataset, **settings) -> xr.Dataset:
-    """Autoregressive model of each linear channel, none where there is too little quiet data.
+def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
+    """Linear channels outside the manoeuvres, low-passed and resampled like the reading of a manoeuvre.
 
     Parameters
     ----------
     aligned : Dataset, "align"
-    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
+    settings : lowpass_hz, half_width_s, step_s, quiet_margin_s
+
+    Returns
+    -------
+    pieces : Dataset, "com_offset.quiet", pieces as long as a manoeuvre; NaN where there are too few samples
+    """
+    time, linear = aligned["time_acc"].values, aligned["linear_b"].values
+    good = (aligned["acc_flag"].values == 0) & np.isfinite(linear).all(axis=1)
+    found = [_quiet_piece(time, linear, good, *ends, settings) for ends in _quiet_spans(aligned, settings)]
+    found = [(np.zeros(0), np.zeros((0, 3))), *(one for one in found if one is not None)]
+    values = {"time_grid": np.concatenate([grid for grid, _ in found])}
+    values["reading"] = np.concatenate([reading for _, reading in found])
+    values["piece"] = np.repeat(np.arange(-1, len(found) - 1), [grid.size for grid, _ in found])
+    return build(QUIET, values, step_s=settings["step_s"])
+
+
+def noise(pieces: xr.Dataset, **settings) -> xr.Dataset:
+    """Autoregressive model of each linear channel, none where there is too little quiet data.
+
+    Parameters
+    ----------
+    pieces : Dataset, "com_offset.quiet"
+    settings : drift_degree, noise_order
 
     Returns
     -------
     measured : Dataset, "com_offset.noise"
     """
-    models, seconds = quiet_noise(aligned, settings)
-    return as_dataset(models, "quiet data" if models else "none", seconds, settings["step_s"])
+    models, seconds = quiet_noise(pieces, settings)
+    return as_dataset(models, "quiet data" if models else "none", seconds, pieces.attrs["step_s"])
 
 
 def as_dataset(models: list[NoiseModel], source: str, seconds: float, step: float) -> xr.Dataset:
@@ -63,29 +86,28 @@ def models_of(measured: xr.Dataset) -> list[NoiseModel]:
     ]
 
 
-def quiet_noise(aligned: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
+def quiet_noise(pieces: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:
     """Noise of the linear channels outside the manoeuvres.
 
     Parameters
     ----------
-    aligned : Dataset, "align"
-    settings : lowpass_hz, half_width_s, step_s, drift_degree, noise_order, quiet_margin_s
+    pieces : Dataset, "com_offset.quiet"
+    settings : drift_degree, noise_order
 
     Returns
     -------
     noise : model of each axis, on the grid of the solution
     seconds : length of the quiet data used
     """
-    time, linear = aligned["time_acc"].values, aligned["linear_b"].values
-    good = (aligned["acc_flag"].values == 0) & np.isfinite(linear).all(axis=1)
-    pieces = [_quiet_piece(time, linear, good, *ends, settings) for ends in _quiet_spans(aligned, settings)]
-    pieces = [p for p in pieces if p is not None]
-    seconds = settings["step_s"] * sum(int(np.isfinite(p[:, 0]).sum()) for p in pieces)
-    removed = len(pieces) * (settings["drift_degree"] + 1)
+    step, degree = float(pieces.attrs["step_s"]), settings["drift_degree"]
+    time, reading = pieces["time_grid"].values, pieces["reading"].values
+    seconds = step * int(np.isfinite(reading[:, 0]).sum())
     if seconds < QUIET_S:
         return [], seconds
-    order = settings["noise_order"]
-    return [fit_noise([p[:, a] for p in pieces], order, settings["step_s"], removed) for a in range(3)], seconds
+    cuts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1
+    values = [_without_drift(*one, degree) for one in zip(np.split(time, cuts), np.split(reading, cuts), strict=True)]
+    removed = len(values) * (degree + 1)
+    return [fit_noise([v[:, a] for v in values], settings["noise_order"], step, removed) for a in range(3)], seconds
 
 
 def _quiet_spans(aligned, settings):
@@ -116,7 +138,12 @@ def _quiet_piece(time, linear, good, begin, end, settings):
     )
     if operator.valid.sum() < 100:
         return None
-    values = operator(linear[inside] - linear[inside][good[inside]].mean(axis=0))
-    drift = estimation.polynomial(grid, settings["drift_degree"], grid[0], grid[-1])[operator.valid]
-    values[operator.valid] = estimation.without(drift, values[operator.valid])
-    return values
+    return grid, operator(linear[inside] - linear[inside][good[inside]].mean(axis=0))
+
+
+def _without_drift(grid, reading, degree):
+    """Reading of a piece without its drift, fitted where it has values."""
+    valid, found = np.isfinite(reading[:, 0]), reading.copy()
+    drift = estimation.polynomial(grid, degree, grid[0], grid[-1])[valid]
+    found[valid] = estimation.without(drift, reading[valid])
+    return found

@@ -1,5 +1,27 @@
 """What the products of this calibration hold: dimensions, units, frames."""
 
+#: Of every manoeuvre, and of every way in which an angular acceleration may be wrong.
+MANOEUVRES = {
+    "kind": {
+        "dims": "manoeuvre",
+        "units": "1",
+        "long_name": "axis of the torque: 0 roll, 1 pitch, 2 yaw",
+        "dtype": "i1",
+    },
+    "start": {"dims": "manoeuvre", "units": "s", "long_name": "first edge, middle of its interval"},
+    "stop": {"dims": "manoeuvre", "units": "s", "long_name": "last edge, middle of its interval"},
+}
+MODES = {
+    "mode_shared": {"dims": "mode_index", "units": "1", "long_name": "in all manoeuvres", "dtype": "i1"},
+    "mode_catalogue": {
+        "dims": "mode_index",
+        "units": "1",
+        "long_name": "from inertia and dipole of the catalogue",
+        "dtype": "i1",
+    },
+}
+LATITUDE = {"dims": "manoeuvre", "units": "rad", "long_name": "geocentric latitude at the middle"}
+
 DETECT = {
     "start": {"dims": "manoeuvre", "units": "s", "long_name": "first edge, middle of its interval"},
     "stop": {"dims": "manoeuvre", "units": "s", "long_name": "last edge, middle of its interval"},
@@ -157,13 +179,7 @@ ANGULAR = {
         "frame": "b",
         "long_name": "change for one standard deviation",
     },
-    "mode_shared": {"dims": "mode_index", "units": "1", "long_name": "in all manoeuvres", "dtype": "i1"},
-    "mode_catalogue": {
-        "dims": "mode_index",
-        "units": "1",
-        "long_name": "from inertia and dipole of the catalogue",
-        "dtype": "i1",
-    },
+    **MODES,
     "ratio": {"dims": "axis", "units": "1", "long_name": "this angular acceleration over the torquer, all manoeuvres"},
     "scale": {"dims": "axis", "units": "1", "long_name": "torquer over angular accelerometer"},
     "scale_sigma": {"dims": "axis", "units": "1", "long_name": "its standard deviation"},
@@ -187,7 +203,7 @@ SOLVE = {
     "time_grid": {"dims": "time_grid"},
     "frequency": {"dims": "frequency", "units": "Hz", "long_name": "frequency"},
     "offset": {"dims": "manoeuvre axis", "units": "m", "frame": "b", "long_name": "proof mass to centre of mass"},
-    "latitude": {"dims": "manoeuvre", "units": "rad", "long_name": "geocentric latitude at the middle"},
+    "latitude": LATITUDE,
     "right": {"dims": "manoeuvre axis", "units": "m-1", "frame": "b", "long_name": "right-hand side Z'y"},
     "normal": {"dims": "manoeuvre axis axis_2", "units": "m-2", "frame": "b", "long_name": "normal matrix Z'A"},
     "information": {"dims": "manoeuvre axis axis_2", "units": "m-2", "frame": "b", "long_name": "inverse covariance"},
@@ -199,14 +215,7 @@ SOLVE = {
     },
     "chi2": {"dims": "manoeuvre", "units": "1", "long_name": "whitened residuals"},
     "dof": {"dims": "manoeuvre", "units": "1", "long_name": "degrees of freedom", "dtype": "i4"},
-    "kind": {
-        "dims": "manoeuvre",
-        "units": "1",
-        "long_name": "axis of the torque: 0 roll, 1 pitch, 2 yaw",
-        "dtype": "i1",
-    },
-    "start": {"dims": "manoeuvre", "units": "s", "long_name": "first edge, middle of its interval"},
-    "stop": {"dims": "manoeuvre", "units": "s", "long_name": "last edge, middle of its interval"},
+    **MANOEUVRES,
     "reading": {
         "dims": "time_grid axis",
         "units": "m s-2",
@@ -225,13 +234,7 @@ SOLVE = {
         "units": "m2 s-4 Hz-1",
         "long_name": "one-sided noise density as measured",
     },
-    "mode_shared": {"dims": "mode_index", "units": "1", "long_name": "in all manoeuvres", "dtype": "i1"},
-    "mode_catalogue": {
-        "dims": "mode_index",
-        "units": "1",
-        "long_name": "from inertia and dipole of the catalogue",
-        "dtype": "i1",
-    },
+    **MODES,
 }
 
 COMBINE = {
@@ -275,14 +278,7 @@ COMBINE = {
     "variants_dof": {"dims": "", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
     "catalogue_chi2": {"dims": "", "units": "1", "long_name": "disagreement of mtq and acc, catalogue's error within"},
     "catalogue_dof": {"dims": "", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
-    "kind": {
-        "dims": "manoeuvre",
-        "units": "1",
-        "long_name": "axis of the torque: 0 roll, 1 pitch, 2 yaw",
-        "dtype": "i1",
-    },
-    "start": {"dims": "manoeuvre", "units": "s", "long_name": "first edge, middle of its interval"},
-    "stop": {"dims": "manoeuvre", "units": "s", "long_name": "last edge, middle of its interval"},
+    **MANOEUVRES,
 }
 
 FIGURES = {

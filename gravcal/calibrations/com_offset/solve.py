@@ -6,14 +6,12 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset import published
+from gravcal.calibrations.com_offset.equations import arrays, of_rotation
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
 from gravcal.calibrations.com_offset.schemas import SOLVE
-from gravcal.effects import Context, effect
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, fit_noise, whiten
 from gravcal.methods.remembering import remembered
-from gravcal.methods.resampling import operator_for
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2
@@ -21,80 +19,54 @@ PRIOR = np.eye(3) / 1e-3**2
 DIRECTION_LIMIT_M = 1e-4
 
 
-def solve(
-    aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, measured: xr.Dataset, **settings
-) -> xr.Dataset:
+def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset:
     """Offset, information and mode shifts of every manoeuvre for one angular acceleration.
 
     CoM paper eqs. 3-6 with generalised weights; erratum C-12 for the weights and the operator.
 
     Parameters
     ----------
-    aligned : Dataset, "align"
-    smoothed : Dataset, "com_offset.attitude"
-    angular : Dataset, "com_offset.angular_acceleration"
+    resampled : Dataset, "com_offset.equations"
     measured : Dataset, "com_offset.noise"
-    settings : method, lowpass_hz, half_width_s, step_s, drift_degree, noise_order
+    settings : drift_degree, noise_order
 
     Returns
     -------
     solved : Dataset, "com_offset.solve"
     """
-    variant = angular.attrs["variant"]
-    given = [_arrays(product) for product in (aligned, smoothed, angular)]
-    if settings["method"] == "published":
-        return _published(*given, variant)
+    given = arrays(resampled)
+    settings = settings | {"step_s": float(resampled.attrs["step_s"])}
     noise = models_of(measured)
     source = "quiet data" if noise else "residuals"
-    blocks = [_block(*given, i, settings | {"variant": variant}) for i in range(aligned.sizes["manoeuvre"])]
+    blocks = [_block(given, i, settings) for i in range(resampled.sizes["manoeuvre"])]
     if not noise:
         noise = _residual_noise(blocks, settings)
     whitened = [_whitened(b, noise) for b in blocks]
     scores = [_score(w) for w in whitened]
-    joint = _joint(scores)
-    values = _values(blocks, whitened, scores, joint, angular.sizes["mode_index"])
-    values |= {n: angular[n].values for n in ("mode_shared", "mode_catalogue")}
-    values |= _where(given[0])
+    values = _values(blocks, whitened, scores, _joint(scores), resampled.sizes["mode_index"])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)
-    values |= {"frequency": FREQUENCY, "noise_density": density}
+    return product(values | {"noise_density": density}, given, resampled.attrs["variant"], source)
+
+
+def product(values, given, variant: str, source: str) -> xr.Dataset:
+    """Product of a solution.
+
+    Parameters
+    ----------
+    values : arrays by name
+    given : arrays of "com_offset.equations" by name, or what stands for them: kind, start, stop, latitude, modes
+    variant : angular acceleration
+    source : of the noise
+    """
+    kept = {n: given[n] for n in ("kind", "start", "stop", "latitude", "mode_shared", "mode_catalogue")}
     attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": source}
-    return build(SOLVE, values, **attrs)
+    return build(SOLVE, values | kept | {"frequency": FREQUENCY}, **attrs)
 
 
-def _arrays(product):
-    """Variables of a product as bare arrays, by name."""
-    return {name: variable.values for name, variable in product.variables.items()}
-
-
-def _where(aligned):
-    """Kind, times and latitude of every manoeuvre."""
-    start, stop = aligned["start"], aligned["stop"]
-    position, time = aligned["position_e"], aligned["time_orbit"]
-    sine = position[:, 2] / np.linalg.norm(position, axis=1)
-    latitude = np.arcsin(np.interp((start + stop) / 2, time, sine))
-    return {"kind": aligned["kind"], "start": start, "stop": stop, "latitude": latitude}
-
-
-def _published(aligned, smoothed, angular, variant):
-    """Offsets and formal errors as printed."""
-    count = aligned["start"].size
-    offset, information, where = np.full((count, 3), np.nan), np.zeros((count, 3, 3)), _where(aligned)
-    for i in range(count):
-        inside = _samples(smoothed, i)
-        if inside is None:
-            continue
-        time = smoothed["time_acc"][inside]
-        linear, marked = _reading(aligned, time)
-        rates = smoothed["rate_b"][inside], angular["rate_dot_b"][inside]
-        kept = published.components(int(where["kind"][i]), float(where["latitude"][i]))
-        offset[i], formal = published.solve_one(time, ~marked, linear, rates, kept)
-        information[i][np.ix_(kept, kept)] = estimation.stable_inverse(formal[np.ix_(kept, kept)])
-    values = _values([None] * count, [], [], None, 0) | where
-    values |= {"offset": offset, "information": information, "normal": information}
-    values |= {"right": np.matvec(information, np.nan_to_num(offset)), "mode_shared": [], "mode_catalogue": []}
-    values |= {"frequency": FREQUENCY, "noise_density": np.full((3, FREQUENCY.size), np.nan)}
-    attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": "published"}
-    return build(SOLVE, values, **attrs)
+def nothing(count: int) -> dict[str, np.ndarray]:
+    """Values of a solution in which so many manoeuvres tell nothing."""
+    values = _values([None] * count, [], [], None, 0)
+    return values | {"noise_density": np.full((3, FREQUENCY.size), np.nan)}
 
 
 def _joint(scores):
@@ -109,78 +81,23 @@ def _joint(scores):
     return estimation.stable_inverse(normal) @ sum(s.right for s in seen)
 
 
-def _block(aligned, smoothed, angular, index, settings):
-    """Resampled reading, columns, instruments, modes and drift of one manoeuvre; None without samples.
-
-    The columns are linear in the angular acceleration, so that this is resampled, not its nine columns.
-    """
-    inside = _samples(smoothed, index)
-    if inside is None:
+def _block(given, index, settings):
+    """Reading, columns, instruments, modes and drift of one manoeuvre; None without epochs."""
+    inside = slice(*np.searchsorted(given["grid_manoeuvre"], [index, index + 1]))
+    if inside.stop == inside.start:
         return None
-    time = smoothed["time_acc"][inside]
-    linear, marked = _reading(aligned, time)
-    value, modes = angular["rate_dot_b"][inside], angular["mode"][:, inside]
-    good = ~marked & np.isfinite(value).all(axis=1)
-    motion = smoothed["rate_b"][inside], smoothed["gradient_b"][inside]
-    operator, still = _still(time, good, *motion, _filter(aligned, smoothed, index, settings))
-    if operator.valid.sum() < 60:
-        return None
-    driven = [value]
-    if settings["variant"] != "mtq":
-        driven.append(smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside])
-    series = np.stack([linear - linear[good].mean(axis=0), *driven, *modes], axis=1)
-    reading, *turning = np.moveaxis(operator(np.nan_to_num(series)), 1, 0)
-    turning = list(_columns(operator.time, np.zeros(3), np.array(turning), np.zeros((3, 3))))
+    time, still = given["time_grid"][inside], given["still"][inside]
+    driven, modes = given["driven_b"][:, inside], given["mode"][:, inside]
+    turning = list(of_rotation(time, np.concatenate([given["rate_dot_b"][None, inside], driven, modes])))
     return {
-        "operator": operator,
-        "reading": reading,
+        "time": time,
+        "valid": given["valid"][inside].astype(bool),
+        "reading": given["reading"][inside],
         "design": still + turning[0],
-        "instruments": still + turning[1] if driven[1:] else None,
-        "modes": turning[len(driven) :],
-        "drift": estimation.polynomial(operator.time, settings["drift_degree"], *operator.time[[0, -1]]),
+        "instruments": still + turning[1] if len(driven) else None,
+        "modes": turning[1 + len(driven) :],
+        "drift": estimation.polynomial(time, settings["drift_degree"], *time[[0, -1]]),
     }
-
-
-def _samples(smoothed, index):
-    """Samples of one manoeuvre, as a slice where they are in one piece; None where there are too few."""
-    inside = np.flatnonzero(smoothed["acc_manoeuvre"] == index)
-    if inside.size < 200:
-        return None
-    whole = slice(inside[0], inside[-1] + 1)
-    return whole if whole.stop - whole.start == inside.size else inside
-
-
-def _reading(aligned, time):
-    """Linear acceleration (n, 3) at epochs of the record and which of them are not usable (n,)."""
-    at = np.searchsorted(aligned["time_acc"], time)
-    linear = aligned["linear_b"][at]
-    return linear, (aligned["acc_flag"][at] != 0) | ~np.isfinite(linear).all(axis=1)
-
-
-@remembered(16)
-def _still(time, good, rate, gradient, filtered):
-    """Low-pass and resampling, and the columns without angular acceleration: one for all variants of a manoeuvre."""
-    start, stop, *settings = filtered
-    operator = operator_for(time, good, max(start, time[0]), min(stop, time[-1]), *settings)
-    return operator, operator(_columns(time, rate, np.zeros(3), gradient))
-
-
-def _filter(aligned, smoothed, index, settings):
-    """First and last edge, and what the low-pass and resampling between them needs."""
-    return *_ends(aligned, smoothed, index), *(settings[name] for name in ("lowpass_hz", "half_width_s", "step_s"))
-
-
-def _ends(aligned, smoothed, index):
-    """First and last edge as the accelerometer sees them."""
-    count = int(np.isfinite(aligned["edge_lower"][index]).sum())
-    late = np.nan_to_num(smoothed["acc_shift"][index])
-    return aligned["edge_upper"][index, 0] + max(late, 0.0), aligned["edge_lower"][index, count - 1] + min(late, 0.0)
-
-
-def _columns(time, rate, rate_dot, gradient):
-    """Reading per metre of offset, (n, axis, component)."""
-    context = Context(time=time, rate_b=rate, rate_dot_b=rate_dot, gradient_b=gradient)
-    return effect("accelerometer.offset").columns(context)
 
 
 def _whitened(block, noise):
@@ -192,7 +109,7 @@ def _whitened(block, noise):
     """
     if block is None:
         return None
-    valid, drift = block["operator"].valid, block["drift"]
+    valid, drift = block["valid"], block["drift"]
     own = [block["design"], *([] if block["instruments"] is None else [block["instruments"]]), *block["modes"]]
     columns = np.concatenate([block["reading"][:, :, None], *own], axis=2)
     white = []
@@ -240,7 +157,7 @@ def _residual_noise(blocks, settings):
 def _residual(block, value):
     """Reading minus model with its drift removed, on the resampled grid (n, 3)."""
     residual = block["reading"] - block["design"] @ value
-    valid = block["operator"].valid
+    valid = block["valid"]
     residual[valid] = estimation.without(block["drift"][valid], residual[valid])
     return residual
 
@@ -258,10 +175,10 @@ def _values(blocks, whitened, scores, joint, modes):
             continue
         for name, value in _estimate(white, score, joint).items():
             table[name][i] = value
-        valid = block["operator"].valid
+        valid = block["valid"]
         both = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
         both = _without(block["drift"][valid], both)
-        series["time_grid"].append(block["operator"].time[valid])
+        series["time_grid"].append(block["time"][valid])
         series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
         series["reading"].append(both[:, :3])
         series["model"].append(both[:, 3:])

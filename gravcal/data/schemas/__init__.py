@@ -42,15 +42,17 @@ def validate(document, name=None):
     name = name or ("discovery" if "adequate_before" in document else document.get("calibration"))
     if name not in DOCUMENTS:
         raise _wrong("calibration", name, f"one of {', '.join(DOCUMENTS[:-1])}")
+    blocks = []
     for path, item in _walk(document, ()):
         if isinstance(item, float) and not math.isfinite(item):
             raise _wrong(_text(path), item, "a finite number, or null for what is not determined")
+        if isinstance(item, dict):
+            blocks.append((item, path))
     error = next(iter(sorted(_validator(name).iter_errors(document), key=lambda e: list(map(str, e.path)))), None)
     if error is not None:
         raise _wrong(_text(error.absolute_path), error.instance, _expected(error))
-    for path, item in _walk(document, ()):
-        if isinstance(item, dict):
-            _check_triples(item, path)
+    for block in blocks:
+        _check_triples(*block)
 
 
 @lru_cache(maxsize=len(DOCUMENTS))

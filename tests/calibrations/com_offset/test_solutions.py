@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal.calibrations.com_offset.combine import _joint, combine
-from gravcal.calibrations.com_offset.solve import _columns, solve
+from gravcal.calibrations.com_offset.equations import columns
 from gravcal.data import catalog
 from gravcal.methods import estimation
 from gravcal.simulation.sensors import table_density
@@ -61,11 +61,10 @@ def test_the_offset_follows_the_reading(made):
     added = np.array([3e-5, -2e-5, 5e-5])
     values = (smoothed[n].values for n in ("time_acc", "rate_b", "rate_dot_mtq_b", "gradient_b"))
     linear = aligned["linear_b"].values.copy()
-    linear[np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)] += _columns(*values) @ added
+    linear[np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)] += columns(*values) @ added
     moved = aligned.assign(linear_b=(aligned["linear_b"].dims, linear))
-    settings = catalog.parameters("com_offset").for_stage("solve")
-    equations = (smoothed, made["angular_acceleration"]["mtq"], made["noise"])
-    one, other = (solve(a, *equations, **settings) for a in (aligned, moved))
+    others = (smoothed, made["angular_acceleration"]["mtq"], made["noise"], catalog.parameters("com_offset"))
+    one, other = (tools.solution(a, *others) for a in (aligned, moved))
     assert_allclose(other["right"].values - one["right"].values, np.matvec(one["normal"].values, added), rtol=1e-6)
     assert_allclose(one["information"].values, other["information"].values, rtol=1e-9)
 
@@ -77,9 +76,8 @@ def test_a_bias_and_a_trend_of_the_accelerometer_change_nothing(made):
     time = aligned["time_acc"].values
     extra = 1e-5 * np.array([1.0, -2.0, 0.5]) + 1e-12 * (time - time[0])[:, None] * np.array([1.0, 1.0, -1.0])
     moved = aligned.assign(linear_b=(aligned["linear_b"].dims, aligned["linear_b"].values + extra))
-    settings = catalog.parameters("com_offset").for_stage("solve")
-    equations = (made["attitude"], made["angular_acceleration"]["mtq"], made["noise"])
-    one, other = (solve(a, *equations, **settings) for a in (aligned, moved))
+    others = (made["attitude"], made["angular_acceleration"]["mtq"], made["noise"], catalog.parameters("com_offset"))
+    one, other = (tools.solution(a, *others) for a in (aligned, moved))
     scale = np.abs(one["right"].values).max()
     assert_allclose(other["right"].values, one["right"].values, atol=1e-6 * scale)  # rounding of the bias
 
