@@ -15,7 +15,6 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.request
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +25,7 @@ from gravcal.data import location
 HOST = "127.0.0.1"
 START_LIMIT_S = 180.0  # a first start took 11 s on a quiet machine, a minute on a busy one
 DRAIN_LIMIT_S = 20.0
+BUSY_RETRIES = 6  # 12 s in all, longer than SQLite waits for its lock
 OWN = "gravcal-process-"
 ENDED = ["COMPLETED", "FAILED", "CRASHED", "CANCELLED"]
 BEGUN = ["RUNNING", "PENDING", "CANCELLING"]
@@ -186,11 +186,19 @@ def _crash(url, run):
 
 
 def ask(url, path, question=None, method=None):
-    """Answer of the server to a question, both JSON."""
-    data = None if question is None else json.dumps(question).encode()
-    request = urllib.request.Request(url + path, data, {"Content-Type": "application/json"}, method=method)
-    with urllib.request.urlopen(request, timeout=10) as answer:
-        return json.loads(answer.read() or b"null")
+    """Answer of the server to a question, both JSON; asked again while it says that its database is busy."""
+    import requests
+    from urllib3.util import Retry
+
+    again = Retry(BUSY_RETRIES, connect=0, read=0, backoff_factor=0.2, status_forcelist=[503], allowed_methods=None)
+    with requests.Session() as session:
+        session.trust_env = HOST not in url  # a proxy does not know the ports of this machine
+        session.mount("http://", requests.adapters.HTTPAdapter(max_retries=again))
+        session.mount("https://", requests.adapters.HTTPAdapter(max_retries=again))
+        chosen = method or ("GET" if question is None else "POST")
+        answer = session.request(chosen, url + path, json=question, timeout=10)
+    answer.raise_for_status()
+    return json.loads(answer.content or b"null")
 
 
 def _wait_for(server):

@@ -1,7 +1,6 @@
 """An invented calibration that the command line can run, and one Prefect home for all tests."""
 
 import importlib
-import os
 import sys
 import textwrap
 
@@ -90,8 +89,10 @@ def fakecal(pipeline, tmp_path, monkeypatch):
 
 @pytest.fixture(scope="session")
 def prefect_home(tmp_path_factory):
-    """Return one home for all tests, also of other test processes: its first start migrates a database for 10 s."""
-    base = tmp_path_factory.getbasetemp()
-    home = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "prefect"
+    """Return one home for all tests of this process: its first start migrates a database for 10 s.
+
+    Other test processes have their own: two servers on one database see each other's deployments, and run them.
+    """
+    home = tmp_path_factory.getbasetemp() / "prefect"
     home.mkdir(exist_ok=True)
     return home
