@@ -56,6 +56,8 @@ def _cold(command, root, count, options):
         (alone, _), work = _campaign([*command, "--workers", "1"], _store(root, "alone"))
         figures.append(Figure("empty store, one worker", f"{alone:.3g} s"))
         figures.append(Figure("  work on one event", f"{work / count:.3g} s"))
+        limit = options.workers * work / busy
+        figures.append(Figure("  speed-up if nothing but the events took time", f"{limit:.3g}"))
         figures.append(at_least(f"  speed-up of {options.workers} workers", alone / cold, 1.6))
     return [*figures, (cold, processor)]
 

@@ -17,6 +17,7 @@ from gravcal.errors import GravcalError, ProductError
 
 ENDED_WELL = ("delivered", "no_manoeuvre")
 AHEAD = 4  # events handed out for each that is being worked on
+PROFILE = "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED"
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ def exit_code(summary):
 @contextlib.contextmanager
 def cluster(campaign, count):
     """Client of the cluster named, or of so many worker processes of this machine, one thread each."""
+    os.environ.setdefault(PROFILE, "false")  # nobody looks at the samples that Dask takes of its workers' stacks
     from distributed import Client, LocalCluster
 
     if campaign.scheduler:

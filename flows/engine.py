@@ -204,10 +204,16 @@ class Seeker:
         self.found, self.seconds = [], 0.0
 
     def __call__(self, call):
-        """Reference of the product, without key and digest if it is not there."""
+        """Reference of the product, without key and digest if it is not there.
+
+        Where there never was one the search ends: what an event is new in is not worth reading its files here.
+        """
+        seconds = store.last_seconds(call.unmade)
+        if seconds == math.inf:
+            raise Unknown(f"{call.unmade.stage} was never made", event=call.event)
         ref = None if _unknown(call) else store.find(keys.key(stage.recipe(call)[0]))
         if ref is None:
-            self.seconds += store.last_seconds(call.unmade)
+            self.seconds += seconds
             return call.unmade
         store.point(ref)
         self.found.append((call, ref))

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -11,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from gravcal.data import housekeeping
+from flows import campaign as campaigns
+from flows import campaign_work, command
+from gravcal.data import housekeeping, inputs
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 
@@ -89,6 +92,18 @@ def test_a_killed_worker_is_replaced_and_its_event_completed(environment, events
     assert mark.exists()
     assert code == 0
     assert summary["counts"] == {"delivered": 4}
+
+
+def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
+    """Contract: the process that hands out events reads no file of one that was never made."""
+    read, digest = [], inputs._file_digest
+    monkeypatch.setattr(inputs, "_file_digest", lambda item: read.append(item.path) or digest(item))
+    source, chosen = campaigns.sources("fakecal", None, events)[0], command.chosen("fakecal", None)
+    assert campaign_work.reuse("fakecal", source, chosen) == (None, math.inf)
+    assert read == []
+    command.flow_module("fakecal").calibrate(source, chosen)
+    assert campaign_work.reuse("fakecal", source, chosen)[0]["status"] == "delivered"
+    assert read
 
 
 def test_little_work_starts_neither_prefect_nor_dask(environment, events, tmp_path):
