@@ -16,7 +16,7 @@ import threading
 from dataclasses import dataclass
 
 from flows import allocation
-from gravcal.data import explain, journal, keys, store
+from gravcal.data import explain, inputs, journal, keys, store
 from gravcal.data.references import ProductRef
 from gravcal.errors import GravcalError
 from tasks import stage
@@ -206,14 +206,13 @@ class Seeker:
     def __call__(self, call):
         """Reference of the product, without key and digest if it is not there.
 
-        Where there never was one the search ends: what an event is new in is not worth reading its files here.
+        A file of which there never was a product ends the search: it is read by who makes one.
         """
-        seconds = store.last_seconds(call.unmade)
-        if seconds == math.inf:
+        if any(inputs.is_file(item) for item in call.inputs) and store.last_seconds(call.unmade) == math.inf:
             raise Unknown(f"{call.unmade.stage} was never made", event=call.event)
         ref = None if _unknown(call) else store.find(keys.key(stage.recipe(call)[0]))
         if ref is None:
-            self.seconds += seconds
+            self.seconds += store.last_seconds(call.unmade)
             return call.unmade
         store.point(ref)
         self.found.append((call, ref))

@@ -19,7 +19,7 @@ def roots():
     -------
     roots : list of Path or Traversable
     """
-    shipped = resources.files("catalog")
+    shipped = _shipped()
     own = os.environ.get(ENVIRONMENT)
     if not own:
         return [shipped]
@@ -30,6 +30,12 @@ def roots():
             folder=own,
         )
     return [Path(own), shipped]
+
+
+@lru_cache(maxsize=1)
+def _shipped():
+    """Folder of the package."""
+    return resources.files("catalog")
 
 
 def names(kind, suffix=".toml"):

@@ -3,9 +3,11 @@
 import csv
 import datetime
 import io
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
+from functools import lru_cache
 
 from gravcal.data import catalog_files as files
 from gravcal.data.catalog_satellites import satellite as find_satellite
@@ -101,11 +103,17 @@ def _of(record, event):
 def _records(table):
     """Records of one CSV file as its entry in tables.toml says."""
     path = files.find("published", table["file"], suffix="")
-    rows = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8")))
+    return _parsed(path, path.read_text(encoding="utf-8"), json.dumps(table))
+
+
+@lru_cache(maxsize=64)
+def _parsed(path, text, table):
+    """Records of the text of a CSV file; a campaign asks for them with every event."""
+    table, rows = json.loads(table), csv.DictReader(io.StringIO(text))
     missing = [c for c in (*table["labels"], *table["value"], *table["sigma"]) if c not in (rows.fieldnames or [])]
     if missing:
         raise files.wrong(path, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
-    return [_record(row, table) for row in rows]
+    return tuple(_record(row, table) for row in rows)
 
 
 def _record(row, table):

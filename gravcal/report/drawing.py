@@ -6,12 +6,14 @@ Lengths are hundredths of an inch on paper 7 inch wide; marks are placed on a gr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 WIDTH = 700
 FINE = 10
 FAR = 100_000  # beyond every panel, in steps of the fine grid
+USUAL = 4096  # steps between points of a line
 
 
 @dataclass(frozen=True)
@@ -127,8 +129,16 @@ def line(panel: Panel, x, y, look: Look) -> str:
 def _path(points):
     """Path through whole numbers (n, 2)."""
     points = np.rint(points).astype(int)
-    first, rest = points[0], np.diff(points, axis=0)
-    return f"M{first[0]} {first[1]}l{' '.join(map(str, rest.ravel().tolist())) or '0 0'}"
+    first, rest = points[0], np.diff(points, axis=0).ravel()
+    usual = rest.size == 0 or np.abs(rest).max() <= USUAL
+    words = _usual()[rest + USUAL].tolist() if usual else map(str, rest.tolist())
+    return f"M{first[0]} {first[1]}l{' '.join(words) or '0 0'}"
+
+
+@lru_cache(maxsize=1)
+def _usual():
+    """Text of the steps that nearly all lines take; looking it up takes a sixth of the time of writing it."""
+    return np.array([str(step) for step in range(-USUAL, USUAL + 1)], dtype=object)
 
 
 def _thinned(points):
