@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster for the study of discovery")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
     parser.add_argument("--events", type=int, help="events of the campaign, by default 20")
-    parser.add_argument("--whole", action="store_true", help="whole days in the campaign, 200 MB each")
+    parser.add_argument("--windows", action="store_true", help="windows of manoeuvres in the campaign, not days")
     options = parser.parse_args()
     options.rounds = options.rounds or (2 if options.quick else 7)
     unknown = [name for name in options.names if name not in NAMES]
