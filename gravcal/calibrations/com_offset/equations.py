@@ -35,7 +35,7 @@ def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **
     blocks += [_block(*given, i, settings | {"variant": variant}) for i in range(aligned.sizes["manoeuvre"])]
     values = {"grid_manoeuvre": np.repeat(np.arange(-1, len(blocks) - 1), [_size(b) for b in blocks])}
     seen = [b for b in blocks if b is not None]
-    values |= {name: np.concatenate([b[name] for b in seen]) for name in ("time_grid", "valid", "reading", "still")}
+    values |= {name: np.concatenate([b[name] for b in seen]) for name in ("epoch", "valid", "reading", "still")}
     turning = np.concatenate([b["turning"] for b in seen], axis=1)
     values["rate_dot_b"], values["driven_b"], values["mode"] = np.split(turning, [1, 1 + driven])
     values["rate_dot_b"] = values["rate_dot_b"][0]
@@ -115,13 +115,13 @@ def of_rotation(time, rate_dot) -> np.ndarray:
 
 def _none(driven, modes):
     """Block without epochs, so that an event without manoeuvre has arrays of the right shape."""
-    empty = {"time_grid": np.zeros(0), "valid": np.zeros(0), "reading": np.zeros((0, 3))}
+    empty = {"epoch": np.zeros(0), "valid": np.zeros(0), "reading": np.zeros((0, 3))}
     return empty | {"still": np.zeros((0, 3, 3)), "turning": np.zeros((1 + driven + modes, 0, 3))}
 
 
 def _size(block):
     """Number of epochs of a block."""
-    return 0 if block is None else block["time_grid"].size
+    return 0 if block is None else block["epoch"].size
 
 
 def _block(aligned, smoothed, angular, index, settings):
@@ -145,7 +145,7 @@ def _block(aligned, smoothed, angular, index, settings):
         driven.append(smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside])
     series = np.stack([linear - linear[good].mean(axis=0), *driven, *modes], axis=1)
     resampled = np.moveaxis(operator(np.nan_to_num(series)), 1, 0)
-    block = {"time_grid": operator.time, "valid": operator.valid, "reading": resampled[0]}
+    block = {"epoch": operator.time, "valid": operator.valid, "reading": resampled[0]}
     return block | {"still": still, "turning": resampled[1:]}
 
 

@@ -2,32 +2,33 @@
 
 from gravcal.calibrations.com_offset.schemas import LATITUDE, MANOEUVRES, MODES
 
+#: Epochs of both need not increase: windows may overlap, and with them the pieces of quiet data.
 QUIET = {
-    "time_grid": {"dims": "time_grid"},
-    "piece": {"dims": "time_grid", "units": "1", "long_name": "piece of quiet data", "dtype": "i2"},
-    "reading": {"dims": "time_grid axis", "units": "m s-2", "frame": "b", "long_name": "linear acceleration"},
+    "epoch": {"dims": "sample", "units": "s", "long_name": "GPS time of a sample, piece after piece"},
+    "piece": {"dims": "sample", "units": "1", "long_name": "piece of quiet data", "dtype": "i2"},
+    "reading": {"dims": "sample axis", "units": "m s-2", "frame": "b", "long_name": "linear acceleration"},
 }
 
 EQUATIONS = {
-    "time_grid": {"dims": "time_grid"},
-    "grid_manoeuvre": {"dims": "time_grid", "units": "1", "long_name": "manoeuvre", "dtype": "i2"},
-    "valid": {"dims": "time_grid", "units": "1", "long_name": "enough samples round the epoch", "dtype": "u1"},
-    "reading": {"dims": "time_grid axis", "units": "m s-2", "frame": "b", "long_name": "linear acceleration"},
+    "epoch": {"dims": "sample", "units": "s", "long_name": "GPS time of a sample, manoeuvre after manoeuvre"},
+    "grid_manoeuvre": {"dims": "sample", "units": "1", "long_name": "manoeuvre", "dtype": "i2"},
+    "valid": {"dims": "sample", "units": "1", "long_name": "enough samples round the epoch", "dtype": "u1"},
+    "reading": {"dims": "sample axis", "units": "m s-2", "frame": "b", "long_name": "linear acceleration"},
     "still": {
-        "dims": "time_grid axis axis_2",
+        "dims": "sample axis axis_2",
         "units": "s-2",
         "frame": "b",
         "long_name": "reading for a metre of offset, without angular acceleration",
     },
-    "rate_dot_b": {"dims": "time_grid axis", "units": "rad s-2", "frame": "b", "long_name": "angular acceleration"},
+    "rate_dot_b": {"dims": "sample axis", "units": "rad s-2", "frame": "b", "long_name": "angular acceleration"},
     "driven_b": {
-        "dims": "instrument time_grid axis",
+        "dims": "instrument sample axis",
         "units": "rad s-2",
         "frame": "b",
         "long_name": "angular acceleration of the dynamics, without the noise of a sensor",
     },
     "mode": {
-        "dims": "mode_index time_grid axis",
+        "dims": "mode_index sample axis",
         "units": "rad s-2",
         "frame": "b",
         "long_name": "change for one standard deviation",

@@ -33,7 +33,7 @@ def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
     good = (aligned["acc_flag"].values == 0) & np.isfinite(linear).all(axis=1)
     found = [_quiet_piece(time, linear, good, *ends, settings) for ends in _quiet_spans(aligned, settings)]
     found = [(np.zeros(0), np.zeros((0, 3))), *(one for one in found if one is not None)]
-    values = {"time_grid": np.concatenate([grid for grid, _ in found])}
+    values = {"epoch": np.concatenate([grid for grid, _ in found])}
     values["reading"] = np.concatenate([reading for _, reading in found])
     values["piece"] = np.repeat(np.arange(-1, len(found) - 1), [grid.size for grid, _ in found])
     return build(QUIET, values, step_s=settings["step_s"])
@@ -100,7 +100,7 @@ def quiet_noise(pieces: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], f
     seconds : length of the quiet data used
     """
     step, degree = float(pieces.attrs["step_s"]), settings["drift_degree"]
-    time, reading = pieces["time_grid"].values, pieces["reading"].values
+    time, reading = pieces["epoch"].values, pieces["reading"].values
     seconds = step * int(np.isfinite(reading[:, 0]).sum())
     if seconds < QUIET_S:
         return [], seconds

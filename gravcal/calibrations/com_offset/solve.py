@@ -86,7 +86,7 @@ def _block(given, index, settings):
     inside = slice(*np.searchsorted(given["grid_manoeuvre"], [index, index + 1]))
     if inside.stop == inside.start:
         return None
-    time, still = given["time_grid"][inside], given["still"][inside]
+    time, still = given["epoch"][inside], given["still"][inside]
     driven, modes = given["driven_b"][:, inside], given["mode"][:, inside]
     turning = list(of_rotation(time, np.concatenate([given["rate_dot_b"][None, inside], driven, modes])))
     return {
