@@ -18,7 +18,7 @@ for _kind, _schema in KINDS.items():
 READ = ["com_offset.align", "com_offset.field", "com_offset.attitude", "com_offset.solve"]
 
 
-@stage(reads=READ, writes="com_offset.discovery", version=9)
+@stage(reads=READ, writes="com_offset.discovery", version=10)
 def com_offset(
     aligned,
     checked,
@@ -39,7 +39,7 @@ def com_offset(
     return com_offset_science.discover(aligned, checked, smoothed, solved, **scene, **settings)
 
 
-@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.discovery", version=8)
+@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.discovery", version=9)
 def com_offset_again(
     aligned,
     checked,

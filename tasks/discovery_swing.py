@@ -17,7 +17,7 @@ for _kind, _schema in KINDS.items():
     product.register(_kind, _schema)
 
 
-@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.discovery", version=5)
+@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.discovery", version=6)
 def search(*products, parts, discovery_level, tie_chi2, round_limit, heldout_s, discovery_seed, scene, rolling):
     """What the model of a swing and of a roll gets wrong, and why; without both nothing."""
     limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}

@@ -214,7 +214,8 @@ def _finding(problem, chosen, position, choice):
     names, units, value, sigma = _parameters(problem, gram, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
-    words |= {"kind": kind, "separation": apart, "imitators": _imitators(problem, near)}
+    alike = _as_good(problem, gram, index, ratio, choice.tie) | near if candidate.listed else {}
+    words |= {"kind": kind, "separation": apart, "imitators": _imitators(problem, alike)}
     return Finding(**words, **numbers, value=value, sigma=sigma, index=index, **_where(trial, candidate))
 
 
@@ -248,6 +249,21 @@ def _near(problem, gram, index, ratio, tie):
         if expected < min(tie, left.get(candidate.cause, (np.inf, -1))[0]):
             left[candidate.cause] = (expected, k)
     return left
+
+
+def _as_good(problem, gram, index, ratio, tie):
+    """Drivers in no list that describe this data as well as what was named, within half the limit; as of `_near`."""
+    found = {}
+    for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
+        other = None if candidate.listed else attribution.ratio(gram, place, problem.size)
+        if other is None or not other.dof:
+            continue
+        lost = ratio.gain - other.gain - trials.COST * (ratio.dof - other.dof)
+        if lost < min(tie / 2, found.get(candidate.cause, (np.inf, -1))[0]):
+            found[candidate.cause] = (lost, k)
+    true = problem.places[index]
+    apart = {k: attribution.misfit(gram, true, ratio.value, problem.places[k], problem.size) for _, k in found.values()}
+    return {cause: (apart[k] - ratio.dof, k) for cause, (_, k) in found.items()}
 
 
 def _imitators(problem, near):

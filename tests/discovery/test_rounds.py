@@ -58,6 +58,37 @@ def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
     assert "twice" in str(tied_table(numbers)["rows"])
 
 
+def test_a_listed_cause_is_tied_with_a_driver_that_chance_lets_describe_the_data_as_well():
+    """Recovery: 20 of 144 apart in expectation, yet of the same gain; a driver with less of a gain is not told."""
+    rng = np.random.default_rng(5)
+    blocks, (first, *_) = made(rng, signal=12.0)
+    known = np.concatenate(first.columns)[:, 0]
+    fixed = np.column_stack(
+        [np.kron(np.eye(4), blocks[0].own), np.concatenate([b.shared for b in blocks])[:, 0], known]
+    )
+    observed = np.concatenate([b.observed for b in blocks])
+    rest, other = (without(values, fixed) for values in (observed, rng.normal(size=1200)))
+    other = without(other, rest[:, None])
+    turn = np.arcsin(np.sqrt(20 / 144))
+
+    def driver(name, of_rest):
+        """Column turned away from the cause, with so much of the noise in it."""
+        away = of_rest * rest / np.linalg.norm(rest) ** 2 + other / np.linalg.norm(other)
+        column = np.cos(turn) * known / np.linalg.norm(known) + np.sin(turn) * away / np.linalg.norm(away)
+        return replace(first, cause=f"unknown:{name}", columns=list(column.reshape(4, 300, 1)))
+
+    lucky = 12 * (1 - np.cos(turn)) / np.sin(turn)
+    candidates = [first, driver("field", lucky), driver("time", -lucky)]
+    (found,) = search(blocks, candidates, CHOICE, np.random.default_rng(1)).findings
+    assert (found.cause, [one["cause"] for one in found.imitators]) == ("case.a", ["unknown:field"])
+    assert found.imitators[0]["expected_chi2"] > CHOICE.tie
+
+
+def without(values, columns):
+    """Values without columns."""
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+
+
 def test_noise_names_nothing():
     """Recovery: 40 draws of pure noise at a family-wise level of 0.5 %, two findings in 40 have probability 0.02."""
     rng = np.random.default_rng(11)
