@@ -61,7 +61,7 @@ def _cold(command, root, count, options):
         figures.append(Figure("  work on one event", f"{work / count:.3g} s"))
         limit = options.workers * work / busy
         figures.append(Figure("  speed-up if nothing but the events took time", f"{limit:.3g}"))
-        least = at_least if work / count > LONG_S else lambda name, value, _: Figure(name, f"{value:.3g}")
+        least = at_least if work / count > LONG_S else _untargeted
         figures.append(least(f"  speed-up of {options.workers} workers", alone / cold, 1.6))
     return [*figures, (cold, processor)]
 
@@ -69,9 +69,8 @@ def _cold(command, root, count, options):
 def _again(command, environment, first, rounds):
     """Figures of runs that find what they need, wholly or in part."""
     cold, count, whole = first
-    without = lambda name, value, _, unit, span: Figure(name, f"{value:.3g}{unit}", span)  # noqa: E731
-    most = at_most if count == 20 else without
-    share = most if whole else without
+    most = at_most if count == 20 else _untargeted
+    share = most if whole else _untargeted
     changed = [_spent([*command, "--set", f"noise_order={19 - i}"], environment)[0] for i in range(rounds)]
     commands = command, [*CLI, "--help"]
     pairs = [[_spent(one, environment)[0][0] for one in commands] for _ in range(rounds)]
@@ -83,6 +82,11 @@ def _again(command, environment, first, rounds):
         Figure("  of its processor time", f"{watch.middle(processor):.3g} %", watch.span(processor)),
         most("nothing to do beyond start-up", watch.middle(extra), 2.0, " s", watch.span(extra)),
     ]
+
+
+def _untargeted(name, value, _, unit="", span=""):
+    """Figure of a campaign that its target is not meant for."""
+    return Figure(name, f"{value:.3g}{unit}", span)
 
 
 def _store(root, name):

@@ -193,8 +193,8 @@ def ask(url, path, question=None, method=None):
     again = Retry(BUSY_RETRIES, connect=0, read=0, backoff_factor=0.2, status_forcelist=[503], allowed_methods=None)
     with requests.Session() as session:
         session.trust_env = HOST not in url  # a proxy does not know the ports of this machine
-        session.mount("http://", requests.adapters.HTTPAdapter(max_retries=again))
-        session.mount("https://", requests.adapters.HTTPAdapter(max_retries=again))
+        for scheme in ("http://", "https://"):
+            session.mount(scheme, requests.adapters.HTTPAdapter(max_retries=again))
         chosen = method or ("GET" if question is None else "POST")
         answer = session.request(chosen, url + path, json=question, timeout=10)
     answer.raise_for_status()

@@ -23,14 +23,7 @@ MODES = {
 LATITUDE = {"dims": "manoeuvre", "units": "rad", "long_name": "geocentric latitude at the middle"}
 
 DETECT = {
-    "start": {"dims": "manoeuvre", "units": "s", "long_name": "first edge, middle of its interval"},
-    "stop": {"dims": "manoeuvre", "units": "s", "long_name": "last edge, middle of its interval"},
-    "kind": {
-        "dims": "manoeuvre",
-        "units": "1",
-        "long_name": "axis of the torque: 0 roll, 1 pitch, 2 yaw",
-        "dtype": "i1",
-    },
+    **MANOEUVRES,
     "rod": {"dims": "manoeuvre", "units": "1", "long_name": "torquer with the wave: 0 x, 1 y, 2 z", "dtype": "i1"},
     "edge_lower": {"dims": "manoeuvre edge", "units": "s", "long_name": "last telemetry sample before an edge"},
     "edge_upper": {"dims": "manoeuvre edge", "units": "s", "long_name": "first telemetry sample after an edge"},
