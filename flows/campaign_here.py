@@ -61,5 +61,9 @@ def run(waiting, work, processes, listener=None):
 @functools.cache
 def _load():
     """What the forks begin with; it is never searched for unreachable objects, so that they share its memory."""
-    importlib.import_module("tasks.preloaded")
-    gc.freeze()
+    gc.disable()  # nor while it is loaded
+    try:
+        importlib.import_module("tasks.preloaded")
+        gc.freeze()
+    finally:
+        gc.enable()

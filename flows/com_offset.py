@@ -43,8 +43,9 @@ def calibrate(source, chosen):
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"), variant=name)
     if moved:
         combined = com_offset.model_error(combined, *moved, **chosen.for_stage("model_error"), variant=name)
-    drawn = com_offset.figures(*angular, smoothed, checked, aligned, found, variant=name)
-    products = (combined, *solved, smoothed, surveyed, checked, found, drawn)
+    told = (*angular, smoothed, checked, aligned, found)
+    drawn = com_offset.figures(*told, **chosen.for_stage("figures"), variant=name)
+    products = (combined, *solved, surveyed, found, drawn)
     return com_offset.report(*products, **_report_settings(source, chosen), variant=name)
 
 

@@ -178,26 +178,25 @@ def model_error(combined, *moved, determined_sigma_um):
         "com_offset.detect",
     ],
     writes="com_offset.figures",
-    version=2,
+    version=3,
 )
-def figures(*products):
-    """Figures of the page that no solution changes."""
+def figures(*products, torque_scale_sigma, inertia_scale_sigma):
+    """Figures of the page and parts of the document that no solution changes."""
     angular = {one.attrs["variant"]: one for one in products[:4]}
-    return drawings_science.drawings(angular, *products[4:])
+    settings = {"torque_scale_sigma": torque_scale_sigma, "inertia_scale_sigma": inertia_scale_sigma}
+    return drawings_science.drawings(angular, *products[4:], settings)
 
 
 @stage(
     reads=[
         "com_offset.combine",
         *["com_offset.solve"] * 4,
-        "com_offset.attitude",
         "com_offset.survey",
-        "com_offset.field",
         "com_offset.detect",
         "com_offset.figures",
     ],
     writes="com_offset.report",
-    version=2,
+    version=3,
 )
 def report(*products, event, satellite, settings, published, templates):  # noqa: ARG001 - templates are in the key
     """Result document, page and line of the sequence-of-events file."""

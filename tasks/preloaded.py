@@ -5,7 +5,7 @@ Short campaigns import it before they fork, so that their children begin with it
 
 import h5py  # noqa: F401
 import jinja2  # noqa: F401
-import jsonschema  # noqa: F401
+import jsonschema_rs  # noqa: F401
 import scipy.linalg  # noqa: F401
 import scipy.special  # noqa: F401
 import threadpoolctl  # noqa: F401

@@ -10,15 +10,14 @@ from gravcal.report.plain import as_plain
 PAGE_PRODUCTS = ("solve", "figures", "survey", "detect")
 
 
-def document(combined, solved, smoothed, field, detected, survey=None, *, event, provenance, settings):
+def document(combined, solved, instruments, detected, survey=None, *, event, provenance, settings):
     """Document of one event, ready for JSON.
 
     Parameters
     ----------
     combined : Dataset, "com_offset.combine", or None without a manoeuvre
     solved : sequence of Dataset, "com_offset.solve", one for each angular acceleration
-    smoothed : Dataset, "com_offset.attitude"
-    field : Dataset, "com_offset.field"
+    instruments : dict of `com_offset_parts.instruments`
     detected : Dataset, "com_offset.detect"
     survey : Dataset, "com_offset.survey", or None
     event : str
@@ -38,18 +37,18 @@ def document(combined, solved, smoothed, field, detected, survey=None, *, event,
     }
     measured = {
         "record": parts.record(detected),
-        "field_check": parts.field_check(field),
-        "attitude": parts.attitude(smoothed),
+        "field_check": instruments["field_check"],
+        "attitude": instruments["attitude"],
         "roll_response": None if detected.sizes["manoeuvre"] else parts.roll_response(survey, settings),
     }
     tail = {"settings": as_plain(settings), "provenance": as_plain(provenance)}
     if detected.sizes["manoeuvre"] == 0 or combined is None:
         reason = f"No manoeuvre in the torquer currents{parts.span_text(detected)}: nothing to calibrate."
         return head | {"verdict": {"text": reason}, "manoeuvres": []} | measured | tail
-    return head | _estimates(combined, solved, smoothed, field, detected, settings) | measured | tail
+    return head | _estimates(combined, solved, instruments, detected, settings) | measured | tail
 
 
-def _estimates(combined, solved, smoothed, field, detected, settings):
+def _estimates(combined, solved, instruments, detected, settings):
     """Everything that needs a manoeuvre."""
     variants = parts.variants(combined)
     adopted = verdicts.adopted(variants)
@@ -62,9 +61,9 @@ def _estimates(combined, solved, smoothed, field, detected, settings):
         "method": combined.attrs.get("method", "gravcal"),
         "adopted": adopted,
         "variants": variants,
-        "manoeuvres": parts.manoeuvres(combined, smoothed, field, detected, settings),
-        "delays_s": parts.delays(smoothed),
-        "scales": parts.scales(smoothed, settings),
+        "manoeuvres": parts.manoeuvres(combined, detected, instruments["manoeuvres"]),
+        "delays_s": instruments["delays_s"],
+        "scales": instruments["scales"],
         "consistency": consistency,
         "noise": parts.noise(solved),
     }

@@ -18,7 +18,7 @@ def report(*products, event, satellite, settings, published):
 
     Parameters
     ----------
-    products : Dataset, combine, four solve, attitude, survey, field, detect, figures
+    products : Dataset, combine, four solve, survey, detect, figures
     event : str
     satellite : letter
     settings : mapping of all parameters
@@ -30,10 +30,11 @@ def report(*products, event, satellite, settings, published):
     files : {name: text or bytes}
     """
     combined, solved = products[0], products[1:5]
-    smoothed, surveyed, checked, detected, drawn = products[5:]
+    surveyed, detected, drawn = products[5:]
     provenance = {"products": {name: digest[:12] for name, digest in _digests(products).items()}}
     arguments = {"event": event, "provenance": provenance, "settings": settings}
-    document = com_offset.document(combined, solved, smoothed, checked, detected, surveyed, **arguments)
+    instruments = json.loads(drawn.attrs["instruments"])
+    document = com_offset.document(combined, solved, instruments, detected, surveyed, **arguments)
     validate(document)
     files = {"result.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     line = com_offset.vcm_line(document, satellite)
@@ -48,7 +49,7 @@ def report(*products, event, satellite, settings, published):
 def _digests(products):
     """Digests of what led here, by the stage that made it; the figures know those of the series they show."""
     names = ["combine", *(f"solve.{d.attrs['variant']}" for d in products[1:5])]
-    names += ["attitude", "survey", "field", "detect"]
+    names += ["survey", "detect"]
     known = {f"com_offset.{n}": product.digest_as_read(d) for n, d in zip(names, products[:-1], strict=True)}
     return known | json.loads(products[-1].attrs["drawn_from"])
 

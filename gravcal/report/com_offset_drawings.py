@@ -1,4 +1,4 @@
-"""Figures of a centre-of-mass event that no solution changes: drawn once, kept as a product of their own."""
+"""What no solution of a centre-of-mass event changes: figures and parts of the document, kept as a product."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import FIGURES
 from gravcal.data import product
 from gravcal.report import com_offset_figures as figures
+from gravcal.report import com_offset_parts as parts
 
 
 def drawings(
@@ -20,8 +21,9 @@ def drawings(
     field: xr.Dataset,
     aligned: xr.Dataset,
     detected: xr.Dataset,
+    settings: Mapping,
 ) -> xr.Dataset:
-    """Figures of what leads to a solution: angular acceleration, torquers, attitude, field.
+    """Figures of what leads to a solution: angular acceleration, torquers, attitude, field; and what these say.
 
     Parameters
     ----------
@@ -30,10 +32,12 @@ def drawings(
     field : Dataset, "com_offset.field"
     aligned : Dataset, "align"
     detected : Dataset, "com_offset.detect"; what is missing may be None and leaves out its figures
+    settings : mapping with the priors that `com_offset_parts.instruments` names
 
     Returns
     -------
-    drawn : Dataset, "com_offset.figures"; its attribute ``drawn_from`` is JSON of the digest of each product
+    drawn : Dataset, "com_offset.figures"; its attribute ``drawn_from`` is JSON of the digest of each product,
+        ``instruments`` that of `com_offset_parts.instruments`
     """
     wanted = {"attitude": (figures.attitude, smoothed), "field": (figures.field, field, aligned)}
     if detected is not None and detected.sizes["manoeuvre"]:
@@ -46,7 +50,9 @@ def drawings(
     origins |= {"attitude": smoothed, "field": field, "align": aligned, "detect": detected}
     origins = {f"com_offset.{n}": product.digest_as_read(d) for n, d in origins.items() if d is not None}
     values["svg"] = np.frombuffer(b"".join(texts.values()), np.uint8)
-    return build(FIGURES, values, drawn_from=json.dumps(origins))
+    given = smoothed, field, detected
+    told = None if any(one is None for one in given) else parts.instruments(*given, settings)
+    return build(FIGURES, values, drawn_from=json.dumps(origins), instruments=json.dumps(told))
 
 
 def texts(drawn: xr.Dataset | None) -> dict[str, str]:

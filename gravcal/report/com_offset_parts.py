@@ -30,19 +30,39 @@ def _variant(combined, index):
     return block | {"sigma_total_um": total["sigma_um"], "covariance_total_um2": total["covariance_um2"]}
 
 
-def manoeuvres(combined, smoothed, field, detected, settings):
+def manoeuvres(combined, detected, told):
     """One entry for each manoeuvre, in order of time.
 
     Parameters
     ----------
-    combined, smoothed, field, detected : Dataset, "com_offset.combine", "attitude", "field", "detect"
-    settings : mapping with torque_scale_sigma, the prior
+    combined, detected : Dataset, "com_offset.combine", "com_offset.detect"
+    told : list of dict, what the instruments said of each, of `instruments`
     """
     names = combined.attrs["variants"].split()
-    count = combined.sizes["manoeuvre"]
-    combined, smoothed, field, detected = (_arrays(one) for one in (combined, smoothed, field, detected))
-    each = [_manoeuvre(names, combined, field, detected, i) for i in range(count)]
-    return [one | _instruments(smoothed, settings, i) for i, one in enumerate(each)]
+    combined, detected = _arrays(combined), _arrays(detected)
+    each = [_manoeuvre(combined, detected, i) | rest for i, rest in enumerate(told)]
+    return [one | {"variants": {n: _single(combined, k, i) for k, n in enumerate(names)}} for i, one in enumerate(each)]
+
+
+def instruments(smoothed, field, detected, settings):
+    """Parts of the document that no solution changes: field check, attitude, delays, scales, and of each manoeuvre.
+
+    Parameters
+    ----------
+    smoothed, field, detected : Dataset, "com_offset.attitude", "com_offset.field", "com_offset.detect"
+    settings : mapping with torque_scale_sigma and inertia_scale_sigma, the priors
+
+    Returns
+    -------
+    parts : dict of plain values; "manoeuvres": list of dict
+    """
+    parts = {"field_check": field_check(field), "attitude": attitude(smoothed)}
+    if not detected.sizes["manoeuvre"]:
+        return parts | {"manoeuvres": []}
+    middle = (detected["start"].values + detected["stop"].values) / 2
+    values, orbit = _arrays(smoothed), _arrays(field)
+    each = [_place(orbit, time) | _instruments(values, settings, i) for i, time in enumerate(middle.tolist())]
+    return parts | {"delays_s": delays(smoothed), "scales": scales(smoothed, settings), "manoeuvres": each}
 
 
 def _arrays(product):
@@ -50,18 +70,24 @@ def _arrays(product):
     return {name: variable.values for name, variable in product.variables.items()}
 
 
-def _manoeuvre(names, combined, field, detected, index):
-    start, stop = (float(combined[name][index]) for name in ("start", "stop"))
-    latitude = _latitude(field, (start + stop) / 2)
+def _manoeuvre(combined, detected, index):
     return {
         "kind": KINDS[int(combined["kind"][index])],
-        "start": start,
-        "stop": stop,
+        "start": float(combined["start"][index]),
+        "stop": float(combined["stop"][index]),
         "rod": "xyz"[int(detected["rod"][index])],
         "regular": bool(detected["regular"][index]),
-        "latitude_deg": None if latitude is None else float(np.degrees(latitude)),
-        "latitude_class": None if latitude is None else "high" if abs(latitude) > HIGH_LATITUDE else "low",
-        "variants": {name: _single(combined, i, index) for i, name in enumerate(names)},
+    }
+
+
+def _place(field, time):
+    """Latitude at an epoch, and whether it is high."""
+    latitude = _latitude(field, time)
+    if latitude is None:
+        return {"latitude_deg": None, "latitude_class": None}
+    return {
+        "latitude_deg": float(np.degrees(latitude)),
+        "latitude_class": "high" if abs(latitude) > HIGH_LATITUDE else "low",
     }
 
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from jsonschema import Draft202012Validator
+from jsonschema_rs import meta
 
 from gravcal.data import schemas
 from gravcal.errors import ProductError
@@ -96,7 +96,7 @@ def test_a_good_document_passes_before_and_after_it_is_written(name):
 @pytest.mark.parametrize("name", [*schemas.DOCUMENTS, "common"])
 def test_the_schema_files_are_valid_schemas(name):
     """Contract: JSON Schema 2020-12."""
-    Draft202012Validator.check_schema(schemas.schema(name))
+    meta.validate(schemas.schema(name))
 
 
 @pytest.mark.parametrize("status", ["no_manoeuvre", "failed"])
@@ -112,7 +112,7 @@ def test_a_delivered_document_has_all_its_parts(name):
     """Contract: each part of the head and of the result is asked for."""
     for key in ("schema_version", "status", "calibration", "event", "provenance"):
         lacking = {k: v for k, v in GOOD[name].items() if k != key}
-        with pytest.raises(ProductError, match=f"'{key}' is a required property|calibration: found"):
+        with pytest.raises(ProductError, match=f'"{key}" is a required property|calibration: found'):
             schemas.validate(lacking, name)
     with pytest.raises(ProductError, match="expected"):
         schemas.validate(_head(GOOD[name]["calibration"]), name)
@@ -137,7 +137,7 @@ BAD = [
     (COM, ["variants", "mtq", "sigma_um", 0], 1.1, r"covariance_um2\[0\]\[0\].*square of sigma"),
     (COM, ["variants", "mtq", "covariance_um2", 0, 1], 0.4, r"covariance_um2\[0\]\[1\].*symmetric"),
     (COM, ["manoeuvres", 0, "variants", "mtq", "covariance_um2", 0, 1], 0.0, r"\[0\]\[1\].*undetermined"),
-    (COM, ["variants", "mtq", "offset_um"], [1.0, 2.0], r"offset_um.*too short"),
+    (COM, ["variants", "mtq", "offset_um"], [1.0, 2.0], r"offset_um.*less than 3 items"),
     (COM, ["variants", "gps"], FULL, r"variants.*'gps' was unexpected"),
     (COM, ["direction"], "com_to_proof_mass", r"direction: found 'com_to_proof_mass', expected exactly"),
     (COM, ["manoeuvres", 0, "kind"], "wiggle", r"manoeuvres\[0\]\.kind: found 'wiggle', expected one of"),

@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import invented  # noqa: E402
 
-from gravcal.report import com_offset  # noqa: E402
+from gravcal.report import com_offset, com_offset_parts  # noqa: E402
 
 
 def document_of(products, event="grace-c-2020-02-01"):
@@ -17,8 +17,7 @@ def document_of(products, event="grace-c-2020-02-01"):
     return com_offset.document(
         products["combine"],
         products["solve"],
-        products["attitude"],
-        products["field"],
+        com_offset_parts.instruments(*(products[n] for n in ("attitude", "field", "detect")), invented.SETTINGS),
         products["detect"],
         products["survey"],
         event=event,

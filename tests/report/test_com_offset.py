@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from gravcal.data.schemas import validate
 from gravcal.data.vcm import read_vector_line
-from gravcal.report import com_offset
+from gravcal.report import com_offset, com_offset_parts
 
 
 def test_a_delivered_document_fits_its_schema(document):
@@ -73,9 +73,9 @@ def test_a_record_without_manoeuvre_says_what_was_measured(quiet_document):
 def test_without_a_combination_there_is_still_a_document(quiet_products):
     """Contract: products that cannot exist may be None."""
     one = quiet_products
-    document = com_offset.document(
-        None, [], one["attitude"], one["field"], one["detect"], event="x", provenance={}, settings=invented.SETTINGS
-    )
+    told = com_offset_parts.instruments(one["attitude"], one["field"], one["detect"], invented.SETTINGS)
+    named = {"event": "x", "provenance": {}, "settings": invented.SETTINGS}
+    document = com_offset.document(None, [], told, one["detect"], **named)
     validate(document)
     assert document["roll_response"] is None
 

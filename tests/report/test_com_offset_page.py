@@ -28,7 +28,7 @@ def drawn(products):
     """Product of the figures that no solution changes."""
     angular = products["angular_acceleration"]
     angular = angular and {one.attrs["variant"]: one for one in angular}
-    return drawings(angular, *(products[name] for name in ("attitude", "field", "align", "detect")))
+    return drawings(angular, *(products[n] for n in ("attitude", "field", "align", "detect")), invented.SETTINGS)
 
 
 @pytest.fixture(scope="module")

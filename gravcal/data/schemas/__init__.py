@@ -1,8 +1,9 @@
 """Result documents: their JSON Schema files, and the rules a schema cannot say."""
 
+import functools
 import json
 import math
-from functools import lru_cache
+import operator
 from importlib import resources
 
 from gravcal.errors import ProductError
@@ -48,19 +49,21 @@ def validate(document, name=None):
             raise _wrong(_text(path), item, "a finite number, or null for what is not determined")
         if isinstance(item, dict):
             blocks.append((item, path))
-    error = next(iter(sorted(_validator(name).iter_errors(document), key=lambda e: list(map(str, e.path)))), None)
-    if error is not None:
-        raise _wrong(_text(error.absolute_path), error.instance, _expected(error))
+    told, validator = _validator(name)
+    if not validator.is_valid(document):
+        error = min(validator.iter_errors(document), key=lambda e: list(map(str, e.instance_path)))
+        raise _wrong(_text(error.instance_path), error.instance, _expected(error, told))
     for block in blocks:
         _check_triples(*block)
 
 
-@lru_cache(maxsize=len(DOCUMENTS))
+@functools.lru_cache(maxsize=len(DOCUMENTS))
 def _validator(name):
-    """Validator with the shared definitions in place: looking them up took most of the time."""
-    from jsonschema import Draft202012Validator
+    """Schema with the shared definitions in place, and its validator, compiled."""
+    from jsonschema_rs import Draft202012Validator
 
-    return Draft202012Validator(_without_references(schema(name), schema("common")["$defs"]))
+    told = _without_references(schema(name), schema("common")["$defs"])
+    return told, Draft202012Validator(told)
 
 
 def _without_references(item, definitions):
@@ -108,11 +111,12 @@ def _check_covariance(matrix, sigma, missing, path):
             raise _wrong(_text((*path, i, i)), row[i], f"the square of sigma, {sigma[i] ** 2!r}")
 
 
-def _expected(error):
+def _expected(error, told):
     """What the schema asked for, in words."""
     words = {"type": "type", "enum": "one of", "const": "exactly", "pattern": "text like", "minimum": "at least"}
-    if error.validator in words:
-        return f"{words[error.validator]} {error.validator_value!r}"
+    asked = error.schema_path[-1] if error.schema_path else ""
+    if asked in words:
+        return f"{words[asked]} {functools.reduce(operator.getitem, error.schema_path, told)!r}"
     return error.message[:200]
 
 
