@@ -113,7 +113,7 @@ def _attempt(calibration, source, chosen):
 
 def _row(module, ref):
     """Row of an event that has its report; the document stays in the store."""
-    document = module.document(ref)
+    document = module.result(ref)
     row = {"event": ref.event, "status": document["status"], "report": str(ref.folder)}
     verdict = document.get("verdict")
     row["verdict"] = verdict.get("text", "") if isinstance(verdict, dict) else verdict or ""

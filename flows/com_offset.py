@@ -14,6 +14,7 @@ from gravcal.report import pages
 from tasks import com_offset, common, discovery
 from tasks.stage import read
 
+result, document = common.result, common.document  # of a report product
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 TORQUERS = ("inertia", "dipole_per_current")
 TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
@@ -184,13 +185,6 @@ def series(satellite):
     printed = [r for r in catalog.published("com_offset")["history"] if any(e.startswith(named) for e in r.events)]
     rows, _, page = history(documents, catalog.trims(satellite), printed)
     return rows, page
-
-
-def document(ref):
-    """Result document of a report product, with the keys of everything it was made from."""
-    result = json.loads((ref.folder / "result.json").read_text())
-    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
-    return result
 
 
 def detected(ref):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 from flows import com_offset as calibration
 from flows import discover_gradient, discover_ranging, discover_swing
 from flows.engine import flow
@@ -44,9 +42,7 @@ FLOWS = {
 
 def document(ref):
     """Result document of a discovery, with the keys of everything it was made from."""
-    result = json.loads((ref.folder / "discovery.json").read_text())
-    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
-    return result
+    return common.document(ref, "discovery.json")
 
 
 def measured_views():

@@ -15,6 +15,7 @@ from gravcal.data import catalog
 from gravcal.errors import CatalogError, ProductError
 from tasks import common, discovery_gradient, gradient_torque
 
+result = common.result  # of a report product
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 ORIGIN = datetime(2000, 1, 1, 12)
 GRADIENT = ("attitude_noise", "angular_noise_density", "test_mass", "test_mass_inertia")
@@ -166,12 +167,11 @@ def detected(ref):
 
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
-    result = json.loads((ref.folder / "result.json").read_text())
-    keys = common.product_keys(ref)
-    result["provenance"] |= {"key": ref.key, "products": keys}
-    for name, block in result["drag"].items():
+    found = common.document(ref)
+    keys = found["provenance"]["products"]
+    for name, block in found["drag"].items():
         block["series"] = keys.get(f"gradient_torque.drag.{name}", block["series"])
-    return result
+    return found
 
 
 def simulate(out, *, seed, truth, effects, settings):

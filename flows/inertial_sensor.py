@@ -13,6 +13,7 @@ from gravcal.data import catalog
 from tasks import common, discovery_swing, inertial_sensor
 from tasks.stage import numbers, read
 
+result, document = common.result, common.document  # of a report product
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
 ORIGIN = datetime(2000, 1, 1, 12)
 KNOWN = ("scale", "offset")  # products of a swing that a roll is solved with
@@ -195,13 +196,6 @@ def days(data):
 def level_one_files(source):
     """Files of all days of a source."""
     return [one for files in _days(source).values() for one in files.values()]
-
-
-def document(ref):
-    """Result document of a report product, with the keys of everything it was made from."""
-    result = json.loads((ref.folder / "result.json").read_text())
-    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
-    return result
 
 
 def detected(ref):

@@ -15,6 +15,7 @@ from gravcal.data import catalog
 from tasks import common, discovery_ranging, kbr_phase_centre
 from tasks.stage import read
 
+result, document = common.result, common.document  # of a report product
 ORIGIN = datetime(2000, 1, 1, 12)
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
 #: Letters of a pair and of its common products, by any letter that may be given.
@@ -202,13 +203,6 @@ def days(data):
 def _span(dates):
     """Days between the first and the last date."""
     return (calendar.fromisoformat(max(dates)) - calendar.fromisoformat(min(dates))).days
-
-
-def document(ref):
-    """Result document of a report product, with the keys of everything it was made from."""
-    result = json.loads((ref.folder / "result.json").read_text())
-    result["provenance"] |= {"key": ref.key, "products": common.product_keys(ref)}
-    return result
 
 
 def detected(ref):

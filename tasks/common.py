@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -162,6 +163,29 @@ def product_keys(ref) -> dict[str, str]:
             below = store.find(part["key"])
             waiting += [] if below is None else [below]
     return dict(sorted(found.items()))
+
+
+def result(ref, name="result.json") -> dict:
+    """Document that was delivered with a product.
+
+    Parameters
+    ----------
+    ref : ProductRef
+    name : of its file
+    """
+    return json.loads((ref.folder / name).read_text())
+
+
+def document(ref, name="result.json") -> dict:
+    """The same with the keys of everything the product was made from.
+
+    Parameters
+    ----------
+    ref, name : as for `result`
+    """
+    found = result(ref, name)
+    found["provenance"] |= {"key": ref.key, "products": product_keys(ref)}
+    return found
 
 
 def read_file(file):

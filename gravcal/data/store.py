@@ -121,7 +121,7 @@ def put(key, recipe, made, facts):
         disk.prepare()
         aside.mkdir()
         record = _write_folder(aside, key, recipe, dataset, files) | facts
-        (aside / "meta.json").write_text(json.dumps(record, indent=1))
+        (aside / "meta.json").write_text(json.dumps(record))
         disk.flush(aside)
         ref = _publish(aside, key)
     except OSError as error:

@@ -49,6 +49,8 @@ CALIBRATION = '''
         status = "no_manoeuvre" if total < 0 else "delivered"
         return {{"schema_version": 1, "status": status, "calibration": "fakecal", "event": ref.event, "total": total}}
 
+    result = document
+
     def simulate(out, *, seed, truth, effects, settings):
         out.mkdir(parents=True)
         (out / "said.json").write_text(str([seed, str(truth), effects, settings]))
