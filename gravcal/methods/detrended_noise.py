@@ -51,14 +51,22 @@ def fit_detrended(
 def _kept(models, segments, clean, rng, frequency):
     """Share of the density of each model that is left after the fit; both from the same draws, so that it is sharp."""
     before, after = [], []
-    for _ in range(-(-PIECES // len(segments))):
-        for i, segment in enumerate(segments):
-            noise = np.stack([draw(m, len(segment), rng) for m in models], axis=1)
+    for made in _noises(models, [len(s) for s in segments], -(-PIECES // len(segments)), rng):
+        for i, (segment, noise) in enumerate(zip(segments, made, strict=True)):
             before.append(np.where(np.isfinite(segment), noise, np.nan))
             after.append(clean(before[-1], i))
     order, step = models[0].reflection.size, models[0].step_s
     density = lambda made, a: fit_noise([m[:, a] for m in made], order, step).density(frequency)  # noqa: E731
     return [density(after, a) / density(before, a) for a in range(len(models))]
+
+
+def _noises(models, lengths, times, rng):
+    """Noise (n_i, axes) of every segment, `times` times."""
+    counts = [n + _led_in(m) for n in lengths for m in models]
+    white = np.split(rng.standard_normal((times, sum(counts))), np.cumsum(counts)[:-1], axis=1)
+    made = [_filtered(models[k % len(models)], one, lengths[k // len(models)]) for k, one in enumerate(white)]
+    each = [np.stack(made[k : k + len(models)], axis=2) for k in range(0, len(made), len(models))]
+    return zip(*each, strict=True)
 
 
 def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -70,11 +78,20 @@ def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:
     count : number of samples
     rng : source of randomness
     """
+    return _filtered(model, rng.standard_normal(count + _led_in(model)), count)
+
+
+def _led_in(model):
+    """Samples after which the beginning is forgotten."""
+    return 60 * (model.reflection.size + 1)
+
+
+def _filtered(model, white, count):
+    """The last samples (..., count) of white noise of unit variance, filtered along its last axis."""
     from scipy.signal import lfilter
 
     last = model.coefficients[-1]
-    white = np.sqrt(model.variance[-1]) * rng.standard_normal(count + 60 * (last.size + 1))
-    return lfilter([1.0], np.concatenate([[1.0], -last]), white)[-count:]
+    return lfilter([1.0], np.concatenate([[1.0], -last]), np.sqrt(model.variance[-1]) * white)[..., -count:]
 
 
 def from_density(density: np.ndarray, order: int, step_s: float) -> NoiseModel:

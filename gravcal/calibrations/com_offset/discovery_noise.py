@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import xarray as xr
 
@@ -76,11 +78,16 @@ def angular(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[lis
 def _without_drift(degree):
     """What removes a polynomial from a segment, NaN staying where it is."""
 
+    @functools.cache
+    def basis(count, valid):
+        drift = estimation.polynomial(np.arange(count), degree, 0, count)
+        return estimation.orthonormal(drift[np.frombuffer(valid, dtype=bool)])
+
     def clean(segment, _):
         valid = np.isfinite(segment).all(axis=1)
-        drift = estimation.polynomial(np.arange(len(segment)), degree, 0, len(segment))[valid]
+        slow, given = basis(len(segment), valid.tobytes()), segment[valid]
         cleaned = np.full_like(segment, np.nan)
-        cleaned[valid] = estimation.without(drift, segment[valid])
+        cleaned[valid] = given - slow @ (slow.T @ given)
         return cleaned
 
     return clean
