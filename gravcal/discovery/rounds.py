@@ -10,6 +10,7 @@ import numpy as np
 from gravcal.discovery import adequacy, attribution, hidden, naming, pairs, residuals, shaping, trials
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.problem import Problem, baseline_of, prepare
+from gravcal.methods.beside import beside
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,17 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     """
     problem = prepare(blocks, candidates)
     noise = residuals.drawn(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
-    before = adequacy.test(problem, baseline_of(problem, ()), noise)
+    with beside(adequacy.test, problem, baseline_of(problem, ()), noise) as of_baseline:
+        problem, chosen, first = _named(problem, choice)
+        before = of_baseline()
+    chosen, after = naming.settled(problem, chosen, choice, noise, before)
+    baseline = baseline_of(problem, [k for k, _ in chosen])
+    findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
+    return _result(problem, findings, (before, after), baseline, first)
+
+
+def _named(problem, choice):
+    """Problem with all that was tried, (index, trial) of every name, and the trials of the first round, best first."""
     chosen, first = [], None
     for _ in range(choice.rounds):
         rows = trials.tried(problem, baseline_of(problem, [k for k, _ in chosen]), choice, [k for k, _ in chosen])
@@ -123,11 +134,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
             break
         problem, chosen = _revised(problem, [*chosen, found], choice)
     chosen = naming.renamed(problem, naming.merged(problem, chosen, choice), choice)
-    chosen = naming.without_shadows(problem, chosen)
-    chosen, after = naming.settled(problem, chosen, choice, noise, before)
-    baseline = baseline_of(problem, [k for k, _ in chosen])
-    findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
-    return _result(problem, findings, (before, after), baseline, first)
+    return problem, naming.without_shadows(problem, chosen), first
 
 
 def _best(problem, used, rows, choice):

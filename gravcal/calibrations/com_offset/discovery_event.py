@@ -10,6 +10,7 @@ from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
 from gravcal.calibrations.com_offset.discovery_view import View, block_of, view_of
 from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.errors import ProductError
+from gravcal.methods.beside import beside
 
 
 def event(
@@ -48,14 +49,15 @@ def event(
 
 def _quiet(aligned, field, settings):
     """Noise of the instruments outside the manoeuvres, and how much of it was seen."""
-    linear, linear_samples = discovery_noise.linear(aligned, settings)
-    if linear_samples * settings["step_s"] < QUIET_S:
-        raise ProductError(
-            "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be measured "
-            "in. Give files that reach further before and after them."
-        )
-    angular, angular_samples = discovery_noise.angular(aligned, field, settings)
-    magnetometer, field_samples = discovery_noise.magnetometer(aligned, field, settings)
+    with beside(discovery_noise.angular, aligned, field, settings) as of_angular:
+        linear, linear_samples = discovery_noise.linear(aligned, settings)
+        if linear_samples * settings["step_s"] < QUIET_S:
+            raise ProductError(
+                "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be "
+                "measured in. Give files that reach further before and after them."
+            )
+        magnetometer, field_samples = discovery_noise.magnetometer(aligned, field, settings)
+        angular, angular_samples = of_angular()
     noise = {"linear": linear, "angular": angular, "magnetometer": magnetometer}
     seen = {"linear": linear_samples, "angular": angular_samples}
     return noise, seen | {"magnetometer": field_samples}
