@@ -30,6 +30,7 @@ def run(options) -> list[Figure]:
     span = " in whole days" if whole else ""
     load = f"load {os.getloadavg()[0]:.1f}"
     title(f"campaign: com_offset, {count} events of {windows}{span}, {options.workers} workers; {load}")
+    begun, stolen = time.perf_counter(), watch.stolen()
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         _simulate(root / "level1", count, options, whole)
@@ -37,6 +38,8 @@ def run(options) -> list[Figure]:
         figures = _cold(command, root, count, options)
         cold, command = figures.pop(), [*command, "--workers", str(options.workers)]
         figures += _again(command, _store(root, "products"), (cold, count, whole), rounds)
+    share = 100 * (watch.stolen() - stolen) / (time.perf_counter() - begun) / os.cpu_count()
+    figures.append(Figure("processor time that the host gave to others", f"{share:.2g} %"))
     return show(figures, "min .. max")
 
 

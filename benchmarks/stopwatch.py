@@ -50,3 +50,8 @@ def busy() -> float:
     """Seconds that all processors were at work, for whomever; of processes that are ended, not waited for, as well."""
     spent = psutil.cpu_times()
     return spent.user + spent.nice + spent.system
+
+
+def stolen() -> float:
+    """Seconds of processor that this machine wanted and its host gave to others; 0 where that is not told."""
+    return getattr(psutil.cpu_times(), "steal", 0.0)
