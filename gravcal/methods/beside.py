@@ -26,22 +26,31 @@ def beside(function: Callable, *arguments) -> Iterator[Callable]:
     result : function without arguments
     """
     here = functools.cache(functools.partial(function, *arguments))
-    if not _spare():
+    fork, receiver = _forked(function, arguments) if _spare() else (None, None)
+    if fork is None:
         yield here
         return
-    context = multiprocessing.get_context("fork")
-    receiver, sender = context.Pipe(duplex=False)
-    fork = context.Process(target=_send, args=(sender, receiver, function, arguments), daemon=True)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of a fork beside threads: it only computes
-        fork.start()
-    sender.close()
     try:
         yield functools.cache(functools.partial(_received, receiver, here))
     finally:
         receiver.close()
-        fork.terminate()
+        fork.kill()  # not asked to end: it has the signal handlers of this process
         fork.join()
+
+
+def _forked(function, arguments):
+    """Process that computes the function, and the end of the pipe for its result; none where a fork is refused."""
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+    fork = context.Process(target=_send, args=(sender, receiver, function, arguments), daemon=True)
+    with sender, warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of a fork beside threads: it only computes
+        try:
+            fork.start()
+        except OSError:
+            receiver.close()
+            return None, None
+    return fork, receiver
 
 
 def _spare():

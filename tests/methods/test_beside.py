@@ -56,6 +56,17 @@ def test_a_fork_that_is_killed_costs_time_only(two_cores):
         assert result() == 7
 
 
+def test_without_memory_for_a_fork_it_is_computed_here(two_cores, monkeypatch):
+    """Contract: a machine that refuses to fork gets its result all the same."""
+
+    def refused():
+        raise BlockingIOError("no more processes")
+
+    monkeypatch.setattr(os, "fork", refused)
+    with beside(told, np.arange(10.0)) as result:
+        assert result() == (os.getpid(), 45.0)
+
+
 def test_a_block_that_fails_leaves_no_process(two_cores):
     """Contract: the fork ends with the block."""
     import multiprocessing
