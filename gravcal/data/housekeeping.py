@@ -6,6 +6,7 @@ import re
 import shutil
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from gravcal.data import disk, location, store
 from gravcal.errors import ProductError
@@ -73,7 +74,10 @@ def resolve(text):
     ProductError : none, or more than one
     """
     everything = entries(newest_only=False)
-    found = [entry for entry in everything if str(entry.ref.folder) == text.removesuffix("/product.nc")]
+    path = Path(text).resolve()  # of the folder, of a readable link to it, or of a file in it
+    objects = (location.folder() / "objects").resolve()
+    named = {one.name for one in (path, path.parent) if one.parent.parent == objects}
+    found = [entry for entry in everything if entry.ref.folder.name in named]
     found = found or [entry for entry in everything if entry.newest and entry.ref.name == text]
     if not found and re.fullmatch(r"[0-9a-f]{4,64}", text):
         found = [entry for entry in everything if entry.ref.key.startswith(text)]

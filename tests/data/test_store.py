@@ -43,6 +43,19 @@ def test_what_was_put_is_found_and_read():
     assert housekeeping.verify() == []
 
 
+def test_a_product_is_named_by_every_path_that_leads_to_it(monkeypatch):
+    """Contract: its folder, the readable link that a campaign prints, a file in either; relative ones too."""
+    ref = put(2.0)
+    put(3.0, event="other")
+    link = location.folder() / "latest" / "e" / "test.store"
+    for path in (ref.folder, link, ref.path, link / "note.txt"):
+        assert housekeeping.resolve(str(path)).ref == ref
+    monkeypatch.chdir(link.parent)
+    assert housekeeping.resolve("test.store").ref == ref
+    with pytest.raises(ProductError, match="found 0"):
+        housekeeping.resolve(str(link.parent))
+
+
 def test_a_found_key_opens_only_its_record(monkeypatch):
     """Contract: no array is read to find a product, so that hundreds of cached stages are not felt."""
     ref, opened = put(), []
