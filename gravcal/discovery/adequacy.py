@@ -8,6 +8,7 @@ on data without error, whatever the tests have in common.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.problem import Problem
 from gravcal.errors import EstimationError
 from gravcal.methods import chances
+from gravcal.methods.beside import each
 
 BANDS = 4
 DRAWS = 199
@@ -53,12 +55,12 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     """
     both = [np.concatenate([m, n], axis=1) for m, n in zip(residuals.measured(problem), noise, strict=True)]
     rest = residuals.projected(problem, baseline, both)
-    rows, smallest = _bands(problem.blocks, rest)
     channels = sorted({c for b in problem.blocks for c in b.channel})
-    scans = [scan.lines(problem, baseline, rest, c) for c in channels]
-    scans = [s for s in [*scans, scan.steps(problem, baseline, rest)] if s.at.size]
-    families = [smallest, _candidates(problem, baseline, rest), *(_scanned(s) for s in scans)]
-    least = np.min(_tested(families, problem), axis=0)
+    parts = [partial(scan.lines, channel=c) for c in channels]
+    made = each(lambda part: part(problem, baseline, rest), [scan.steps, _candidates, *parts, _bands])
+    steps, of_candidates, *found, (rows, smallest) = made
+    scans = [s for s in [*found, steps] if s.at.size]
+    least = np.min(_tested([smallest, of_candidates, *(_scanned(s) for s in scans)], problem), axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
     return Test(_rank(least), rows, own, [r[:, 0] for r in rest])
 
@@ -99,10 +101,10 @@ def _scanned(found):
     return chances.least_log_tail(found.gain, np.maximum(found.dof, 1)) + np.log(found.at.size)
 
 
-def _bands(blocks, rest):
+def _bands(problem, baseline, rest):  # noqa: ARG001 - as the other families
     """Rows for the first column, and log of the corrected smallest probability for every column."""
     rows, log_p = [], []
-    for block, values in zip(blocks, rest, strict=True):
+    for block, values in zip(problem.blocks, rest, strict=True):
         for channel in dict.fromkeys(block.channel):
             power, freedom = _power(block, channel, values)
             for band in range(power.shape[0]):

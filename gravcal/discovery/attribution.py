@@ -120,17 +120,19 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
     baseline : (p,) indices of shared columns
     index : (q,) indices of the candidate's columns
     """
-    total, gain = grams.sum(axis=0), 0.0
-    both = np.concatenate([baseline, index])
-    for one in grams:
-        others = total - one
-        share, directions = _shares(one, others, both)
-        own = np.zeros((one.shape[0], np.sum(share < UNSEEN)))
-        own[both] = directions[:, share < UNSEEN]
-        crossed = one @ own
-        rest = one - crossed @ inverse_of(own.T @ crossed) @ crossed.T
-        gain += _foretold(rest, others, both) - _foretold(rest, others, baseline)
-    return float(gain)
+    used = np.concatenate([[0], baseline, index])
+    grams = grams[:, used[:, None], used]
+    total, both = grams.sum(axis=0), np.arange(1, used.size)
+
+    def one(block):
+        others = total - block
+        share, directions = _shares(block, others, both)
+        own = np.concatenate([np.zeros((1, np.sum(share < UNSEEN))), directions[:, share < UNSEEN]])
+        crossed = block @ own
+        rest = block - crossed @ inverse_of(own.T @ crossed) @ crossed.T
+        return _foretold(rest, others, both) - _foretold(rest, others, both[: baseline.size])
+
+    return float(sum(one(block) for block in grams))
 
 
 def _shares(one, others, index):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gravcal.discovery.blocks import Block, Candidate, basis_of
+from gravcal.methods.beside import each
 
 
 @dataclass(frozen=True)
@@ -58,16 +59,16 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     width = blocks[0].shared.shape[1]
     ends = np.cumsum([1 + width, *(len(c.names) for c in candidates)])
     places = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    size, bases, projected = np.zeros(ends[-1]), [], []
-    for i, block in enumerate(blocks):
-        columns = _side_by_side(block, [c.columns[i] for c in candidates], places, int(ends[-1]))
-        size += np.einsum("nm,nm->m", columns, columns)
-        bases.append(basis_of(block.own))
-        columns -= bases[-1] @ (bases[-1].T @ columns)
-        projected.append(columns)
-    gram = np.stack([c.T @ c for c in projected])
-    samples = np.array([_used(b) - q.shape[1] for b, q in zip(blocks, bases, strict=True)], dtype=float)
-    return Problem(blocks, list(candidates), bases, projected, gram, places, np.sqrt(size), samples)
+
+    def one(index, block):
+        columns = _side_by_side(block, [c.columns[index] for c in candidates], places, int(ends[-1]))
+        square, basis = np.einsum("nm,nm->m", columns, columns), basis_of(block.own)
+        columns -= basis @ (basis.T @ columns)
+        return basis, columns, columns.T @ columns, square, float(_used(block) - basis.shape[1])
+
+    bases, projected, gram, squares, samples = zip(*each(one, range(len(blocks)), blocks), strict=True)
+    made = list(bases), list(projected), np.stack(gram), places, np.sqrt(sum(squares))
+    return Problem(blocks, list(candidates), *made, np.array(samples))
 
 
 def _side_by_side(block, parts, places, width):
@@ -94,18 +95,21 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
     """
     count = len(candidate.names)
     place = slice(problem.size.size, problem.size.size + count)
-    size, columns = np.zeros(count), []
-    for block, basis, old, part in zip(problem.blocks, problem.bases, problem.columns, candidate.columns, strict=True):
-        new = np.zeros((block.observed.size, count)) if part is None else np.array(part, dtype=float)
-        size += np.einsum("nm,nm->m", new, new)
-        columns.append(np.concatenate([old, new - basis @ (basis.T @ new)], axis=1))
-    gram = np.zeros((len(columns), place.stop, place.stop))
-    for i, both in enumerate(columns):
-        gram[i, : place.start, : place.start] = problem.gram[i]
-        gram[i, :, place] = both.T @ both[:, place]
-        gram[i, place] = gram[i, :, place].T
+
+    def one(basis, old, products, part):
+        new = np.zeros((old.shape[0], count)) if part is None else np.array(part, dtype=float)
+        both = np.concatenate([old, new - basis @ (basis.T @ new)], axis=1)
+        wider = np.zeros((place.stop, place.stop))
+        wider[: place.start, : place.start] = products
+        wider[:, place] = both.T @ both[:, place]
+        wider[place] = wider[:, place].T
+        return both, wider, np.einsum("nm,nm->m", new, new)
+
+    rows = each(one, problem.bases, problem.columns, problem.gram, candidate.columns)
+    columns, gram, squares = zip(*rows, strict=True)
+    size = np.append(problem.size, np.sqrt(sum(squares)))
     more = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
-    return replace(problem, columns=columns, gram=gram, size=np.append(problem.size, np.sqrt(size)), **more)
+    return replace(problem, columns=list(columns), gram=np.stack(gram), size=size, **more)
 
 
 def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:

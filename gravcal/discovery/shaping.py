@@ -29,12 +29,9 @@ class _Beside:
 
     def products(self, parts):
         """Products (q, q) and (q,) of columns with each other and with the residual, baseline projected out."""
-        crossed, inner, right = 0.0, 0.0, 0.0
         rows = zip(self.problem.bases, self.rest, self.columns, parts, strict=True)
-        for basis, rest, known, part in rows:
-            if part is not None:
-                new = part - basis @ (basis.T @ part)
-                crossed, inner, right = crossed + known.T @ new, inner + new.T @ new, right + new.T @ rest[:, 0]
+        made = [_products(*row) for row in rows if row[-1] is not None]
+        crossed, inner, right = (sum(one) for one in zip(*made, strict=True))
         return inner - crossed.T @ self.inverse @ crossed, right
 
     def gain(self, parts, size=None):
@@ -51,6 +48,17 @@ class _Beside:
         """Gain of a shape."""
         parts = shape.columns(value, *self.inside(shape, value))
         return self.gain(parts, value[0] if shape.sized else None)[0]
+
+
+def _products(basis, rest, known, part):
+    """Products of the columns of a block, own columns projected out, with the baseline, themselves and the residual.
+
+    Baseline and residual have no own columns left in them; only rows where the columns are not zero count.
+    """
+    rows = np.flatnonzero(part.any(axis=1))
+    used = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
+    part, inside = part[used], basis[used].T @ part[used]
+    return known[used].T @ part, part.T @ part - inside.T @ inside, part.T @ rest[used, 0]
 
 
 def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem, int]:

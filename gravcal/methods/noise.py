@@ -46,7 +46,7 @@ class NoiseModel:
         return 2 * self.step_s * self.variance[-1] / np.abs(transfer) ** 2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _levinson_rows(reflection):
     order = reflection.size
     rows = np.zeros((order + 1, order))
@@ -57,7 +57,7 @@ def _levinson_rows(reflection):
     return rows
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _burg(values, begin, end, order):
     forward = values.copy()
     backward = values.copy()
@@ -117,7 +117,7 @@ def fit_noise(segments: list[np.ndarray], order: int, step_s: float, removed: in
     return NoiseModel(reflection, variance * count / max(count - removed, 1), step_s)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _whiten(columns, valid, rows, sigma):
     n, m = columns.shape
     order = rows.shape[0] - 1
@@ -128,11 +128,13 @@ def _whiten(columns, valid, rows, sigma):
             known = 0
             continue
         use = min(known, order)
-        out[t] = columns[t]
+        row = out[t]
+        row[:] = columns[t]
         for j in range(use):
+            share, before = rows[use, j], columns[t - 1 - j]
             for c in range(m):
-                out[t, c] -= rows[use, j] * columns[t - 1 - j, c]
-        out[t] /= sigma[use]
+                row[c] -= share * before[c]
+        row /= sigma[use]
         known += 1
     return out
 
@@ -157,7 +159,7 @@ def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndar
     return out.reshape(columns.shape)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _unwhiten(rows_white, valid, rows, sigma):
     n, m = rows_white.shape
     order = rows.shape[0] - 1

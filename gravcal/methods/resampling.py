@@ -10,8 +10,6 @@ import numpy as np
 
 #: Intervals of the kernel's table; a cubic through four values is then exact to 3e-15 of its peak.
 INTERVALS = 16384
-#: Numbers of columns that are summed by threes.
-BY_THREES = (3, 6, 9, 12, 15, 18)
 
 
 @dataclass(frozen=True)
@@ -44,45 +42,38 @@ class Resampler:
         """
         columns = np.asarray(columns, dtype=float)
         flat = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
-        sums = _apply_few if flat.shape[1] in BY_THREES else _apply
-        out = sums(self.start, self.weights, self.valid, flat)
+        out = _apply(self.start, self.weights, self.valid, flat)
         return out.reshape(self.time.shape + columns.shape[1:])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _apply(start, weights, valid, columns):
+    """Weighted sums (m, q) of rows, four rows at once; what lies beyond the weights may be missing."""
     out = np.full((start.size, columns.shape[1]), np.nan)
     for j in range(start.size):
         if not valid[j]:
             continue
-        out[j] = 0.0
-        for k in range(weights.shape[1]):
-            if weights[j, k] != 0.0:
-                for c in range(columns.shape[1]):
-                    out[j, c] += weights[j, k] * columns[start[j] + k, c]
+        row = out[j]
+        row[:] = 0.0
+        first, last = 0, weights.shape[1]
+        while weights[j, first] == 0.0:
+            first += 1
+        while weights[j, last - 1] == 0.0:
+            last -= 1
+        for k in range(first, last - 3, 4):
+            w, x, y, z = weights[j, k], weights[j, k + 1], weights[j, k + 2], weights[j, k + 3]
+            at = start[j] + k
+            one, two, three, four = columns[at], columns[at + 1], columns[at + 2], columns[at + 3]
+            for c in range(row.size):
+                row[c] += w * one[c] + x * two[c] + y * three[c] + z * four[c]
+        for k in range(last - (last - first) % 4, last):
+            w, one = weights[j, k], columns[start[j] + k]
+            for c in range(row.size):
+                row[c] += w * one[c]
     return out
 
 
-@numba.njit(cache=True)
-def _apply_few(start, weights, valid, columns):
-    """The same sums of columns by threes, which stay in registers."""
-    out = np.full((start.size, columns.shape[1]), np.nan)
-    for j in range(start.size):
-        if not valid[j]:
-            continue
-        for c in range(0, columns.shape[1], 3):
-            x, y, z = 0.0, 0.0, 0.0
-            for k in range(weights.shape[1]):
-                w = weights[j, k]
-                if w != 0.0:
-                    x += w * columns[start[j] + k, c]
-                    y += w * columns[start[j] + k, c + 1]
-                    z += w * columns[start[j] + k, c + 2]
-            out[j, c], out[j, c + 1], out[j, c + 2] = x, y, z
-    return out
-
-
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _weights(time_in, time_out, start, width, half_width, cubics):
     weights = np.zeros((time_out.size, width))
     scale = cubics.shape[0] / half_width
@@ -102,7 +93,7 @@ def _weights(time_in, time_out, start, width, half_width, cubics):
     return weights
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _band(time_in, good, time_out, half_width, longest_step, width):
     start = np.zeros(time_out.size, dtype=np.int64)
     count = np.zeros(time_out.size, dtype=np.int64)

@@ -13,7 +13,7 @@ from gravcal.methods.beside import beside
 @pytest.fixture
 def two_cores(monkeypatch):
     """A second core, whatever this machine has."""
-    monkeypatch.setattr(module, "_spare", lambda: True)
+    monkeypatch.setattr(module, "_cores", lambda: 2)
 
 
 def told(values):
@@ -32,7 +32,7 @@ def test_the_result_comes_from_another_process(two_cores):
 
 def test_without_a_second_core_it_is_computed_here(monkeypatch):
     """Contract: a worker among many does not fork."""
-    monkeypatch.setattr(module, "_spare", lambda: False)
+    monkeypatch.setattr(module, "_cores", lambda: 1)
     with beside(told, np.arange(10.0)) as result:
         assert result() == (os.getpid(), 45.0)
 
