@@ -73,6 +73,18 @@ def spread(gram: np.ndarray, place: slice, size: np.ndarray) -> np.ndarray:
     return (vectors[:, seen] / np.sqrt(values[seen])).T / scale
 
 
+def gained(gram: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int, np.ndarray]:
+    """Reduction of chi-square by a candidate, its independent parameters, and the matrix of `spread`.
+
+    Parameters
+    ----------
+    gram, place, size : as of `ratio`
+    """
+    factor = spread(gram, place, size)
+    part = factor @ gram[place, 0]
+    return float(part @ part), factor.shape[0], factor
+
+
 def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
     """Gain of adding the columns of a candidate to a projected Gram matrix.
 
@@ -82,9 +94,8 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
     place : columns of the candidate
     size : (m,) norm of the columns before any projection
     """
-    factor = spread(gram, place, size)
+    gain, dof, factor = gained(gram, place, size)
     part = factor @ gram[place, 0]
-    gain, dof = float(part @ part), factor.shape[0]
     log_p = float(chances.log_tail(gain, dof)) if dof else 0.0
     covariance = factor.T @ factor
     scale = np.where(size[place] > 0, size[place], 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -149,14 +149,14 @@ def _best(problem, used, rows, choice):
     for trial in ranked[:12]:
         if trial.kind == "line":  # between two frequencies of the search
             at, at_sigma = trials.tuned(problem, baseline_of(problem, used), trial)
-            trial = replace(trial, at=at, at_sigma=at_sigma)
+            trial = trial._replace(at=at, at_sigma=at_sigma)
         grown, index = trials.with_candidate(problem, trial)
         grown, index = shaping.refined(grown, baseline_of(grown, used), index)
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
             if trial.kind == "step":
                 at, at_sigma = trials.located(trial, everything)
-                trial = replace(trial, at=at, at_sigma=at_sigma)
+                trial = trial._replace(at=at, at_sigma=at_sigma)
             return grown, (index, trial)
     return problem, None
 

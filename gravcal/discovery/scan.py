@@ -43,7 +43,7 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
     rest : (n, d) a block, of `residuals.projected`
     """
     inverse = residuals.inverse_of_baseline(problem, baseline)
-    epochs, gain = [], []
+    place, at, dof, gain = [np.zeros(0, dtype=int)], [np.zeros(0)], [np.zeros(0, dtype=int)], []
     for i, block in enumerate(problem.blocks):
         if block.local:
             rows, shapes, own = _local(problem, i)
@@ -51,10 +51,12 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
             inner = own - _paired(cross, inverse @ cross, len(block.local))
             right = (shapes.T @ rest[i][rows]).reshape(*inner.shape[:2], -1)
             gain += [_step_gain(inner, right), *_axis_gains(inner, right)]
-            epochs += [(i, at, dof) for dof in (inner.shape[1], *[1] * inner.shape[1]) for at in block.local]
-    place, at, dof = (np.array(column) for column in (zip(*epochs, strict=True) if epochs else [[]] * 3))
+            free = np.array([inner.shape[1], *[1] * inner.shape[1]])
+            dof.append(np.repeat(free, len(block.local)))
+            at.append(np.tile(list(block.local), free.size))
+            place.append(np.full(dof[-1].size, i))
     gain = np.concatenate(gain) if gain else np.zeros((0, rest[0].shape[1]))
-    return Scan("step", "linear", place.astype(int), at.astype(float), gain, dof.astype(int))
+    return Scan("step", "linear", *map(np.concatenate, (place, at)), gain, np.concatenate(dof))
 
 
 def _local(problem, index):

@@ -124,7 +124,7 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     gram = attribution.projected(problem.total, baseline)
     ratio = attribution.ratio(gram, problem.places[index], problem.size)
     numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": problem.candidates[index].form}
-    return problem, [*(t for t in rows if t not in found), replace(best, index=index, **numbers)]
+    return problem, [*(t for t in rows if t not in found), best._replace(index=index, **numbers)]
 
 
 def _largest(shape: Shape, beside):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import collections
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ SHARED = 0.02
 COST = 2.0
 
 
-@dataclass(frozen=True)
-class Trial:
+class Trial(NamedTuple):
     """One thing that was tried.
 
     Attributes
@@ -68,10 +67,12 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         if k in used:
             continue
-        found = attribution.ratio(gram, place, problem.size)
-        if found.dof:
+        gain, dof, _ = attribution.gained(gram, place, problem.size)
+        if dof:
             kind = "listed" if candidate.listed else "unknown"
-            rows.append((kind, candidate.cause, candidate.form, k, found.gain, found.dof, found.log_p))
+            rows.append((kind, candidate.cause, candidate.form, k, gain, dof))
+    log_p = chances.log_tail([row[4] for row in rows], [row[5] for row in rows]).tolist()
+    rows = [(*row, p) for row, p in zip(rows, log_p, strict=True)]
     return _corrected(rows + _along(problem, baseline, choice))
 
 

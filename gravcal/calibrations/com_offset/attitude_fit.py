@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gravcal.calibrations.com_offset.motion import Arc, Solution, response, torque_of, updated
+from gravcal.calibrations.com_offset.motion import Arc, Solution, propagator, torque_of, updated
 from gravcal.methods.estimation import covariance
 from gravcal.methods.noise import NoiseModel, whiten
 from gravcal.physics import dynamics, frames
@@ -156,7 +156,7 @@ def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
         shape = np.polynomial.legendre.legvander(u, degree)
         return np.einsum("mk,ca->mkac", shape, inverse).reshape(at.size, -1, 3)
 
-    return response(time, transition, basis, np.zeros(0))
+    return propagator(time, transition, np.zeros(0))(basis)
 
 
 def _whitened(residual, design, good, noise):

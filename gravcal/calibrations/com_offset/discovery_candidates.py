@@ -25,6 +25,7 @@ NOT_HERE = (
 MODE_STEP_HZ = 0.02
 MODES_HZ = np.arange(0.10, 0.80, MODE_STEP_HZ)
 STEP_S = 2.0  # over which the field is differentiated
+AT_ONCE = 12  # shapes that go through the operators together: with more, their samples leave the cache
 DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
 #: Channel of an effect -> channel of the view.
 READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", "field_b": "magnetometer"}
@@ -89,20 +90,25 @@ def _split(whole: dict) -> list[dict]:
 
 
 def _table(view: View, shapes: list[dict]) -> list[np.ndarray | None]:
-    """Whitened rows of every shape in one manoeuvre, all through the operators at once."""
+    """Whitened rows of every shape in one manoeuvre, some at once through the operators."""
     signals = [_signal(view, shape) for shape in shapes]
     table: list[np.ndarray | None] = [None] * len(signals)
     groups: dict[tuple, list[int]] = {}
     for k, signal in enumerate(signals):
         if signal is not None:
             groups.setdefault(tuple(sorted(signal)), []).append(k)
-    for channels, members in groups.items():
-        joined = {c: np.concatenate([signals[k][c] for k in members], axis=2) for c in channels}
-        widths = [signals[k][channels[0]].shape[2] for k in members]
-        parts = np.split(view.rows(joined), np.cumsum(widths)[:-1], axis=1)
-        for k, part in zip(members, parts, strict=True):
-            table[k] = part
+    for group in groups.values():
+        for members in (group[k : k + AT_ONCE] for k in range(0, len(group), AT_ONCE)):
+            for k, part in zip(members, _rows(view, [signals[k] for k in members]), strict=True):
+                table[k] = part
     return table
+
+
+def _rows(view, signals):
+    """Whitened rows of signals in the same channels."""
+    widths = [next(iter(signal.values())).shape[2] for signal in signals]
+    joined = {channel: np.concatenate([signal[channel] for signal in signals], axis=2) for channel in signals[0]}
+    return np.split(view.rows(joined), np.cumsum(widths)[:-1], axis=1)
 
 
 def _signal(view, shape):

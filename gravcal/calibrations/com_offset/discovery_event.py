@@ -36,28 +36,41 @@ def event(
     blocks : fields of `gravcal.discovery.blocks.Block`, one a view and one of edge times
     quiet : {channel: samples an axis that its noise was measured from}
     """
-    offset = offset_of(solved)
-    measured, quiet = ({}, {}) if noise else _quiet(aligned, field, settings)
-    made = scenes(aligned, field, smoothed, settings)
-    views = [view_of(s, (aligned, field, smoothed), noise or measured, offset, settings["mass"]) for s in made]
-    if not noise:
-        wider = [attitude_of_torques(v) for v in views]
-        measured["attitude"] = discovery_noise.attitude(smoothed, made, wider, settings)
+    records, offset = (aligned, field, smoothed), offset_of(solved)
+    if noise:
+        views, quiet = _views(records, noise, offset, settings), {}
+    else:
+        views, quiet = _measured(records, offset, settings)
     blocks = [block_of(v, aligned, smoothed, settings) for v in views] + [discovery_timing.block(smoothed)]
     return views, blocks, quiet
 
 
-def _quiet(aligned, field, settings):
-    """Noise of the instruments outside the manoeuvres, and how much of it was seen."""
-    with beside(discovery_noise.angular, aligned, field, settings) as of_angular:
-        linear, linear_samples = discovery_noise.linear(aligned, settings)
-        if linear_samples * settings["step_s"] < QUIET_S:
+def _views(records, noise, offset, settings):
+    """Views of all manoeuvres; their noise may be completed later."""
+    made = scenes(*records, settings)
+    return [view_of(scene, records, noise, offset, settings["mass"]) for scene in made]
+
+
+def _measured(records, offset, settings):
+    """Views with the noise as measured in these records, and how much of it was seen."""
+    aligned, field, smoothed = records
+    with beside(_others, aligned, field, settings) as others:
+        linear, samples = discovery_noise.linear(aligned, settings)
+        if samples * settings["step_s"] < QUIET_S:
             raise ProductError(
                 "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be "
                 "measured in. Give files that reach further before and after them."
             )
-        magnetometer, field_samples = discovery_noise.magnetometer(aligned, field, settings)
-        angular, angular_samples = of_angular()
-    noise = {"linear": linear, "angular": angular, "magnetometer": magnetometer}
-    seen = {"linear": linear_samples, "angular": angular_samples}
-    return noise, seen | {"magnetometer": field_samples}
+        noise, quiet = {"linear": linear}, {"linear": samples}
+        views = _views(records, noise, offset, settings)
+        wider = [attitude_of_torques(view) for view in views]
+        for channel, (models, seen) in others().items():
+            noise[channel], quiet[channel] = models, seen
+    noise["attitude"] = discovery_noise.attitude(smoothed, [view.scene for view in views], wider, settings)
+    return views, quiet
+
+
+def _others(aligned, field, settings):
+    """Noise of angular accelerometer and magnetometer outside the manoeuvres, and how much of it was seen."""
+    angular = discovery_noise.angular(aligned, field, settings)
+    return {"angular": angular, "magnetometer": discovery_noise.magnetometer(aligned, field, settings)}

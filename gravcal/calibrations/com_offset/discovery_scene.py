@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +47,11 @@ class Scene:
     own_attitude: np.ndarray
     scale_attitude: np.ndarray
     shift: float
+
+    @functools.cached_property
+    def propagator(self) -> motion.Propagator:
+        """Attitude after angular accelerations that jump at the edges."""
+        return motion.propagator(self.sca_time, self.transition, self.window.arc.edges + self.shift)
 
 
 def scenes(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, settings: dict) -> list[Scene]:
@@ -153,5 +159,4 @@ def turned(scene: Scene, basis) -> np.ndarray:
     scene : Scene
     basis : callable
     """
-    breaks = scene.window.arc.edges + scene.shift
-    return motion.response(scene.sca_time, scene.transition, basis, breaks)
+    return scene.propagator(basis)

@@ -127,36 +127,51 @@ def dipole_at(arc: Arc, time: np.ndarray, shift: float) -> np.ndarray:
     return np.where(inside[:, None], arc.dipole_b[np.clip(index, 0, len(arc.dipole_b) - 1)], 0.0)
 
 
-def response(time: np.ndarray, transition: np.ndarray, basis, breaks: np.ndarray) -> np.ndarray:
-    """Attitude response to small angular accelerations, by variation of constants.
+@dataclass(frozen=True)
+class Propagator:
+    """Attitude after small angular accelerations, by variation of constants, with its quadrature made once.
 
     x(t) = Phi(t) int Phi(s)^-1 (0; b(s)) ds; CoM paper eqs. 21-25 with a source.
 
+    Attributes
+    ----------
+    transition : (n, 6, 6) of angle and rate from the origin
+    at : (4 s,) s, nodes of the quadrature, four in each of s intervals without a jump
+    weights : (4 s, 6, 3) s, inverse of the transition at the nodes, times the weight of each
+    index : (n,) intervals before each epoch
+    """
+
+    transition: np.ndarray
+    at: np.ndarray
+    weights: np.ndarray
+    index: np.ndarray
+
+    def __call__(self, basis) -> np.ndarray:
+        """Response (n, 3, p) rad to `basis`, (m,) s -> (m, p, 3) rad s-2, smooth between the breaks."""
+        integrand = self.weights @ basis(self.at).transpose(0, 2, 1)
+        pieces = integrand.reshape(-1, 4, *integrand.shape[1:]).sum(axis=1)
+        total = np.concatenate([np.zeros((1, *pieces.shape[1:])), np.cumsum(pieces, axis=0)])
+        return self.transition[:, :3] @ total[self.index]
+
+
+def propagator(time: np.ndarray, transition: np.ndarray, breaks: np.ndarray) -> Propagator:
+    """Propagator to the epochs of a transition.
+
     Parameters
     ----------
-    time : (n,) s, epochs of `transition`, from the origin on
+    time : (n,) s, from the origin on
     transition : (n, 6, 6) of angle and rate from the origin
-    basis : callable, (m,) s -> (m, p, 3) rad s-2, smooth between breaks
-    breaks : (b,) s, where the basis jumps
-
-    Returns
-    -------
-    angle_b : (n, 3, p) rad
+    breaks : (b,) s, where accelerations jump
     """
     from scipy.interpolate import CubicSpline
 
-    inverse = np.linalg.inv(transition)[:, :, 3:]
-    weights = CubicSpline(time, inverse)
     ends = np.unique(np.concatenate([[time[0]], breaks[(breaks > time[0]) & (breaks < time[-1])], time]))
     node, weight = np.polynomial.legendre.leggauss(4)
     span = np.diff(ends)
-    at = (ends[:-1, None] + ends[1:, None]) / 2 + span[:, None] / 2 * node
-    source = basis(at.ravel())
-    integrand = np.einsum("mac,mpc->map", weights(at.ravel()), source).reshape(*at.shape, 6, -1)
-    pieces = np.einsum("sg,sgap,s->sap", np.broadcast_to(weight, at.shape), integrand, span / 2)
-    total = np.concatenate([np.zeros((1, *pieces.shape[1:])), np.cumsum(pieces, axis=0)])
-    at_time = total[np.searchsorted(ends, time)]
-    return (transition @ at_time)[:, :3]
+    at = ((ends[:-1, None] + ends[1:, None]) / 2 + span[:, None] / 2 * node).ravel()
+    inverse = CubicSpline(time, np.linalg.inv(transition)[:, :, 3:])(at)
+    share = (span[:, None] / 2 * weight).reshape(-1, 1, 1)
+    return Propagator(transition, at, share * inverse, np.searchsorted(ends, time))
 
 
 def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.ndarray, width: float) -> np.ndarray:

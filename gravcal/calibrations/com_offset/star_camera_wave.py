@@ -46,7 +46,7 @@ def fit_star_camera_wave(window, fit, noise, rod: int, degree: int):
         parts = shape(arc, rod, shift, at, 1e-6)
         return np.einsum("mk,ca->mkac", parts, np.eye(3)).reshape(at.size, 6, 3)
 
-    columns = [transition[:, :3, :6], motion.response(window.time, transition, basis, arc.edges + shift)]
+    columns = [transition[:, :3, :6], motion.propagator(window.time, transition, arc.edges + shift)(basis)]
     if degree >= 0:
         columns.insert(1, attitude_fit.slow_torque_response(arc, window.time, transition, degree))
     design = np.concatenate(columns, axis=2)
