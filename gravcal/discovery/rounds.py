@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, hidden, naming, pairs, residuals, shaping, trials
+from gravcal.discovery import adequacy, attribution, hidden, naming, pairs, residuals, scan, shaping, trials
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.problem import Problem, baseline_of, prepare
 from gravcal.methods.beside import beside
@@ -113,6 +113,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     rng : source of randomness, for the distribution of the adequacy under noise
     """
     problem = prepare(blocks, candidates)
+    scan.looked_at(problem, sorted({c for b in blocks for c in b.channel}))
     noise = residuals.drawn(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
     with beside(adequacy.test, problem, baseline_of(problem, ()), noise) as of_baseline:
         problem, chosen, first = _named(problem, choice)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block
 from gravcal.discovery.problem import Problem
+from gravcal.methods.beside import each
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,25 @@ class Scan:
     at: np.ndarray
     gain: np.ndarray
     dof: np.ndarray
+
+
+def looked_at(problem: Problem, channels) -> None:
+    """Make what all scans of a problem have in common, where it is not yet made.
+
+    Parameters
+    ----------
+    problem : Problem
+    channels : names of those in which lines are looked for
+    """
+    grids = {channel: frequencies(problem.blocks, channel) for channel in channels}
+
+    def one(index):
+        if problem.blocks[index].local:
+            _local(problem, index)
+        for channel, axis in itertools.product(grids, range(3)):
+            _waves(problem, index, channel, axis, grids[channel])
+
+    each(one, range(len(problem.blocks)))
 
 
 def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Scan:

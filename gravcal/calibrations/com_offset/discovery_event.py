@@ -54,7 +54,7 @@ def _views(records, noise, offset, settings):
 def _measured(records, offset, settings):
     """Views with the noise as measured in these records, and how much of it was seen."""
     aligned, field, smoothed = records
-    with beside(_others, aligned, field, settings) as others:
+    with beside(discovery_noise.angular, aligned, field, settings) as of_angular:
         linear, samples = discovery_noise.linear(aligned, settings)
         if samples * settings["step_s"] < QUIET_S:
             raise ProductError(
@@ -62,15 +62,9 @@ def _measured(records, offset, settings):
                 "measured in. Give files that reach further before and after them."
             )
         noise, quiet = {"linear": linear}, {"linear": samples}
+        noise["magnetometer"], quiet["magnetometer"] = discovery_noise.magnetometer(aligned, field, settings)
         views = _views(records, noise, offset, settings)
         wider = [attitude_of_torques(view) for view in views]
-        for channel, (models, seen) in others().items():
-            noise[channel], quiet[channel] = models, seen
-    noise["attitude"] = discovery_noise.attitude(smoothed, [view.scene for view in views], wider, settings)
+        noise["attitude"] = discovery_noise.attitude(smoothed, [view.scene for view in views], wider, settings)
+        noise["angular"], quiet["angular"] = of_angular()
     return views, quiet
-
-
-def _others(aligned, field, settings):
-    """Noise of angular accelerometer and magnetometer outside the manoeuvres, and how much of it was seen."""
-    angular = discovery_noise.angular(aligned, field, settings)
-    return {"angular": angular, "magnetometer": discovery_noise.magnetometer(aligned, field, settings)}
