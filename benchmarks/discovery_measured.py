@@ -159,7 +159,7 @@ def table(folder: Path, plt) -> None:
             if not np.isfinite(row["value"][axis]):
                 continue
             place = int(np.flatnonzero(blocks[k]["axis"] == axis)[0])
-            predicted = result.problem.columns[k][place, baseline] @ value
+            predicted = result.problem.columns[k].of(baseline)[place] @ value
             scale = row["sigma"][axis] * prepared["facts"][label]["error_factor_by_repeats"]
             axes[axis].errorbar(k + 1, 1e6 * row["value"][axis], 1e6 * scale, color="k", marker="o", capsize=3)
             axes[axis].plot(k + 1.2, 1e6 * predicted * scale, color="#d55e00", marker="x")

@@ -87,7 +87,7 @@ def _rank(least):
 def _candidates(problem, baseline, rest):
     """Log of the smallest probability over candidates, corrected, for each column of the residual."""
     gram = attribution.projected(problem.total, baseline)
-    right = sum(c.T @ r for c, r in zip(problem.columns, rest, strict=True))
+    right = sum(c.onto(r) for c, r in zip(problem.columns, rest, strict=True))
     gains, dof = [], []
     for place in problem.places:
         factor = attribution.spread(gram, place, problem.size)

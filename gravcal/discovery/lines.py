@@ -92,7 +92,7 @@ def _gain(result, columns):
     """Chi-square gained, and how many parameters gain it, with own and baseline columns free."""
     problem, baseline = result.problem, result.baseline
     clean = [c - q @ (q.T @ c) for c, q in zip(columns, problem.bases, strict=True)]
-    cross = sum(b[:, baseline].T @ c for b, c in zip(problem.columns, clean, strict=True))
+    cross = sum(b.of(baseline).T @ c for b, c in zip(problem.columns, clean, strict=True))
     inner = sum(c.T @ c for c in clean) - cross.T @ residuals.inverse_of_baseline(problem, baseline) @ cross
     right = sum(c.T @ r for c, r in zip(clean, result.after.rest, strict=True))
     values, vectors = np.linalg.eigh(inner)

@@ -1,4 +1,4 @@
-"""All columns of all blocks with each block's own columns projected out, and their products."""
+"""All columns of all blocks, and their products with each block's own columns projected out."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gravcal.discovery.blocks import Block, Candidate, basis_of
+from gravcal.discovery.columns import Columns, columns_of
 from gravcal.methods.beside import each
 
 
@@ -18,24 +19,27 @@ class Problem:
     Attributes
     ----------
     blocks, candidates : as handed over; causes found along the time or frequency axis are appended to the candidates
-    bases : (n, r) a block, orthonormal basis of its own columns
-    columns : (n, m) a block: observed, shared, candidates; own columns projected out
+    columns : Columns of each block: observed, shared, candidates
     gram : (b, m, m) products of these columns
     places : slice of each candidate; shared : slice
     size : (m,) norm before any projection
     samples : (b,) rows that carry weight, less own columns
-    memory : what follows from blocks and bases alone, made once
+    memory : what follows from the blocks alone, made once
     """
 
     blocks: list[Block]
     candidates: list[Candidate]
-    bases: list[np.ndarray]
-    columns: list[np.ndarray]
+    columns: list[Columns]
     gram: np.ndarray
     places: list[slice]
     size: np.ndarray
     samples: np.ndarray
     memory: dict = field(default_factory=dict)
+
+    @property
+    def bases(self) -> list[np.ndarray]:
+        """Orthonormal basis (n, r) of the own columns of each block."""
+        return [columns.basis for columns in self.columns]
 
     @property
     def shared(self) -> slice:
@@ -57,28 +61,18 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     candidates : list of Candidate
     """
     width = blocks[0].shared.shape[1]
-    ends = np.cumsum([1 + width, *(len(c.names) for c in candidates)])
+    widths = [1, width, *(len(c.names) for c in candidates)]
+    ends = np.cumsum(widths)[1:]
     places = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     def one(index, block):
-        columns = _side_by_side(block, [c.columns[index] for c in candidates], places, int(ends[-1]))
-        square, basis = np.einsum("nm,nm->m", columns, columns), basis_of(block.own)
-        columns -= basis @ (basis.T @ columns)
-        return basis, columns, columns.T @ columns, square, float(_used(block) - basis.shape[1])
+        pieces = [block.observed[:, None], block.shared, *(c.columns[index] for c in candidates)]
+        columns = columns_of(block.channel, basis_of(block.own), pieces, widths)
+        return columns, columns.products(), columns.squares(), float(_used(block) - columns.basis.shape[1])
 
-    bases, projected, gram, squares, samples = zip(*each(one, range(len(blocks)), blocks), strict=True)
-    made = list(bases), list(projected), np.stack(gram), places, np.sqrt(sum(squares))
-    return Problem(blocks, list(candidates), *made, np.array(samples))
-
-
-def _side_by_side(block, parts, places, width):
-    columns = np.zeros((block.observed.size, width))
-    columns[:, 0] = block.observed
-    columns[:, 1 : 1 + block.shared.shape[1]] = block.shared
-    for place, part in zip(places, parts, strict=True):
-        if part is not None:
-            columns[:, place] = part
-    return columns
+    columns, gram, squares, samples = zip(*each(one, range(len(blocks)), blocks), strict=True)
+    size = np.sqrt(sum(squares))
+    return Problem(blocks, list(candidates), list(columns), np.stack(gram), places, size, np.array(samples))
 
 
 def _used(block):
@@ -96,17 +90,16 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
     count = len(candidate.names)
     place = slice(problem.size.size, problem.size.size + count)
 
-    def one(basis, old, products, part):
-        new = np.zeros((old.shape[0], count)) if part is None else np.array(part, dtype=float)
-        both = np.concatenate([old, new - basis @ (basis.T @ new)], axis=1)
+    def one(old, products, part):
+        new = np.zeros((old.basis.shape[0], count)) if part is None else np.asarray(part, dtype=float)
+        both = old.wider(new)
         wider = np.zeros((place.stop, place.stop))
         wider[: place.start, : place.start] = products
-        wider[:, place] = both.T @ both[:, place]
+        wider[:, place] = both.onto(both.of(np.arange(place.start, place.stop)))
         wider[place] = wider[:, place].T
         return both, wider, np.einsum("nm,nm->m", new, new)
 
-    rows = each(one, problem.bases, problem.columns, problem.gram, candidate.columns)
-    columns, gram, squares = zip(*rows, strict=True)
+    columns, gram, squares = zip(*each(one, problem.columns, problem.gram, candidate.columns), strict=True)
     size = np.append(problem.size, np.sqrt(sum(squares)))
     more = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
     return replace(problem, columns=list(columns), gram=np.stack(gram), size=size, **more)
@@ -126,7 +119,7 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
     wanted : (w,) indices of columns
     """
     block = problem.blocks[index]
-    columns = problem.columns[index][:, np.append(0, wanted)]
+    columns = problem.columns[index].of(np.append(0, wanted))
     first = np.floor((block.time - block.time.min()) / segment_s) % 2 == 0
     if first.all():  # a block of few numbers, such as edge times
         first = np.arange(block.time.size) % 2 == 0

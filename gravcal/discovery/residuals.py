@@ -20,9 +20,9 @@ def projected(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -
     noise : (n, d) a block, whitened
     """
     rest = [e - q @ (q.T @ e) for e, q in zip(noise, problem.bases, strict=True)]
-    right = sum(c[:, baseline].T @ r for c, r in zip(problem.columns, rest, strict=True))
+    right = sum(c.of(baseline).T @ r for c, r in zip(problem.columns, rest, strict=True))
     value = inverse_of_baseline(problem, baseline) @ right
-    return [r - c[:, baseline] @ value for c, r in zip(problem.columns, rest, strict=True)]
+    return [r - c.of(baseline) @ value for c, r in zip(problem.columns, rest, strict=True)]
 
 
 def inverse_of_baseline(problem: Problem, baseline: np.ndarray) -> np.ndarray:
@@ -43,7 +43,7 @@ def measured(problem: Problem) -> list[np.ndarray]:
     ----------
     problem : Problem
     """
-    return [c[:, :1] for c in problem.columns]
+    return [c.of(np.zeros(1)) for c in problem.columns]
 
 
 def source(seed: int, blocks) -> np.random.Generator:

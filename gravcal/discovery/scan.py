@@ -68,7 +68,7 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
     for i, block in enumerate(problem.blocks):
         if block.local:
             rows, shapes, own = _local(problem, i)
-            cross = problem.columns[i][np.ix_(rows, baseline)].T @ shapes
+            cross = problem.columns[i].of(baseline)[rows].T @ shapes
             inner = own - _paired(cross, inverse @ cross, len(block.local))
             right = (shapes.T @ rest[i][rows]).reshape(*inner.shape[:2], -1)
             gain += [_step_gain(inner, right), *_axis_gains(inner, right)]
@@ -179,7 +179,7 @@ def _gains(problem, baseline, rest, channel, grid):
             rows, flat, own = _waves(problem, i, channel, axis, grid)
             if flat is None:
                 continue
-            cross = problem.columns[i][np.ix_(rows, baseline)].T @ flat
+            cross = problem.columns[i].of(baseline)[rows].T @ flat
             inner = own - _paired(cross, inverse @ cross, grid.size)
             gain[axis] += _line_gain(inner, flat.T @ rest[i][rows])
             dof[axis] += 2

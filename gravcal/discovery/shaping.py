@@ -82,7 +82,7 @@ def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem
 def _beside(problem, baseline):
     rest = residuals.projected(problem, baseline, residuals.measured(problem))
     inverse = residuals.inverse_of_baseline(problem, baseline)
-    return _Beside(problem, rest, [c[:, baseline] for c in problem.columns], inverse)
+    return _Beside(problem, rest, [c.of(baseline) for c in problem.columns], inverse)
 
 
 def _settled(shape):
