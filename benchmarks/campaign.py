@@ -10,6 +10,9 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import numpy as np
+
+from benchmarks import plain_numpy
 from benchmarks import stopwatch as watch
 from benchmarks.day import CLI, output
 from benchmarks.tables import Figure, at_least, at_most, show, title
@@ -59,11 +62,14 @@ def _cold(command, root, count, options):
     if count >= 200:
         figures.append(at_most("  orchestration, waiting of workers included", share, 10.0, " %"))
     elif not options.quick:
+        peer = [plain_numpy.ratio(options.workers)]
         (alone, _), work = _campaign([*command, "--workers", "1"], _store(root, "alone"))
         figures.append(Figure("empty store, one worker", f"{alone:.3g} s"))
         figures.append(Figure("  work on one event", f"{work / count:.3g} s"))
         limit = options.workers * work / busy
         figures.append(Figure("  speed-up if nothing but the events took time", f"{limit:.3g}"))
+        peer.append(plain_numpy.ratio(options.workers))
+        figures.append(Figure("  speed-up of plain numpy meanwhile", f"{np.mean(peer):.3g}", watch.span(peer)))
         least = at_least if work / count > LONG_S else _untargeted
         figures.append(least(f"  speed-up of {options.workers} workers", alone / cold, 1.6))
     return [*figures, (cold, processor)]

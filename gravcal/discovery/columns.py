@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -82,8 +83,9 @@ class Columns:
     def products(self) -> np.ndarray:
         """Products (m, m) with each other, own columns projected out."""
         total = -(self.inside.T @ self.inside)
-        for part in self.parts:
-            total[np.ix_(part.index, part.index)] += part.values.T @ part.values
+        for one, other in itertools.product(self.parts, repeat=2):
+            if one.rows == other.rows:
+                total[np.ix_(one.index, other.index)] += one.values.T @ other.values
         return total
 
     def onto(self, signals: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gravcal.methods import beside as module
-from gravcal.methods.beside import beside
+from gravcal.methods.beside import beside, each
 
 
 @pytest.fixture
@@ -75,3 +75,28 @@ def test_a_block_that_fails_leaves_no_process(two_cores):
     with pytest.raises(ValueError, match="wanted"), beside(time.sleep, 60):
         raise ValueError("wanted")
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("cores", [1, 2])
+def test_each_gives_the_results_in_order(monkeypatch, cores):
+    """Contract: as a plain loop, on one core or on two, of one item, of none and of two a call."""
+    monkeypatch.setattr(module, "_cores", lambda: cores)
+    numbers = list(range(50))
+    assert each(lambda a, b: 10 * a + b, numbers, numbers) == [11 * n for n in numbers]
+    assert each(str, [7]) == ["7"]
+    assert each(str, []) == []
+
+
+def test_an_error_in_each_comes_to_the_caller(two_cores):
+    """Contract: as of a plain loop."""
+    with pytest.raises(np.linalg.LinAlgError):
+        each(np.linalg.inv, [np.eye(2), np.zeros((2, 2))])
+    with pytest.raises(ValueError, match="shorter"):
+        each(divmod, [1, 2], [3])
+
+
+def test_a_fork_does_not_start_threads(two_cores, monkeypatch):
+    """Contract: it is one of two already."""
+    monkeypatch.undo()
+    with beside(module._cores) as count:
+        assert count() == 1

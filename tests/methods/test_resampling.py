@@ -123,3 +123,14 @@ def test_fewer_samples_than_the_support_give_no_output():
     operator = lowpass_resampler(time, everywhere(time), np.array([0.2, 0.5, 0.9]), **LOWPASS)
     assert not operator.valid.any()
     assert np.isnan(operator(time)).all()
+
+
+def test_what_lies_beyond_the_support_may_be_missing():
+    """Contract: samples that no output uses do not spoil it, on however many columns."""
+    time = np.arange(0, 60, 0.1)
+    good = (time > 10) & (time < 50)
+    operator = lowpass_resampler(time, good, np.arange(15.0, 45.0), lowpass_hz=0.5, half_width_s=2.0)
+    assert operator.valid.all()
+    for width in (1, 3, 20):
+        columns = np.where(good[:, None], np.ones((1, width)), np.nan)
+        np.testing.assert_allclose(operator(columns), 1.0, rtol=1e-13)

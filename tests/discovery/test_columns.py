@@ -1,0 +1,62 @@
+"""Columns of a block kept by channel, against the whole matrix."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.discovery.blocks import basis_of
+from gravcal.discovery.columns import columns_of
+
+CHANNELS = {
+    "by channel": np.repeat(["linear", "angular", "attitude"], [40, 30, 20]),
+    "alternating": np.tile(["linear", "angular", "attitude"], 30),
+}
+
+
+@pytest.fixture(params=CHANNELS)
+def made(request):
+    """Columns (90, 9) of five pieces, the whole matrix less its part along the own columns, and the basis of those."""
+    rng = np.random.default_rng(17)
+    channel = CHANNELS[request.param]
+    linear, angular = (channel == name for name in ("linear", "angular"))
+    pieces = [rng.standard_normal((90, q)) for q in (1, 3, 2)]
+    pieces[1][~linear] = 0.0
+    pieces[2][linear] = 0.0
+    pieces += [None, rng.standard_normal((90, 1)) * angular[:, None]]
+    widths = [1, 3, 2, 2, 1]
+    basis = basis_of(rng.standard_normal((90, 4)))
+    whole = np.concatenate([np.zeros((90, 2)) if p is None else p for p in pieces], axis=1)
+    return columns_of(channel, basis, pieces, widths), whole, basis
+
+
+def test_products_are_those_of_the_whole_matrix(made):
+    """Analytic: of all columns with each other, of their squares, of some of them, and with a signal."""
+    columns, whole, basis = made
+    clean = whole - basis @ (basis.T @ whole)
+    assert_allclose(columns.products(), clean.T @ clean, atol=1e-12)
+    assert_allclose(columns.squares(), np.sum(whole**2, axis=0), rtol=1e-13)
+    signal = np.random.default_rng(1).standard_normal((90, 5))
+    signal -= basis @ (basis.T @ signal)
+    assert_allclose(columns.onto(signal), clean.T @ signal, atol=1e-12)
+    for wanted in ([0], [8, 2, 6], np.arange(9), []):
+        assert_allclose(columns.of(np.array(wanted, dtype=int)), clean[:, np.array(wanted, dtype=int)], atol=1e-13)
+
+
+def test_more_columns_stand_after_the_others(made):
+    """Analytic: as if they had been handed over with them; the narrower ones stay as they are."""
+    columns, whole, basis = made
+    more = np.random.default_rng(2).standard_normal((90, 2))
+    both = np.concatenate([whole, more], axis=1)
+    clean = both - basis @ (basis.T @ both)
+    wider = columns.wider(more)
+    assert_allclose(wider.products(), clean.T @ clean, atol=1e-12)
+    assert_allclose(wider.of(np.array([10, 1])), clean[:, [10, 1]], atol=1e-13)
+    assert columns.products().shape == (9, 9)
+
+
+def test_choices_of_columns_are_not_kept_without_end(made):
+    """Contract: memory stays bounded, whatever is asked for."""
+    columns, _, _ = made
+    for k in range(100):
+        columns.of(np.array([k % 9, k // 9 % 9]))
+    assert len(columns.memory) < 10
