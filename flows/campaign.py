@@ -17,7 +17,13 @@ from gravcal.errors import GravcalError, ProductError
 
 ENDED_WELL = ("delivered", "no_manoeuvre")
 AHEAD = 4  # events handed out for each that is being worked on
-PROFILE = "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED"
+#: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
+SELDOM = {
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
+    "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "1s",  # of 100 ms; an event does not fill the memory in that
+    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",  # of 20 ms
+    "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "5s",  # of 500 ms
+}
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,8 @@ def exit_code(summary):
 @contextlib.contextmanager
 def cluster(campaign, count):
     """Client of the cluster named, or of so many worker processes of this machine, one thread each."""
-    os.environ.setdefault(PROFILE, "false")  # nobody looks at the samples that Dask takes of its workers' stacks
+    for name, value in SELDOM.items():
+        os.environ.setdefault(name, value)
     from distributed import Client, LocalCluster
 
     if campaign.scheduler:
