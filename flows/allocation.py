@@ -19,6 +19,17 @@ def collect_seldom():
     gc.set_threshold(*SELDOM)
 
 
+@contextlib.contextmanager
+def without_search():
+    """Load libraries without looking for unreachable objects in them, then or later: that takes a tenth less time."""
+    gc.disable()
+    try:
+        yield
+        gc.freeze()
+    finally:
+        gc.enable()
+
+
 @functools.cache
 def keep_freed():
     """Let this process keep freed memory, as much as it needed at most; done once, nothing where there is no glibc."""

@@ -119,6 +119,8 @@ def cluster(campaign, count):
         os.environ.setdefault(name, value)
     from distributed import Client, LocalCluster
 
+    from flows import worker_end
+
     if campaign.scheduler:
         with Client(campaign.scheduler, timeout="20s") as client:
             _check_versions(client)
@@ -127,6 +129,7 @@ def cluster(campaign, count):
     here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
     local = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **here)
     with local, Client(local) as client:
+        client.register_plugin(worker_end.EndAtOnce())
         yield client
 
 

@@ -5,13 +5,13 @@ How long a stage takes is known from its last product. What is not known, as on 
 
 import contextlib
 import functools
-import gc
 import importlib
 import multiprocessing
 import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 
+from flows import allocation
 from flows.children import die_with
 
 LITTLE_S = 60.0  # work on all events together; starting Prefect and Dask takes six seconds, more on a busy machine
@@ -61,9 +61,5 @@ def run(waiting, work, processes, listener=None):
 @functools.cache
 def _load():
     """What the forks begin with; it is never searched for unreachable objects, so that they share its memory."""
-    gc.disable()  # nor while it is loaded
-    try:
+    with allocation.without_search():
         importlib.import_module("tasks.preloaded")
-        gc.freeze()
-    finally:
-        gc.enable()

@@ -2,8 +2,8 @@
 
 import functools
 
+from flows import allocation, prefect_server
 from flows import campaign as plain
-from flows import prefect_server
 from flows.engine import warn
 
 ROWS = 1000  # rows of a table that a page can show
@@ -26,7 +26,8 @@ def run(campaign, waiting, calibrate, slots, server=None):
     """
     try:
         begun = server or prefect_server.begin()
-        import prefect  # noqa: F401 - takes seconds, while the server comes up
+        with allocation.without_search():
+            import prefect  # noqa: F401 - takes seconds, while the server comes up
 
         with prefect_server.running(begun) as url:
             prefect_server.bury(url)

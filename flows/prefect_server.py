@@ -229,13 +229,14 @@ def serve(port, parent):
     """Be the server, until the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     die_with(parent)
-    allocation.collect_seldom()  # a tenth less time to load what the server is made of
+    allocation.collect_seldom()
     os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(port)}
-    import uvicorn
+    with allocation.without_search():
+        import uvicorn
+        from prefect.server.api.server import create_app
 
-    uvicorn.run(
-        "prefect.server.api.server:create_app", factory=True, host=HOST, port=port, log_level="error", access_log=False
-    )
+        app = create_app()
+    uvicorn.run(app, host=HOST, port=port, log_level="error", access_log=False)
 
 
 if __name__ == "__main__":

@@ -56,13 +56,18 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     both = [np.concatenate([m, n], axis=1) for m, n in zip(residuals.measured(problem), noise, strict=True)]
     rest = residuals.projected(problem, baseline, both)
     channels = sorted({c for b in problem.blocks for c in b.channel})
-    parts = [partial(scan.lines, channel=c) for c in channels]
-    made = each(lambda part: part(problem, baseline, rest), [scan.steps, _candidates, *parts, _bands])
-    steps, of_candidates, *found, (rows, smallest) = made
+    here = problem, baseline, rest
+    parts = [partial(scan.steps, *here), partial(_candidates, *here)]
+    parts += [partial(scan.lines, *here, channel) for channel in channels]
+    steps, of_candidates, *found, (rows, smallest) = each(_called, [*parts, partial(_bands, problem.blocks, rest)])
     scans = [s for s in [*found, steps] if s.at.size]
     least = np.min(_tested([smallest, of_candidates, *(_scanned(s) for s in scans)], problem), axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
     return Test(_rank(least), rows, own, [r[:, 0] for r in rest])
+
+
+def _called(part):
+    return part()
 
 
 def _tested(families, problem):
@@ -101,10 +106,10 @@ def _scanned(found):
     return chances.least_log_tail(found.gain, np.maximum(found.dof, 1)) + np.log(found.at.size)
 
 
-def _bands(problem, baseline, rest):  # noqa: ARG001 - as the other families
+def _bands(blocks, rest):
     """Rows for the first column, and log of the corrected smallest probability for every column."""
     rows, log_p = [], []
-    for block, values in zip(problem.blocks, rest, strict=True):
+    for block, values in zip(blocks, rest, strict=True):
         for channel in dict.fromkeys(block.channel):
             power, freedom = _power(block, channel, values)
             for band in range(power.shape[0]):

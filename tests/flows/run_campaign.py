@@ -56,11 +56,24 @@ def serve_cluster():
         sys.stdin.read()
 
 
+def begin_and_end_workers():
+    """Print the process identifiers of the workers of a cluster that was begun, closed again and waited for."""
+    import json
+
+    from flows import campaign
+
+    with campaign.cluster(campaign.Campaign("fakecal", None), 2) as client:
+        pids = list(client.run(os.getpid).values())
+    sys.stdout.write(json.dumps(pids))
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "kill":
         kill_at_random(sys.argv[2:])
     elif sys.argv[1] == "cluster":
         serve_cluster()
+    elif sys.argv[1] == "workers":
+        begin_and_end_workers()
     else:
         from flows.cli import main
 

@@ -136,6 +136,16 @@ def test_an_event_whose_fork_is_killed_is_completed_by_a_worker(environment, eve
     assert (code, summary["counts"]) == (0, {"delivered": 4})
 
 
+def test_workers_are_gone_when_their_cluster_is_closed(environment):
+    """Robustness: they end at once, but not before Dask has closed them."""
+    command = [sys.executable, str(SCRIPT), "workers"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert done.stderr == ""
+    pids = json.loads(done.stdout)
+    assert len(pids) == 2
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
 def test_an_existing_cluster_does_the_same_work(environment, events):
     """Contract: --scheduler names a cluster; the code is the same, and the cluster lives on."""
     command = [sys.executable, str(SCRIPT), "cluster"]
