@@ -57,12 +57,13 @@ class Columns:
         wanted : (w,) indices
         """
         wanted = np.asarray(wanted, dtype=np.intp)
-        key = wanted.tobytes()
-        if key not in self.memory:
+        made = self.memory.get(wanted.tobytes())
+        if made is None:
+            made = self._made(wanted)
             if len(self.memory) >= REMEMBERED:
                 self.memory.clear()
-            self.memory[key] = self._made(wanted)
-        return self.memory[key]
+            self.memory[wanted.tobytes()] = made
+        return made
 
     def _made(self, wanted):
         made = self.basis @ -self.inside[:, wanted]
