@@ -18,7 +18,9 @@ from gravcal.errors import GravcalError, ProductError
 ENDED_WELL = ("delivered", "no_manoeuvre")
 AHEAD = 4  # events handed out for each that is being worked on
 #: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
-SELDOM = {
+#: What polars frees stays with the worker, as what others free does (`flows/allocation.py`).
+WORKERS = {
+    "_RJEM_MALLOC_CONF": "dirty_decay_ms:-1,muzzy_decay_ms:-1",
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
     "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "1s",  # of 100 ms; an event does not fill the memory in that
     "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",  # of 20 ms
@@ -115,7 +117,7 @@ def exit_code(summary):
 @contextlib.contextmanager
 def cluster(campaign, count):
     """Client of the cluster named, or of so many worker processes of this machine, one thread each."""
-    for name, value in SELDOM.items():
+    for name, value in WORKERS.items():
         os.environ.setdefault(name, value)
     from distributed import Client, LocalCluster
 
