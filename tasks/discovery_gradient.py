@@ -18,7 +18,7 @@ for _kind, _schema in KINDS.items():
 READ = ["ingest", "gradient_torque.gradient", "gradient_torque.drag"]
 
 
-@stage(reads=READ, writes="gradient_torque.discovery", version=3)
+@stage(reads=READ, writes="gradient_torque.discovery", version=4)
 def search(observed, modelled, found, *, discovery_level, tie_chi2, round_limit, heldout_s, discovery_seed, scene):
     """What the model of a day gets wrong, and why."""
     limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}
@@ -26,7 +26,7 @@ def search(observed, modelled, found, *, discovery_level, tie_chi2, round_limit,
     return science.discover(observed, modelled, found, **limits, **numbers, **scene)
 
 
-@stage(reads=[*READ, "gradient_torque.discovery"], writes="gradient_torque.discovery", version=3)
+@stage(reads=[*READ, "gradient_torque.discovery"], writes="gradient_torque.discovery", version=4)
 def search_again(
     observed,
     modelled,

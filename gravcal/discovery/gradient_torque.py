@@ -71,7 +71,8 @@ def _searched(given, model, settings):
     rows, tried = blocks(seen), [Candidate(**c) for c in listed.candidates(seen)]
     rows = [Block(**_with(b, k, tried, model)) for k, b in enumerate(rows)]
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
-    choice = Choice(*limits, "", {}, segment_s=settings["segment_s"], quiet=seen.quiet)
+    order = {"linear": settings["noise_order"], "torque": settings["torque_noise_order"]}
+    choice = Choice(*limits, "", {}, segment_s=settings["segment_s"], order=order)
     result = search(rows, tried, choice, residuals.source(settings["discovery_seed"], rows))
     numbers = summary(widened(result), choice, list(PARAMETERS), "mm", 1e3, np.append(seen.start, np.zeros(6)))
     numbers["calibration_change"] = {n: _reported(v) for n, v in numbers["calibration_change"].items()}

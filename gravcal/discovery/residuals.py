@@ -8,6 +8,7 @@ import numpy as np
 
 from gravcal.discovery import attribution
 from gravcal.discovery.problem import Problem
+from gravcal.methods.noise import fit_noise, whiten
 
 
 def projected(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> list[np.ndarray]:
@@ -67,7 +68,8 @@ def drawn(
     """Noise (n, count) of every block, with the error of the noise model that it was whitened with.
 
     A model from N quiet samples is off by 1/sqrt(2 N) of its size, and each of its coefficients by 1/sqrt(N): whitened
-    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8).
+    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8). A model that was measured in the
+    rows has made them whiter than noise is, and every draw goes through the same fit.
 
     Parameters
     ----------
@@ -75,7 +77,8 @@ def drawn(
     count : number of draws
     quiet : {channel: quiet samples an axis that its noise was measured from, elsewhere than here}
     rng : source of randomness
-    order : {channel: coefficients of its noise model}; none where the noise was measured in these rows
+    order : {channel: coefficients of its noise model}, measured in these rows if it has no quiet samples; none where
+        its shape was given or the rows are too short to follow it
     """
     channels = sorted({c for b in problem.blocks for c in b.channel})
     error = {c: np.sqrt(2 / quiet[c]) if quiet.get(c) else 0.0 for c in channels}
@@ -91,7 +94,21 @@ def drawn(
             here = (block.channel == channel) & (block.axis == axis)
             noise[here] = _neighbouring(noise[here], shape[channel, axis]) * factor.astype(np.float32)
         rows.append(noise)
+    for channel, coefficients in (order or {}).items():
+        for axis in range(3) if not quiet.get(channel) else ():
+            _whitened(problem.blocks, rows, (channel, axis), coefficients)
     return rows
+
+
+def _whitened(blocks, rows, place, order):
+    """Every draw of a channel and axis by the model that is fitted to all its blocks together, in place."""
+    here = [weighted(b) & (b.channel == place[0]) & (b.axis == place[1]) for b in blocks]
+    here = [(row, at) for row, at in zip(rows, here, strict=True) if at.any()]
+    for draw in range(rows[0].shape[1] if here else 0):
+        pieces = [row[at, draw].astype(float) for row, at in here]
+        model = fit_noise(pieces, order, 1.0)
+        for (row, at), piece in zip(here, pieces, strict=True):
+            row[at, draw] = whiten(model, piece, np.ones(piece.size, dtype=bool))
 
 
 def _neighbouring(noise, shares):

@@ -25,7 +25,7 @@ class Choice:
     step_cause : slug of a step; tone_causes : {channel: slug}
     segment_s : s, stretch of time that is left out for causes of a single block
     quiet : {channel: quiet samples an axis that its noise was measured from}
-    order : {channel: coefficients of a noise model that was measured outside the rows}
+    order : {channel: coefficients of its noise model}, as `residuals.drawn` takes them
     """
 
     level: float

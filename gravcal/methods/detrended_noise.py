@@ -10,10 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gravcal.methods.estimation import orthonormal
 from gravcal.methods.noise import NoiseModel, fit_noise
 
 PIECES = 150  # of simulated noise
 ROUNDS = 2
+DEPENDENT = 1e-5  # of the largest: columns that hardly differ are one
 NODES = 1024
 
 
@@ -46,6 +48,34 @@ def fit_detrended(
         kept = _kept(models, segments, clean, rng, frequency)
         density = [w / k for w, k in zip(wanted, kept, strict=True)]
     return [from_density(d, order, step_s) for d in density]
+
+
+def fit_beside(segments: list[np.ndarray], columns: list[np.ndarray], order: int, step_s: float) -> list[NoiseModel]:
+    """Autoregressive model of each axis beside columns of which any size may be in the segments.
+
+    Parameters
+    ----------
+    segments : list of (n_i, 3) any unit, evenly spaced, NaN where missing
+    columns : list of (n_i, 3, q_i), finite, fitted to all axes of a segment together
+    order : of the models
+    step_s : s
+
+    Returns
+    -------
+    models : one an axis
+    """
+    good = [np.isfinite(one).all(axis=1) for one in segments]
+    bases = [
+        orthonormal(one[there].reshape(-1, one.shape[2]), DEPENDENT) for one, there in zip(columns, good, strict=True)
+    ]
+
+    def clean(segment, index):
+        flat = segment[good[index]].ravel()
+        cleaned = np.full_like(segment, np.nan)
+        cleaned[good[index]] = (flat - bases[index] @ (bases[index].T @ flat)).reshape(-1, 3)
+        return cleaned
+
+    return fit_detrended(segments, clean, order, step_s)
 
 
 def _kept(models, segments, clean, rng, frequency):

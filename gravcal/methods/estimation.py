@@ -56,14 +56,20 @@ def without(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return columns - basis @ (basis.T @ columns)
 
 
-def orthonormal(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the column space (n, r), dependent columns left out."""
+def orthonormal(columns: np.ndarray, tolerance: float = 1e-10) -> np.ndarray:
+    """Orthonormal basis of the column space (n, r), dependent columns left out.
+
+    Parameters
+    ----------
+    columns : (n, k)
+    tolerance : 1, share of the largest singular value below which a direction of columns of unit length depends
+    """
     scale = np.linalg.norm(columns, axis=0)
     used = columns[:, scale > 0] / scale[scale > 0]
     if used.shape[1] == 0:
         return np.zeros((columns.shape[0], 0))
     left, size, _ = np.linalg.svd(used, full_matrices=False)
-    return left[:, size > 1e-10 * size[0]]
+    return left[:, size > tolerance * size[0]]
 
 
 def score(

@@ -304,14 +304,26 @@ def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay
     assert np.allclose(other, turned @ value)
 
 
+def _drawn(rng, count, draws, quiet):
+    """Draws of one block of one channel with three coefficients of its noise model."""
+    time = np.tile(np.arange(float(count)), 3)
+    nothing = np.zeros((time.size, 1))
+    words = np.array(["linear"] * time.size), np.repeat([0, 1, 2], count)
+    block = Block("one", np.ones(time.size), nothing, nothing, *words, time)
+    return residuals.drawn(prepare([block], []), draws, quiet, rng, {"linear": 3})[0]
+
+
+def test_noise_measured_in_the_rows_is_whiter_than_noise():
+    """Analytic: every draw has variance one and nothing of three neighbours, but as much of the fourth as noise has."""
+    first = _drawn(np.random.default_rng(6), 400, 200, {})[:400].astype(float)
+    assert np.allclose(np.mean(first**2, axis=0), 1, atol=0.03)
+    spread = [np.std(np.mean(first[k:] * first[:-k], axis=0)) for k in (1, 2, 3, 4)]
+    assert max(spread[:3]) < 0.005 < 0.035 < spread[3] < 0.065
+
+
 def test_drawn_noise_has_the_error_of_the_model_it_was_whitened_with():
     """Analytic: of 400 quiet samples each of three coefficients is off by a twentieth, in draw after draw."""
-    rng = np.random.default_rng(5)
-    time = np.tile(np.arange(4000.0), 3)
-    nothing = np.zeros((time.size, 1))
-    words = np.array(["linear"] * time.size), np.repeat([0, 1, 2], 4000)
-    block = Block("one", np.ones(time.size), nothing, nothing, *words, time)
-    (noise,) = residuals.drawn(prepare([block], []), 300, {"linear": 400.0}, rng, {"linear": 3})
+    noise = _drawn(np.random.default_rng(5), 4000, 300, {"linear": 400.0})
     first = noise[:4000].astype(float)
     first /= first.std(axis=0)
     lags = np.array([np.mean(first[k:] * first[:-k], axis=0) for k in (1, 2, 3, 4)])

@@ -15,7 +15,7 @@ from gravcal.data.schemas import validate
 from gravcal.physics import frames
 
 HALF_DAY = {"duration_s": "43200"}
-#: Effects that half a day shows at ten times its errors or more.
+#: Effects that half a day shows at twenty times its errors or more; whatever is moved, the field by far the most.
 LISTED = {
     "gradient.angular_bias": {"y": 4e-11, "z": -5e-11},
     "gradient.field_scale": {"scale": 0.03},
@@ -84,6 +84,18 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, slug):
     model = max((tmp_path / "products").rglob("model.toml"), key=lambda path: path.stat().st_mtime)
     again = discovered(tmp_path, "--set", "discovery_level=0.0002", "--model", model)
     assert again["findings"] == []
+
+
+def test_what_is_a_millionth_of_gravity_is_no_noise(rng, tmp_path):
+    """Recovery: a field too strong by 5e-6, 20 to 40 sigma of the noise of the sensors, whatever the day's motion."""
+    simulated(tmp_path, rng, {"gradient.field_scale": {"scale": 5e-6}})
+    document = discovered(tmp_path, "--set", "discovery_level=0.0002")
+    assert document["p_before"] < 1e-12
+    assert ["gradient.field_scale" in (f["cause"], *f["tied_with"]) for f in document["findings"]] == [True]
+    (found,) = document["findings"]
+    if found["cause"] == "gradient.field_scale":
+        scale = found["parameters"]["scale"]
+        assert abs(scale["value"] - 5e-6) < 5 * scale["sigma"] < 2e-6
 
 
 def _shows_it(folder):

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from gravcal.methods.detrended_noise import draw, fit_detrended, from_density
+from gravcal.methods.detrended_noise import draw, fit_beside, fit_detrended, from_density
 from gravcal.methods.estimation import polynomial, without
 from gravcal.methods.noise import NoiseModel, fit_noise
 
@@ -42,6 +42,21 @@ def test_what_a_fit_takes_is_put_back():
     slow = np.linspace(0.002, 0.02, 10)
     ratio = np.mean([m.density(slow) / RED.density(slow) for m in models])
     assert 0.85 < ratio < 1.15
+
+
+def test_what_may_be_there_is_no_noise():
+    """Recovery: slow waves a thousand times the noise in one run with a gap; the spectrum below them as without."""
+    rng = np.random.default_rng(9)
+    noise = np.stack([draw(RED, 1500, rng) for _ in range(3)], axis=1)
+    noise[700:720] = np.nan
+    u = np.arange(1500.0)
+    waves = [f(2 * np.pi * k * u / 500) for k in (1, 2) for f in (np.cos, np.sin)]
+    columns = np.stack([wave[:, None] * np.eye(3)[a] for wave in waves for a in range(3)], axis=2)
+    size = 1000 * rng.standard_normal(columns.shape[2])
+    found = fit_beside([noise + columns @ size], [columns], 3, 1.0)
+    slow = np.linspace(0.001, 0.02, 10)
+    ratio = np.mean([m.density(slow) / RED.density(slow) for m in found])
+    assert 0.75 < ratio < 1.3
 
 
 def test_simulated_noise_leaves_no_ripple_of_its_own():

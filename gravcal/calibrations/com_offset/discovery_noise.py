@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import noise as linear_noise
 from gravcal.methods import estimation
-from gravcal.methods.detrended_noise import fit_detrended
+from gravcal.methods.detrended_noise import fit_beside, fit_detrended
 from gravcal.methods.lines import without_lines
 from gravcal.methods.noise import NoiseModel
 from gravcal.methods.resampling import lowpass_resampler
@@ -128,29 +128,13 @@ def attitude(smoothed: xr.Dataset, scenes: list, wider: list[np.ndarray], settin
     wider : (k, 3, q) rad a scene, attitude after every torque that is tried
     settings : attitude_noise_order
     """
-    manoeuvre, segments, bases = smoothed["sca_manoeuvre"].values, [], []
+    manoeuvre, segments, columns = smoothed["sca_manoeuvre"].values, [], []
     for scene, more in zip(scenes, wider, strict=True):
         residual = np.full((scene.sca_time.size, 3), np.nan)
         residual[scene.sca_good] = smoothed["sca_residual_b"].values[manoeuvre == scene.index]
-        columns = np.concatenate([scene.own_attitude, scene.scale_attitude, more], axis=2)
         segments.append(residual)
-        bases.append(_orthonormal(columns[scene.sca_good].reshape(-1, columns.shape[2])))
-
-    def clean(segment, index):
-        good = np.isfinite(segment).all(axis=1)
-        flat = segment[good].ravel()
-        cleaned = np.full_like(segment, np.nan)
-        cleaned[good] = (flat - bases[index] @ (bases[index].T @ flat)).reshape(-1, 3)
-        return cleaned
-
-    return fit_detrended(segments, clean, settings["attitude_noise_order"], 1.0)
-
-
-def _orthonormal(columns):
-    """Basis of the columns, those that follow from others left out."""
-    scale = np.linalg.norm(columns, axis=0)
-    vectors, values, _ = np.linalg.svd(columns[:, scale > 0] / scale[scale > 0], full_matrices=False)
-    return vectors[:, values > 1e-5 * values[0]]
+        columns.append(np.concatenate([scene.own_attitude, scene.scale_attitude, more], axis=2))
+    return fit_beside(segments, columns, settings["attitude_noise_order"], 1.0)
 
 
 def magnetometer(aligned: xr.Dataset, field: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], float]:

@@ -12,9 +12,11 @@ import xarray as xr
 from scipy.linalg import block_diag, solve_triangular
 
 from gravcal.calibrations.gradient_torque import discovery_series as series
+from gravcal.calibrations.gradient_torque.discovery_effects import listed
 from gravcal.calibrations.gradient_torque.discovery_series import DISTANCE, PRESSURE, SHARED
 from gravcal.effects import Context
 from gravcal.methods import noise
+from gravcal.methods.detrended_noise import fit_beside
 from gravcal.physics import turning
 
 CHANNELS = ("linear", "attitude", "torque")
@@ -37,7 +39,6 @@ class View:
     prior : (k, 1 + SHARED) what is known of the shared parameters beforehand, over its standard deviation
     start : (3,) m, centre of pressure
     drag_sigma : m s-2, of the drag, rms
-    quiet : {channel: samples an axis that its noise was measured from}
     """
 
     fine: Context
@@ -51,7 +52,6 @@ class View:
     prior: np.ndarray
     start: np.ndarray
     drag_sigma: float
-    quiet: dict
 
 
 def view(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, **scene) -> View:
@@ -74,14 +74,14 @@ def view(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, **scene)
     means = {name: series.means(one, width[name]) for name, one in parts.items()}
     time = {name: series.means(fine.time, width[name]) for name in parts}
     good = {name: np.isfinite(one).all(axis=(1, 2)) for name, one in means.items()}
-    models = {name: _noise(means[name], good[name], scene, name) for name in parts if name != "attitude"}
+    models = _noise(fine, means, good, scene, width)
     turned = series.means(R_bi, width["attitude"])
     spread = _spread(parts["attitude"], modelled) / np.sqrt(width["attitude"])
     pieces = _pieces(time["attitude"], turned, good["attitude"], spread, scene["stretch_s"])
     start = found["pressure"].values if "pressure" in found else np.array(satellite["centre_of_pressure"])
     variance = np.diagonal(found["covariance"].values, axis1=1, axis2=2)
     about = (fine, width, time, good, models, pieces, turned, {}, _prior(satellite), start)
-    seen = View(*about, float(np.sqrt(np.nanmean(variance))), {name: float(good[name].sum()) for name in parts})
+    seen = View(*about, float(np.sqrt(np.nanmean(variance))))
     seen.rows.update({name: _first(seen, name, means[name]) for name in parts})
     return _about_solution(seen)
 
@@ -99,21 +99,21 @@ def _parts(fine, R_bi, products, scene):
     return {name: found[name] for name in CHANNELS if name in found}
 
 
-def _noise(means, good, scene, name):
-    """Noise model of each axis, from what a fit of the shared columns leaves.
+def _noise(fine, means, good, scene, width):
+    """Noise models of the axes of each channel but the attitude, beside the shared columns.
 
-    A large effect is part of it and makes the search less sharp. Harmonics of the orbit must not be taken out first:
-    the model would have no noise where they were, which is where gravity acts.
+    In the difference of the sensors everything that a listed effect adds is free as well, so that none is noise; what
+    the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts on attitude.
     """
-    y, A = means[good][:, :, 0], means[good][:, :, 1:]
-    scale = np.sqrt(np.sum(A**2, axis=(0, 1)))
-    used = scale > 0
-    flat = A[:, :, used].reshape(-1, int(used.sum())) / scale[used]
-    value = np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]
-    left = np.full(means.shape[:2], np.nan)
-    left[good] = y - (flat @ value).reshape(y.shape)
-    order, step = ("torque_noise_order", "torque_step_s") if name == "torque" else ("noise_order", "bin_s")
-    return tuple(noise.fit_noise([left[:, k]], scene[order], scene[step], removed=3) for k in range(3))
+    found = {}
+    for name in (one for one in means if one != "attitude"):
+        order, step = ("torque_noise_order", "torque_step_s") if name == "torque" else ("noise_order", "bin_s")
+        added = [one[name] for _, _, one in listed(fine, means) if name in one and name != "torque"]
+        columns = [means[name][:, :, 1:], *(series.means(one, width[name]) for one in added)]
+        left = np.where(good[name][:, None], means[name][:, :, 0], np.nan)
+        beside = np.nan_to_num(np.concatenate(columns, axis=2))
+        found[name] = tuple(fit_beside([left], [beside], scene[order], scene[step]))
+    return found
 
 
 def _spread(attitude, modelled):

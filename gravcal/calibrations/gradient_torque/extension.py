@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.gradient_torque import discovery_candidates as listed
+from gravcal.calibrations.gradient_torque.discovery_candidates import shapes
+from gravcal.calibrations.gradient_torque.discovery_effects import POINTING, reading
 from gravcal.calibrations.gradient_torque.discovery_view import View, view
 from gravcal.effects import effect
 from gravcal.effects.entries import determined
@@ -38,7 +39,7 @@ def extend(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, *, mod
         linear, angular = _added(seen, entry)
         extended["linear"].values[:] += linear  # minus a reading is what the files hold
         extended["angular"].values[:] += angular
-        if entry["cause"] == listed.POINTING:
+        if entry["cause"] == POINTING:
             known = effect(entry["cause"])
             back = frames.from_rotation_vector(np.tile(-known.values(determined(entry)), (seen.fine.time.size, 1)))
             extended["q"].values[:] = frames.quaternion_product(extended["q"].values, back)
@@ -63,7 +64,7 @@ def _added(seen: View, entry: Mapping) -> tuple[np.ndarray, np.ndarray]:
     elif known.channel == "linear_b":
         for sensor in range(sensors):
             own = {n.removesuffix(f"_{sensor + 1}"): v for n, v in values.items() if n.endswith(f"_{sensor + 1}")}
-            about = replace(seen.fine, linear_b=listed.reading(seen, sensor))
+            about = replace(seen.fine, linear_b=reading(seen.fine, sensor))
             linear[:, sensor] += known.contribution(about, known.values(own)) if own else 0.0
     return linear, angular
 
@@ -72,7 +73,7 @@ def _add_unknown(seen, entry, values, linear, angular):
     """A driver in the difference of the sensors, half in each, or in all angular readings; in place."""
     channel, _, form = entry["form"].partition(", ")
     size = np.array([values.get(f"{channel}_{axis}", 0.0) for axis in "xyz"])
-    for driver, name, shape in listed.shapes(seen):
+    for driver, name, shape in shapes(seen):
         if (f"unknown:{driver}", name) != (entry["cause"], form):
             continue
         if channel == "linear" and linear.shape[1] == 2:
