@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from gravcal.effects.base import Context, Effect, Parameter, axes
@@ -76,32 +75,10 @@ def _temperature(context: Context, values):
 
 def _flexible(context: Context, values):
     """Ringing of an appendage driven by the torquers: x'' + 2 z w x' + w^2 x = w^2 u, reading c (x - u), u = |m|."""
+    from gravcal.effects.kernels import ringing
+
     frequency, damping, *size = values
     return ringing(context.time, context.dipole_b.sum(axis=1), frequency, damping)[:, None] * np.array(size)
-
-
-@numba.njit(cache=True)
-def ringing(time, drive, frequency, damping):
-    """Oscillator less its drive, (n,) unit of the drive; the drive is held from epoch to epoch, at rest at first.
-
-    Parameters
-    ----------
-    time : (n,) s
-    drive : (n,) any unit
-    frequency, damping : Hz, 1, less than critical
-    """
-    out = np.zeros(time.size)
-    own = 2 * np.pi * max(frequency, 1e-9)
-    decay, swing = damping * own, own * np.sqrt(1 - damping**2)
-    x, v = 0.0, 0.0
-    for k in range(1, time.size):
-        step, target = time[k] - time[k - 1], drive[k - 1]
-        c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
-        away = x - target
-        x = target + fade * (away * c + (v + decay * away) / swing * s)
-        v = fade * (v * c - (decay * v + own**2 * away) / swing * s)
-        out[k] = x - drive[k]
-    return out
 
 
 def _angular_misalignment(context: Context, values):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from gravcal.effects.base import Context, Effect, Parameter, axes
@@ -21,21 +20,13 @@ def _misalignment(context: Context, values):
 
 def _lag(context: Context, values):
     """First-order lag: tau dm/dt = m_commanded - m, exact for a dipole constant between epochs."""
+    from gravcal.effects.kernels import lagged
+
     if values[0] <= 0:
         return np.zeros_like(context.dipole_b)
     decay = np.exp(-np.diff(context.time, prepend=context.time[0]) / values[0])
     commanded = np.ascontiguousarray(context.dipole_b, dtype=float)
-    return _lagged(commanded, decay) - commanded
-
-
-@numba.njit(cache=True)
-def _lagged(commanded, decay):
-    lagged = commanded.copy()
-    for k in range(1, commanded.shape[0]):
-        for axis in range(3):
-            held = commanded[k - 1, axis]
-            lagged[k, axis] = held + (lagged[k - 1, axis] - held) * decay[k]
-    return lagged
+    return lagged(commanded, decay) - commanded
 
 
 def _saturation(context: Context, values):

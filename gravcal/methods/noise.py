@@ -5,8 +5,9 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+PIECE = 32  # rows that are whitened by one product of matrices, which needs no compiler; wide columns take least so
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,19 @@ class NoiseModel:
     @functools.cached_property
     def coefficients(self) -> np.ndarray:
         """(p + 1, p) prediction coefficients: row k predicts from k previous samples, most recent first."""
-        return _levinson_rows(np.array(self.reflection, dtype=float))  # numba compiles once more for what is read-only
+        return _levinson_rows(np.array(self.reflection, dtype=float))
+
+    @functools.cached_property
+    def whitening(self) -> tuple[np.ndarray, np.ndarray]:
+        """(p, p) 1 over the unit, whitens the first rows of a run; (PIECE, p + PIECE), so many others from p before."""
+        rows, sigma = self.coefficients, np.sqrt(self.variance)
+        order = rows.shape[1]
+        start, later = np.eye(order), np.zeros((PIECE, order + PIECE))
+        for k in range(order):
+            start[k, :k] = -rows[k, :k][::-1]
+        for k in range(PIECE):
+            later[k, k : k + order + 1] = np.append(-rows[order][::-1], 1.0)
+        return start / sigma[:order, None], later / sigma[order]
 
     def density(self, frequency_hz: np.ndarray) -> np.ndarray:
         """One-sided power spectral density.
@@ -46,43 +59,29 @@ class NoiseModel:
         return 2 * self.step_s * self.variance[-1] / np.abs(transfer) ** 2
 
 
-@numba.njit(cache=True, nogil=True)
 def _levinson_rows(reflection):
     order = reflection.size
     rows = np.zeros((order + 1, order))
     for k in range(1, order + 1):
+        rows[k, : k - 1] = rows[k - 1, : k - 1] - reflection[k - 1] * rows[k - 1, : k - 1][::-1]
         rows[k, k - 1] = reflection[k - 1]
-        for j in range(k - 1):
-            rows[k, j] = rows[k - 1, j] - reflection[k - 1] * rows[k - 1, k - 2 - j]
     return rows
 
 
-@numba.njit(cache=True, nogil=True)
 def _burg(values, begin, end, order):
-    forward = values.copy()
-    backward = values.copy()
-    reflection = np.zeros(order)
-    variance = np.zeros(order + 1)
-    count = 0
-    for s in range(begin.size):
-        for t in range(begin[s], end[s]):
-            variance[0] += values[t] ** 2
-            count += 1
-    variance[0] /= count
+    """Reflection coefficients and variances of runs that lie one behind the other.
+
+    Pairs (t, t - 1) that no run holds are zero: the first k + 1 of a run at order k.
+    """
+    ahead, behind = values.copy(), np.concatenate([values[:1], values[:-1]])
+    reflection, variance = np.zeros(order), np.full(order + 1, ahead @ ahead / max(values.size, 1))
     for k in range(order):
-        numerator = 0.0
-        denominator = 0.0
-        for s in range(begin.size):
-            for t in range(begin[s] + k + 1, end[s]):
-                numerator += 2 * forward[t] * backward[t - 1]
-                denominator += forward[t] ** 2 + backward[t - 1] ** 2
-        reflection[k] = numerator / denominator if denominator > 0 else 0.0
-        for s in range(begin.size):
-            for t in range(end[s] - 1, begin[s] + k, -1):
-                ahead = forward[t]
-                behind = backward[t - 1]
-                forward[t] = ahead - reflection[k] * behind
-                backward[t] = behind - reflection[k] * ahead
+        ahead[(begin + k)[begin + k < end]] = behind[begin] = 0.0
+        power = ahead @ ahead + behind @ behind
+        reflection[k] = 2 * (ahead @ behind) / power if power > 0 else 0.0
+        back = behind - reflection[k] * ahead
+        ahead -= reflection[k] * behind
+        behind[1:] = back[:-1]
         variance[k + 1] = variance[k] * (1 - reflection[k] ** 2)
     return reflection, variance
 
@@ -110,33 +109,13 @@ def fit_noise(segments: list[np.ndarray], order: int, step_s: float, removed: in
     removed : parameters that detrending took from the samples; the variance is scaled by n/(n - removed)
     """
     values = np.concatenate([np.append(segment, np.nan) for segment in segments]).astype(float)
-    begin, end = runs(np.isfinite(values))
-    count = int(np.sum(end - begin))
+    valid = np.isfinite(values)
+    begin, end = runs(valid)
+    last = np.cumsum(end - begin)
+    count = int(last[-1]) if last.size else 0
     order = max(min(order, count // 10), 0)
-    reflection, variance = _burg(np.nan_to_num(values), begin, end, order)
+    reflection, variance = _burg(values[valid], last - (end - begin), last, order)
     return NoiseModel(reflection, variance * count / max(count - removed, 1), step_s)
-
-
-@numba.njit(cache=True, nogil=True)
-def _whiten(columns, valid, rows, sigma):
-    n, m = columns.shape
-    order = rows.shape[0] - 1
-    out = np.zeros((n, m))
-    known = 0
-    for t in range(n):
-        if not valid[t]:
-            known = 0
-            continue
-        use = min(known, order)
-        row = out[t]
-        row[:] = columns[t]
-        for j in range(use):
-            share, before = rows[use, j], columns[t - 1 - j]
-            for c in range(m):
-                row[c] -= share * before[c]
-        row /= sigma[use]
-        known += 1
-    return out
 
 
 def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -154,28 +133,20 @@ def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndar
     columns = np.asarray(columns, dtype=float)
     flat = columns.reshape(columns.shape[0], -1)
     flat = np.where(np.isnan(flat), 0.0, flat)
-    sigma = np.sqrt(noise.variance)
-    out = _whiten(np.ascontiguousarray(flat), np.ascontiguousarray(valid), noise.coefficients, sigma)
+    out = np.zeros(flat.shape)
+    for matrix, first, begin, end in _pieces(noise, valid):
+        out[begin:end] = matrix[: end - begin, : end - first] @ flat[first:end]
     return out.reshape(columns.shape)
 
 
-@numba.njit(cache=True, nogil=True)
-def _unwhiten(rows_white, valid, rows, sigma):
-    n, m = rows_white.shape
-    order = rows.shape[0] - 1
-    out = np.full((n, m), np.nan)
-    known = 0
-    for t in range(n):
-        if not valid[t]:
-            known = 0
-            continue
-        use = min(known, order)
-        out[t] = rows_white[t] * sigma[use]
-        for j in range(use):
-            for c in range(m):
-                out[t, c] += rows[use, j] * out[t - 1 - j, c]
-        known += 1
-    return out
+def _pieces(noise, valid):
+    """Matrix that whitens the rows begin..end from the rows first..end, piece by piece of every run of valid rows."""
+    start, later = noise.whitening
+    order = len(start)
+    for begin, end in zip(*runs(valid), strict=True):
+        yield start, begin, begin, min(begin + order, end)
+        for at in range(begin + order, end, PIECE):
+            yield later, at - order, at, min(at + PIECE, end)
 
 
 def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -192,8 +163,13 @@ def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarr
     columns : (n,) or (n, m) unit of the noise, NaN where not valid
     """
     rows = np.asarray(rows, dtype=float)
-    flat = np.ascontiguousarray(rows.reshape(rows.shape[0], -1))
-    return _unwhiten(flat, np.ascontiguousarray(valid), noise.coefficients, np.sqrt(noise.variance)).reshape(rows.shape)
+    flat = rows.reshape(rows.shape[0], -1)
+    out = np.full(flat.shape, np.nan)
+    for matrix, first, begin, end in _pieces(noise, valid):
+        count, known = end - begin, begin - first
+        rest = flat[begin:end] - matrix[:count, :known] @ out[first:begin]
+        out[begin:end] = np.linalg.solve(matrix[:count, known : known + count], rest)
+    return out.reshape(rows.shape)
 
 
 def coloured(density, count: int, step_s: float, rng: np.random.Generator) -> np.ndarray:
