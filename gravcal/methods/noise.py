@@ -28,7 +28,12 @@ class NoiseModel:
     @functools.cached_property
     def coefficients(self) -> np.ndarray:
         """(p + 1, p) prediction coefficients: row k predicts from k previous samples, most recent first."""
-        return _levinson_rows(np.array(self.reflection, dtype=float))
+        reflection, order = self.reflection, len(self.reflection)
+        rows = np.zeros((order + 1, order))
+        for k in range(1, order + 1):
+            rows[k, : k - 1] = rows[k - 1, : k - 1] - reflection[k - 1] * rows[k - 1, : k - 1][::-1]
+            rows[k, k - 1] = reflection[k - 1]
+        return rows
 
     @functools.cached_property
     def whitening(self) -> tuple[np.ndarray, np.ndarray]:
@@ -57,15 +62,6 @@ class NoiseModel:
         lags = np.arange(1, last.size + 1)
         transfer = 1 - np.exp(-2j * np.pi * np.outer(frequency_hz, lags) * self.step_s) @ last
         return 2 * self.step_s * self.variance[-1] / np.abs(transfer) ** 2
-
-
-def _levinson_rows(reflection):
-    order = reflection.size
-    rows = np.zeros((order + 1, order))
-    for k in range(1, order + 1):
-        rows[k, : k - 1] = rows[k - 1, : k - 1] - reflection[k - 1] * rows[k - 1, : k - 1][::-1]
-        rows[k, k - 1] = reflection[k - 1]
-    return rows
 
 
 def _burg(values, begin, end, order):

@@ -8,9 +8,9 @@ from gravcal.calibrations.com_offset import discovery_drivers, discovery_lag, di
 from gravcal.calibrations.com_offset.discovery_scene import attitude_at, field_at
 from gravcal.calibrations.com_offset.discovery_view import View, turning
 from gravcal.effects import Context, catalogue
-from gravcal.effects.kernels import ringing
 from gravcal.effects.base import Effect
 from gravcal.effects.entries import each_alone
+from gravcal.effects.kernels import ringing
 from gravcal.physics import frames
 
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
