@@ -11,6 +11,8 @@ from gravcal.discovery.problem import Problem
 UNSEEN = 3.0
 #: Bias at a plausible size, in standard deviations of the calibration, from which it is worth a word.
 BIAS = 0.5
+#: Share of the power of a signature that is rounding when its part along the calibration parameters is taken off.
+ROUNDING = 1e-7
 
 
 def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray) -> list[dict]:
@@ -35,19 +37,21 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
         if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
             continue
         prior = np.asarray(candidate.prior)
-        seen = gram[place, place] * np.outer(prior, prior)
+        whole, seen = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
         shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
-        rows += _directions(candidate, seen, shift, inverse[:width, :width], scale)
+        rows += _directions(candidate, (whole, seen), shift, inverse[:width, :width], scale)
     return rows
 
 
-def _directions(candidate, seen, shift, covariance, scale):
+def _directions(candidate, grams, shift, covariance, scale):
+    whole, seen = grams
     values, vectors = np.linalg.eigh(seen)
     precision = np.linalg.inv(covariance)
     rows = []
     for value, vector in zip(values, vectors.T, strict=True):
         bias = shift @ vector
-        ratio, size = float(np.sqrt(max(value, 0.0))), float(np.sqrt(bias @ precision @ bias))
+        left = value if value > ROUNDING * (vector @ whole @ vector) else 0.0
+        ratio, size = float(np.sqrt(left)), float(np.sqrt(bias @ precision @ bias))
         if ratio < UNSEEN and size > BIAS:
             shares = zip(candidate.names, vector.tolist(), strict=True)
             direction = {n: round(v, 4) for n, v in shares if abs(v) > 0.05}

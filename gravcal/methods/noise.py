@@ -70,7 +70,7 @@ def _burg(values, begin, end, order):
     Pairs (t, t - 1) that no run holds are zero: the first k + 1 of a run at order k.
     """
     ahead, behind = values.copy(), np.concatenate([values[:1], values[:-1]])
-    reflection, variance = np.zeros(order), np.full(order + 1, ahead @ ahead / max(values.size, 1))
+    reflection, variance = np.zeros(order), np.full(order + 1, ahead @ ahead / values.size if values.size else np.nan)
     for k in range(order):
         ahead[(begin + k)[begin + k < end]] = behind[begin] = 0.0
         power = ahead @ ahead + behind @ behind

@@ -7,7 +7,8 @@ import pytest
 
 from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block, Candidate, Shape, basis_of
-from gravcal.discovery.problem import prepare
+from gravcal.discovery.hidden import beside_calibration
+from gravcal.discovery.problem import baseline_of, prepare
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
 from gravcal.discovery.widening import _held, widened, with_ties
@@ -319,6 +320,24 @@ def test_noise_measured_in_the_rows_is_whiter_than_noise():
     assert np.allclose(np.mean(first**2, axis=0), 1, atol=0.03)
     spread = [np.std(np.mean(first[k:] * first[:-k], axis=0)) for k in (1, 2, 3, 4)]
     assert max(spread[:3]) < 0.005 < 0.035 < spread[3] < 0.065
+
+
+def test_rounding_of_what_looks_like_the_calibration_is_no_sign_of_it():
+    """Analytic: a signature of 2e6 sigma within parameters that are nearly alike is not seen, whatever is rounded."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        blocks, columns = [], []
+        for k in range(2):
+            one, other = rng.standard_normal((2, 300))
+            shared = np.stack([one, one + 1e-3 * other], axis=1)
+            rows = np.array(["a"] * 300), np.zeros(300, dtype=int), np.arange(300.0)
+            blocks.append(Block(f"block {k}", one, shared, np.zeros((300, 0)), *rows))
+            columns.append(1e5 * (0.3 * one + 0.7 * other)[:, None])
+        alike = Candidate("case.alike", "", ["size"], ["1"], columns, prior=[1.0])
+        problem = prepare(blocks, [alike])
+        (row,) = beside_calibration(problem, baseline_of(problem, ()), np.ones(2))
+        assert row["signal_to_noise"] == 0.0
+        assert row["bias_in_sigma"] == pytest.approx(np.linalg.norm(np.concatenate(columns)), rel=1e-3)
 
 
 def test_drawn_noise_has_the_error_of_the_model_it_was_whitened_with():
