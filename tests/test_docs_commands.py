@@ -129,7 +129,7 @@ def filled(words, place):
     known = {"EVENT": lambda: EVENT, "FILE": lambda: model(place), "model.toml": lambda: model(place)}
     known["DIR"] = lambda: place / f"new-{len(list(place.iterdir()))}" if new else simulated(place, name)
     known["day"] = lambda: place / "day" if new else simulated(place, "day")
-    if EVENT in words and not new:
+    if {EVENT, "EVENT"} & set(words) and not new:  # its files are those that GRAVCAL_DATA names
         simulated(place, "com_offset")
     made = []
     for word in words:
