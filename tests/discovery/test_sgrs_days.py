@@ -15,7 +15,7 @@ from gravcal.data.schemas import validate
 from gravcal.physics import frames
 
 HALF_DAY = {"duration_s": "43200"}
-#: Effects that half a day shows at twenty times its errors or more; whatever is moved, the field by far the most.
+#: Effects that half a day shows at twenty times its errors or more, the field by far the most.
 LISTED = {
     "gradient.angular_bias": {"y": 4e-11, "z": -5e-11},
     "gradient.field_scale": {"scale": 0.03},

@@ -108,10 +108,10 @@ def _noise(fine, means, good, scene, width):
     found = {}
     for name in (one for one in means if one != "attitude"):
         order, step = ("torque_noise_order", "torque_step_s") if name == "torque" else ("noise_order", "bin_s")
-        added = [one[name] for _, _, one in listed(fine, means) if name in one and name != "torque"]
-        columns = [means[name][:, :, 1:], *(series.means(one, width[name]) for one in added)]
+        effects = listed(fine, means) if name == "linear" else ()
+        added = (series.means(one[name], width[name]) for _, _, one in effects if name in one)
         left = np.where(good[name][:, None], means[name][:, :, 0], np.nan)
-        beside = np.nan_to_num(np.concatenate(columns, axis=2))
+        beside = np.nan_to_num(np.concatenate([means[name][:, :, 1:], *added], axis=2))
         found[name] = tuple(fit_beside([left], [beside], scene[order], scene[step]))
     return found
 
