@@ -18,7 +18,7 @@ for _kind, _schema in KINDS.items():
 READ = [f"kbr_phase_centre.{name}" for name in ("align", "pointing", "observable", "noise", "solve")]
 
 
-@stage(reads=READ, writes="kbr_phase_centre.discovery", version=5)
+@stage(reads=READ, writes="kbr_phase_centre.discovery", version=6)
 def search(*products, discovery_level, tie_chi2, round_limit, segment_s, discovery_seed, scene):
     """What the model of a ranging calibration gets wrong, and why."""
     limits = {"discovery_level": discovery_level, "tie_chi2": tie_chi2, "round_limit": round_limit}

@@ -1,5 +1,6 @@
 """Hidden effects drawn afresh at every run, and how many draws have to be right."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,3 +27,16 @@ def enough(draw: Callable, rng: np.random.Generator, folder: Path) -> tuple[bool
         if k + 1 - len(wrong) == RIGHT:
             break
     return len(wrong) <= DRAWS - RIGHT, wrong
+
+
+def document_of(result, target: Path) -> dict:
+    """Document that a command wrote; without one the test fails with the command's own error.
+
+    Parameters
+    ----------
+    result : of `typer.testing.CliRunner`
+    target : of its option --json
+    """
+    if not target.exists():
+        raise AssertionError(f"no document, exit code {result.exit_code}: {result.output}") from result.exception
+    return json.loads(target.read_text())

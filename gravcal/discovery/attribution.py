@@ -35,15 +35,19 @@ class Ratio:
 
 
 def inverse_of(inner: np.ndarray) -> np.ndarray:
-    """Inverse of products of columns of any units, singular directions left out.
+    """Inverse of products of columns of any units, without directions that are singular or below zero by rounding.
 
     Parameters
     ----------
     inner : (p, p)
     """
-    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    outer = np.outer(scale, scale)
-    return np.linalg.pinv(inner / outer, rcond=1e-12, hermitian=True) / outer
+    size = np.diag(inner)
+    scale = np.sqrt(np.where(size > 0, size, 1.0))
+    unit = np.where(np.outer(size > 0, size > 0), inner, 0.0) / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(unit)
+    seen = values > 1e-12 * values.max(initial=0.0)
+    half = vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
+    return half @ half.T
 
 
 def projected(gram: np.ndarray, baseline: np.ndarray) -> np.ndarray:

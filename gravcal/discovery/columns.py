@@ -10,6 +10,8 @@ import numpy as np
 
 GROUPS = 12  # of rows, at most; a block whose channels alternate is one group
 REMEMBERED = 8  # choices of columns
+#: Share of the square of a column that is rounding when its part along the own columns is taken off.
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -82,12 +84,12 @@ class Columns:
         return total
 
     def products(self) -> np.ndarray:
-        """Products (m, m) with each other, own columns projected out."""
+        """Products (m, m) with each other, own columns projected out; zero for what lies along own columns."""
         total = -(self.inside.T @ self.inside)
         for one, other in itertools.product(self.parts, repeat=2):
             if one.rows == other.rows:
                 total[np.ix_(one.index, other.index)] += one.values.T @ other.values
-        return total
+        return without_rounding(total, self.squares())
 
     def onto(self, signals: np.ndarray) -> np.ndarray:
         """Products (m, d) with signals (n, d) that have no own columns left in them."""
@@ -102,6 +104,20 @@ class Columns:
         found = [Part(rows, index, more[rows]) for rows in self.groups if more[rows].any()]
         inside = np.concatenate([self.inside, self.basis.T @ more], axis=1)
         return replace(self, count=self.count + index.size, parts=[*self.parts, *found], inside=inside, memory={})
+
+
+def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """Products of columns, in place, with zeros for columns of which nothing but rounding is left.
+
+    Parameters
+    ----------
+    products : (m, m), own columns projected out
+    squares : (m,) of the columns before that; 0 for those looked at before
+    """
+    lost = np.diag(products) <= ROUNDING * squares
+    products[lost] = 0.0
+    products[:, lost] = 0.0
+    return products
 
 
 def columns_of(channel: np.ndarray, basis: np.ndarray, pieces: Sequence[np.ndarray | None], widths) -> Columns:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gravcal.discovery.blocks import Block, Candidate, basis_of
-from gravcal.discovery.columns import Columns, columns_of
+from gravcal.discovery.columns import Columns, columns_of, without_rounding
 from gravcal.methods.beside import each
 
 
@@ -97,7 +97,8 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
         wider[: place.start, : place.start] = products
         wider[:, place] = both.onto(both.of(np.arange(place.start, place.stop)))
         wider[place] = wider[:, place].T
-        return both, wider, np.einsum("nm,nm->m", new, new)
+        squares = np.einsum("nm,nm->m", new, new)
+        return both, without_rounding(wider, np.append(np.zeros(place.start), squares)), squares
 
     columns, gram, squares = zip(*each(one, problem.columns, problem.gram, candidate.columns), strict=True)
     size = np.append(problem.size, np.sqrt(sum(squares)))

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gravcal.discovery.blocks import basis_of
-from gravcal.discovery.columns import columns_of
+from gravcal.discovery.columns import columns_of, without_rounding
 
 CHANNELS = {
     "by channel": np.repeat(["linear", "angular", "attitude"], [40, 30, 20]),
@@ -52,6 +52,19 @@ def test_more_columns_stand_after_the_others(made):
     assert_allclose(wider.products(), clean.T @ clean, atol=1e-12)
     assert_allclose(wider.of(np.array([10, 1])), clean[:, [10, 1]], atol=1e-13)
     assert columns.products().shape == (9, 9)
+
+
+def test_columns_along_own_ones_are_gone_and_not_rounding(made):
+    """Analytic: products with a column of the own ones are zero, also where it comes later; others are untouched."""
+    columns, whole, basis = made
+    own = 1e9 * basis @ np.ones((4, 1))
+    wider = columns.wider(own).products()
+    assert np.all(wider[-1] == 0)
+    assert np.all(wider[:, -1] == 0)
+    assert_allclose(wider[:9, :9], columns.products(), atol=0)
+    squares = np.append(np.zeros(9), 1e20)
+    products = np.full((10, 10), 1e3)
+    assert np.count_nonzero(without_rounding(products, squares)) == 81
 
 
 def test_choices_of_columns_are_not_kept_without_end(made):

@@ -76,3 +76,22 @@ def test_a_part_of_the_baseline_that_only_one_block_sees_is_fitted_in_it():
     first -= np.outer(basis, basis @ first)
     gone = [(first[:, 0], first[:, 1:]), *blocks[1:]]
     assert fitted == pytest.approx(attribution.held_out(grams(gone), np.array([1]), np.array([3])), abs=1e-6)
+
+
+def test_the_inverse_of_products_is_never_below_zero():
+    """Analytic: a column of which only rounding is left, below zero, and one that depends on others, are left out."""
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((40, 3)) * [1.0, 1e6, 1e-6]
+    inner = np.zeros((5, 5))
+    inner[:3, :3] = columns.T @ columns
+    inner[3, 3], inner[3, :3], inner[:3, 3] = -1e-20, 1e-12, 1e-12
+    inner[4], inner[:, 4] = inner[0], inner[:, 0]
+    inner[4, 4] = inner[0, 0] * (1 - 1e-14)
+    inverse = attribution.inverse_of(inner)
+    assert np.all(inverse[3] == 0)
+    assert np.all(np.diag(inverse)[[0, 1, 2, 4]] > 0)
+    sums = np.eye(3) + np.outer([1.0, 0, 0], [1.0, 0, 0])  # the twin shares what the first explains
+    expected = np.linalg.inv(columns.T @ columns)
+    found = inverse[:3, :3] * np.where(sums == 2, 4.0, 1.0)
+    assert found[1:, 1:] == pytest.approx(expected[1:, 1:], rel=1e-6)
+    assert found[0, 0] == pytest.approx(expected[0, 0], rel=1e-6)

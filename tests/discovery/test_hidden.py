@@ -1,11 +1,10 @@
 """Effects hidden in Level-1 files by the second simulator; the code under test sees files only."""
 
-import json
 import os
 
 import numpy as np
 import pytest
-from draws import enough
+from draws import document_of, enough
 from independent import make_event
 from typer.testing import CliRunner
 
@@ -38,8 +37,8 @@ def discovered(folder, seed, effects, *options):
     target = folder / "document.json"
     arguments = ["discover", "com_offset", "--data", str(folder / "level1"), "--engine", "inline"]
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *options])
-    assert result.exit_code == 0, f"seed {seed}: {result.output} {result.exception!r}"
-    document = json.loads(target.read_text())
+    document = document_of(result, target)
+    assert result.exit_code == 0, f"seed {seed}: {result.output}"
     validate(document, "discovery")
     return document
 

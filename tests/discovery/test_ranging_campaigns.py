@@ -1,12 +1,11 @@
 """Effects hidden in the Level-1 files of ranging campaigns; the code under test sees files only."""
 
-import json
 import os
 from unittest import mock
 
 import numpy as np
 import pytest
-from draws import enough
+from draws import document_of, enough
 from independent import damage
 from typer.testing import CliRunner
 
@@ -45,7 +44,7 @@ def called(command, folder, *options):
     target = folder.parent / f"{command}.json"
     arguments = [command, "kbr_phase_centre", "--data", str(folder), "--engine", "inline", "--json", str(target)]
     result = CliRunner().invoke(cli.app, [*arguments, *map(str, options)])
-    document = json.loads(target.read_text())
+    document = document_of(result, target)
     validate(document, "discovery" if command == "discover" else None)
     return result.exit_code, document
 

@@ -1,10 +1,10 @@
 """Discovery in days of S-GRS: effects hidden in simulated files, which is all that the search sees."""
 
-import json
 import os
 
 import numpy as np
 import pytest
+from draws import document_of
 from typer.testing import CliRunner
 
 from flows import cli, gradient_torque
@@ -50,8 +50,8 @@ def discovered(folder, *options):
     target = folder / "document.json"
     arguments = ["discover", "gradient_torque", "--data", str(folder / "level1"), "--engine", "inline"]
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *map(str, options)])
+    document = document_of(result, target)
     assert result.exit_code == 0, result.output
-    document = json.loads(target.read_text())
     validate(document, "discovery")
     return document
 

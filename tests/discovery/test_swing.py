@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 import pytest
-from draws import enough
+from draws import document_of, enough
 from typer.testing import CliRunner
 
 from flows import cli, inertial_sensor
@@ -33,7 +33,7 @@ def discovered(folder, seed, effects, *options, manoeuvre="swing"):
     inertial_sensor.simulate(folder / "level1", seed=seed, truth=folder / "truth.json", effects=flat, settings=settings)
     arguments = ["discover", "inertial_sensor", "--data", str(folder / "level1"), "--engine", "inline"]
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *options])
-    document = json.loads(target.read_text())
+    document = document_of(result, target)
     validate(document, "discovery")
     return result.exit_code, document
 
@@ -81,8 +81,9 @@ def calibrated(folder, *options, part="swing"):
     target = folder / "run.json"
     arguments = ["run", "inertial_sensor", "--data", str(folder / "level1"), "--engine", "inline"]
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *map(str, options)])
+    document = document_of(result, target)
     assert result.exit_code == 0, result.output
-    return json.loads(target.read_text())[part]
+    return document[part]
 
 
 def extended(folder):

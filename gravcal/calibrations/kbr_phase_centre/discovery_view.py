@@ -255,7 +255,8 @@ def blocks(view: View, factors: list[np.ndarray]) -> list[dict]:
     """
     found = []
     for arc, factor in zip(view.arcs, factors, strict=True):
-        data = np.column_stack([view.residual[arc.rows], view.column[arc.rows], arc.own])
+        turned = view.column[arc.rows] - view.column[arc.rows].mean(axis=0)  # x is all bias where nothing turns
+        data = np.column_stack([view.residual[arc.rows], turned, arc.own])
         rows, width = white(factor, data), 1 + len(PARAMETERS)
         found.append(
             {
