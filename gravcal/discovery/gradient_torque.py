@@ -12,7 +12,7 @@ from gravcal.calibrations.gradient_torque.discovery_reading import reading
 from gravcal.calibrations.gradient_torque.discovery_view import CHANNELS, PARAMETERS, View, blocks, places, view
 from gravcal.discovery import attribution, products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate
-from gravcal.discovery.hidden import UNSEEN
+from gravcal.discovery.hidden import ROUNDING, UNSEEN
 from gravcal.discovery.problem import Problem, baseline_of
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
@@ -148,5 +148,6 @@ def _seen(problem, gram, cause, name):
     """Square of the signal-to-noise ratio of one parameter at unit size, all baseline parameters free."""
     for candidate, place in zip(problem.candidates, problem.places, strict=True):
         if candidate.cause == cause and (candidate.form == f"{name} alone" or len(candidate.names) == 1):
-            return max(float(gram[place.start, place.start]), 0.0)
+            left, whole = (float(products[place.start, place.start]) for products in (gram, problem.total))
+            return left if left > ROUNDING * whole else 0.0
     return 0.0
