@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -76,6 +77,7 @@ class Columns:
             made[part.rows, here] += part.values[:, place[wanted[here]]]
         return made
 
+    @functools.cached_property
     def squares(self) -> np.ndarray:
         """Sums of squares (m,) before anything is projected out."""
         total = np.zeros(self.count)
@@ -89,7 +91,7 @@ class Columns:
         for one, other in itertools.product(self.parts, repeat=2):
             if one.rows == other.rows:
                 total[np.ix_(one.index, other.index)] += one.values.T @ other.values
-        return without_rounding(total, self.squares())
+        return without_rounding(total, self.squares)
 
     def onto(self, signals: np.ndarray) -> np.ndarray:
         """Products (m, d) with signals (n, d) that have no own columns left in them."""

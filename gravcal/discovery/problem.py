@@ -68,7 +68,7 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     def one(index, block):
         pieces = [block.observed[:, None], block.shared, *(c.columns[index] for c in candidates)]
         columns = columns_of(block.channel, basis_of(block.own), pieces, widths)
-        return columns, columns.products(), columns.squares(), float(_used(block) - columns.basis.shape[1])
+        return columns, columns.products(), columns.squares, float(_used(block) - columns.basis.shape[1])
 
     columns, gram, squares, samples = zip(*each(one, range(len(blocks)), blocks), strict=True)
     size = np.sqrt(sum(squares))

@@ -34,7 +34,7 @@ def test_products_are_those_of_the_whole_matrix(made):
     columns, whole, basis = made
     clean = whole - basis @ (basis.T @ whole)
     assert_allclose(columns.products(), clean.T @ clean, atol=1e-12)
-    assert_allclose(columns.squares(), np.sum(whole**2, axis=0), rtol=1e-13)
+    assert_allclose(columns.squares, np.sum(whole**2, axis=0), rtol=1e-13)
     signal = np.random.default_rng(1).standard_normal((90, 5))
     signal -= basis @ (basis.T @ signal)
     assert_allclose(columns.onto(signal), clean.T @ signal, atol=1e-12)
