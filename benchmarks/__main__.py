@@ -17,6 +17,7 @@ NAMES = {
     "scale": ("benchmarks.scale", "run"),
     "discovery": ("benchmarks.discovery", "run"),
     "browse": ("benchmarks.browse", "run"),
+    "fuzz": ("benchmarks.fuzz", "run"),
     "others": ("benchmarks.others", "run"),
 }
 
@@ -28,6 +29,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few runs and rounds, two minutes")
     parser.add_argument("--runs", type=int, help="events of the recovery studies")
     parser.add_argument("--seed", type=int, default=1, help="first seed")
+    parser.add_argument("--calibration", help="of the fuzzing, by default all four")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing")
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster for the study of discovery")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
@@ -42,7 +45,7 @@ def main() -> None:
 
     single_threaded()
     figures = []
-    for name in options.names or [n for n in NAMES if n != "discovery"]:  # hours; asked for by name
+    for name in options.names or [n for n in NAMES if n not in ("discovery", "fuzz")]:  # hours; asked for by name
         module, function = NAMES[name]
         figures += getattr(importlib.import_module(module), function)(options)
     summary(figures)

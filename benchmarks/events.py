@@ -111,6 +111,10 @@ class _Source:
         """The first of these products that was simulated."""
         return _Held(next(name for name in products if name in self.columns), self.satellite)
 
+    def files(self, *products):
+        """All of these products that were simulated."""
+        return [_Held(name, self.satellite) for name in products if name in self.columns]
+
 
 def calibrated(event: Simulated, **settings) -> dict[str, xr.Dataset]:
     """Every product of the flow but its report, by kind and variant.

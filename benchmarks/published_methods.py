@@ -89,7 +89,7 @@ def kbr_phase_centre(runs):
         true = np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
         for method, kept in found.items():
             chosen = catalog.parameters("kbr_phase_centre").with_settings({"method": method})
-            combined = study.process(columns, chosen)[1]
+            *_, combined = study.process(columns, chosen)
             sigma = np.sqrt(np.diagonal(combined["covariance"].values, axis1=-2, axis2=-1))
             kept.append((1e3 * combined["centre"].values - true, 1e3 * sigma))
     print(f"kbr_phase_centre, {runs} campaigns: rms error mm, rms error/sigma; x y z of C and D")

@@ -158,8 +158,7 @@ def _consistency(table):
         figures.append(scores.chi2_figure(f"manoeuvres agree, chi2/dof {v}", chi2[:, i], dof[:, i], FAMILY))
         figures.append(scores.uniform_figure(f"  its probabilities {v}", chi2[:, i], dof[:, i], FAMILY))
     between = table["variants"].T
-    figures.append(scores.chi2_figure("variants agree, chi2/dof", *between, FAMILY))
-    figures.append(scores.uniform_figure("  its probabilities", *between, FAMILY))
+    figures.append(scores.chi2_figure("variants agree, chi2/dof", *between, FAMILY, held=True))
     residual = table["residual"]
     for i, v in enumerate(VARIANTS):
         name = f"residuals, chi2/dof {v}"

@@ -68,7 +68,9 @@ def bias_figure(name: str, ratio: np.ndarray) -> Figure:
     return Figure(name, f"{mean:+.3f}", f"+- {3 * error:.3f}", f"|.| <= {limit:.2f}", abs(mean) <= limit)
 
 
-def chi2_figure(name: str, chi2: np.ndarray, dof: np.ndarray, family: int, *, tolerance: float = 0.0) -> Figure:
+def chi2_figure(
+    name: str, chi2: np.ndarray, dof: np.ndarray, family: int, *, tolerance: float = 0.0, held: bool = False
+) -> Figure:
     """Sum of chi-squares over the sum of their degrees of freedom.
 
     Parameters
@@ -77,10 +79,11 @@ def chi2_figure(name: str, chi2: np.ndarray, dof: np.ndarray, family: int, *, to
     chi2, dof : (n,)
     family : number of statistics of the study
     tolerance : widening of the interval, for a noise that is itself measured
+    held : bool, the errors hold a prior that was not drawn: the chi-squares may be as small as they like
     """
     total, count = float(np.sum(chi2)), float(np.sum(dof))
     low, high = stats.chi2.ppf([level(family) / 2, 1 - level(family) / 2], count) / count
-    low, high = low - tolerance, high + tolerance
+    low, high = 0.0 if held else low - tolerance, high + tolerance
     value = total / count
     return Figure(name, f"{value:.3f}", f"{count:.0f} dof", f"{low:.3f} .. {high:.3f}", low <= value <= high)
 

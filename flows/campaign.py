@@ -9,18 +9,17 @@ import contextlib
 import functools
 import itertools
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from flows import campaign_here, campaign_work, command, engine
-from gravcal.data import location, schemas
+from gravcal.data import explain, journal, location, origin, schemas
 from gravcal.errors import GravcalError, ProductError
 
-ENDED_WELL = ("delivered", "no_manoeuvre")
+#: Status of a campaign: the first of these that any event has.
+ORDER = ("failed", "questionable", "delivered", "no_manoeuvre", "no_data")
 AHEAD = 4  # events handed out for each that is being worked on
 #: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
-#: What polars frees stays with the worker, as what others free does (`flows/allocation.py`).
 WORKERS = {
-    "_RJEM_MALLOC_CONF": "dirty_decay_ms:-1,muzzy_decay_ms:-1",
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
     "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "1s",  # of 100 ms; an event does not fill the memory in that
     "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",  # of 20 ms
@@ -39,6 +38,8 @@ class Campaign:
     engine : "prefect", "inline", or "flow": as tasks of the Prefect flow that is running
     scheduler : address of a Dask cluster, or None for processes of this machine
     workers : how many of these; None for one for each processor, 0 for none but this
+    again : whether what failed is tried again though nothing that it depends on has changed
+    remake_versions : products that other versions of numpy, scipy or numba made are made again
     """
 
     calibration: str
@@ -46,6 +47,8 @@ class Campaign:
     engine: str = "prefect"
     scheduler: str | None = None
     workers: int | None = None
+    again: bool = False
+    remake_versions: bool = field(default_factory=explain.remakes_versions)
 
 
 def sources(calibration, satellite, data):
@@ -62,12 +65,15 @@ def sources(calibration, satellite, data):
     sources : list
     """
     module = command.flow_module(calibration)
+    letters = [*module.SATELLITES, "".join(module.SATELLITES)]
+    command.check_satellite(calibration, satellite, letters)
     if data is not None:
-        days = _days(module, data, satellite)
+        days = _days(calibration, module, data, satellite)
         return [_source(module, None, data=folder, satellite=one, date=date) for folder, one, date in days]
     from gravcal.data import catalog
 
-    names = [event.name for event in catalog.events(satellite=satellite) if event.calibration == calibration]
+    own = catalog.events(calibration=calibration)
+    names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
     return [_source(module, name, data=None, satellite=None, date=None) for name in names]
 
 
@@ -82,8 +88,8 @@ def run(campaign, sources, listener=None):
 
     Returns
     -------
-    summary : dict: "schema_version", "status", "calibration", "counts", "events": list of rows in the order of the
-    sources
+    summary : dict: "schema_version", "status", "calibration", "configuration", "counts", "events": list of rows in the
+    order of the sources
     """
     engine.single_threaded()
     rows = {}
@@ -99,19 +105,33 @@ def run(campaign, sources, listener=None):
         rows |= _run_waiting(campaign, head, itertools.chain(head, rest), listener)
     events = [rows[number] for number in range(len(sources))]
     counts = collections.Counter(row["status"] for row in events)
-    status = "failed" if set(counts) - set(ENDED_WELL) else "delivered" if counts["delivered"] else "no_manoeuvre"
+    told = origin.together(row.get("origin", "") for row in events) or origin.MEASURED
     return {
         "schema_version": schemas.VERSION,
-        "status": status,
+        "status": next((status for status in ORDER if counts[status]), "no_data"),
         "calibration": campaign.calibration,
+        "configuration": campaign.chosen.configuration,
+        "origin": told,
         "counts": dict(counts),
         "events": events,
     }
 
 
 def exit_code(summary):
-    """0 when no event failed, 1 when one did, 3 when there was nothing to calibrate."""
-    return command.EXIT[summary["status"]]
+    """1 when an event failed, else 4 when one is questionable, else 0: having no data or manoeuvre is no failure."""
+    return command.EXIT[summary["status"]] if summary["status"] in ("failed", "questionable") else 0
+
+
+def failed_last(campaign, sources):
+    """Sources of the events whose last run in this configuration failed, and of those that are refused."""
+    flow_name = command.flow_module(campaign.calibration).calibrate.flow_name
+    with location.configured(campaign.chosen.configuration):
+        return [
+            source
+            for source in sources
+            if (isinstance(source, campaign_work.Refused) and source.status == "failed")
+            or journal.failure(command.name_of(source), flow_name)
+        ]
 
 
 @contextlib.contextmanager
@@ -121,17 +141,15 @@ def cluster(campaign, count):
         os.environ.setdefault(name, value)
     from distributed import Client, LocalCluster
 
-    from flows import worker_end
-
     if campaign.scheduler:
         with Client(campaign.scheduler, timeout="20s") as client:
             _check_versions(client)
             yield client
         return
     here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+    here["security"] = True  # TLS with keys of this cluster alone: Dask executes what it is sent, by any user
     local = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **here)
     with local, Client(local) as client:
-        client.register_plugin(worker_end.EndAtOnce())
         yield client
 
 
@@ -182,7 +200,7 @@ def _answer(campaign, source):
     here = campaign.workers == 0 and campaign.engine != "flow"
     if here or isinstance(source, campaign_work.Refused):
         return _made(campaign, source, str(location.folder())), 0.0
-    return campaign_work.reuse(campaign.calibration, source, campaign.chosen)
+    return campaign_work.reuse(campaign.calibration, source, campaign.chosen, campaign.again)
 
 
 def _processes(campaign):
@@ -221,6 +239,7 @@ def _hand_out(campaign, waiting, calibrate, slots, server=None):
 
 def _made(campaign, source, folder):
     """Row of one event, made in this process."""
+    engine.remake_versions(campaign.remake_versions)
     return campaign_work.calibrate(campaign.calibration, source, campaign.chosen, folder)
 
 
@@ -243,15 +262,16 @@ def _source(module, event, **where):
         return module.source(event=event, **where)
     except GravcalError as error:
         name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
-        return campaign_work.Refused(name, str(error))
+        return campaign_work.Refused(name, str(error), command.status_of(error))
 
 
-def _days(module, data, satellite):
+def _days(calibration, module, data, satellite):
     """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
     if not data.is_dir():
         raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
     days = [day for day in module.days(data) if satellite is None or set(satellite) & set(day[1])]
     if not days:
+        command.check_folder(calibration, data)
         raise ProductError(
             f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
             f"Give another folder."

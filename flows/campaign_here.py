@@ -4,14 +4,11 @@ How long a stage takes is known from its last product. What is not known, as on 
 """
 
 import contextlib
-import functools
-import importlib
 import multiprocessing
 import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 
-from flows import allocation
 from flows.children import die_with
 
 LITTLE_S = 60.0  # work on all events together; starting Prefect and Dask takes six seconds, more on a busy machine
@@ -40,7 +37,6 @@ def run(waiting, work, processes, listener=None):
             if total > LITTLE_S:
                 others.append((number, source))
                 break
-            _load()
             with contextlib.suppress(BrokenProcessPool):
                 given[pool.submit(work, source)] = number, source
                 continue
@@ -56,10 +52,3 @@ def run(waiting, work, processes, listener=None):
     finally:
         pool.shutdown(cancel_futures=True)
     return rows, sorted(others, key=lambda event: event[0])
-
-
-@functools.cache
-def _load():
-    """What the forks begin with; it is never searched for unreachable objects, so that they share its memory."""
-    with allocation.without_search():
-        importlib.import_module("tasks.preloaded")

@@ -2,8 +2,8 @@
 
 import functools
 
-from flows import allocation, prefect_server
 from flows import campaign as plain
+from flows import prefect_server
 from flows.engine import warn
 
 ROWS = 1000  # rows of a table that a page can show
@@ -26,8 +26,7 @@ def run(campaign, waiting, calibrate, slots, server=None):
     """
     try:
         begun = server or prefect_server.begin()
-        with allocation.without_search():
-            import prefect  # noqa: F401 - takes seconds, while the server comes up
+        import prefect  # noqa: F401 - takes seconds, while the server comes up
 
         with prefect_server.running(begun) as url:
             prefect_server.bury(url)
@@ -55,7 +54,7 @@ def table(rows):
     shown : list of dict
     left_out : str, "" if nothing is
     """
-    ordered = sorted(rows, key=lambda row: row["status"] != "failed")
+    ordered = sorted(rows, key=lambda row: (row["status"] != "failed", row["status"] != "questionable"))
     left_out = f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""
     return ordered[:ROWS], left_out
 
@@ -65,7 +64,7 @@ def _flow_on(url, campaign, waiting, calibrate, slots):
     import prefect
     from prefect.artifacts import create_table_artifact
     from prefect.context import get_run_context
-    from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
+    from prefect.settings import PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
     from prefect.task_runners import ThreadPoolTaskRunner
 
     known = {"rows": {}}
@@ -78,7 +77,7 @@ def _flow_on(url, campaign, waiting, calibrate, slots):
         description = f"Events of the campaign that had something to make{left_out}"
         create_table_artifact(table=shown, key=f"{slug(campaign.calibration)}-events", description=description)
 
-    with temporary_settings({PREFECT_API_URL: url, PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
+    with temporary_settings(prefect_server.client(url) | {PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
         runner, name = ThreadPoolTaskRunner(max_workers=slots), f"campaign {campaign.calibration}"
         try:
             prefect.flow(events, name=name, task_runner=runner, persist_result=False)()
@@ -114,6 +113,8 @@ def state_of(row):
 
     if row["status"] == "failed":
         return Failed(message=row["error"])
+    if row.get("error"):
+        return Completed(name=row["status"].replace("_", " ").capitalize(), message=row["error"])
     message = f"{row['made']} products made, {row['reused']} reused, {row['seconds']} s"
     return Completed(name=row["status"].replace("_", " ").capitalize(), message=message)
 

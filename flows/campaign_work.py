@@ -1,5 +1,6 @@
 """One event of a campaign, as it runs in a worker process; knows nothing of Prefect."""
 
+import contextlib
 import importlib
 import math
 import os
@@ -7,12 +8,12 @@ import time
 import traceback
 from dataclasses import dataclass
 
-from flows import allocation
 from flows.engine import left, one_thread, single_threaded
-from gravcal.data import journal
+from gravcal.data import journal, location, results
 from gravcal.errors import GravcalError
 from tasks import stage
 
+SHOWN = 6  # values of an event that a table shows; all of them are in the summary
 READING = "POLARS_MAX_THREADS"  # a run of its own reads with all cores; here each worker has one
 
 
@@ -22,6 +23,7 @@ class Refused:
 
     event: str
     error: str
+    status: str = "failed"
 
 
 def calibrate(calibration, source, chosen, store):
@@ -36,12 +38,11 @@ def calibrate(calibration, source, chosen, store):
 
     Returns
     -------
-    row : dict of "event", "status", "made", "reused", "seconds", "report" or "error", "verdict", and "adopted"
+    row : dict of "event", "status", "made", "reused", "seconds", "report" or "error", "verdict", "values", "said"; of a
+        failure that was not tried again "since"
     """
     single_threaded()
     os.environ.setdefault(READING, "1")
-    allocation.keep_freed()
-    allocation.collect_seldom()
     os.environ["GRAVCAL_PRODUCTS"] = store
     counts = {"made": 0, "cached": 0}
 
@@ -50,19 +51,20 @@ def calibrate(calibration, source, chosen, store):
 
     started = time.perf_counter()
     try:
-        with one_thread(), stage.using(stage.inline, count):
+        with location.configured(chosen.configuration), one_thread(), stage.using(stage.inline, count):
             row = _attempt(calibration, source, chosen)
     finally:
         stage.forget()  # events do not share products; a worker lives for thousands
     return row | _effort(counts["made"], counts["cached"], started)
 
 
-def reuse(calibration, source, chosen):
-    """Row of an event whose products are all in the store, or how much it has left to do.
+def reuse(calibration, source, chosen, again=False):
+    """Row of an event whose products are all in the store or that fails as before, or how much it has left to do.
 
     Parameters
     ----------
     calibration, source, chosen : as for ``calibrate``
+    again : whether what failed is tried again though neither inputs, settings nor code have changed
 
     Returns
     -------
@@ -73,13 +75,23 @@ def reuse(calibration, source, chosen):
 
     module, started = command.flow_module(calibration), time.perf_counter()
     try:
-        rest = left(module.calibrate, source, chosen)
+        rest = left(module.calibrate, source, chosen, again=again)
+        if rest.failure:
+            told = {"event": command.name_of(source), "status": "failed", "error": rest.failure["reason"]}
+            return told | {"since": rest.failure["started"]} | _effort(0, len(rest.found), started), 0.0
         if rest.ref is None:
             return None, rest.seconds
-        with journal.recorded(module.calibrate.flow_name, rest.ref.event) as note:
+        noted = journal.recorded(module.calibrate.flow_name, rest.ref.event)
+        with location.configured(chosen.configuration), noted as note:
             for call, one in rest.found:
                 note(call, "cached", one)
-        return _row(module, rest.ref) | _effort(0, len(rest.found), started), 0.0
+        return _row(module, rest.ref, note) | _effort(0, len(rest.found), started), 0.0
+    except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
+        event = command.name_of(source)
+        noted = journal.recorded(module.calibrate.flow_name, event)
+        with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
+            raise error
+        return {"event": event, "status": command.status_of(error), "error": str(error)} | _effort(0, 0, started), 0.0
     except Exception:  # noqa: BLE001 - what goes wrong goes wrong again in its worker, which says it
         return None, math.inf
 
@@ -97,31 +109,39 @@ def _attempt(calibration, source, chosen):
 
     event = command.name_of(source)
     if isinstance(source, Refused):
-        return {"event": event, "status": "failed", "error": source.error}
+        return {"event": event, "status": source.status, "error": source.error}
     try:
         module = importlib.import_module(f"flows.{calibration}")
         with journal.recorded(module.calibrate.flow_name, event) as note, stage.using(stage.inline, note):
             ref = module.calibrate(source, chosen)
-        return _row(module, ref)
+        return _row(module, ref, note)
     except GravcalError as error:
-        return {"event": event, "status": "failed", "error": str(error)}
+        return {"event": event, "status": command.status_of(error), "error": str(error)}
     except Exception as error:  # noqa: BLE001 - one event must not stop the others
         where = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
         return {"event": event, "status": "failed", "error": text}
 
 
-def _row(module, ref):
+def _row(module, ref, note):
     """Row of an event that has its report; the document stays in the store."""
     document = module.result(ref)
-    row = {"event": ref.event, "status": document["status"], "report": str(ref.folder)}
+    row = {
+        "event": ref.event,
+        "status": document["status"],
+        "origin": document.get("origin", "measured"),
+        "report": str(ref.folder),
+    }
     verdict = document.get("verdict")
     row["verdict"] = verdict.get("text", "") if isinstance(verdict, dict) else verdict or ""
-    name = (document.get("adopted") or {}).get("variant")
-    block = (document.get("variants") or {}).get(name)
-    if block:
-        row["adopted"] = {"variant": name} | {key: block[key] for key in ("offset_um", "sigma_um")}
-    return row
+    known = results.values(document)
+    parts = ("value", "sigma", "sigma_total", "unit")
+    row["values"] = {one.label: {part: getattr(one, part) for part in parts} for one in known}
+    row["said"] = results.text(known[:SHOWN])
+    if document["status"] == "failed":
+        row["error"] = row["verdict"]
+    other = [reason for one in note.stages.values() for reason in one.get("other_versions", ())]
+    return row | ({"other_versions": other} if other else {})
 
 
 def _effort(made, reused, started):

@@ -10,9 +10,33 @@ from typing import Annotated
 
 import typer
 
-from flows import cli_browse, cli_campaign, cli_catalogue, cli_complete, cli_discover, cli_fetch, cli_serve, cli_store
+from flows import (
+    cli_browse,
+    cli_campaign,
+    cli_catalogue,
+    cli_complete,
+    cli_configurations,
+    cli_discover,
+    cli_fetch,
+    cli_serve,
+    cli_store,
+)
 from flows import cli_output as output
-from flows.allocation import collect_seldom
+from flows.cli_options import (
+    As,
+    Calibration,
+    Data,
+    Date,
+    Effects,
+    Engine,
+    EventName,
+    Json,
+    Model,
+    RemakeVersions,
+    Satellite,
+    Seed,
+    Settings,
+)
 from flows.engine import single_threaded
 
 HELP = """
@@ -24,6 +48,7 @@ gravcal fetch grace-c-2020-02-01 --out DIR            Level-1 archives of an eve
 gravcal run com_offset --data DIR --satellite C       calibrate: any folder of Level-1 files, or an event's name
 gravcal run com_offset EVENT --set lowpass_hz=0.3     only what depends on the setting is made again
 gravcal plan com_offset EVENT --set lowpass_hz=0.3    what would be made again, and why
+gravcal run com_offset EVENT --as NAME                a what-if beside the delivery; settings, compare, promote
 gravcal campaign com_offset --data DIR                every event of a folder, in parallel
 gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
 gravcal report EVENT                                  where the report is
@@ -32,30 +57,7 @@ gravcal products                                      what lies in the store (GR
 """
 
 app = typer.Typer(help=HELP, rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
-EVENT = "event of the catalogue, such as grace-c-2020-02-01"
-FOLDER = "folder with Level-1 files or daily archives"
-LETTERS = "C|D|CD|A|B|AB|T|S"
-DOCUMENT = "write the result document ('-': standard output)"
-
 LAST = "event whose last report is wanted"
-KINDS = "com_offset, kbr_phase_centre, inertial_sensor or gradient_torque"
-Calibration = Annotated[
-    str, typer.Argument(metavar="CALIBRATION", help=KINDS, autocompletion=cli_complete.calibrations)
-]
-EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT, autocompletion=cli_complete.events)]
-Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help=FOLDER)]
-Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, help="which satellite of the folder")]
-Date = Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="which day of the folder")]
-OTHER = "another value of a parameter"
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help=OTHER, autocompletion=cli_complete.settings),
-]
-Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=DOCUMENT)]
-MODEL = "extended model, as gravcal discover writes it"
-Model = Annotated[Path | None, typer.Option("--model", metavar="FILE", help=MODEL)]
-Seed = Annotated[int, typer.Option("--seed", help="source of everything random")]
-Engine = Annotated[str, typer.Option("--engine", metavar="prefect|inline", help="Prefect keeps a history of runs")]
 
 
 @app.command()
@@ -67,15 +69,19 @@ def run(
     date: Date = None,
     settings: Settings = None,
     model: Model = None,
+    as_: As = None,
     json: Json = None,
+    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
     engine: Engine = "prefect",
 ) -> None:
-    """Calibrate one event; what is in the store already is reused."""
+    """Calibrate one event; what is in the store already is reused. With --set or --model: an experiment beside it."""
     from flows import command
 
-    chosen = command.chosen(calibration, settings, model)
-    source = command.source(calibration, event, data, satellite, date)
-    with output.failures(calibration, command.name_of(source), json):
+    chosen = command.chosen(calibration, settings, model, as_)
+    with output.failures(calibration, event or str(data), json, chosen.configuration):
+        source = command.source(calibration, event, data, satellite, date)
+    with output.failures(calibration, source, json, chosen.configuration):
+        command.recorded(chosen)
         document, ref = command.calibrate(calibration, source, chosen, engine)
     output.write_json(document, json)
     output.result(document, ref, json)
@@ -91,12 +97,14 @@ def plan(
     date: Date = None,
     settings: Settings = None,
     model: Model = None,
+    as_: As = None,
     json: Json = None,
+    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
 ) -> None:
     """Say what a run would reuse, what it would make, and why; without EVENT or folder for all events of the store."""
     from flows import command
 
-    chosen = command.chosen(calibration, settings, model)
+    chosen = command.chosen(calibration, settings, model, as_)
     sources = command.sources(calibration, event, data, satellite, date)
     output.plan([step for source in sources for step in command.plan(calibration, source, chosen)], json)
 
@@ -117,7 +125,7 @@ def detect(
     """Find the manoeuvres in the data of an event or folder."""
     from flows import command
 
-    chosen = command.chosen(calibration, settings)
+    chosen = command.recorded(command.chosen(calibration, settings))
     source = command.source(calibration, event, data, satellite, date)
     document = command.detect(calibration, source, chosen)
     output.write_json(document, json)
@@ -133,7 +141,7 @@ def simulate(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder for the Level-1 files")],
     seed: Seed = 1,
     truth: Annotated[Path | None, typer.Option("--truth", metavar="FILE", help="where to write the truth")] = None,
-    effect: Annotated[list[str] | None, typer.Option("--effect", metavar="SLUG.PARAMETER=VALUE")] = None,
+    effect: Effects = None,
     settings: Settings = None,
     json: Json = None,
 ) -> None:
@@ -167,12 +175,13 @@ def demo(
 def report(
     event: Annotated[str, typer.Argument(metavar="EVENT", help=LAST, autocompletion=cli_complete.events)],
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="copy the report's files here")] = None,
+    as_: Annotated[str | None, typer.Option("--as", metavar="NAME", help="of this experiment")] = None,
     json: Json = None,
 ) -> None:
     """Say where the last report of an event is, or copy it."""
     from flows import command
 
-    files = [str(path) for path in command.report_files(event, out)]
+    files = [str(path) for path in command.report_files(event, out, as_)]
     output.write_json({"event": event, "files": files}, json)
     for path in files if output.to_screen(json) else ():
         output.say(path)
@@ -185,6 +194,10 @@ app.command()(cli_fetch.fetch)
 app.command()(cli_serve.serve)
 app.command()(cli_catalogue.effects)
 app.command()(cli_catalogue.series)
+app.command()(cli_configurations.settings)
+app.command()(cli_configurations.promote)
+app.command()(cli_configurations.compare)
+app.command()(cli_configurations.events)
 app.add_typer(cli_store.products, name="products")
 app.command()(cli_store.history)
 app.command()(cli_store.rebuild)
@@ -195,12 +208,13 @@ def main() -> None:
     from gravcal.errors import GravcalError
 
     single_threaded()
-    collect_seldom()
     try:
         app()
     except GravcalError as error:
+        from flows import command
+
         output.error(error)
-        sys.exit(1)
+        sys.exit(command.EXIT[command.status_of(error)])
     except Exception as error:  # noqa: BLE001
         output.unexpected(error)
         sys.exit(1)

@@ -7,7 +7,7 @@ import typer
 
 from flows import cli_output as output
 
-HOST = "address to listen on; away from loopback a token is asked for"
+HOST = "address to listen on; the token in the address printed is asked for everywhere"
 
 
 def browse(

@@ -6,12 +6,11 @@ from typing import Annotated
 import typer
 
 from flows import cli_output as output
+from flows.cli_options import LETTERS, Calibration, json_option, writable
 
 
 def effects(
-    json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="write the list ('-': standard output)")
-    ] = None,
+    json: Annotated[Path | None, json_option("write the list")] = None,
 ) -> None:
     """List the effects that a simulation can hide, an estimator fit and discovery name."""
     from gravcal.effects import catalogue
@@ -36,22 +35,30 @@ def effects(
 
 
 def series(
-    calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help="com_offset")],
-    satellite: Annotated[str, typer.Option("--satellite", metavar="C|D", help="whose events")] = "C",
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="page to write")] = Path("series.html"),
-    json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="write the rows ('-': standard output)")
+    calibration: Calibration,
+    satellite: Annotated[
+        str | None, typer.Option("--satellite", metavar=LETTERS, help="whose events; all if not given")
     ] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="page to write", callback=writable)] = Path(
+        "series.html"
+    ),
+    json: Annotated[Path | None, json_option("write the rows")] = None,
 ) -> None:
-    """Results of all events of a satellite over the years, beside the published ones, trims drawn in."""
+    """Results of all events over the years, beside the published ones; for com_offset with the mass trims."""
     from flows import command
+    from gravcal.data import location, schemas
 
-    rows, page = command.flow_module(calibration).series(satellite)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(page)
-    output.write_json({"schema_version": "1.0", "satellite": satellite, "rows": rows}, json)
+    rows, page = command.series(calibration, satellite)
+    status = "delivered" if rows else "no_data"
+    said = {"schema_version": schemas.VERSION, "status": status, "calibration": calibration, "satellite": satellite}
+    output.write_json(said | {"rows": rows}, json)
+    if rows:
+        out.write_text(page, encoding="utf-8")
     if output.to_screen(json):
-        output.say(f"{len(rows)} rows in {out}")
+        whose = f"{calibration}{f' of {satellite}' if satellite else ''}"
+        none = f"no result of {whose} in {location.folder()}; {out} is left as it was"
+        output.say(f"{len(rows)} rows in {out}" if rows else none)
+    raise typer.Exit(command.EXIT[status])
 
 
 def save_event(calibration, source, document):
@@ -67,5 +74,5 @@ def save_event(calibration, source, document):
         days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5
     )
     day, letters = date.fromisoformat(source.date) if source.date else first, tuple(source.satellite)
-    text = catalog.event_text(calibration, letters, day, document["manoeuvres"], digests)
+    text = catalog.event_text(calibration, letters, day, document["manoeuvres"], digests, document["origin"])
     return catalog.save_event(source.event, text).name

@@ -24,20 +24,57 @@ def products(incomplete: str) -> list[str]:
     """Products that the readable links name: EVENT/STAGE."""
     from gravcal.data import location
 
-    links = sorted((location.folder() / "latest").glob("*/*"))
-    return _beginning([f"{link.parent.name}/{link.name}" for link in links], incomplete)
+    latest = location.folder() / "latest"
+    links = sorted(link for link in latest.rglob("*") if link.is_symlink())
+    return _beginning([str(link.relative_to(latest)) for link in links], incomplete)
 
 
 def settings(ctx, incomplete: str) -> list[str]:
     """Parameters of the calibration that was named, with an equals sign."""
     from gravcal.data import catalog
 
-    name = ctx.params.get("calibration") or ""
+    name = _calibration(ctx)
     simulated = ctx.info_name == "simulate"
     with contextlib.suppress(Exception):
         known = catalog.parameters(f"simulate_{name}" if simulated else name)
         return _beginning([f"{one}=" for one in known.entries], incomplete)
     return []
+
+
+def configurations(ctx, incomplete: str) -> list[str]:
+    """Recorded experiments of the calibration that was named; what else the commands on configurations take."""
+    from gravcal.data import catalog
+    from gravcal.data import configurations as known
+
+    with contextlib.suppress(Exception):
+        name = _calibration(ctx)
+        more = {"compare": [known.OPERATIONAL, known.CATALOGUE], "promote": [known.CATALOGUE]}.get(ctx.info_name, [])
+        more += list(catalog.parameters(name).entries) if ctx.info_name == "settings" else []
+        return _beginning([*known.names(name), *more], incomplete)
+    return []
+
+
+def effects(incomplete: str) -> list[str]:
+    """Parameters of the effects, with an equals sign."""
+    from gravcal.effects import catalogue
+
+    return _beginning(
+        [f"{slug}.{p.name}=" for slug, e in sorted(catalogue().items()) for p in e.parameters], incomplete
+    )
+
+
+def engines(incomplete: str) -> list[str]:
+    """Engines of a run."""
+    from flows.engine import ENGINES
+
+    return _beginning(ENGINES, incomplete)
+
+
+def _calibration(ctx):
+    """Calibration that was named before; an option without its value ends the parsing, and its words are left over."""
+    from gravcal.data.catalog_events import CALIBRATIONS
+
+    return next((word for word in [ctx.params.get("calibration"), *ctx.args] if word in CALIBRATIONS), "")
 
 
 def _beginning(names, incomplete):

@@ -5,37 +5,47 @@ from typing import Annotated
 
 import typer
 
+from flows import cli_complete
 from flows import cli_output as output
+from flows.cli_options import KINDS, As, Data, Date, Engine, EventName, Json, Model, RemakeVersions, Satellite, Settings
 
 VIEWS = "attitude, ranging, magnetometer, published_table"
 PAGE = "page to write; of a view of measured data discovery_VIEW.html here if not given, of a calibration a copy"
-WHAT = f"com_offset, kbr_phase_centre, inertial_sensor or gradient_torque, or a view of measured data: {VIEWS}"
+WHAT = f"{KINDS}, or a view of measured data: {VIEWS}"
 
 
 def discover(
-    calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help=WHAT)],
-    event: Annotated[str | None, typer.Argument(metavar="[EVENT]", help="event of the catalogue")] = None,
-    data: Annotated[Path | None, typer.Option("--data", metavar="DIR", help="folder with Level-1 files")] = None,
-    satellite: Annotated[str | None, typer.Option("--satellite", metavar="C|D|CD|A|B|AB|T|S")] = None,
-    date: Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD")] = None,
-    settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE")] = None,
-    model: Annotated[Path | None, typer.Option("--model", metavar="FILE", help="start from an extended model")] = None,
+    calibration: Annotated[
+        str, typer.Argument(metavar="CALIBRATION", help=WHAT, autocompletion=cli_complete.calibrations)
+    ],
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    model: Model = None,
+    as_: As = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE)] = None,
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the result document")] = None,
-    engine: Annotated[str, typer.Option("--engine", metavar="prefect|inline")] = "prefect",
+    json: Json = None,
+    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
+    engine: Engine = "prefect",
 ) -> None:
     """Show what the simulation of an event gets wrong, name the cause, extend the model and measure the gain."""
     from flows import command, discover
 
     if calibration not in discover.FLOWS and calibration in discover.measured_views():
-        if model is not None:
-            raise typer.BadParameter(f"--model belongs to a calibration ({', '.join(discover.FLOWS)}), not to a view")
+        if model is not None or as_ is not None:
+            raise typer.BadParameter(
+                f"--model and --as belong to a calibration ({', '.join(discover.FLOWS)}), not to a view"
+            )
         document, page = discover.measured(calibration, data, satellite, date, command.pairs(settings))
         files = [_written(page, out or Path(f"discovery_{calibration}.html"))]
     else:
-        chosen = command.chosen(calibration, settings, model)
-        source = command.source(calibration, event, data, satellite, date)
-        with output.failures(calibration, command.name_of(source), json):
+        chosen = command.chosen(calibration, settings, model, as_)
+        with output.failures(calibration, event or str(data), json, chosen.configuration):
+            source = command.source(calibration, event, data, satellite, date)
+        with output.failures(calibration, source, json, chosen.configuration):
+            command.recorded(chosen)
             document, files = command.discover(calibration, source, chosen, engine)
         pages = [path.read_text() for path in files if path.name == "discovery.html"]
         files += [_written(page, out) for page in pages if out]

@@ -9,24 +9,26 @@ from typing import Annotated
 import typer
 
 from flows import cli_output as output
+from flows.cli_options import Date, json_option
 
 
 def fetch(
     event: Annotated[str | None, typer.Argument(metavar="[EVENT]", help="event of the catalogue")] = None,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder for the archives")] = ...,
     satellite: Annotated[str | None, typer.Option("--satellite", metavar="C|D|CD|A|B|AB")] = None,
-    date: Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD")] = None,
+    date: Date = None,
     place: Annotated[
         str, typer.Option("--from", metavar="podaac|isdc|URL", help="isdc needs no login, podaac that of Earthdata")
     ] = "isdc",
-    json: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="list ('-': standard output)")] = None,
+    json: Annotated[Path | None, json_option("list")] = None,
 ) -> None:
     """Fetch the daily Level-1 archives of an event or day; what broke off is resumed, what is there is kept."""
     from gravcal.data import fetch as fetching
 
     archives = _archives(event, satellite, date)
     with _progress() as listener:
-        fetched = fetching.fetch(archives, out, place, listener)
+        output.note(f"asking {place.rpartition('@')[2]} for {len(archives)} archive(s), from {archives[0].name} on")
+        fetched = fetching.fetch(archives, out, place, listener, fetching.Patience(tell=output.note))
     names = ("path", "state", "checked", "size")
     rows = [{name: getattr(one, name) for name in names} | {"path": str(one.path)} for one in fetched]
     output.write_json(rows, json)
@@ -42,13 +44,9 @@ def _archives(event, satellite, date):
         raise typer.BadParameter("give an EVENT of the catalogue, or --satellite and --date")
     if event:
         return fetch_layout.of_event(catalog.event(event))
-    try:
-        day = datetime.date.fromisoformat(date)
-    except ValueError:
-        raise typer.BadParameter(f"--date {date}: expected YYYY-MM-DD") from None
     if satellite not in ("A", "B", "AB", "C", "D", "CD"):
         raise typer.BadParameter(f"--satellite {satellite}: expected A, B, AB, C, D or CD")
-    return fetch_layout.of_day(satellite, day)
+    return fetch_layout.of_day(satellite, datetime.date.fromisoformat(date))
 
 
 @contextlib.contextmanager

@@ -8,13 +8,17 @@ import sys
 import textwrap
 import traceback
 
+from gravcal.errors import NoDataError
+
 AXES = "xyz"
 COLOURS = {
     "run": "yellow",
     "may run": "yellow",
     "reuse": "green",
     "delivered": "green",
+    "questionable": "yellow",
     "no_manoeuvre": "yellow",
+    "no_data": "yellow",
     "failed": "red",
     "equal": "green",
     "different": "red",
@@ -26,6 +30,12 @@ def say(text=""):
     sys.stdout.write(text + "\n")
 
 
+def note(text):
+    """One line on standard error, for those who wait."""
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
+
+
 def to_screen(json_path):
     """Whether standard output is for people; with ``--json -`` it is for the document."""
     return json_path is None or str(json_path) != "-"
@@ -33,24 +43,30 @@ def to_screen(json_path):
 
 def write_json(document, path):
     """Write a document where it is wanted: nowhere, into a file, or to standard output."""
+    from gravcal.errors import ProductError
+
     if path is None:
         return
     text = json.dumps(document, indent=1, allow_nan=False)
     if str(path) == "-":
         say(text)
     else:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text + "\n")
+        except OSError as error:
+            raise ProductError(f"{path}: the document cannot be written ({error.strerror}). Free its place.") from error
 
 
 def result(document, ref, json_path):
     """Table of a result and where its report is."""
     if not to_screen(json_path):
         return
-    say(f"{document['event']}: {document['status']}")
+    name = document.get("configuration", "operational")
+    say(f"{document['event']}: {document['status']}{'' if name == 'operational' else f' (experiment {name})'}")
     _offsets(document, None)
     _verdict(document)
-    _where(ref)
+    _where(ref, name)
 
 
 def comparison(document, truth, ref, json_path):
@@ -60,7 +76,7 @@ def comparison(document, truth, ref, json_path):
     say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
     _offsets(document, truth.get("offset_um"))
     _verdict(document)
-    _where(ref)
+    _where(ref, document["configuration"])
 
 
 def plan(steps, json_path):
@@ -78,6 +94,8 @@ def plan(steps, json_path):
 
 def manoeuvres(document, json_path):
     """Table of the manoeuvres found."""
+    from gravcal.report.documents import foreword
+
     if not to_screen(json_path):
         return
     rows = [
@@ -85,17 +103,37 @@ def manoeuvres(document, json_path):
         for one in document["manoeuvres"]
     ]
     table(["kind", "start (GPS s)", "stop (GPS s)"], rows)
-    say(f"{len(rows)} manoeuvre(s)")
+    say(f"{foreword(document.get('origin', 'measured'))}{len(rows)} manoeuvre(s)")
 
 
 def campaign(summary, json_path):
     """Table of a campaign: what was delivered, what failed and why."""
+    from flows import engine
+
     if not to_screen(json_path):
         return
     names = ("event", "status", "made", "reused", "seconds")
-    rows = [[*(row.get(name, "") for name in names), row.get("error") or _linked(row)] for row in summary["events"]]
-    table([*names, "report or reason"], rows)
+    if summary.get("origin", "measured") != "measured":
+        names = (*names[:2], "origin", *names[2:])
+    order = ("failed", "questionable", "no_data", "no_manoeuvre", "delivered")  # failed first
+    rows = sorted(summary["events"], key=lambda row: order.index(row["status"]))
+    told = [[*(row.get(name, "") for name in names), row.get("error") or row.get("said", "")] for row in rows]
+    table([*names, "values or reason"], told)
     say(", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items())))
+    answered = sum("since" in row for row in rows)
+    if answered:
+        say(f"{answered} failed as before: nothing they depend on has changed (--only-failed tries again)")
+    other = engine.other_versions(reason for row in rows for reason in row.get("other_versions", ()))
+    if other:
+        say(other)
+    if any(row.get("report") for row in rows):
+        say(f"reports: gravcal report EVENT{_as(summary)}, or gravcal browse")
+
+
+def _as(summary):
+    """Option that names the configuration of a campaign where it is an experiment."""
+    name = summary["configuration"]
+    return "" if name == "operational" else f" --as {name}"
 
 
 def table(heads, rows):
@@ -132,7 +170,10 @@ def _painted(text, style):
 def error(problem):
     """GravcalError on one screen: where, found, expected, remedy, as its message says."""
     width = min(shutil.get_terminal_size((100, 24)).columns, 110)
-    lines = textwrap.wrap(f"error: {problem}", width, subsequent_indent="       ", break_long_words=False)
+    word = "no data" if isinstance(problem, NoDataError) else "error"
+    lines = textwrap.wrap(
+        f"{word}: {problem}", width, subsequent_indent="       ", break_long_words=False, break_on_hyphens=False
+    )
     sys.stderr.write("\n".join(lines[:20]) + "\n")
 
 
@@ -154,7 +195,7 @@ def unexpected(problem):
 
 
 @contextlib.contextmanager
-def failures(calibration, event, json_path):
+def failures(calibration, source, json_path, configuration):
     """Write a document with status "failed" before an error goes on."""
     from flows import command
     from gravcal.errors import GravcalError
@@ -162,7 +203,7 @@ def failures(calibration, event, json_path):
     try:
         yield
     except GravcalError as problem:
-        write_json(command.failed(calibration, event, problem), json_path)
+        write_json(command.failed(calibration, source, problem, configuration), json_path)
         raise
 
 
@@ -207,21 +248,11 @@ def _error(value, sigma, truth):
     return "" if value is None else f"{(value - truth) / sigma:+.2f}"
 
 
-def _linked(row):
-    """Readable link to the report of an event, its folder where no link leads there."""
-    from gravcal.data import location
-
-    if not row.get("report"):
-        return ""
-    links = sorted((location.folder() / "latest" / row["event"]).glob("*.report"))
-    return str(next((p for p in links if p.exists() and p.samefile(row["report"])), row["report"]))
-
-
-def _where(ref):
+def _where(ref, configuration):
     """Paths of the files beside a report product."""
     from gravcal.data import location
 
-    link = location.folder() / "latest" / ref.event / ref.stage
+    link = location.links(ref.event, configuration) / ref.stage
     folder = link if link.resolve() == ref.folder.resolve() else ref.folder
     for path in sorted(folder.iterdir()):
         if path.name not in ("meta.json", "product.nc"):

@@ -1,4 +1,4 @@
-"""Commands on the store: list, show, verify, prune, history, rebuild."""
+"""Commands on the store: list, show, verify, prune, pin, unpin, history, rebuild."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,19 +7,21 @@ import typer
 
 from flows import cli_complete, cli_progress
 from flows import cli_output as output
+from flows.cli_options import json_option
 
 products = typer.Typer(
-    help="What lies in the store: list (also without a word), show, verify, prune.", rich_markup_mode=None
+    help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin.", rich_markup_mode=None
 )
 VERIFIED_BYTES_PER_S = 100e6  # read, hashed and decoded on one core; only for the time left
-WHICH = "EVENT/STAGE, beginning of a key, or path"
+WHICH = "EVENT/STAGE, EVENT/as/NAME/STAGE, beginning of a key, or path"
+DROPPED = "also what only experiments of this name (or pattern) refer to, with their links"
 Product = Annotated[str, typer.Argument(metavar="PRODUCT", help=WHICH, autocompletion=cli_complete.products)]
-Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write as JSON ('-': standard output)")]
+Json = Annotated[Path | None, json_option("write as JSON")]
 
 
 @products.callback(invoke_without_command=True)
 def without_word(context: typer.Context) -> None:
-    """What lies in the store: list (also without a word), show, verify, prune."""
+    """What lies in the store: list (also without a word), show, verify, prune, pin, unpin."""
     if context.invoked_subcommand is None:
         list_products()
 
@@ -28,18 +30,20 @@ def without_word(context: typer.Context) -> None:
 def list_products(
     event: Annotated[str | None, typer.Option("--event", help="only this event")] = None,
     stage: Annotated[str | None, typer.Option("--stage", help="only this stage")] = None,
+    as_: Annotated[str | None, typer.Option("--as", metavar="NAME", help="of this experiment or operational")] = None,
     all_: Annotated[bool, typer.Option("--all", help="also those replaced by newer ones")] = False,
     json: Json = None,
 ) -> None:
     """List the products of the store."""
     from gravcal.data import housekeeping
 
-    found = housekeeping.entries(event, stage, newest_only=not all_)
+    found = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_)
     document = [_summary(entry) for entry in found]
     output.write_json(document, json)
     if output.to_screen(json):
-        rows = [[e.ref.name, e.ref.key[:12], e.record["bytes"], e.record["seconds"], e.record["made"]] for e in found]
-        output.table(["product", "key", "bytes", "seconds", "made"], rows)
+        names = ("bytes", "seconds", "made")
+        rows = [[e.ref.name, e.ref.key[:12], *(e.record[n] for n in names), ", ".join(e.configurations)] for e in found]
+        output.table(["product", "key", *names, "configuration"], rows)
 
 
 @products.command()
@@ -85,13 +89,20 @@ def verify(json: Json = None) -> None:
 @products.command()
 def prune(
     remove: Annotated[bool, typer.Option("--remove", help="do it; otherwise only say what would go")] = False,
-    older: Annotated[float, typer.Option("--older-than-h", help="spare what is younger, hours")] = 1.0,
+    older: Annotated[float | None, typer.Option("--older-than-h", help="spare what is younger, hours; 1")] = None,
+    quota: Annotated[
+        float | None, typer.Option("--quota-gb", min=0, help="the oldest, until the store has less")
+    ] = None,
+    configuration: Annotated[str | None, typer.Option("--configuration", metavar="NAME", help=DROPPED)] = None,
     json: Json = None,
 ) -> None:
-    """Remove what nothing refers to: products no readable link leads to, directly or as an input."""
-    from gravcal.data import housekeeping
+    """Remove what nothing refers to: products no readable link and no pin leads to, directly or as an input."""
+    from gravcal.data import housekeeping, location
 
-    unused = housekeeping.prune(older * 3600, remove)
+    if configuration == location.OPERATIONAL:
+        raise typer.BadParameter("--configuration: the operational one is delivered; expected an experiment's name")
+    age, limit = (None if value is None else value * scale for value, scale in ((older, 3600), (quota, 1e9)))
+    unused = housekeeping.prune(age, remove, limit, configuration)
     output.write_json([{"path": str(path), "bytes": size, "removed": remove} for path, size in unused], json)
     if not output.to_screen(json):
         return
@@ -99,6 +110,35 @@ def prune(
         output.table(["bytes", "path"], [[size, path] for path, size in unused])
     verb = "removed" if remove else "would be removed (--remove does it)"
     output.say(f"{len(unused)} entries, {sum(size for _, size in unused) / 1e6:.1f} MB {verb}")
+    left = housekeeping.size() - (0 if remove else sum(size for _, size in unused))
+    if limit is not None and left > limit:
+        output.say(
+            f"{left / 1e9:.3f} GB stay, the quota is {quota:g} GB: they are delivered, pinned, or of the last hour"
+        )
+
+
+@products.command()
+def pin(product: Product, json: Json = None) -> None:
+    """Keep a product and all it was made of, whatever else refers to it."""
+    from gravcal.data import housekeeping
+
+    entry = housekeeping.resolve(product)
+    housekeeping.pin(entry)
+    output.write_json({"product": entry.ref.name, "key": entry.ref.key, "pinned": True}, json)
+    if output.to_screen(json):
+        output.say(f"{entry.ref.name} {entry.ref.key[:12]} is pinned")
+
+
+@products.command()
+def unpin(product: Product, json: Json = None) -> None:
+    """Let a pinned product go like any other."""
+    from gravcal.data import housekeeping
+
+    entry = housekeeping.resolve(product)
+    was = housekeeping.unpin(entry)
+    output.write_json({"product": entry.ref.name, "key": entry.ref.key, "pinned": False}, json)
+    if output.to_screen(json):
+        output.say(f"{entry.ref.name} {entry.ref.key[:12]} {'is no longer' if was else 'was not'} pinned")
 
 
 def history(
@@ -128,7 +168,7 @@ def rebuild(product: Product, json: Json = None) -> None:
     if output.to_screen(json):
         rows = [[one["stage"], one["verdict"], one["why"]] for one in outcome["stages"]]
         output.table(["stage", "content", "why"], rows)
-        output.say(f"{outcome['product']}: {'equal, bit for bit' if outcome['equal'] else 'DIFFERENT'}")
+        output.say(f"{outcome['product']}: {'equal in every number' if outcome['equal'] else 'DIFFERENT'}")
     raise typer.Exit(0 if outcome["equal"] else 1)
 
 
@@ -136,7 +176,12 @@ def _summary(entry):
     """One product for JSON."""
     names = ("key", "digest", "bytes", "seconds", "made", "machine", "stage")
     known = {name: entry.record.get(name) for name in names}
-    return {"product": entry.ref.name, "path": str(entry.ref.path), "newest": entry.newest} | known
+    return {
+        "product": entry.ref.name,
+        "path": str(entry.ref.path),
+        "newest": entry.newest,
+        "configurations": list(entry.configurations),
+    } | known
 
 
 def _history_rows(node, depth, seen, settings):

@@ -10,7 +10,6 @@ from pathlib import Path
 from flows import models
 from flows.engine import flow
 from gravcal.data import catalog
-from gravcal.report import pages
 from tasks import com_offset, common, discovery
 from tasks.stage import read
 
@@ -27,6 +26,8 @@ PRODUCTS = {
     "tim": ("TIM1B",),
     "clk": ("CLK1B",),
 }
+#: What an event begins with, and the satellites it may be of.
+BEGINS, SATELLITES = PRODUCTS["acc"], ("C", "D")
 ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 
 
@@ -40,14 +41,13 @@ def calibrate(source, chosen):
         checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
-    name = "" if chosen.method == "gravcal" else chosen.method  # a repeat for comparison has links of its own
-    combined = com_offset.combine(*solved, **chosen.for_stage("combine"), variant=name)
+    combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
     if moved:
-        combined = com_offset.model_error(combined, *moved, **chosen.for_stage("model_error"), variant=name)
-    told = (*angular, smoothed, checked, aligned, found)
-    drawn = com_offset.figures(*told, **chosen.for_stage("figures"), variant=name)
-    products = (combined, *solved, surveyed, found, drawn)
-    return com_offset.report(*products, **_report_settings(source, chosen), variant=name)
+        combined = com_offset.model_error(combined, *moved, **chosen.for_stage("model_error"))
+    others = [common.ingest(file, event=source.event) for file in source.files(*PRODUCTS["orbit"])[1:]]
+    judged = com_offset.checks(aligned, checked, smoothed, *others, **chosen.for_stage("checks"))
+    products = (combined, *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
+    return com_offset.report(*products, **_report_settings(source, chosen))
 
 
 def _aligned(source, chosen):
@@ -138,12 +138,12 @@ def _extended(source, chosen, products, model, variant):
 
 
 def _report_settings(source, chosen):
-    """What the report says beside the products: all settings, what was published of the event, the page's templates."""
-    values = {name: entry.value for name, entry in chosen.entries.items()}
+    """What the report says beside the products: all settings, and what was published of the event."""
+    values = chosen.for_report()
     known = catalog.satellite(source.satellite).settings()
     values |= {name: known[name] for name in ("roll_response", "roll_response_sigma") if name in known}
     printed = common.printed_of("com_offset", source.event)
-    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    named = {"event": source.event, "satellite": source.satellite}
     return named | {"settings": values, "published": printed}
 
 
@@ -156,35 +156,17 @@ def detect(source, chosen):
 
 def source(*, event=None, data=None, satellite=None, date=None):
     """Source of a catalogue event or of a folder."""
-    return common.source_of("com_offset", ("ACC1A",), event=event, data=data, satellite=satellite, date=date)
+    return common.source_of("com_offset", BEGINS, event=event, data=data, satellite=satellite, date=date)
 
 
 def days(data):
     """Folders, satellites and dates of the events below a folder."""
-    return common.days_of(PRODUCTS["acc"], data)
+    return common.days_of(BEGINS, data)
 
 
 def level_one_files(source):
     """Level-1 files of an event."""
-    return [source.file(*names) for names in PRODUCTS.values()]
-
-
-def series(satellite):
-    """Rows and page of all events of a satellite in the store, beside the published ones.
-
-    Parameters
-    ----------
-    satellite : letter
-    """
-    from gravcal.data import location
-    from gravcal.report.com_offset_history import history
-
-    paths = sorted((location.folder() / "latest").glob(f"*-{satellite.lower()}-*/com_offset.report/result.json"))
-    documents = [json.loads(path.read_text()) for path in paths]
-    named = catalog.satellite(satellite).name
-    printed = [r for r in catalog.published("com_offset")["history"] if any(e.startswith(named) for e in r.events)]
-    rows, _, page = history(documents, catalog.trims(satellite), printed)
-    return rows, page
+    return [file for names in PRODUCTS.values() for file in source.files(*names) or [source.file(*names)]]
 
 
 def detected(ref):
@@ -193,7 +175,7 @@ def detected(ref):
     kinds = ("roll", "pitch", "yaw")
     columns = (found[name].values for name in ("kind", "start", "stop"))
     rows = [{"kind": kinds[int(k)], "start": float(a), "stop": float(b)} for k, a, b in zip(*columns, strict=True)]
-    return {"event": ref.event, "manoeuvres": rows}
+    return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": rows}
 
 
 def simulate(out, *, seed, truth, effects, settings):
@@ -207,10 +189,11 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import writers
+    from gravcal.data import origin, writers
     from gravcal.simulation import com_offset as simulation
     from gravcal.simulation.injection import by_slug
 
+    origin.check_own(out)
     chosen = catalog.parameters("simulate_com_offset").with_settings(settings or {})
     satellite = catalog.satellite(chosen.satellite).settings()
     day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()

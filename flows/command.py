@@ -6,14 +6,15 @@ import importlib
 import importlib.util
 import json
 import shutil
+from pathlib import Path
 
 import typer
 
 from flows import cli_progress, engine
 from gravcal.data import location
-from gravcal.errors import CatalogError, GravcalError, ProductError
+from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
 
-EXIT = {"delivered": 0, "no_manoeuvre": 3, "failed": 1}
+EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
 
 
 def flow_module(calibration):
@@ -33,9 +34,17 @@ def calibrations():
     return [name for name in CALIBRATIONS if importlib.util.find_spec(f"flows.{name}")]
 
 
-def chosen(calibration, settings, model=None):
-    """Parameters of a calibration with those given as key=value replaced, and the extended model of a file."""
-    from gravcal.data import catalog
+def chosen(calibration, settings, model=None, name=None):
+    """Parameters of the operational configuration, or of an experiment: recorded, or made of what is given.
+
+    Parameters
+    ----------
+    calibration : str
+    settings : texts key=value, or None
+    model : file of an extended model, or None
+    name : of the experiment, or None
+    """
+    from gravcal.data import configurations
 
     flow_module(calibration)
     given = pairs(settings)
@@ -44,11 +53,19 @@ def chosen(calibration, settings, model=None):
 
         given["model"] = models.text_of(model)
     try:
-        return catalog.parameters(calibration).with_settings(given)
+        return configurations.chosen(calibration, given, name)
     except CatalogError as error:
-        if settings:
+        if settings and "configuration" not in error.facts:
             raise typer.BadParameter(f"--set: {error}") from error
         raise
+
+
+def recorded(chosen):
+    """The same parameters; an experiment is recorded under its name."""
+    from gravcal.data import configurations
+
+    configurations.record(chosen)
+    return chosen
 
 
 def pairs(texts):
@@ -68,7 +85,42 @@ def source(calibration, event, data, satellite, date):
         raise typer.BadParameter("give an EVENT of the catalogue or a folder with --data, one of the two")
     if event is not None and (satellite or date):
         raise typer.BadParameter("--satellite and --date belong to --data; an EVENT says them itself")
-    return flow_module(calibration).source(event=event, data=data, satellite=satellite, date=date)
+    module = flow_module(calibration)
+    check_satellite(calibration, satellite, module.SATELLITES)
+    try:
+        return module.source(event=event, data=data, satellite=satellite, date=date)
+    except ProductError:
+        if data is not None and data.is_dir():
+            check_folder(calibration, data)
+        raise
+
+
+def check_satellite(calibration, satellite, known):
+    """Raise unless letters are those of a calibration's satellites: anything else is wrong usage."""
+    if satellite is not None and satellite not in known:
+        raise typer.BadParameter(f"--satellite {satellite}: expected {' or '.join(known)} for {calibration}")
+
+
+def check_folder(calibration, data):
+    """Raise where a folder holds none of the files that an event of a calibration begins with.
+
+    The message names the products that there are, and the calibrations that read them.
+    """
+    from gravcal.data import archive, inertial_files, sgrs_files
+
+    files = [file for kind in (archive, inertial_files, sgrs_files) for file in kind.inventory(data)]
+    found, wanted = sorted({file.product for file in files}), flow_module(calibration).BEGINS
+    if set(found) & set(wanted):
+        return
+    others = [name for name in calibrations() if set(found) & set(flow_module(name).BEGINS)]
+    reads = f" (files of {' and '.join(others)})" if others else ""
+    remedy = f"Run {' or '.join(others)} on it, or give another --data." if others else "Check --data."
+    raise (ProductError if found else NoDataError)(
+        f"{data}: found {', '.join(found) or 'no Level-1 file'}{reads}, expected {' or '.join(wanted)} for "
+        f"{calibration}. {remedy}",
+        folder=str(data),
+        found=found,
+    )
 
 
 def name_of(source):
@@ -137,6 +189,29 @@ def detect(calibration, source, chosen):
         return module.detected(engine.run(module.detect, source, chosen, engine="inline", listener=listener))
 
 
+def series(calibration, satellite):
+    """Rows and page of all results in the store beside the printed values; no row where there is no result.
+
+    Parameters
+    ----------
+    calibration : str
+    satellite : letter or letters, or None for all
+    """
+    from gravcal.browse import printed, timeline
+    from gravcal.report.history import history
+
+    module = flow_module(calibration)
+    check_satellite(calibration, satellite, [*module.SATELLITES, "".join(module.SATELLITES)])
+    points = [one for one in timeline.points(calibration) if satellite is None or one.satellite in satellite]
+    letters = sorted({one.satellite for one in points})
+    if not letters:
+        return [], None
+    points += [one for letter in letters for one in printed.points(calibration, letter)]
+    is_offset = calibration == "com_offset"
+    trims = [(letter, one) for letter in letters for one in (printed.trims(letter) if is_offset else ())]
+    return history(timeline.TITLES[calibration], points, trims, 100.0 if is_offset else None)
+
+
 def simulate(calibration, out, seed_truth, effects, settings):
     """Write an invented event; its truth document."""
     seed, truth = seed_truth
@@ -163,21 +238,90 @@ def demo(out, seed, engine_name):
     return document, ref, truth
 
 
-def report_files(event, out):
-    """Files of the last report of an event, copied to a folder if one is given."""
-    folders = sorted((location.folder() / "latest" / event).glob("*.report"))
-    if not folders:
+def report_files(event, out, name=None):
+    """Files of the last report of an event, operational or of an experiment, copied to a folder if one is given."""
+    from gravcal.data import store
+
+    links = [*store.links("*/*.report"), *store.links("*/as/*/*.report")]
+    own = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
+    found = [(link, store.read_record(folder)) for link, folder in own if store.find(folder.name)]
+    if not found:
+        others = sorted(path.name for path in (location.links(event) / "as").glob("*"))
+        if others or name:
+            there = f"; experiments there: {', '.join(others)} (--as NAME)" if others else ""
+            of = f"experiment {name}" if name else "operational configuration"
+            raise ProductError(f"event {event}: there is no report of the {of} in {location.folder()}{there}.")
         near = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
         hint = f" Did you mean {', '.join(near)}?" if near else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
-    files = [path for folder in folders for path in sorted(folder.iterdir()) if path.name != "meta.json"]
+    files = [link / name for link, record in found for name in sorted([*record["files"], "product.nc"])]
     if out is None:
         return files
     out.mkdir(parents=True, exist_ok=True)
     return [shutil.copy(path, out / path.name) for path in files]
 
 
-def failed(calibration, event, error):
+def compare(calibration, first, second, satellite=None):
+    """Document with what changes between two configurations, for the events that both have."""
+    from gravcal.data import catalog, configurations, housekeeping
+    from gravcal.report import comparison
+
+    flow_module(calibration)
+    plain = not configurations.operational(calibration)["settings"]
+    found = {}
+    for name in (first, second):
+        configurations.settings_of(calibration, name)
+        known = location.OPERATIONAL if plain and name == configurations.CATALOGUE else name
+        entries = housekeeping.entries(kind=f"{calibration}.report", configuration=known)
+        found[name] = {one.ref.event: json.loads((one.ref.folder / "result.json").read_text()) for one in entries}
+    if satellite is not None:
+        named = f"{catalog.satellite(satellite).name}-"
+        mine = lambda event: event.startswith(named) or satellite.lower() in event.split("-")[1]  # noqa: E731
+        found = {name: {e: document for e, document in own.items() if mine(e)} for name, own in found.items()}
+    own, other = found[first], found[second]
+    shared = sorted(own.keys() & other.keys())
+    if not shared:
+        raise ProductError(
+            f"{calibration}: found {len(own)} events of {first} and {len(other)} of {second} and none of both in "
+            f"{location.folder()}, expected one. Run the one that is missing: gravcal campaign {calibration} --as NAME."
+        )
+    alone = {first: sorted(own.keys() - other.keys()), second: sorted(other.keys() - own.keys())}
+    pairs = [(event, own[event], other[event]) for event in shared]
+    return comparison.comparison(calibration, (first, second), pairs, alone)
+
+
+def events(calibration=None):
+    """Events of the catalogue: name, calibration, date, and whether their files are at hand."""
+    from gravcal.data import catalog
+
+    rows = []
+    for event in catalog.events():
+        if calibration in (None, event.calibration) and event.calibration in calibrations():
+            try:
+                files = str(flow_module(event.calibration).source(event=event.name).folder)
+            except GravcalError as error:
+                files = "no data" if isinstance(error, NoDataError) else str(error).partition(": ")[2] or str(error)
+            date = str(event.date) if event.date else "unknown"
+            rows.append({"event": event.name, "calibration": event.calibration, "date": date, "files": files})
+    return rows
+
+
+def status_of(error):
+    """Status of an event that ended with an error: "no_data" where there are no files of it, otherwise "failed"."""
+    return "no_data" if isinstance(error, NoDataError) else "failed"
+
+
+def origin_of(source):
+    """Origin of the files of a source, or of an event or folder by its name, that has no result."""
+    from gravcal.data import catalog_events, origin
+
+    event, folder = [source] * 2 if isinstance(source, str) else (source.event, getattr(source, "folder", None))
+    stated = catalog_events.origin(event)
+    found = bool(folder) and not stated and Path(folder).is_dir()
+    return origin.below(folder, getattr(source, "date", None)) if found else stated or origin.MEASURED
+
+
+def failed(calibration, source, error, configuration=location.OPERATIONAL):
     """Result document of a run that failed."""
     from gravcal import __version__
     from gravcal.data.schemas import VERSION
@@ -185,9 +329,12 @@ def failed(calibration, event, error):
     facts = {name: value for name, value in getattr(error, "facts", {}).items() if _is_plain(value)}
     return {
         "schema_version": VERSION,
-        "status": "failed",
+        "status": status_of(error),
         "calibration": calibration,
-        "event": event,
+        "event": source if isinstance(source, str) else name_of(source),
+        "origin": origin_of(source),
+        "configuration": configuration,
+        "checks": [],
         "error": {"kind": type(error).__name__, "message": str(error), "facts": facts},
         "provenance": {"gravcal": __version__},
     }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from flows import com_offset as calibration
 from flows import discover_gradient, discover_ranging, discover_swing
 from flows.engine import flow
-from gravcal.report import pages
 from tasks import common, discovery
 
 
@@ -17,8 +16,8 @@ def com_offset(source, chosen):
     extended = discovery.extend_by(*products, found, scene=scene, variant="discovered")
     after = calibration.combined(source, chosen, extended)
     before = calibration.combined(source, chosen, products[0])  # last: latest/ leads to it
-    values = {name: entry.value for name, entry in chosen.entries.items()}
-    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    values = chosen.for_report()
+    named = {"event": source.event, "satellite": source.satellite}
     return discovery.com_offset_report(found, before, after, settings=values, **named)
 
 

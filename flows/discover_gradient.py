@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from flows import gradient_torque as calibration
 from flows.engine import flow
-from gravcal.report import pages
 from tasks import discovery_gradient as stages
 
 
@@ -18,6 +17,6 @@ def gradient_torque(source, chosen):
     extended = stages.extend_by(*products, first, scene=scene, variant="discovered")
     found = stages.search_again(*calibration.from_one_sensor(source, chosen, extended), first, variant="", **settings)
     calibration.baseline(source, chosen)  # last: latest/ leads to it
-    values = {name: entry.value for name, entry in chosen.entries.items() if name != "truth"}
-    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
+    named = {"event": source.event, "satellite": source.satellite}
     return stages.report(found, settings=values, **named)

@@ -73,13 +73,15 @@ def document(name, prepared, found, chosen) -> dict:
     Parameters
     ----------
     name : of the view
-    prepared : {"calibration", "event", "files", "said", "facts", "notes"}
+    prepared : {"calibration", "event", "origin", "files", "said", "facts", "notes"}, and "largest_sigma" {cause: sigma
+        above which a parameter is not determined}
     found : list of (label, Result)
     chosen : Parameters
     """
     from gravcal import __version__
 
     results, limits = [r for _, r in found], (chosen.level, chosen.tie)
+    largest = prepared.get("largest_sigma", {})
     used = {n: e.value for n, e in chosen.entries.items() if {"search", name} & set(e.stages)}
     return {
         "schema_version": VERSION,
@@ -87,17 +89,22 @@ def document(name, prepared, found, chosen) -> dict:
         "calibration": prepared["calibration"],
         "view": name,
         "event": prepared["event"],
+        "origin": prepared["origin"],
+        "configuration": "operational",
+        "checks": [],
         "provenance": {"gravcal": __version__, "files": prepared["files"], "settings": used, "seed": SEED},
         "adequate_before": all(r.before.p >= chosen.level for r in results),
         "adequate_after": all(r.after.p >= chosen.level for r in results),
         "p_before": min(float(r.before.p) for r in results),
         "p_after": min(float(r.after.p) for r in results),
-        "findings": [finding(r, k, label, *limits) for label, r in found for k in range(len(r.findings))],
+        "findings": [
+            undetermined(finding(r, k, label, *limits), largest) for label, r in found for k in range(len(r.findings))
+        ],
         "indistinguishable_from_calibration": [h for label, r in found for h in hidden(r, label)],
         "unexplained": {label: _unexplained(r) for label, r in found},
         "calibration_change": {"applies": False, "reason": prepared["said"]},
         "gain": {label: _gain(r) for label, r in found},
-        "tried": {label: _tried(r) for label, r in found},
+        "tried": {label: _tried(r, largest) for label, r in found},
         "facts": prepared["facts"],
         "notes": prepared["notes"],
     }
@@ -131,6 +138,21 @@ def finding(result, position: int, label: str, level: float, tie: float) -> dict
         "level": level,
         "heldout": "blocks",
     }
+
+
+def undetermined(finding: dict, largest: dict) -> dict:
+    """Finding whose parameters are null where their sigma says that this data does not determine them.
+
+    Parameters
+    ----------
+    finding : of `finding`
+    largest : {cause: largest sigma}
+    """
+    limit = largest.get(finding["cause"], np.inf)
+    for one in finding["parameters"].values():
+        if one["sigma"] is not None and one["sigma"] > limit:
+            one |= {"value": None, "sigma": None}
+    return finding
 
 
 def _rivals(result, position):
@@ -182,14 +204,14 @@ def _gain(result):
     return numbers | {"p_before": float(result.before.p), "p_after": float(result.after.p)}
 
 
-def _tried(result):
+def _tried(result, largest):
     """What every candidate gains alone beside the baseline, best first, with its value and what error it would have."""
     problem, rows = result.problem, []
     gram = attribution.projected(problem.gram.sum(axis=0), baseline_of(problem, ()))
     for candidate, place in zip(problem.candidates, problem.places, strict=True):
         one = attribution.ratio(gram, place, problem.size)
         sigma = np.sqrt(np.diag(one.covariance))
-        known = sigma > 0
+        known = (sigma > 0) & (sigma <= largest.get(candidate.cause, np.inf))
         words = {"cause": candidate.cause, "form": candidate.form, "names": candidate.names, "units": candidate.units}
         numbers = {"gain": float(one.gain), "dof": int(one.dof)}
         pairs = {"value": _null(one.value, known), "sigma": _null(sigma, known)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from flows import kbr_phase_centre as calibration
 from flows.engine import flow
-from gravcal.report import pages
 from tasks import discovery_ranging as stages
 
 
@@ -17,6 +16,6 @@ def kbr_phase_centre(source, chosen):
     extended = stages.extend_by(*products, found, scene=scene, variant="discovered")
     after = calibration.combined(source, chosen, extended)
     before = calibration.combined(source, chosen, products[0])  # last: latest/ leads to it
-    values = {name: entry.value for name, entry in chosen.entries.items()}
-    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    values = chosen.for_report()
+    named = {"event": source.event, "satellite": source.satellite}
     return stages.report(found, before, after, settings=values, **named)

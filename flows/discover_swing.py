@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from flows import inertial_sensor as calibration
 from flows.engine import flow
-from gravcal.report import pages
 from tasks import discovery_swing as stages
 
 
@@ -15,6 +14,6 @@ def inertial_sensor(source, chosen):
     views = {"scene": calibration.scene_settings(chosen), "rolling": calibration.roll_settings(chosen)}
     settings = views | chosen.for_stage("discovery")
     found = stages.search(*parts.values(), parts=list(parts), event=source.event, **settings)
-    values = {name: entry.value for name, entry in chosen.entries.items()}
-    named = {"event": source.event, "satellite": source.satellite, "templates": pages.digest()}
+    values = chosen.for_report()
+    named = {"event": source.event, "satellite": source.satellite}
     return stages.report(found, settings=values, **named)

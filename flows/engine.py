@@ -8,15 +8,16 @@ steps, ref = plan(calibrate, source, chosen)             # what would be reused 
 ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts Prefect only if there is work
 """
 
+import collections
 import contextlib
+import functools
 import math
 import os
 import sys
 import threading
 from dataclasses import dataclass
 
-from flows import allocation
-from gravcal.data import explain, inputs, journal, keys, store
+from gravcal.data import explain, inputs, journal, keys, location, store
 from gravcal.data.references import ProductRef
 from gravcal.errors import GravcalError
 from tasks import stage
@@ -40,14 +41,32 @@ class Unknown(GravcalError):
     """A flow asked for the content of a product that a plan does not make."""
 
 
+class FailsAgain(GravcalError):
+    """A flow has come to the stage at which its last run failed, and nothing has changed."""
+
+
 def flow(*, name):
-    """Decorator that gives a function of stages the name under which it runs; called, it runs inline."""
+    """Decorator that gives a function of stages the name under which it runs; called, it runs inline.
+
+    Readable links are those of the configuration that the arguments name.
+    """
 
     def decorate(body):
-        body.flow_name = name
-        return body
+        @functools.wraps(body)
+        def configured(*arguments):
+            with location.configured(configuration_of(arguments)):
+                return body(*arguments)
+
+        configured.flow_name = name
+        return configured
 
     return decorate
+
+
+def configuration_of(arguments):
+    """Configuration that the parameters among the arguments of a flow name."""
+    named = (getattr(one, "configuration", None) for one in arguments)
+    return next((name for name in named if name), location.OPERATIONAL)
 
 
 def single_threaded():
@@ -127,25 +146,32 @@ class Left:
     ref : ProductRef of the result, None where something is missing
     found : list of (call, ProductRef) of what is there
     seconds : that what is missing took the last time, infinite where that is not known
+    failure : record of the last run where it failed at a stage whose inputs, settings and code have not changed
     """
 
     ref: ProductRef | None
     found: list
     seconds: float
+    failure: dict | None = None
 
 
-def left(body, *arguments):
+def left(body, *arguments, again=False):
     """What a flow has left to make; nothing is computed.
 
     Parameters
     ----------
     body : flow
     *arguments : those of the flow
+    again : whether what failed is to be tried again
     """
-    seeker = Seeker()
+    with location.configured(configuration_of(arguments)):
+        failure = None if again else journal.failure(_event(arguments), body.flow_name)
+    seeker = Seeker(failure)
     with stage.using(seeker):
         try:
             ref = body(*arguments)
+        except FailsAgain:
+            return Left(None, seeker.found, 0.0, failure)
         except Unknown:
             return Left(None, seeker.found, math.inf)
     return Left(None if ref.digest is None else ref, seeker.found, seeker.seconds)
@@ -167,11 +193,15 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     ref : ProductRef of the result
     """
     single_threaded()
-    allocation.keep_freed()
     steps, ref = plan(body, *arguments)
+    told = other_versions(reason for step in steps if step.action == "reuse" for reason in step.reasons)
+    if told:
+        warn(told)
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"
-    with journal.recorded(body.flow_name, _event(arguments), [step.stage for step in steps]) as note, one_thread():
+    planned = [step.stage for step in steps]
+    noted = journal.recorded(body.flow_name, _event(arguments), planned)
+    with location.configured(configuration_of(arguments)), noted as note, one_thread():
         heard = _both(note, listener)
         if engine == "prefect":
             from flows import prefect_engine
@@ -198,20 +228,29 @@ def _both(first, second):
 
 
 class Seeker:
-    """Engine that makes nothing: what is there, and how long the rest took the last time."""
+    """Engine that makes nothing: what is there, and how long the rest took the last time.
 
-    def __init__(self):
-        self.found, self.seconds = [], 0.0
+    Parameters
+    ----------
+    failure : record of the last run if it failed, or None
+    """
+
+    def __init__(self, failure=None):
+        self.found, self.seconds, self.failure = [], 0.0, failure
 
     def __call__(self, call):
         """Reference of the product, without key and digest if it is not there.
 
-        A file of which there never was a product ends the search: it is read by who makes one.
+        A file of which there never was a product ends the search, unless the last run failed: who makes one reads it.
         """
-        if any(inputs.is_file(item) for item in call.inputs) and store.last_seconds(call.unmade) == math.inf:
+        new = any(inputs.is_file(item) for item in call.inputs) and store.last_seconds(call.unmade) == math.inf
+        if new and not self.failure:
             raise Unknown(f"{call.unmade.stage} was never made", event=call.event)
-        ref = None if _unknown(call) else store.find(keys.key(stage.recipe(call)[0]))
-        if ref is None:
+        key = None if _unknown(call) else keys.key(stage.recipe(call)[0])
+        ref = key and stage.usable(key)
+        if key and not ref and self.failure and key == self.failure["failed_key"]:
+            raise FailsAgain(f"{call.unmade.stage} fails as before", event=call.event)
+        if not ref:
             self.seconds += store.last_seconds(call.unmade)
             return call.unmade
         store.point(ref)
@@ -234,10 +273,11 @@ class Planner:
         recipe, modules = stage.recipe(call)
         unknown = _unknown(call)
         found = None if unknown else store.find(keys.key(recipe))
-        if found:
-            self._note(call, "reuse", (), found)
+        other = tuple(explain.other_versions(found)) if found else ()
+        if found and not (other and explain.remakes_versions()):
+            self._note(call, "reuse", other, found)
             return found
-        reasons = explain.why(recipe, modules)
+        reasons = other or explain.why(recipe, modules)
         if unknown and not reasons:
             self._note(call, "may run", (f"after {', '.join(dict.fromkeys(unknown))}",), call.unmade)
         else:
@@ -263,6 +303,18 @@ def _known(ref):
     if ref.digest is None:
         raise Unknown(f"after {ref.stage}", event=ref.event)
     return ref
+
+
+def remake_versions(wanted):
+    """Let products that other versions of numpy, scipy or numba made be made again from now on, or not; also below."""
+    os.environ[explain.REMAKE] = "1" if wanted else "0"
+
+
+def other_versions(reasons):
+    """Sentence on the products of other versions that are reused, "" where there are none."""
+    counts = collections.Counter(reasons)
+    said = "; ".join(f"{count} {reason}" for reason, count in counts.items())
+    return f"products reused: {said}. --remake-versions makes them again." if said else ""
 
 
 def warn(message):

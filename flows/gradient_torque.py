@@ -17,6 +17,8 @@ from tasks import common, discovery_gradient, gradient_torque
 
 result = common.result  # of a report product
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
+#: What an event begins with, and the satellites it may be of.
+BEGINS, SATELLITES = ("SGRS",), ("S",)
 ORIGIN = datetime(2000, 1, 1, 12)
 GRADIENT = ("attitude_noise", "angular_noise_density", "test_mass", "test_mass_inertia")
 VIEW = (
@@ -28,6 +30,7 @@ DRAG = (
     *("inertia", "mass", "centre_of_pressure", "centre_of_pressure_sigma", "test_mass", "test_mass_inertia"),
     *("sensor_position_sigma", "linear_noise_density", "angular_noise_density"),
 )
+CHECKS = ("orbit_height", "sensor_position", "linear_noise_density", "angular_noise_density")
 
 
 @flow(name="gradient_torque")
@@ -35,8 +38,8 @@ def calibrate(source, chosen):
     """Drag by two sensors and by one, as printed and as it should be."""
     file, fields, truth_file = _files(source, chosen)
     methods = _methods(file, chosen)
-    observed, stored = _recorded(source, file, fields)
-    moved = []
+    recorded, stored = _recorded(source, file, fields)
+    observed, moved = recorded, []
     if chosen.model:
         solved = functools.partial(_solved, stored=stored, chosen=chosen, methods=methods)
         observed, moved = models.taken_out(chosen.model, _without(observed, stored, chosen), solved)
@@ -55,8 +58,9 @@ def calibrate(source, chosen):
     shared = {name: getattr(chosen, name) for name in ("single_sensor", "elongation")}
     settings = chosen.for_stage("combine") | shared | {"methods": methods, "satellite": _numbers(DRAG)}
     combined = gradient_torque.combine(modelled, *drags, *known, **settings)
-    values = {name: entry.value for name, entry in chosen.entries.items() if name != "truth"}
-    return gradient_torque.report(combined, torque, modelled, *drags, event=source.event, settings=values)
+    values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
+    checked = gradient_torque.checks(modelled, recorded, satellite=_numbers(CHECKS), **chosen.for_stage("checks"))
+    return gradient_torque.report(combined, torque, modelled, checked, *drags, event=source.event, settings=values)
 
 
 def _solved(observed, stored, chosen, methods, suffix=""):
@@ -185,10 +189,11 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import icgem, sgrs_files
+    from gravcal.data import icgem, origin, sgrs_files
     from gravcal.simulation import gradient_torque as simulation
     from gravcal.simulation.injection import by_slug
 
+    origin.check_own(out)
     chosen = catalog.parameters("simulate_gradient_torque").with_settings(settings)
     field = icgem.read_field(icgem.located(chosen.field), chosen.field_degree)
     day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()

@@ -15,6 +15,8 @@ from tasks.stage import numbers, read
 
 result, document = common.result, common.document  # of a report product
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
+#: What an event begins with, and the satellites it may be of.
+BEGINS, SATELLITES = ("IS1",), ("T",)
 ORIGIN = datetime(2000, 1, 1, 12)
 KNOWN = ("scale", "offset")  # products of a swing that a roll is solved with
 
@@ -25,15 +27,21 @@ def calibrate(source, chosen):
     days = _days(source)
     found = _detected(days, source, chosen)
     seen = numbers(found, "swing_start", "swing_stop", "roll_start", "roll_stop")
-    parts = {"detect": found}
+    parts, looked_at = {"detect": found}, []
     if seen["swing_start"].size:
         files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
+        looked_at += files
         parts |= _swing(found, files, source, chosen)
         if chosen.model:
             parts |= _with_model(parts, chosen)
     if seen["roll_start"].size:
         rolled = _rolled(found, days, source, chosen, parts)
         parts["bias"] = _roll_with_model(rolled, parts, chosen) if chosen.model else rolled["bias"]
+        looked_at += [one for one in _files(days, *_roll_span(seen), 0.0) if one not in looked_at]
+    if looked_at:
+        height = catalog.satellite("T").settings()["orbit_height"]
+        known = {"orbit_height": height, "inertia": _geometry()["inertia"]} | chosen.for_stage("checks")
+        parts["checks"] = inertial_sensor.checks(found, *looked_at, event=source.event, variant="", **known)
     return inertial_sensor.report(*parts.values(), names=list(parts), **_report_settings(source, chosen))
 
 
@@ -64,9 +72,15 @@ def _with_model(parts, chosen):
 def _rolled(found, days, source, chosen, swing):
     """Products of a roll by name; `swing` holds those of a swing, if there is one."""
     seen = numbers(found, "roll_start", "roll_stop")
-    files = _files(days, float(seen["roll_start"][0]), float(seen["roll_stop"][-1]), 0.0)
-    segmented = inertial_sensor.segment(found, *files, event=source.event, **chosen.for_stage("segment"))
+    segmented = inertial_sensor.segment(
+        found, *_files(days, *_roll_span(seen), 0.0), event=source.event, **chosen.for_stage("segment")
+    )
     return _turned(segmented, chosen, swing)
+
+
+def _roll_span(seen):
+    """Begin of the first and end of the last roll."""
+    return float(seen["roll_start"][0]), float(seen["roll_stop"][-1])
 
 
 def _turned(segmented, chosen, swing):
@@ -154,7 +168,7 @@ def _assumed(chosen):
 
 def _report_settings(source, chosen):
     """What the report says beside the products: all settings, and what is printed."""
-    values = {name: entry.value for name, entry in chosen.entries.items()}
+    values = chosen.for_report()
     printed = {
         section: [{"labels": dict(r.labels), "value": list(r.value), "sigma": list(r.sigma)} for r in records]
         for section, records in catalog.published("inertial_sensor").items()
@@ -206,7 +220,7 @@ def detected(ref):
         for kind in ("swing", "roll")
         for a, b in zip(found[f"{kind}_start"].values, found[f"{kind}_stop"].values, strict=True)
     ]
-    return {"event": ref.event, "manoeuvres": rows}
+    return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": rows}
 
 
 def simulate(out, *, seed, truth, effects, settings):
@@ -220,10 +234,11 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import inertial_files
+    from gravcal.data import inertial_files, origin
     from gravcal.simulation import inertial_sensor_event as simulation
     from gravcal.simulation.injection import by_slug
 
+    origin.check_own(out)
     chosen = catalog.parameters("simulate_inertial_sensor").with_settings(settings)
     day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
     records, invented = simulation.simulate(

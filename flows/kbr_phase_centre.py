@@ -7,11 +7,12 @@ import json
 from dataclasses import replace
 from datetime import date as calendar
 from datetime import datetime, timedelta
+from itertools import product
 from pathlib import Path
 
 from flows import models
 from flows.engine import flow
-from gravcal.data import catalog
+from gravcal.data import archive, catalog
 from tasks import common, discovery_ranging, kbr_phase_centre
 from tasks.stage import read
 
@@ -23,6 +24,8 @@ PAIRS = {letter: pair for pair in ("AB", "CD") for letter in (*pair, pair)} | {"
 COMMON = {"AB": "X", "CD": "Y"}
 #: Level-1 products read, most wanted first.
 RANGING = ("KBR1B", "LRI1B")
+#: What an event begins with, and the satellites it may be of.
+BEGINS, SATELLITES = RANGING, tuple(PAIRS)
 ORBIT = ("GNI1B", "GNV1B")
 #: Days that the sub-manoeuvres of one campaign may be spread over.
 LONGEST = 31
@@ -31,20 +34,32 @@ LONGEST = 31
 @flow(name="kbr_phase_centre")
 def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
-    aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    observed = _files(source, chosen)
+    aligned = kbr_phase_centre.align(*observed, **chosen.for_stage("align"))
     moved = []
     if chosen.model:
         aligned, moved = _with_model(source, chosen, aligned)
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
     if moved:
         combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
-    described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **chosen.for_stage("routine"))
-    return kbr_phase_centre.report(combined, pointed, quiet, described, *solved, **_report_settings(source, chosen))
+    settings = chosen.for_stage("routine") | _nominal_of(source)
+    described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **settings)
+    checked = kbr_phase_centre.checks(
+        aligned,
+        pointed,
+        *equations[:2],
+        *_orbits(source, observed),
+        **_nominal_of(source),
+        **chosen.for_stage("checks"),
+    )
+    return kbr_phase_centre.report(
+        combined, pointed, quiet, described, checked, *solved, **_report_settings(source, chosen)
+    )
 
 
 def _solved(source, chosen, aligned, observables=OBSERVABLES):
     """Pointing, observation equations, noise, solutions, and all observables beside each other."""
-    nominal = {"nominal_m": _nominal(source.satellite)}
+    nominal = _nominal_of(source)
     pointed = kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
     settings = chosen.for_stage("observable") | nominal
     equations = [kbr_phase_centre.observable(aligned, pointed, variant=name, **settings) for name in observables]
@@ -95,7 +110,7 @@ def scene_settings(source, chosen):
     """What the view of a campaign needs beside the products."""
     known = chosen.for_stage("observable") | chosen.for_stage("solve")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz")
-    return {name: known[name] for name in names} | {"nominal_m": _nominal(source.satellite)}
+    return {name: known[name] for name in names} | _nominal_of(source)
 
 
 @flow(name="kbr_phase_centre_detect")
@@ -125,6 +140,17 @@ def _files(source, chosen):
     return [common.ingest(file, event=source.event) for file in level_one_files(source, chosen.ranging)]
 
 
+def _orbits(source, observed):
+    """Orbits that were read, and the other product where a day has both."""
+    wanted, other = ORBIT
+    found = [one for k, one in enumerate(observed) if k % 5 in (1, 2)]
+    for day, letter in product(_days(source), source.satellite):
+        if all(archive.holds(source.folder, name, letter, day) for name in (wanted, other)):
+            file = replace(source, date=day).file(other, satellite=letter)
+            found.append(common.ingest(file, event=source.event))
+    return found
+
+
 def _days(source):
     """Days of a source: its own and those of its manoeuvres in the catalogue, or all of the folder."""
     there = _dates(source.folder, COMMON[source.satellite])
@@ -144,8 +170,6 @@ def _known(event):
 
 def _dates(folder, letter):
     """Days of a folder with ranging, of one pair or of the only one."""
-    from gravcal.data import archive
-
     files = [f for f in archive.inventory(folder) if f.product in RANGING and letter in (None, f.satellite)]
     return sorted({file.date for file in files})
 
@@ -157,17 +181,18 @@ def _pointing_settings(source, chosen):
         axis = ("pitch", "yaw").index(one.kind.lstrip("+-"))
         sign = {"+": 1, "-": -1}.get(one.kind[0], 0)
         given += [(source.satellite.index(letter), axis, sign, one.start, one.stop)]
-    return chosen.for_stage("pointing") | {"nominal_m": _nominal(source.satellite), "given": tuple(given)}
+    return chosen.for_stage("pointing") | _nominal_of(source) | {"given": tuple(given)}
 
 
-def _nominal(letters):
-    """Phase centres of the catalogue."""
-    return tuple(tuple(float(v) for v in catalog.satellite(letter).com_to_antenna.value) for letter in letters)
+def _nominal_of(source):
+    """Phase centres of the catalogue, as a setting."""
+    centres = [catalog.satellite(letter).com_to_antenna.value for letter in source.satellite]
+    return {"nominal_m": tuple(tuple(float(v) for v in centre) for centre in centres)}
 
 
 def _report_settings(source, chosen):
     """What the report says beside the products: all settings and what was published."""
-    values = {name: entry.value for name, entry in chosen.entries.items()}
+    values = chosen.for_report()
     records = catalog.published("kbr_phase_centre")
     printed = {
         section: [
@@ -176,7 +201,7 @@ def _report_settings(source, chosen):
         ]
         for section in ("ls", "robust", "subsets", "vkb1b")
     }
-    return {"event": source.event, "settings": values, "published": printed}
+    return {"event": source.event, "settings": values, "published": printed} | _nominal_of(source)
 
 
 def source(*, event=None, data=None, satellite=None, date=None):
@@ -214,7 +239,7 @@ def detected(ref):
         {"satellite": letters[k], "kind": ("", "+", "-")[s] + axes[a], "start": float(begin), "stop": float(end)}
         for k, a, s, begin, end in zip(*columns, strict=True)
     ]
-    return {"event": ref.event, "manoeuvres": rows}
+    return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": rows}
 
 
 def simulate(out, *, seed, truth, effects, settings):
@@ -228,16 +253,17 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import writers
+    from gravcal.data import origin, writers
     from gravcal.simulation import kbr_phase_centre as simulation
     from gravcal.simulation.injection import by_slug
 
+    origin.check_own(out)
     chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings(settings)
     day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
     columns, invented = simulation.simulate(chosen.satellites, chosen, day, seed, by_slug(effects))
     Path(out).mkdir(parents=True, exist_ok=True)
-    for (product, letter), values in columns.items():
-        writers.write(values, Path(out) / writers.file_name(product, chosen.date, letter))
+    for (name, letter), values in columns.items():
+        writers.write(values, Path(out) / writers.file_name(name, chosen.date, letter))
     invented |= {"satellite": chosen.satellites, "date": chosen.date}
     if truth is not None:
         Path(truth).parent.mkdir(parents=True, exist_ok=True)

@@ -34,17 +34,17 @@ def prepare(data, satellite, date, chosen) -> dict:
     source = common.source_of("com_offset", ("THR1B",), data=data, satellite=letters[0], date=date)
     files, runs, facts = [], [], {}
     for letter in letters:
-        inputs, names = _inputs(source, letter)
+        inputs, found = _inputs(source, letter)
         blocks, candidates, facts[letter] = view.view(*inputs, **chosen.for_stage("attitude"))
-        files += names
+        files += found
         runs.append((letter, blocks, candidates))
     event = f"grace-{letters.lower()}-{source.date}"
     words = {"calibration": "com_offset", "event": event, "said": SAID, "notes": NOTES}
-    return words | {"files": files, "runs": runs, "facts": facts}
+    return words | common.named(event, files) | {"runs": runs, "facts": facts}
 
 
 def _inputs(source, letter):
-    """Arguments of the view, and names of the files."""
+    """Arguments of the view, and the files."""
     from gravcal.data.readers import read
 
     found = [source.file("SCA1B", satellite=letter), source.file("THR1B", satellite=letter)]
@@ -53,7 +53,7 @@ def _inputs(source, letter):
     firings = [_firings(one, x) for one, x in ((own, letter), (twin, TWIN[letter]))]
     inertia = np.array(catalog.satellite(letter).inertia.value)
     inputs = (series.camera(camera), *firings, _orbit(orbit), inertia)
-    return inputs, [f.name for f in found]
+    return inputs, found
 
 
 def _firings(observed, letter):

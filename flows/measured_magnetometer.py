@@ -28,18 +28,19 @@ def prepare(data, satellite, date, chosen) -> dict:
     settings = chosen.for_stage("magnetometer")
     files, runs, facts = [], [], {}
     for letter in letters:
-        field, names = _field(source, letter, settings["igrf_generation"])
+        field, found = _field(source, letter, settings["igrf_generation"])
         blocks, candidates, facts[letter] = view.view(field, **settings)
-        files += names
+        files += found
         runs.append((letter, blocks, candidates))
-    words = {"calibration": "com_offset", "event": f"grace-{letters.lower()}-{source.date}", "said": SAID}
-    return words | {"notes": NOTES, "files": files, "runs": runs, "facts": facts}
+    event = f"grace-{letters.lower()}-{source.date}"
+    words = {"calibration": "com_offset", "event": event, "said": SAID, "notes": NOTES}
+    return words | common.named(event, files) | {"runs": runs, "facts": facts}
 
 
 def _field(source, letter, generation):
-    """Field of one satellite and names of its files."""
+    """Field of one satellite and its files."""
     from gravcal.data.readers import read
 
     found = [source.file(*products, satellite=letter) for products in (("MAG1B",), ("SCA1B",), ("GNV1B",))]
     per_current = catalog.satellite(letter).dipole_per_current.value
-    return series.field(*(read(f) for f in found), per_current, generation), [f.name for f in found]
+    return series.field(*(read(f) for f in found), per_current, generation), found

@@ -5,10 +5,13 @@ from __future__ import annotations
 from flows import kbr_phase_centre
 from gravcal.calibrations.ranging_check import view
 from gravcal.data import catalog
+from tasks import common
 
 SAID = "phase centres are calibrated by wiggles; routine pointing moves them by less than the orbit errors"
 NOTES = [
     "Each block has its own bias and slow orbit error; the noise of one half of the day is measured in the other.",
+    "Phase centres are null where their error is larger than a wiggle would leave: routine pointing turns the line of "
+    "sight by less than a milliradian and moves x by the square of that, far below the orbit errors.",
     "What was tried says for every candidate the size that the day gives it and the error of that size.",
 ]
 
@@ -36,6 +39,13 @@ def prepare(data, satellite, date, chosen) -> dict:
     options = settings.for_stage("observable") | {"variant": "range", "nominal_m": nominal}
     equations = stages.observable(aligned, pointed, **options)
     blocks, candidates, facts = view.view(equations, aligned, nominal, **chosen.for_stage("ranging"))
-    words = {"calibration": "kbr_phase_centre", "event": source.event, "said": SAID, "notes": NOTES}
+    limit = {"ranging.phase_centre": 1e-3 * settings.determined_limit_mm}
+    words = {
+        "largest_sigma": limit,
+        "calibration": "kbr_phase_centre",
+        "event": source.event,
+        "said": SAID,
+        "notes": NOTES,
+    }
     runs = [(pair, blocks, candidates)]
-    return words | {"files": [f.name for f in files], "runs": runs, "facts": {pair: facts}}
+    return words | common.named(source.event, files) | {"runs": runs, "facts": {pair: facts}}

@@ -32,5 +32,5 @@ def prepare(data, satellite, date, chosen) -> dict:  # noqa: ARG001
     for variant, rows in view.variants(records).items():
         blocks, candidates, facts[variant] = view.view(rows, inertia, dipole, chosen.igrf_generation)
         runs.append((variant, blocks, candidates))
-    words = {"calibration": "com_offset", "event": EVENT, "said": SAID, "notes": NOTES}
+    words = {"calibration": "com_offset", "event": EVENT, "origin": "measured", "said": SAID, "notes": NOTES}
     return words | {"files": ["com_offset_manoeuvres.csv"], "runs": runs, "facts": facts}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +21,7 @@ def text_of(path: Path) -> str:
     """
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:  # tomllib's own errors are ValueErrors
         raise _wrong(path, str(error), "a TOML file as gravcal discover writes it") from error
     entries = content.get("effect")
     if not isinstance(entries, list) or not entries:
@@ -30,8 +31,8 @@ def text_of(path: Path) -> str:
 
 def _entry(one, path):
     """Checked entry with what a stage needs of it."""
-    cause = one.get("cause")
-    parameters = one.get("parameters")
+    one = one if isinstance(one, dict) else {"effect": one}
+    cause, parameters = one.get("cause"), one.get("parameters")
     if not isinstance(cause, str) or not isinstance(parameters, dict):
         raise _wrong(path, str(one)[:80], "cause = and parameters.<name> = { value = ... }")
     known = None if cause.startswith("unknown:") else _names(cause)
@@ -62,7 +63,7 @@ def _error(parameter, name, path):
 
 
 def _is_number(value):
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def moved(text: str) -> list[str]:

@@ -87,7 +87,7 @@ def _flow_on(url, body, arguments, engine, steps):
     """Run the flow on a server that answers, and wait until it knows of every task."""
     import prefect
     from prefect.context import get_run_context
-    from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
+    from prefect.settings import PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
     from prefect.task_runners import ThreadPoolTaskRunner
 
     known = {}
@@ -102,7 +102,7 @@ def _flow_on(url, body, arguments, engine, steps):
             return engine.resolve(ref)
 
     # a heartbeat would make every flow last a second longer
-    with temporary_settings({PREFECT_API_URL: url, PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
+    with temporary_settings(prefect_server.client(url) | {PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
         runner = ThreadPoolTaskRunner(max_workers=os.cpu_count())
         wrapped = prefect.flow(
             stages, name=body.flow_name, task_runner=runner, persist_result=False, validate_parameters=False

@@ -2,31 +2,50 @@
 
 Prefect's own ephemeral mode outlives killed parents, loses records of quick tasks and may miss its time limit; this one
 starts under a lock (two first starts at once would migrate one database twice), dies with its parent, and is drained.
-``PREFECT_API_URL``, where set, names a server to use instead.
+It answers on loopback to its own names and origins, and only to who knows the authentication string of its home.
+``PREFECT_API_URL``, where set, names a server to use instead; ``PREFECT_API_AUTH_STRING`` is then the string of that.
 """
 
+import base64
 import contextlib
 import fcntl
 import json
 import os
 import platform
+import secrets
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows import allocation
 from flows.children import die_with
 from gravcal.data import location
 
 HOST = "127.0.0.1"
+NAMES = (HOST, "localhost")
+AUTH = "PREFECT_API_AUTH_STRING"
 START_LIMIT_S = 180.0  # a first start took 11 s on a quiet machine, a minute on a busy one
 DRAIN_LIMIT_S = 20.0
 BUSY_RETRIES = 6  # 12 s in all, longer than SQLite waits for its lock
 OWN = "gravcal-process-"
+RUNS = {  # fields of a deployment that say what its runs do
+    "name", "flow_id", "entrypoint", "path", "pull_steps", "parameters", "parameter_openapi_schema", "job_variables",
+    "enforce_parameter_schema", "storage_document_id", "infrastructure_document_id", "work_pool_name",
+}  # fmt: skip
+LOG_LIMIT = 1_000_000  # bytes of server.log; as many again are kept in server.log.1
+LOG_LOOK_S = 60.0
+DAY_S = 86400
+ENTER = """<!DOCTYPE html><title>gravcal</title>
+<script>localStorage.setItem("prefect-password", location.hash.slice(1)); location.replace("/")</script>
+"""  # hands the authentication string to Prefect's page; what follows "#" never leaves the browser
+OPEN = """<!DOCTYPE html><title>gravcal</title><meta http-equiv="refresh" content="0; url={where}#{string}">
+<p>Prefect's page: <a href="{where}#{string}">{where}</a></p>
+"""
 ENDED = ["COMPLETED", "FAILED", "CRASHED", "CANCELLED"]
 BEGUN = ["RUNNING", "PENDING", "CANCELLING"]
 SETTINGS = {
@@ -39,6 +58,8 @@ SETTINGS = {
     "PREFECT_LOGGING_INTERNAL_LEVEL": "CRITICAL",
     "PREFECT_LOGGING_TO_API_ENABLED": "false",
     "PREFECT_SERVER_LOGGING_LEVEL": "ERROR",
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
+    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(30 * DAY_S),  # of runs, with their tasks and tables
     "DASK_LOGGING__DISTRIBUTED": "error",
     "HDF5_USE_FILE_LOCKING": "BEST_EFFORT",
 }
@@ -51,8 +72,61 @@ class Unavailable(Exception):
 def set_environment():
     """Settings that Prefect reads when it is imported; those the user has set stay."""
     os.environ.setdefault("PREFECT_HOME", str(location.folder() / "prefect"))
+    with contextlib.suppress(OSError):  # said where it is needed; Prefect makes no parents and warns
+        home()
     for name, value in SETTINGS.items():
         os.environ.setdefault(name, value)
+
+
+def home():
+    """Folder of the server's database, log and authentication string; made for this user alone."""
+    folder = Path(os.environ["PREFECT_HOME"]).expanduser()
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    return folder
+
+
+def auth_string():
+    """Authentication string "user:password" of the server, made at the first start in a file for this user alone.
+
+    A file that others could read is made anew: they may know it.
+    """
+    path = home() / "auth"
+    if path.exists() and not path.stat().st_mode & 0o077 and (known := path.read_text()):
+        return known
+    aside = path.with_name(f"auth.{secrets.token_hex(8)}")
+    with os.fdopen(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(f"gravcal:{secrets.token_urlsafe(32)}")
+    aside.replace(path)
+    return path.read_text()
+
+
+def page(url, name):
+    """File for this user alone that opens Prefect's page in a browser, signed in: no command line, no log has the key.
+
+    Parameters
+    ----------
+    url : str, of a server that ``begin`` started
+    name : str
+
+    Returns
+    -------
+    path : Path
+    """
+    path = home() / f"open-{name}.html"
+    path.unlink(missing_ok=True)
+    string = base64.b64encode(os.environ[AUTH].encode()).decode()
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(OPEN.format(where=url.removesuffix("/api") + "/enter", string=string))
+    return path
+
+
+def client(url):
+    """Prefect's settings of a client of a server."""
+    from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL
+
+    known = {PREFECT_API_AUTH_STRING: os.environ[AUTH]} if AUTH in os.environ else {}
+    return known | {PREFECT_API_URL: url}
 
 
 @dataclass(frozen=True)
@@ -78,15 +152,18 @@ def begin(port=None):
     set_environment()
     if os.environ.get("PREFECT_API_URL"):
         return Server(os.environ["PREFECT_API_URL"])
-    home = Path(os.environ["PREFECT_HOME"]).expanduser()
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        gate = (home / "start.lock").open("w")
+        gate = (home() / "start.lock").open("w")
         fcntl.flock(gate, fcntl.LOCK_EX)
         port = free_port(port)
+        os.environ[AUTH] = auth_string()
+        known = {
+            "PREFECT_SERVER_API_AUTH_STRING": os.environ[AUTH],
+            "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ",".join(f"http://{name}:{port}" for name in NAMES),
+        }
         command = [sys.executable, "-m", "flows.prefect_server", str(port), str(os.getpid())]
-        with (home / "server.log").open("ab") as log:
-            child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        with _log().open("ab") as log:
+            child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=os.environ | known)
     except OSError as error:
         raise Unavailable(str(error)) from error
     return Server(f"http://{HOST}:{port}/api", child, gate)
@@ -147,6 +224,11 @@ def sign(url, flow_run):
         ask(url, f"/flow_runs/{flow_run}", {"tags": [f"{OWN}{platform.node()}-{os.getpid()}"]}, "PATCH")
 
 
+def registered(url, deployment):
+    """What a deployment runs, as the server holds it: {field: value}."""
+    return {name: value for name, value in ask(url, f"/deployments/{deployment}").items() if name in RUNS}
+
+
 def bury(url):
     """Mark runs as crashed whose process on this machine was killed: the server cannot know."""
     here = f"{OWN}{platform.node()}-"
@@ -193,6 +275,8 @@ def ask(url, path, question=None, method=None):
     again = Retry(BUSY_RETRIES, connect=0, read=0, backoff_factor=0.2, status_forcelist=[503], allowed_methods=None)
     with requests.Session() as session:
         session.trust_env = HOST not in url  # a proxy does not know the ports of this machine
+        session.auth = tuple(os.environ[AUTH].split(":", 1)) if AUTH in os.environ else None
+        session.headers["Connection"] = "close"  # a busy server closes after its answer: ask again on a new one
         for scheme in ("http://", "https://"):
             session.mount(scheme, requests.adapters.HTTPAdapter(max_retries=again))
         chosen = method or ("GET" if question is None else "POST")
@@ -211,8 +295,27 @@ def _wait_for(server):
                 server.gate.close()
             return
         time.sleep(0.05)
-    log = Path(os.environ["PREFECT_HOME"]).expanduser() / "server.log"
-    raise Unavailable(f"{server.url} did not answer within {START_LIMIT_S:.0f} s; see {log}")
+    raise Unavailable(f"{server.url} did not answer within {START_LIMIT_S:.0f} s; see {_log()}")
+
+
+def _log():
+    """Where the server says what went wrong."""
+    return Path(os.environ["PREFECT_HOME"]).expanduser() / "server.log"
+
+
+def shorten(log):
+    """Begin a log anew when it is too long, in place: servers have it open."""
+    with contextlib.suppress(OSError):
+        if log.stat().st_size > LOG_LIMIT:
+            shutil.copyfile(log, log.with_suffix(".log.1"))
+            os.truncate(log, 0)
+
+
+def _keep_short():
+    """Look after the log as long as this process lives."""
+    while True:
+        shorten(_log())
+        time.sleep(LOG_LOOK_S)
 
 
 def free_port(wanted=None):
@@ -229,14 +332,18 @@ def serve(port, parent):
     """Be the server, until the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     die_with(parent)
-    allocation.collect_seldom()
+    os.umask(0o077)
+    threading.Thread(target=_keep_short, daemon=True).start()
     os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(port)}
-    with allocation.without_search():
-        import uvicorn
-        from prefect.server.api.server import create_app
+    import uvicorn
+    from prefect.server.api.server import create_app
+    from starlette.middleware.trustedhost import TrustedHostMiddleware
+    from starlette.responses import HTMLResponse
+    from starlette.routing import Route
 
-        app = create_app()
-    uvicorn.run(app, host=HOST, port=port, log_level="error", access_log=False)
+    app = create_app()
+    app.routes.insert(0, Route("/enter", lambda _: HTMLResponse(ENTER)))
+    uvicorn.run(TrustedHostMiddleware(app, NAMES), host=HOST, port=port, log_level="error", access_log=False)
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def _compared(record, made):
     equal = made.digest == record["digest"]
     anew = store.read_record(made.folder)
     old, new = record["recipe"], anew["recipe"]
-    changed = [] if old["code"] == new["code"] else [f"code changed: {', '.join(explain.changed(record, anew))}"]
+    changed = explain.changed(record, anew)
     if old["version"] != new["version"]:
         changed.append(f"version {old['version']} -> {new['version']}")
     return {"stage": made.stage, "verdict": "equal" if equal else "different", "why": "; ".join(changed)}

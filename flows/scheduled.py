@@ -5,20 +5,22 @@ The page of a run shows the state of each event while it runs, a table of the of
 
 import hashlib
 import itertools
+import json
 import os
 from pathlib import Path
 
 import prefect
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
 from prefect.cache_policies import NO_CACHE
+from prefect.context import get_run_context
 from prefect.states import Completed, Failed
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from flows import campaign, campaign_prefect, command, watch
-from gravcal.data import location, memo
+from flows import campaign, campaign_prefect, command, prefect_server, watch
+from gravcal.data import housekeeping, location, memo
 
-REPORTS = "GRAVCAL_REPORTS"  # address under which the store's objects are served, if they are
-AXES = "xyz"
+REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
+REGISTERED = "GRAVCAL_REGISTERED"  # deployments as gravcal serve registered them, if it started this run
 HOW = {"persist_result": False, "task_runner": ThreadPoolTaskRunner(max_workers=2 * (os.cpu_count() or 1))}
 REUSED = 100  # events with nothing to make that a run shows as tasks; the table has them all
 
@@ -30,9 +32,16 @@ def reprocess_all(
     data: str | None = None,
     settings: list[str] | None = None,
     workers: int | None = None,
+    prune_days: float | None = None,
+    quota_gb: float | None = None,
 ):
-    """All events of the catalogue, or of a folder; what has not changed is reused."""
-    return _campaign(calibration, satellite, data, settings, workers)
+    """All events of the catalogue, or of a folder; what has not changed is reused. Then the store is pruned."""
+    if refused := refusal():
+        return refused
+    state = _campaign(calibration, satellite, data, settings, workers)
+    if prune_days is not None or quota_gb is not None:
+        _prune(prune_days, quota_gb)
+    return state
 
 
 @prefect.flow(name="new-data", **HOW)
@@ -44,6 +53,8 @@ def new_data(
     workers: int | None = None,
 ):
     """All events of a folder, if its inventory is not that of the last run."""
+    if refused := refusal():
+        return refused
     asked = repr([str(Path(data).absolute()), calibration, satellite, settings])
     name = "watched-" + hashlib.sha256(asked.encode()).hexdigest()[:32]
     found = watch.digest(Path(data))
@@ -54,9 +65,24 @@ def new_data(
     return state
 
 
+def refusal():
+    """State of a run that is not as its deployment was registered, else None; a worker that is not ours knows none."""
+    if REGISTERED not in os.environ:
+        return None
+    run = get_run_context().flow_run
+    known = json.loads(os.environ[REGISTERED]).get(str(run.deployment_id), {})
+    now = prefect_server.registered(os.environ["PREFECT_API_URL"], run.deployment_id) if known else {}
+    changed = sorted(name for name in now if now[name] != known[name])
+    if known and not changed and run.parameters == known["parameters"]:
+        return None
+    found = f"found {', '.join(changed) or 'parameters of the run'} changed"
+    said = f"deployment {run.deployment_id}: {found}, expected what gravcal serve registered. Start gravcal serve anew."
+    return Failed(name="Refused", message=said)
+
+
 def _campaign(calibration, satellite, data, settings, workers):
     """State of a campaign inside the flow that is running."""
-    chosen = command.chosen(calibration, settings)
+    chosen = command.recorded(command.chosen(calibration, settings))
     sources = campaign.sources(calibration, satellite, Path(data) if data else None)
     seen = itertools.count()
 
@@ -67,6 +93,17 @@ def _campaign(calibration, satellite, data, settings, workers):
     summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
     _show(summary)
     return _state(summary)
+
+
+def _prune(days, quota_gb):
+    """Remove what nothing refers to and is older, or more than the store may have; say so beside the run."""
+    age, quota = (None if value is None else value * scale for value, scale in ((days, 86400), (quota_gb, 1e9)))
+    gone = housekeeping.prune(age, True, quota)
+    left, freed = housekeeping.size(), sum(size for _, size in gone)
+    said = f"{len(gone)} entries, {freed / 1e6:.1f} MB removed; {left / 1e9:.3f} GB stay"
+    if quota is not None and left > quota:
+        said += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
+    create_markdown_artifact(said, key="store", description="What was removed from the store")
 
 
 def _record(row):
@@ -83,22 +120,18 @@ def _show(summary):
     key = campaign_prefect.slug(summary["calibration"])
     rows, left_out = campaign_prefect.table(summary["events"])
     shown = [_table_row(row) for row in rows]
-    description = f"Events and their offsets in micrometres{left_out}"
-    create_table_artifact(table=shown, key=f"{key}-offsets", description=description)
+    description = f"Events and their values{left_out}"
+    create_table_artifact(table=shown, key=f"{key}-values", description=description)
     links = [f"- [{row['event']}]({link})" for row in rows for link in _links(row)]
     if links:
         create_markdown_artifact("\n".join(links), key=f"{key}-reports", description="Reports of the events")
 
 
 def _table_row(row):
-    """Row of the table: state of an event and, where there is one, its adopted offset with sigma."""
-    adopted = row.get("adopted") or {}
-    shown = {key: row.get(key, "") for key in ("event", "status", "made", "reused", "seconds")}
-    shown["variant"] = adopted.get("variant", "")
-    for number, axis in enumerate(AXES):
-        known = [adopted[key][number] for key in ("offset_um", "sigma_um")] if adopted else [None]
-        shown[axis] = "" if None in known else f"{known[0]:.2f} +- {known[1]:.2f}"
-    return shown | {"said": row.get("error") or row.get("verdict", ""), "report": row.get("report", "")}
+    """Row of the table: state of an event, its values with their errors, the verdict or what went wrong."""
+    shown = {key: row.get(key, "") for key in ("event", "status", "origin", "made", "reused", "seconds")}
+    said = {"values": row.get("said", ""), "said": row.get("error") or row.get("verdict", "")}
+    return shown | said | {"report": row.get("report", "")}
 
 
 def _links(row):
@@ -106,7 +139,7 @@ def _links(row):
     folder, served = row.get("report"), os.environ.get(REPORTS)
     for page in sorted(Path(folder).resolve().glob("*.html")) if folder else []:
         inside = page.relative_to((location.folder() / "objects").resolve())
-        yield f"{served}/{inside.as_posix()}" if served else page.as_uri()
+        yield served.format(inside.as_posix()) if served else page.as_uri()
 
 
 def _state(summary):

@@ -1,14 +1,21 @@
-"""A private Prefect server and the deployments it runs, for as long as this process lives."""
+"""A private Prefect server and the deployments it runs, for as long as this process lives.
+
+Runs are started from the flows of this process, never from what the server says of a deployment; each compares first
+(``scheduled.refusal``) what the server holds with what was registered here.
+"""
 
 import asyncio
 import contextlib
 import fcntl
 import functools
+import hashlib
+import hmac
+import json
 import os
 import signal
+import socket
 import threading
-from dataclasses import dataclass
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -19,13 +26,14 @@ from gravcal.errors import CatalogError, ProductError
 
 @dataclass(frozen=True)
 class Served:
-    """What is run, and when; ``arguments`` are those of both flows."""
+    """What is run, and when; ``arguments`` are those of both flows, ``pruning`` those of the one by the clock."""
 
     cron: str
     watched: Path | None
     every_s: float
     data: Path | None
     arguments: dict
+    pruning: dict = field(default_factory=dict)
 
     @property
     def name(self):
@@ -48,7 +56,7 @@ def serve(served, said):
     """
     prefect_server.set_environment()
     schedule = _schedule(served.cron)
-    from prefect.settings import PREFECT_API_URL, temporary_settings
+    from prefect.settings import temporary_settings
 
     try:
         with _alone(served.name):
@@ -56,7 +64,7 @@ def serve(served, said):
             with prefect_server.running(begun) as url, reports(_port(served, "reports")) as address:
                 _keep_ports(served, begun, url, address)
                 os.environ |= {"PREFECT_API_URL": url, "GRAVCAL_REPORTS": address}
-                with temporary_settings({PREFECT_API_URL: url}), contextlib.suppress(KeyboardInterrupt):
+                with temporary_settings(prefect_server.client(url)), contextlib.suppress(KeyboardInterrupt):
                     _run(served, schedule, (url, begun.child is not None), said)
     except prefect_server.Unavailable as error:
         raise ProductError(f"Prefect's server: {error}; expected it to answer. Look into that log.") from None
@@ -67,8 +75,7 @@ def _alone(name):
     """Keep a second process from serving the same calibration on the same server."""
     home = Path(os.environ["PREFECT_HOME"]).expanduser()
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        with (home / f"serve-{name}.lock").open("w") as held:
+        with (prefect_server.home() / f"serve-{name}.lock").open("w") as held:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield
     except BlockingIOError:
@@ -76,7 +83,9 @@ def _alone(name):
             f"{home}: found another gravcal serve of {name}, expected none. End it, or name another GRAVCAL_PRODUCTS."
         ) from None
     except PermissionError as error:
-        raise ProductError(f"{home}: {error.strerror}; expected a folder that can be written. Correct it.") from None
+        raise ProductError(
+            f"{home}: {error.strerror}; expected a folder of your own. Name one in PREFECT_HOME."
+        ) from None
 
 
 def _port(served, what):
@@ -94,14 +103,20 @@ def _keep_ports(served, begun, url, address):
 
 def _run(served, schedule, server, said):
     """Register the deployments and wait for their runs, one at a time."""
+    from prefect.deployments.runner import EntrypointType
     from prefect.runner import Runner
 
     (url, is_own), ended = server, threading.Event()
     runner = Runner(name=f"gravcal {served.name}", limit=1)
-    known = {flow: runner.add_deployment(one) for flow, one in _deployments(served, schedule).items()}
+    how = {"name": served.name, "entrypoint_type": EntrypointType.MODULE_PATH}
+    known = {flow.name: runner.add_flow(flow, **how, **more) for flow, more in _flows(served, schedule).items()}
+    registered = {str(one): prefect_server.registered(url, one) for one in known.values()}
+    os.environ["GRAVCAL_REGISTERED"] = json.dumps(registered)
     if is_own:
         prefect_server.bury_all(url, list(known.values()))
     said(f"Prefect {url.removesuffix('/api')}")
+    if is_own:
+        said(f"signed in by {prefect_server.page(url, served.name).as_uri()}")
     said(f"reprocess-all at {served.cron} UTC")
     if served.watched:
         said(f"new-data when {served.watched} changes, looked at every {served.every_s:g} s")
@@ -125,19 +140,15 @@ async def _until_told(runner):
         await work
 
 
-def _deployments(served, schedule):
-    """Deployments by flow: by the clock and, if a folder is watched, on its changes; named like the calibration."""
-    from prefect.deployments.runner import EntrypointType
-
+def _flows(served, schedule):
+    """Flows with what their deployments need: one by the clock and, if a folder is watched, one on its changes."""
     from flows import scheduled
 
-    how = {"entrypoint_type": EntrypointType.MODULE_PATH}
     given = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
-    flow = scheduled.reprocess_all
-    made = {flow.name: flow.to_deployment(served.name, schedule=schedule, parameters=given, **how)}
+    made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": given | served.pruning}}
     if served.watched:
-        flow, given = scheduled.new_data, served.arguments | {"data": str(served.watched.absolute())}
-        made[flow.name] = flow.to_deployment(served.name, parameters=given, **how)
+        given = served.arguments | {"data": str(served.watched.absolute())}
+        made[scheduled.new_data] = {"parameters": given}
     return made
 
 
@@ -155,29 +166,30 @@ def _schedule(cron):
 
 @contextlib.contextmanager
 def reports(port=None):
-    """Address under which the products of the store can be read on this machine, as long as the block lasts.
+    """Addresses of the files of the store on this machine as "http://...{}...", as long as the block lasts.
 
     Parameters
     ----------
     port : int or None, wanted if nobody listens there
     """
+    import uvicorn
+    from starlette.applications import Starlette
+    from starlette.routing import Mount
+    from starlette.staticfiles import StaticFiles
+
+    from gravcal.browse import access
+
     objects = location.folder() / "objects"
     objects.mkdir(parents=True, exist_ok=True)
-    handler = functools.partial(_Quiet, directory=str(objects))
-    with ThreadingHTTPServer((prefect_server.HOST, prefect_server.free_port(port)), handler) as pages:
-        threading.Thread(target=pages.serve_forever, daemon=True).start()
+    token = hmac.digest(prefect_server.auth_string().encode(), b"reports", hashlib.sha256).hex()
+    files = Starlette(routes=[Mount("/", StaticFiles(directory=objects))])
+    app = access.guarded(files, token, prefect_server.NAMES)
+    pages = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off", ws="none"))
+    with socket.create_server((prefect_server.HOST, prefect_server.free_port(port))) as heard:
+        thread = threading.Thread(target=pages.run, kwargs={"sockets": [heard]}, daemon=True)
+        thread.start()
         try:
-            yield f"http://{prefect_server.HOST}:{pages.server_port}"
+            yield f"http://{prefect_server.HOST}:{heard.getsockname()[1]}/{{}}?token={token}"
         finally:
-            pages.shutdown()
-
-
-class _Quiet(SimpleHTTPRequestHandler):
-    """Reads files of one folder, says nothing and lists nothing."""
-
-    def log_message(self, *_):
-        """Nothing."""
-
-    def list_directory(self, path):  # noqa: ARG002
-        """Refuse."""
-        self.send_error(404)
+            pages.should_exit = True
+            thread.join(10)

@@ -23,5 +23,9 @@ class ProductError(GravcalError):
     """A file or product is not what it should be."""
 
 
+class NoDataError(ProductError):
+    """There are no files of an event: nothing is wrong, and nothing can be done."""
+
+
 class EstimationError(GravcalError):
     """The data do not determine what was asked for."""

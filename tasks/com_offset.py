@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gravcal.calibrations import align_schema
+from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.com_offset import equations_schema, schemas
 from gravcal.data import product
 from tasks.stage import lazy, stage
@@ -17,9 +18,9 @@ angular_science = lazy("gravcal.calibrations.com_offset.angular_acceleration")
 equations_science = lazy("gravcal.calibrations.com_offset.equations")
 solve_science = lazy("gravcal.calibrations.com_offset.solve")
 published_science = lazy("gravcal.calibrations.com_offset.published_solve")
+checks_science = lazy("gravcal.calibrations.com_offset.checks")
 combine_science = lazy("gravcal.calibrations.com_offset.combine")
 
-drawings_science = lazy("gravcal.report.com_offset_drawings")
 report_science = lazy("gravcal.report.com_offset_delivery")
 
 KINDS = {
@@ -28,13 +29,13 @@ KINDS = {
     "com_offset.field": schemas.FIELD,
     "com_offset.attitude": schemas.ATTITUDE,
     "com_offset.survey": schemas.SURVEY,
+    "com_offset.checks": CHECKS,
     "com_offset.quiet": equations_schema.QUIET,
     "com_offset.noise": schemas.NOISE,
     "com_offset.angular_acceleration": schemas.ANGULAR,
     "com_offset.equations": equations_schema.EQUATIONS,
     "com_offset.solve": schemas.SOLVE,
     "com_offset.combine": schemas.COMBINE,
-    "com_offset.figures": schemas.FIGURES,
     "com_offset.report": schemas.REPORT,
 }
 for _kind, _schema in KINDS.items():
@@ -97,6 +98,34 @@ def attitude(
 def survey(aligned, checked):
     """Torque against roll acceleration."""
     return survey_science.survey(aligned, checked)
+
+
+@stage(
+    reads=["com_offset.align", "com_offset.field", "com_offset.attitude", "ingest"],
+    writes="com_offset.checks",
+    version=1,
+)
+def checks(
+    aligned,
+    checked,
+    smoothed,
+    *others,
+    check_piece_s,
+    velocity_limit_m_s,
+    gravity_limit_m_s2,
+    orbit_limit_m,
+    height_lowest_km,
+    height_greatest_km,
+    pointing_limit_deg,
+    field_limit_nt,
+    unchanged_limit_s,
+    attitude_limit_urad,
+    scale_limit,
+    delay_limit_s,
+):
+    """Records against each other."""
+    limits = {n: v for n, v in locals().items() if n not in ("aligned", "checked", "smoothed", "others")}
+    return checks_science.inputs(aligned, checked, smoothed, *others, **limits)
 
 
 @stage(reads=["com_offset.align"], writes="com_offset.quiet", version=1)
@@ -171,33 +200,19 @@ def model_error(combined, *moved, determined_sigma_um):
 
 @stage(
     reads=[
+        "com_offset.combine",
+        *["com_offset.solve"] * 4,
         *["com_offset.angular_acceleration"] * 4,
         "com_offset.attitude",
         "com_offset.field",
-        "com_offset.align",
-        "com_offset.detect",
-    ],
-    writes="com_offset.figures",
-    version=3,
-)
-def figures(*products, torque_scale_sigma, inertia_scale_sigma):
-    """Figures of the page and parts of the document that no solution changes."""
-    angular = {one.attrs["variant"]: one for one in products[:4]}
-    settings = {"torque_scale_sigma": torque_scale_sigma, "inertia_scale_sigma": inertia_scale_sigma}
-    return drawings_science.drawings(angular, *products[4:], settings)
-
-
-@stage(
-    reads=[
-        "com_offset.combine",
-        *["com_offset.solve"] * 4,
         "com_offset.survey",
         "com_offset.detect",
-        "com_offset.figures",
+        "com_offset.align",
+        "com_offset.checks",
     ],
     writes="com_offset.report",
-    version=3,
+    version=5,
 )
-def report(*products, event, satellite, settings, published, templates):  # noqa: ARG001 - templates are in the key
+def report(*products, event, satellite, settings, published):
     """Result document, page and line of the sequence-of-events file."""
     return report_science.report(*products, event=event, satellite=satellite, settings=settings, published=published)

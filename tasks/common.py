@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal.data import product, store
-from gravcal.errors import ProductError
+from gravcal.errors import NoDataError, ProductError
 from tasks.stage import lazy, stage
 
 archive = lazy("gravcal.data.archive")
@@ -47,12 +47,29 @@ class Source:
         for name in products:
             if archive.holds(self.folder, name, letter, self.date):
                 return archive.find(self.folder, name, letter, self.date)
-        raise ProductError(
-            f"{self.folder}: found no {' or '.join(products)} of satellite {letter} on {self.date}, expected one. "
+        there = ", ".join(sorted({f.product for f in archive.inventory(self.folder) if _belongs(f, self, letter)}))
+        raise (ProductError if there else NoDataError)(
+            f"{self.folder}: found no {' or '.join(products)} of satellite {letter} on {self.date} "
+            f"{f'beside {there}' if there else 'and nothing else of that day'}, expected one. "
             f"Put the file or its daily archive there, or give another --data, --satellite or --date.",
             folder=str(self.folder),
             products=products,
         )
+
+    def files(self, *products: str):
+        """All of these products that the folder holds, none where it holds none.
+
+        Parameters
+        ----------
+        *products : product names, most wanted first
+        """
+        held = [name for name in products if archive.holds(self.folder, name, self.satellite, self.date)]
+        return [self.file(name) for name in held]
+
+
+def _belongs(file, source, letter):
+    """Whether a Level-1 file is of the day of a source and of one of its satellites."""
+    return str(file.date) == source.date and file.satellite in {letter, *source.satellite}
 
 
 def source_of(calibration: str, products, *, event=None, data=None, satellite=None, date=None) -> Source:
@@ -72,11 +89,20 @@ def source_of(calibration: str, products, *, event=None, data=None, satellite=No
         raise ProductError(
             f"{folder}: found no folder, expected one with Level-1 files. Check --data.", folder=str(folder)
         )
-    found = [f for f in archive.inventory(folder) if f.product in products]
-    letters = sorted({f.satellite for f in found})
-    dates = sorted({f.date for f in found if satellite in (None, f.satellite)})
-    satellite = satellite or _only(folder, letters, "satellite", "--satellite")
-    date = date or _only(folder, dates, "day", "--date")
+    of_day = [f for f in archive.inventory(folder) if satellite in (None, f.satellite) and date in (None, f.date)]
+    fitting = [f for f in of_day if f.product in products]
+    if not fitting:
+        found = [f for f in archive.inventory(folder) if f.product in products]
+        have = sorted({f"{f.product} of {f.satellite} on {f.date}" for f in found})
+        have = [*have[:3], f"and {len(have) - 3} more"] if len(have) > 4 else have
+        wanted = f"{' or '.join(products)}{f' of {satellite}' if satellite else ''}{f' on {date}' if date else ''}"
+        raise (ProductError if of_day else NoDataError)(
+            f"{folder}: found {', '.join(have) or 'none of its files'}, expected {wanted}. Correct --satellite or "
+            f"--date, or give another --data.",
+            found=have,
+        )
+    satellite = satellite or _only(folder, sorted({f.satellite for f in fitting}), "satellite", "--satellite")
+    date = date or _only(folder, sorted({f.date for f in fitting if f.satellite == satellite}), "day", "--date")
     mission = "grace" if satellite in "ABCD" else {"T": "taiji", "S": "demo"}.get(satellite, "event")
     return Source(f"{mission}-{satellite.lower()}-{date}", satellite, date, folder)
 
@@ -110,11 +136,12 @@ def _from_catalogue(calibration, event):
     from gravcal.data import catalog
 
     entry = catalog.event(event)
-    if entry.calibration != calibration or entry.date is None:
+    if entry.calibration != calibration:
         raise ProductError(
-            f"event {event}: found a {entry.calibration} event of {entry.date or 'unknown date'}, expected one of "
-            f"{calibration} with a date. Choose another event."
+            f"event {event}: found a {entry.calibration} event, expected one of {calibration}. Choose another event."
         )
+    if entry.date is None:
+        raise NoDataError(f"event {event}: its true date is not known, so no files can be found. Choose another event.")
     root = os.environ.get("GRAVCAL_DATA")
     if not root:
         raise ProductError(
@@ -122,14 +149,32 @@ def _from_catalogue(calibration, event):
             f"Set it, or use --data DIR."
         )
     own = Path(root) / event
-    return Source(event, "".join(entry.letters), str(entry.date), own if own.is_dir() else Path(root))
+    folder = own if own.is_dir() else Path(root)
+    if not folder.is_dir():
+        raise ProductError(f"GRAVCAL_DATA = {root}: found no folder, expected one with Level-1 files. Set it anew.")
+    if not _at_hand(entry, folder):
+        raise NoDataError(
+            f"event {event}: found no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}. "
+            f"Put the files there (gravcal fetch), or give another folder with GRAVCAL_DATA."
+        )
+    return Source(event, "".join(entry.letters), str(entry.date), folder)
+
+
+def _at_hand(entry, folder):
+    """Whether a folder holds any file of an event of the catalogue."""
+    from gravcal.data import inertial_files
+
+    files = inertial_files if entry.calibration == "inertial_sensor" else archive
+    found = files.inventory(folder)
+    first, last = str(entry.date), str(entry.end_date or entry.date)
+    return any(file.satellite in entry.letters and first <= str(file.date) <= last for file in found)
 
 
 def _only(folder, found, what, option):
     """The one satellite or day of a folder."""
     if len(found) == 1:
         return found[0]
-    have = f"{what}s {', '.join(found)}" if found else f"no Level-1 file of this calibration and no {what}"
+    have = f"{what}s {', '.join(found)}"
     raise ProductError(f"{folder}: found {have}, expected one {what}. Give {option}, or another --data.", found=found)
 
 
@@ -154,7 +199,10 @@ def product_keys(ref) -> dict[str, str]:
     """
     found, waiting = {}, [ref]
     while waiting:
-        record = store.read_record(waiting.pop().folder)
+        made = waiting.pop()
+        record = store.read_record(made.folder)
+        if record is None:
+            raise ProductError(f"{made.name} ({made.path}): its record was damaged since it was found. Run again.")
         for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
             if "key" not in part or part["key"] in found.values():
                 continue
@@ -186,6 +234,20 @@ def document(ref, name="result.json") -> dict:
     found = result(ref, name)
     found["provenance"] |= {"key": ref.key, "products": product_keys(ref)}
     return found
+
+
+def named(event: str, files) -> dict:
+    """Names and origin of the Level-1 files of an event, for a document that no stage makes.
+
+    Parameters
+    ----------
+    event : str
+    files : LevelOneFile
+    """
+    from gravcal.data import catalog_events, origin
+
+    told = catalog_events.origin(event) or origin.together(origin.of_file(file) for file in files)
+    return {"files": [file.name for file in files], "origin": told}
 
 
 def read_file(file):

@@ -82,7 +82,7 @@ def extend_by(aligned, checked, smoothed, solved, found, *, scene):
     writes="com_offset.discovery_report",
     version=1,
 )
-def com_offset_report(found, before, after, *, event, satellite, settings, templates):  # noqa: ARG001 - templates are in the key
+def com_offset_report(found, before, after, *, event, satellite, settings):
     """Result document, page and extended model."""
     named = {"calibration": "com_offset", "event": event, "satellite": satellite}
     return report_science.report(found, before, after, settings=settings, **named)

@@ -60,7 +60,7 @@ def extend_by(observed, modelled, found, discovered, *, scene):
 
 
 @stage(reads=["gradient_torque.discovery"], writes="gradient_torque.discovery_report", version=1)
-def report(found, *, event, satellite, settings, templates):  # noqa: ARG001 - templates are in the key
+def report(found, *, event, satellite, settings):
     """Result document and page."""
     named = {"calibration": "gradient_torque", "event": event, "satellite": satellite}
     return report_science.report(found, settings=settings, **named)

@@ -43,7 +43,7 @@ def extend_by(aligned, pointed, equations, measured, solved, found, *, scene):
     writes="kbr_phase_centre.discovery_report",
     version=1,
 )
-def report(found, before, after, *, event, satellite, settings, templates):  # noqa: ARG001 - templates are in the key
+def report(found, before, after, *, event, satellite, settings):
     """Result document, page and extended model."""
     named = {"calibration": "kbr_phase_centre", "event": event, "satellite": satellite}
     return report_science.report(found, before, after, settings=settings, **named)

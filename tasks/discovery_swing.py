@@ -46,7 +46,7 @@ def extend_roll(segmented, biased, *swing, model, rolling):
 
 
 @stage(reads=["inertial_sensor.discovery"], writes="inertial_sensor.discovery_report", version=1)
-def report(found, *, event, satellite, settings, templates):  # noqa: ARG001 - templates are in the key
+def report(found, *, event, satellite, settings):
     """Result document and page."""
     named = {"calibration": "inertial_sensor", "event": event, "satellite": satellite}
     return report_science.report(found, settings=settings, **named)

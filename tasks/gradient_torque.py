@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.gradient_torque import schemas
 from gravcal.data import product
 from tasks.stage import lazy, stage
@@ -14,6 +15,7 @@ torque_science = lazy("gravcal.calibrations.gradient_torque.torque")
 model_error_science = lazy("gravcal.calibrations.gradient_torque.model_error")
 drag_science = lazy("gravcal.calibrations.gradient_torque.drag")
 combine_science = lazy("gravcal.calibrations.gradient_torque.combine")
+checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 report_science = lazy("gravcal.report.gradient_torque")
 
 product.register("ingest", product.ANY)
@@ -24,6 +26,7 @@ KINDS = {
     "gradient_torque.torque": schemas.TORQUE,
     "gradient_torque.drag": schemas.DRAG,
     "gradient_torque.combine": schemas.COMBINE,
+    "gradient_torque.checks": CHECKS,
     "gradient_torque.report": schemas.REPORT,
 }
 for _kind, _schema in KINDS.items():
@@ -100,10 +103,34 @@ def combine(*products, methods, identifiability_epochs, identifiability_step_s, 
     return combine_science.combine(*products, **settings)
 
 
+@stage(reads=["gradient_torque.gradient", "ingest"], writes="gradient_torque.checks", version=1)
+def checks(
+    modelled,
+    observed,
+    *,
+    constant_limit_s,
+    norm_limit,
+    jump_limit_rad,
+    velocity_limit_m_s,
+    height_limit_m,
+    pointing_limit_rad,
+    place_limit_m,
+    apart_limit_m_s2,
+    share_limit,
+    satellite,
+):
+    """Readings, attitude and orbit of a day against each other."""
+    settings = {name: value for name, value in locals().items() if name not in ("modelled", "observed")}
+    return checks_science.inputs(modelled, observed, **settings)
+
+
 @stage(
-    reads=["gradient_torque.combine", "gradient_torque.torque", "gradient_torque.gradient", "gradient_torque.drag"],
+    reads=[
+        *("gradient_torque.combine", "gradient_torque.torque", "gradient_torque.gradient", "gradient_torque.checks"),
+        "gradient_torque.drag",
+    ],
     writes="gradient_torque.report",
-    version=1,
+    version=2,
 )
 def report(*products, event, settings):
     """Result document and page."""

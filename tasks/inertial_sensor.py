@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.inertial_sensor import schemas
 from gravcal.data import product
 from tasks.stage import lazy, stage
@@ -14,6 +15,7 @@ model_error_science = lazy("gravcal.calibrations.inertial_sensor.model_error")
 offset_science = lazy("gravcal.calibrations.inertial_sensor.offset")
 segment_science = lazy("gravcal.calibrations.inertial_sensor.segment")
 bias_science = lazy("gravcal.calibrations.inertial_sensor.bias")
+checks_science = lazy("gravcal.calibrations.inertial_sensor.checks")
 report_science = lazy("gravcal.report.inertial_sensor")
 
 KINDS = {
@@ -23,6 +25,7 @@ KINDS = {
     "inertial_sensor.offset": schemas.OFFSET,
     "inertial_sensor.segment": schemas.SEGMENT,
     "inertial_sensor.bias": schemas.BIAS,
+    "inertial_sensor.checks": CHECKS,
     "inertial_sensor.report": schemas.REPORT,
 }
 for _kind, _schema in KINDS.items():
@@ -56,7 +59,7 @@ def scale(aligned, *, method, bin_s, quiet_margin_s, first_beta, arm_x_mm, k_y, 
     return scale_science.scale(aligned, **settings)
 
 
-@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=2)
+@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=3)
 def offset(aligned, scaled, *, method, quiet_margin_s, drift_degree, noise_order):
     """Centre of mass to test mass."""
     settings = {name: value for name, value in locals().items() if name not in ("aligned", "scaled")}
@@ -69,7 +72,7 @@ def scale_model_error(scaled, *moved):
     return model_error_science.of_scale(scaled, *moved)
 
 
-@stage(reads=["inertial_sensor.offset"], writes="inertial_sensor.offset", version=1)
+@stage(reads=["inertial_sensor.offset"], writes="inertial_sensor.offset", version=2)
 def offset_model_error(found, *moved):
     """Offset with the errors of an extended model."""
     return model_error_science.of_offset(found, *moved)
@@ -84,7 +87,7 @@ def segment(detected, *observed, step_s, workers):
 @stage(
     reads=["inertial_sensor.segment", "inertial_sensor.scale", "inertial_sensor.offset"],
     writes="inertial_sensor.bias",
-    version=3,
+    version=4,
 )
 def bias(
     segmented,
@@ -110,7 +113,28 @@ def bias_model_error(found, *moved):
     return model_error_science.of_bias(found, *moved)
 
 
-@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.report", version=1)
+@stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.checks", version=1)
+def checks(
+    detected,
+    *observed,
+    margin_s,
+    constant_limit_s,
+    norm_limit,
+    jump_limit_rad,
+    velocity_limit_m_s,
+    height_limit_m,
+    pointing_limit_rad,
+    expected_beta,
+    factor_limit,
+    orbit_height,
+    inertia,
+):
+    """Voltages, attitude and orbit of the manoeuvres against each other."""
+    settings = {name: value for name, value in locals().items() if name not in ("detected", "observed")}
+    return checks_science.inputs(detected, files.loaders(observed), **settings)
+
+
+@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.report", version=2)
 def report(*products, event, names, settings, published):
     """Result document and page."""
     return report_science.report(*products, event=event, names=names, settings=settings, published=published)

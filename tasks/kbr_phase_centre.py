@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.kbr_phase_centre import schemas
 from gravcal.data import product
 from tasks.stage import lazy, stage
@@ -12,6 +13,7 @@ observable_science = lazy("gravcal.calibrations.kbr_phase_centre.observable")
 noise_science = lazy("gravcal.calibrations.kbr_phase_centre.noise")
 solve_science = lazy("gravcal.calibrations.kbr_phase_centre.solve")
 routine_science = lazy("gravcal.calibrations.kbr_phase_centre.routine")
+checks_science = lazy("gravcal.calibrations.kbr_phase_centre.checks")
 combine_science = lazy("gravcal.calibrations.kbr_phase_centre.combine")
 report_science = lazy("gravcal.report.kbr_phase_centre_delivery")
 
@@ -23,6 +25,7 @@ KINDS = {
     "kbr_phase_centre.routine": schemas.ROUTINE,
     "kbr_phase_centre.solve": schemas.SOLVE,
     "kbr_phase_centre.combine": schemas.COMBINE,
+    "kbr_phase_centre.checks": CHECKS,
     "kbr_phase_centre.report": schemas.REPORT,
 }
 for _kind, _schema in KINDS.items():
@@ -118,13 +121,60 @@ def model_error(combined, *moved, determined_limit_mm):
         "kbr_phase_centre.noise",
     ],
     writes="kbr_phase_centre.routine",
+    version=2,
+)
+def routine(
+    aligned,
+    pointed,
+    equations,
+    measured,
+    *,
+    orbit_degree,
+    quiet_length_s,
+    robust_k0,
+    robust_k1,
+    nominal_m,
+    determined_limit_mm,
+    routine_limit,
+):
+    """What routine pointing says of the phase centres."""
+    inputs = ("aligned", "pointed", "equations", "measured")
+    settings = {name: value for name, value in locals().items() if name not in inputs and name != "inputs"}
+    return routine_science.routine(aligned, pointed, equations, measured, **settings)
+
+
+@stage(
+    reads=["kbr_phase_centre.align", "kbr_phase_centre.pointing", *2 * ["kbr_phase_centre.observable"], "ingest"],
+    writes="kbr_phase_centre.checks",
     version=1,
 )
-def routine(aligned, pointed, equations, measured, *, orbit_degree, quiet_length_s, robust_k0, robust_k1):
-    """What routine pointing says of the phase centres."""
-    inputs = (aligned, pointed, equations, measured)
-    settings = {"orbit_degree": orbit_degree, "quiet_length_s": quiet_length_s}
-    return routine_science.routine(*inputs, **settings, robust_k0=robust_k0, robust_k1=robust_k1)
+def checks(
+    aligned,
+    pointed,
+    ranges,
+    rates,
+    *orbits,
+    nominal_m,
+    velocity_limit_m_s,
+    orbit_difference_limit_m,
+    separation_minimum_km,
+    separation_maximum_km,
+    height_minimum_km,
+    height_maximum_km,
+    pointing_limit_deg,
+    largest_angle_deg,
+    roll_limit_deg,
+    pointing_rate_limit_deg_s,
+    range_limit_mm,
+    range_rate_limit_um_s,
+    range_rate_largest_um_s,
+    ranging_minimum,
+    correction_limit_mm,
+):
+    """What orbits, attitudes and ranging must satisfy against each other."""
+    products = ("aligned", "pointed", "ranges", "rates", "orbits")
+    settings = {name: value for name, value in locals().items() if name not in products}
+    return checks_science.of_inputs(aligned, pointed, ranges, rates, *orbits, **settings)
 
 
 @stage(
@@ -133,11 +183,12 @@ def routine(aligned, pointed, equations, measured, *, orbit_degree, quiet_length
         "kbr_phase_centre.pointing",
         "kbr_phase_centre.noise",
         "kbr_phase_centre.routine",
+        "kbr_phase_centre.checks",
         "kbr_phase_centre.solve",
     ],
     writes="kbr_phase_centre.report",
     version=1,
 )
-def report(*products, event, settings, published):
+def report(*products, event, settings, published, nominal_m):
     """Result document, page, vector files and lines of the sequence-of-events file."""
-    return report_science.report(*products, event=event, settings=settings, published=published)
+    return report_science.report(*products, event=event, settings=settings, published=published, nominal_m=nominal_m)

@@ -28,16 +28,15 @@ import contextvars
 import copy
 import functools
 import importlib
-import importlib.metadata
 import inspect
 import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from gravcal.data import fingerprint, inputs, keys, memory, store
+from gravcal.data import explain, fingerprint, inputs, keys, memory, origin, store
 from gravcal.data.references import ProductRef
-from gravcal.errors import GravcalError, ProductError
+from gravcal.errors import EstimationError, GravcalError, ProductError
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
 _listeners = contextvars.ContextVar("gravcal_listeners", default=())
@@ -191,14 +190,20 @@ def perform(call):
     wanted, modules = recipe(call)
     key = keys.key(wanted)
     _calls[key] = call
-    ref, state = store.find(key), "cached"
+    ref, state = usable(key), "cached"
     if ref is None:
         with store.lock(key):
-            ref = store.find(key)
+            ref = usable(key)
             if ref is None:
                 ref, state = _make(call, key, wanted, modules), "made"
     store.point(ref)
     return ref, state
+
+
+def usable(key):
+    """Product with this key, or None; also if other versions made it and such products are to be made again."""
+    ref = store.find(key)
+    return None if ref and explain.remakes_versions() and explain.other_versions(ref) else ref
 
 
 def recipe(call):
@@ -219,7 +224,16 @@ def recipe(call):
         "inputs": [inputs.labelled(item) for item in call.inputs],
         "code": fingerprint.total(modules),
     }
+    if any(inputs.is_file(item) for item in call.inputs):
+        wanted["origin"] = _stated(call.event)
     return wanted, modules
+
+
+def _stated(event):
+    """Origin that the catalogue states for an event, "" where it says nothing or knows no such event."""
+    from gravcal.data import catalog_events
+
+    return catalog_events.origin(event)
 
 
 @functools.cache
@@ -266,10 +280,16 @@ def _make(call, key, wanted, modules):
     started = time.perf_counter()
     try:
         returned = call.stage.body(*contents, **settings)
-    except GravcalError as error:
-        error.facts.setdefault("event", call.event)
-        error.facts.setdefault("stage", call.unmade.stage)
-        raise
+    except Exception as raised:
+        error = _of_input(raised, call)
+        if isinstance(error, GravcalError):
+            error.facts.setdefault("event", call.event)
+            error.facts.setdefault("stage", call.unmade.stage)
+        if not isinstance(error, (OSError, MemoryError)):  # these may go otherwise the next time
+            error.failed_key = key
+        if error is raised:
+            raise
+        raise error from raised
     inputs.check_unchanged(call.inputs, wanted["inputs"])
     dataset, files = returned if isinstance(returned, tuple) else (returned, {})
     facts = {
@@ -277,14 +297,32 @@ def _make(call, key, wanted, modules):
         "seconds": round(time.perf_counter() - started, 3),
         "modules": modules,
         "from": [inputs.traced(item) for item in call.inputs],
-        "versions": _versions(),
+        "versions": fingerprint.versions(),
     }
-    return store.put(key, wanted, (product.check(dataset, call.stage.writes), files), facts)
+    found = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
+    dataset = product.check(dataset, call.stage.writes).assign_attrs({"origin": found} if found else {})
+    if store.find(key) and not usable(key):
+        store.set_aside(store.folder_of(key), "made again, for other versions had made it")
+    return store.put(key, wanted, (dataset, files), facts)
 
 
-@functools.cache
-def _versions():
-    """Versions of what computes; recorded, not part of the key."""
-    names = ("gravcal", "numpy", "scipy", "numba", "xarray", "h5py")
-    found = {name: importlib.metadata.version(name) for name in names}
-    return found | {"python": sys.version.partition(" ")[0]}
+def _origin(call, contents, stated, own):
+    """Origin of what a stage made: that of all its inputs, of a file what the event, the body or its header says."""
+    inputs_of = zip(call.inputs, contents, strict=True)
+    found = [
+        (stated or own or origin.of_file(item)) if inputs.is_file(item) else content.attrs.get("origin", "")
+        for item, content in inputs_of
+    ]
+    return origin.raised(origin.together(found), own)
+
+
+def _of_input(error, call):
+    """The error of a body; that equations cannot be solved is one of the numbers that were read."""
+    numpy = sys.modules.get("numpy")  # asked without importing it
+    unsolvable = numpy is not None and isinstance(error, numpy.linalg.LinAlgError)
+    if not unsolvable and not (isinstance(error, ValueError) and "infs or NaNs" in str(error)):  # of asarray_chkfinite
+        return error
+    return EstimationError(
+        f"{call.event}: {call.unmade.stage} found equations that cannot be solved ({error}), expected finite records "
+        f"of plausible size. Check the input files, or fetch them again."
+    )

@@ -119,10 +119,10 @@ def report_of(made, calibration):
 
 @pytest.mark.parametrize("calibration", SMALL)
 def test_a_report_begins_with_its_verdict_and_needs_nothing_else(made, calibration):
-    """Contract: verdict first, one style for all, no script, nothing asked of other hosts, pictures described."""
+    """Contract: origin, then verdict; one style, no script, nothing asked of other hosts, pictures described."""
     page = (report_of(made, calibration) / "report.html").read_text()
     body = page.partition("<body>")[2].lstrip()
-    assert body.startswith('<p class="verdict')
+    assert re.match(r'<p class="origin">Simulated data: [^<]*</p>\s*<p class="verdict', body)
     style = (resources.files("gravcal.report") / "report.css").read_text()
     assert style.strip() in page
     assert "<script" not in page

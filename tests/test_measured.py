@@ -94,6 +94,17 @@ def test_roll_answers_the_torque_as_published(results):
 
 
 @pytest.mark.parametrize("letter", sorted(FIGURES))
+def test_records_as_measured_pass_every_check_that_can_be_made(results, letter):
+    """Contract: two orbit products, attitude, field: nothing fails, and each is far from its limit."""
+    checks = {one["name"]: one for one in results[letter][1]["checks"]}
+    assert len(checks) == 9
+    assert all(one["passed"] for one in checks.values())
+    assert checks["orbit products"]["value"] < 0.05  # m
+    assert checks["position against velocity"]["value"] < 1e-3  # m/s
+    assert checks["attitude against orbit"]["value"] < 1.5  # deg
+
+
+@pytest.mark.parametrize("letter", sorted(FIGURES))
 def test_the_attitude_is_followed_to_the_noise_of_the_star_cameras(results, letter):
     """Contract: residuals of the fitted dynamics over 100 s of control stay below 5 urad on every axis."""
     attitude = results[letter][1]["attitude"]

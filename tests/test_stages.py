@@ -1,12 +1,16 @@
 """The contract of a stage: reuse exactly what is unchanged, check, write, never change an input."""
 
 import os
+import re
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from gravcal.data import memory, store
-from gravcal.errors import CatalogError, ProductError
+from gravcal.errors import CatalogError, EstimationError, ProductError
+from tasks import stage
 from tasks.stage import numbers, read
 
 
@@ -192,3 +196,17 @@ def _latest(pipeline, part):
 
     folder = (location.folder() / "latest" / "fake-1" / f"{pipeline.name}.{part}").resolve()
     return store.read_record(folder), folder
+
+
+def test_equations_that_cannot_be_solved_are_an_error_of_the_input():
+    """Contract: numbers of no sense end in a message with event, stage and remedy; other errors stay what they are."""
+    call = SimpleNamespace(event="demo", unmade=SimpleNamespace(stage="demo.fit"))
+    found = stage._of_input(np.linalg.LinAlgError("SVD did not converge"), call)
+    assert isinstance(found, EstimationError)
+    assert re.search("demo: demo.fit found equations .* Check the input files", str(found))
+    infinite = np.array([np.inf])
+    with pytest.raises(ValueError, match="infs or NaNs") as raised:
+        np.asarray_chkfinite(infinite)
+    assert isinstance(stage._of_input(raised.value, call), EstimationError)
+    for other in (KeyError("x"), ValueError("x")):
+        assert stage._of_input(other, call) is other

@@ -1,14 +1,13 @@
 """Web pages on the product store: read-only, without network; started by ``gravcal browse``.
 
-shelf      what lies in the store: events with their state, chains of stages, records
+store_index  what lies in the store: events with their state, chains of stages, records
 variables  what a product holds; one column of it in pieces
-quick      long series read past HDF5
 series     a column at the resolution of the screen; differences and spectra
 plots      figures (Bokeh) with the data the page asks for
 timeline   results over the years, with trims and printed values
 printed    printed values and mass trims for these
 graph      places of the boxes and lines of a chain
 pages      one function for each page
-guard      who may ask, and what an answer may contain
+access       who may ask, and what an answer may contain
 app        addresses; the server
 """

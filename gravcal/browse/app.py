@@ -9,7 +9,7 @@ from starlette.applications import Starlette
 from starlette.responses import FileResponse
 from starlette.routing import Route
 
-from gravcal.browse import guard, pages, plots
+from gravcal.browse import access, pages, plots
 from gravcal.errors import GravcalError
 
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
@@ -39,7 +39,7 @@ def application(token="", hosts=LOCAL):
         Route("/static/{name}", static),
     ]
     handlers = {404: pages.not_found, 500: pages.broken}
-    return guard.guarded(Starlette(routes=routes, exception_handlers=handlers), token, hosts)
+    return access.guarded(Starlette(routes=routes, exception_handlers=handlers), token, hosts)
 
 
 def static(request):
@@ -100,9 +100,8 @@ def serve(listening, host, say):
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown
     port = listening.getsockname()[1]
-    local = guard.is_loopback(host)
-    token = "" if local else secrets.token_urlsafe(24)
-    hosts = (*LOCAL, shown) if local else ("*",)
-    say(f"http://{shown}:{port}/" + (f"?token={token}" if token else ""))
+    token = secrets.token_urlsafe(24)  # on loopback, too: other users of this machine can ask
+    hosts = (*LOCAL, shown) if access.is_loopback(host) else ("*",)
+    say(f"http://{shown}:{port}/?token={token}")
     settings = uvicorn.Config(application(token, hosts), log_level="warning", lifespan="off", ws="none")
     uvicorn.Server(settings).run(sockets=[listening])

@@ -8,9 +8,9 @@ from importlib import resources
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse
 
-from gravcal.browse import graph, guard, plots, shelf, variables
+from gravcal.browse import access, graph, plots, store_index, variables
 from gravcal.browse import timeline as years
-from gravcal.data import lineage, location
+from gravcal.data import lineage, location, netcdf
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
 NAMES = {"com_offset": "Centre-of-mass offset", "kbr_phase_centre": "KBR phase centre",
@@ -30,9 +30,9 @@ def page(body):
 @page
 def home(request):
     """Calibrations with their state, and all events."""
-    rows = shelf.results()
+    rows = store_index.results()
     counts = {name: [row for row in rows if row["calibration"] == name] for name in NAMES}
-    return _filled("home.html", request, rows=rows, counts=counts, waiting=shelf.waiting(rows))
+    return _filled("home.html", request, rows=rows, counts=counts, waiting=store_index.waiting(rows))
 
 
 @page
@@ -57,26 +57,34 @@ def timeline_figure(request):
 @page
 def event(request):
     """Chain of stages of one event, its products and its reports."""
-    name = request.path_params["event"]
-    nodes = shelf.chain(name)
-    if not nodes:
+    name, configuration = request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
+    plain = [row for row in store_index.results() if row["event"] == name]
+    nodes = store_index.chain(name, configuration)
+    if not (nodes or plain and configuration == location.OPERATIONAL):
         return not_found(request, None)
-    rows = [row for row in shelf.results() if row["event"] == name]
-    return _filled("event.html", request, name=name, rows=rows, nodes=nodes, picture=graph.placed(nodes))
+    rows = [row for row in store_index.results(configuration) if row["event"] == name]
+    tried = {one: [row for row in store_index.results(one) if row["event"] == name] for one in _experiments(plain)}
+    return _filled("event.html", request, name=name, configuration=configuration, rows=rows, nodes=nodes, tried=tried,
+                   picture=graph.placed(nodes))  # fmt: skip
+
+
+def _experiments(rows):
+    """Names of all experiments of some rows."""
+    return sorted({name for row in rows for name in row["experiments"]})
 
 
 @page
 def products(request):
     """All products of the store, those replaced by newer ones when asked for."""
     everything = request.query_params.get("all") == "1"
-    found = [one for one in shelf.entries() if one.newest or everything]
+    found = [one for one in store_index.entries() if one.configurations or everything]
     return _filled("products.html", request, found=found[::-1], everything=everything)
 
 
 @page
 def product(request):
     """One product: what it holds, a plot, how it was made."""
-    found = shelf.entry(request.path_params["key"])
+    found = store_index.entry(request.path_params["key"])
     if found is None:
         return not_found(request, None)
     held = variables.listed(found.ref.path)
@@ -86,7 +94,7 @@ def product(request):
     attributes = _attributes(found.ref.path)
     return _filled("product.html", request, found=found, held=held, shown=shown, wish=wish, table=table,
                    chosen=plots.chosen(shown, wish.columns) if shown and shown.plottable else (),
-                   relatives=shelf.relatives(found), siblings=shelf.siblings(found), attributes=attributes,
+                   relatives=store_index.relatives(found), siblings=store_index.siblings(found), attributes=attributes,
                    tree=lineage.tree(found), views=plots.VIEWS)  # fmt: skip
 
 
@@ -116,7 +124,7 @@ def data(request):
 @page
 def report(request):
     """A file of a report, shown without scripts."""
-    return _file(request, {"Content-Security-Policy": guard.REPORT})
+    return _file(request, {"Content-Security-Policy": access.REPORT})
 
 
 @page
@@ -139,8 +147,8 @@ def broken(request, _):
 
 def _file(request, headers):
     """A file that the record of a product names."""
-    found = shelf.entry(request.path_params["key"])
-    path = shelf.file(found, request.path_params["name"]) if found else None
+    found = store_index.entry(request.path_params["key"])
+    path = store_index.file(found, request.path_params["name"]) if found else None
     if path is None:
         return not_found(request, None)
     return FileResponse(path, media_type=KINDS.get(path.suffix, "text/plain; charset=utf-8"), headers=headers)
@@ -152,7 +160,7 @@ def _wish(request, variable):
     columns = tuple(int(text) for text in asked.getlist("column") if text.isascii() and text.isdigit())
     view = asked.get("view", "overlay")
     view = view if view in plots.VIEWS else "overlay"
-    other = asked.get("with", "") if shelf.entry(asked.get("with", "")) else ""
+    other = asked.get("with", "") if store_index.entry(asked.get("with", "")) else ""
     key = request.path_params["key"]
     return plots.Wish(key, variable, columns, other, view, asked.get("start") == "1", asked.get("even") == "1")
 
@@ -168,10 +176,8 @@ def _shown(held, name):
 
 def _attributes(path):
     """Global attributes of a file."""
-    import h5netcdf
-
-    with h5netcdf.File(path, "r") as file:
-        return {name: str(value) for name, value in file.attrs.items() if name != "gravcal_recipe"}
+    with netcdf.opened(path) as file:
+        return {name: str(value) for name, value in netcdf.attributes(file).items() if name != "gravcal_recipe"}
 
 
 def _filled(template, request, status=200, **content):

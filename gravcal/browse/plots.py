@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.browse import series, shelf, variables
+from gravcal.browse import series, store_index, variables
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito, 2008
 VIEWS = ("overlay", "difference", "spectrum")
@@ -57,7 +57,7 @@ class Missing(LookupError):
 
 def ready():
     """Load and try what draws, so that the first figure comes as fast as the others."""
-    import h5netcdf  # noqa: F401
+    import netCDF4  # noqa: F401
     from bokeh.embed import json_item
 
     drawn = _empty("time", "", "")
@@ -130,7 +130,7 @@ def _traces(wish):
 
 def _asked(key, name):
     """Path of a product and its variable."""
-    found = shelf.entry(key)
+    found = store_index.entry(key)
     variable = variables.find(found.ref.path, name) if found else None
     if variable is None or not variable.plottable:
         raise Missing(f"{key[:12]} {name}: found no numbers along an axis")
@@ -153,6 +153,8 @@ def _whole(path, variable, number, wish):
 def _trace(variable, number, whole, product, wish):
     """One line of one product."""
     name = variable.columns[number] or variable.name
+    origin = store_index.origin(store_index.entry((wish.key, wish.other)[product]).ref.path)
+    name = name if origin in ("", "measured") else f"{name} ({origin})"
     mark = f"{'AB'[product]} {name}" if wish.other else name
     return Trace(mark, whole, -float(whole.x[0]) if wish.from_start else 0.0, product, number)
 
@@ -165,7 +167,8 @@ def _differences(first, second, wish):
         x, y = series.difference(one.whole, other.whole, shift)
         if x.size:
             whole = series.of_arrays(x, y)
-            found.append(Trace(f"A - B {one.label.removeprefix('A ')}", whole, one.shift, 0, one.column))
+            names = dict.fromkeys(trace.label[2:] for trace in (one, other))
+            found.append(Trace(f"A - B {' - '.join(names)}", whole, one.shift, 0, one.column))
     return found
 
 

@@ -1,6 +1,6 @@
 """A column at the resolution of the screen.
 
-The first look at a column reads it once, several pieces at a time, and keeps the lowest and highest value of every 64
+The first look at a column reads it once, piece by piece, and keeps the lowest and highest value of every 64
 samples; from then on a wide view needs no file, and a narrow one reads only what it shows. Every peak of the data is
 drawn: a pixel shows the range of all samples it stands for. Gaps stay gaps.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.browse import quick, variables
+from gravcal.browse import variables
 
 BLOCK = 64
 PIECE = BLOCK * 16384
@@ -154,11 +154,7 @@ def spectrum(whole):
 
 def _of_column(column):
     """Lowest and highest of every block of a column."""
-    values = quick.mapped(column)
-    if values is None:
-        parts = [_extremes(piece) for piece in variables.pieces(column, PIECE)]
-    else:
-        parts = quick.together(lambda start: _extremes(values[start : start + PIECE]), range(0, column.size, PIECE))
+    parts = [_extremes(piece) for piece in variables.pieces(column, PIECE)]
     return tuple(np.concatenate([part[side] for part in parts]) for side in (0, 1))
 
 
@@ -180,12 +176,6 @@ def _extremes(values):
 @functools.lru_cache(maxsize=32)
 def _coarse(coordinate):
     """Every 64th value of a coordinate, and the last one."""
-    values = quick.mapped(coordinate)
-    if values is not None:
-        return np.array(values[::BLOCK]), float(values[-1])
-    found = quick.sampled(coordinate, BLOCK)
-    if found is not None:
-        return found
     kept, last = [], np.nan
     for piece in variables.pieces(coordinate, PIECE):
         kept.append(piece[::BLOCK].copy())

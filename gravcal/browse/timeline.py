@@ -3,12 +3,17 @@
 import datetime
 import re
 
-from gravcal.browse import plots, printed, shelf
-from gravcal.browse.printed import AXES, Point
+from gravcal.browse import plots, printed, store_index
+from gravcal.browse.printed import Point
+from gravcal.data import results
 
 SHOWN = {"@date": "datetime", "@value": "printf", "@sigma": "printf"}
 EPOCH = datetime.datetime(2000, 1, 1, 12)
-MOODS = {"good": ("#009E73", "circle"), "bad": ("#D55E00", "triangle"), "plain": ("#5a5a5a", "square")}
+#: Colour and mark by verdict, and by origin where not all was measured.
+MOODS = {"good": ("#009E73", "circle"), "bad": ("#D55E00", "triangle"), "plain": ("#5a5a5a", "square"),
+         "questionable": ("#000000", "x"), "simulated": ("#7b52ab", "diamond"),
+         "mixed": ("#7b52ab", "diamond_cross")}  # fmt: skip
+RESULTS = ("delivered", "questionable")
 TITLES = {
     "com_offset": "Proof mass to centre of mass, in the SRF",
     "kbr_phase_centre": "Centre of mass to phase centre, in the SRF",
@@ -25,13 +30,17 @@ def points(calibration):
     points : list of Point
     """
     found = []
-    for row in shelf.results():
-        if row["calibration"] != calibration or not row["document"] or row["document"].get("status") != "delivered":
+    for row in store_index.results():
+        if row["calibration"] != calibration or (row["document"] or {}).get("status") not in RESULTS:
             continue
-        for satellite, panel, unit, value, sigma in VALUES[calibration](row["document"]):
-            if value is not None:
-                date = _date(row["document"], row["event"])
-                found.append(Point(satellite, panel, unit, date, value, sigma, row["event"], row["mood"], row["said"]))
+        mood = "questionable" if row["document"]["status"] == "questionable" else row["mood"]
+        mood = mood if row["origin"] == "measured" else row["origin"]
+        date = _date(row["document"], row["event"])
+        for one in results.values(row["document"] | {"calibration": calibration}):
+            if one.value is not None:
+                place = one.satellite or _letters(row["event"]), one.name, one.unit.replace("um", "µm")
+                sigma = one.sigma_total or one.sigma
+                found.append(Point(*place, date, one.value, sigma, row["event"], mood, row["said"]))
     return sorted(found, key=lambda point: (point.date, point.event))
 
 
@@ -68,49 +77,6 @@ def figure(calibration, satellite):
             _level(one, *levels[panel], max(values))
         drawn.append(one)
     return json_item(column(drawn, sizing_mode="stretch_width"))
-
-
-def _com_offset(document):
-    """Adopted offset, total error where it is known."""
-    adopted = document["variants"][document["adopted"]["variant"]]
-    sigma = adopted.get("sigma_total_um") or adopted["sigma_um"]
-    for number, axis in enumerate(AXES):
-        yield _letters(document["event"]), axis, "µm", adopted["offset_um"][number], sigma[number]
-
-
-def _kbr_phase_centre(document):
-    """Adopted phase centre of each satellite."""
-    for satellite, one in document["adopted"]["satellites"].items():
-        for number, axis in enumerate(AXES):
-            yield satellite, axis, "mm", one["phase_centre_mm"][number], one["sigma_mm"][number]
-
-
-def _inertial_sensor(document):
-    """Offset and scale factors from the swing, bias from the roll."""
-    letter, swing, roll = _letters(document["event"]), document.get("swing") or {}, document.get("roll") or {}
-    offset = swing.get("com_to_test_mass_um")
-    for number, axis in enumerate(AXES if offset else ""):
-        yield letter, f"offset {axis}", "µm", offset["value"][number], offset["sigma"][number]
-    for axis in AXES:
-        one = (swing.get("k") or {}).get(axis)
-        if one:
-            yield letter, f"k {axis}", "m s-2 V-1", one["value"], one["sigma"]
-    for number, axis in enumerate(AXES if roll.get("bias") else ""):
-        yield letter, f"bias {axis}", "m s-2", roll["bias"]["value"][number], roll["bias"]["sigma"][number]
-
-
-def _gradient_torque(document):
-    """Total sigma of each solution for the drag."""
-    for name, one in document["drag"].items():
-        yield _letters(document["event"]), name.replace("_", " "), "m s-2", one.get("sigma_total_rms"), None
-
-
-VALUES = {
-    "com_offset": _com_offset,
-    "kbr_phase_centre": _kbr_phase_centre,
-    "inertial_sensor": _inertial_sensor,
-    "gradient_torque": _gradient_torque,
-}
 
 
 def _letters(event):
@@ -171,7 +137,8 @@ def _errors(panel, own):
     for mood, (colour, marker) in MOODS.items():
         source = ColumnDataSource(_columns([point for point in own if point.mood == mood]))
         panel.segment("date", "low", "date", "high", source=source, color=colour, line_width=1.6)
-        marks = panel.scatter("date", "value", source=source, marker=marker, size=9, color=colour, line_color=colour)
+        size = 14 if "diamond" in marker else 9  # a diamond is drawn smaller than the others
+        marks = panel.scatter("date", "value", source=source, marker=marker, size=size, color=colour, line_color=colour)
         tips = [("", "@event"), ("", "@date{%F}"), ("value", "@value{%.6g} ± @sigma{%.2g}"), ("", "@said")]
         panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters=SHOWN))
 

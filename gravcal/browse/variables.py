@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gravcal.data import netcdf
+
 TIME_UNITS = "seconds since 2000-01-01 12:00:00"
 UNIX_OF_EPOCH_S = 946728000.0  # 2000-01-01 12:00:00 in seconds past 1970-01-01, both without leap seconds
 SHOWN = 400  # values of a small variable that a table shows, and series of a large one that can be chosen
@@ -74,9 +76,7 @@ def listed(path):
     -------
     variables : tuple of Variable, coordinates first
     """
-    import h5netcdf
-
-    with h5netcdf.File(path, "r") as file:
+    with netcdf.opened(path) as file:
         names = sorted(file.variables, key=lambda name: (name not in file.dimensions, name))
         return tuple(_variable(file, name) for name in names)
 
@@ -131,14 +131,14 @@ def read(column, start=0, stop=None):
     -------
     values : (n,)
     """
-    import h5py
-
-    with h5py.File(column.path, "r") as file:
-        return _piece(file, column, start, column.size if stop is None else stop)
+    with netcdf.opened(column.path) as file:
+        index = list(column.index)
+        index.insert(column.axis, slice(start, column.size if stop is None else stop))
+        return np.asarray(file[column.variable][tuple(index)], dtype=float)
 
 
 def pieces(column, length):
-    """Values of a column, piece by piece, the file held open.
+    """Values of a column, piece by piece.
 
     Parameters
     ----------
@@ -149,18 +149,13 @@ def pieces(column, length):
     ------
     values : (length,), the last one shorter
     """
-    import h5py
-
-    with h5py.File(column.path, "r") as file:
-        for start in range(0, column.size, length):
-            yield _piece(file, column, start, min(start + length, column.size))
+    for start in range(0, column.size, length):
+        yield read(column, start, min(start + length, column.size))
 
 
 def table(path, variable):
     """First values of a small variable as rows of text, each with the names of its indices."""
-    import h5netcdf
-
-    with h5netcdf.File(path, "r") as file:
+    with netcdf.opened(path) as file:
         values = np.asarray(file.variables[variable.name][...])
         labels = [_labels(file, name, size) for name, size in zip(variable.dims, variable.shape, strict=True)]
     texts = [_text(value) for value in values.ravel()[:SHOWN]]
@@ -178,7 +173,7 @@ def _variable(file, name):
     ]
     labels = itertools.product(*(_labels(file, *one) for one in across)) if numeric and axis is not None else ()
     columns = tuple(" ".join(part) for part in itertools.islice(labels, SHOWN))
-    attributes = {key: _plain(value) for key, value in node.attrs.items() if not key.startswith("_")}
+    attributes = {key: _plain(value) for key, value in netcdf.attributes(node).items() if not key.startswith("_")}
     return Variable(name, tuple(node.dimensions), shape, _type(node.dtype), attributes, axis, columns)
 
 
@@ -198,13 +193,6 @@ def _labels(file, dimension, size):
     if size == 3 and dimension.split("_")[0] in ("axis", "xyz", "component"):
         return ["x", "y", "z"]
     return [str(number) for number in range(min(size, SHOWN))]
-
-
-def _piece(file, column, start, stop):
-    """Values start:stop of a column of an open file."""
-    index = list(column.index)
-    index.insert(column.axis, slice(start, stop))
-    return np.asarray(file[column.variable][tuple(index)], dtype=float)
 
 
 def _type(dtype):

@@ -20,6 +20,7 @@ GAPS = {"orbit": 1, "sca": 2}
 #: Longest piece that is looked at where there is no manoeuvre.
 SURVEY_S = 180.0
 MANOEUVRE = ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular")
+STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
 QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 
 
@@ -116,7 +117,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
         "acc": (acc, gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
         "sca": (sca, _own_tags(sca), QUATERNION),
         "mag": (mag, _own_tags(mag), (*field, *(f"current_{a}" for a in "xyz"))),
-        "orbit": (orbit, _own_tags(orbit), ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")),
+        "orbit": (orbit, _own_tags(orbit), STATE),
     }
     for name, (source, tags, columns) in sources.items():
         time, values, flag, counts[name] = sorted_samples(source, tags, columns)
@@ -128,6 +129,40 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     limits = {"orbit": settings["orbit_gap_limit_s"], "sca": settings["star_camera_gap_limit_s"]}
     values = {"gap": _gaps(parts, detected, spans, limits), "window_start": spans[:, 0], "window_stop": spans[:, 1]}
     return _as_dataset(parts, counts, detected, values, orbit.attrs.get("product", ""))
+
+
+def orbit_i(orbit: xr.Dataset, spans: np.ndarray):
+    """Usable inertial states of an orbit product within windows.
+
+    Parameters
+    ----------
+    orbit : Dataset, "ingest" of GNI1B or GNV1B
+    spans : (w, 2) s, first and last epoch of each window
+
+    Returns
+    -------
+    time : (n,) s, GPS
+    position_i, velocity_i : (n, 3) m, m s-1
+    """
+    orbit = _near(orbit, spans)
+    time, values, flag, _ = sorted_samples(orbit, _own_tags(orbit), STATE)
+    usable = _inside(time, spans, 0.0) & (flag == 0)
+    states = _orbit(time[usable], values[usable], orbit.attrs.get("product", ""))
+    return time[usable], states["position_i"], states["velocity_i"]
+
+
+def between(at: np.ndarray, time: np.ndarray, limit: float) -> np.ndarray:
+    """Whether each epoch lies between two samples at most `limit` apart (s), or on one.
+
+    Parameters
+    ----------
+    at : (m,) s
+    time : (n,) s, at least two, in order
+    limit : s
+    """
+    index = np.clip(np.searchsorted(time, at), 1, time.size - 1)
+    inside = (at >= time[0]) & (at <= time[-1])
+    return inside & (time[index] - time[index - 1] <= limit)
 
 
 def _own_tags(observed):

@@ -1,6 +1,7 @@
 """Level-1 files in a folder: loose, compressed, or members of the daily archives, read without extracting."""
 
 import gzip
+import io
 import os
 import re
 import tarfile
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
+from gravcal.data import unpacked
 from gravcal.data.refusal import refuse
 
 NAME = re.compile(
@@ -67,11 +69,12 @@ def content(file: LevelOneFile) -> bytes:
 
     Raises
     ------
-    ProductError : the file is missing, empty, or its compression is damaged
+    ProductError : the file is missing, empty, too large, or its compression is damaged
     """
     try:
-        packed = _member(file) if file.member else file.path.read_bytes()
-        plain = gzip.decompress(packed) if file.name.endswith(".gz") else packed
+        packed = io.BytesIO(_member(file)) if file.member else file.path.open("rb")
+        with packed, gzip.GzipFile(fileobj=packed) if file.name.endswith(".gz") else packed as stream:
+            plain = unpacked.content(stream, file.where)
     except (FileNotFoundError, IsADirectoryError) as reason:
         refuse(file.where, "no file", "a Level-1 file", "Check the path.", reason=str(reason))
     except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
@@ -82,8 +85,8 @@ def content(file: LevelOneFile) -> bytes:
 
 
 def _member(file):
-    with tarfile.open(file.path, "r:*") as archive:
-        for item in archive:
+    with unpacked.archive(file.path) as archive:
+        for item in unpacked.members(archive, file.path):
             if item.name == file.member:
                 return archive.extractfile(_safe(file.path, item)).read()
     return refuse(file.where, "no such member", "a member of the archive", "List the archive with inventory().")
@@ -101,8 +104,8 @@ def _safe(path, item):
 @lru_cache(maxsize=64)
 def _members(path, size, changed_ns):  # noqa: ARG001 - the last two make the cache honest
     try:
-        with tarfile.open(path, "r:*") as archive:
-            return tuple(_safe(path, item).name for item in archive if not item.isdir())
+        with unpacked.archive(path) as archive:
+            return tuple(_safe(path, item).name for item in unpacked.members(archive, path) if not item.isdir())
     except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
         return refuse(path, f"a damaged archive ({reason})", "a whole archive", FETCH_AGAIN)
 

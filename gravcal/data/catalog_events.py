@@ -9,9 +9,10 @@ from gravcal.data import catalog_files as files
 from gravcal.data.catalog_satellites import satellite
 
 REQUIRED = ("calibration", "satellites", "date", "date_status", "source", "design", "release", "found")
-OPTIONAL = ("end_date", "date_as_printed", "note", "printed", "sha256")
+OPTIONAL = ("end_date", "date_as_printed", "note", "printed", "sha256", "origin")
 CALIBRATIONS = ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque")
 STATUS = ("printed", "corrected", "unknown")
+ORIGINS = ("measured", "simulated")
 FOUND = ("kind", "start", "stop")
 DESIGN = ("calibration", "source", "products", "manoeuvre")
 DESIGNED = ("kind", "count", "duration_s", "period_s")
@@ -57,7 +58,7 @@ class RawFile:
 
 @dataclass(frozen=True)
 class Event:
-    """One event of the catalogue; ``date`` is None where the true date is not known."""
+    """One event of the catalogue; ``date`` is None where it is not known, ``origin`` "" where the files say it."""
 
     name: str
     calibration: str
@@ -73,6 +74,7 @@ class Event:
     printed: tuple[Mapping[str, object], ...]
     found: tuple[Manoeuvre, ...]
     raw_files: tuple[RawFile, ...]
+    origin: str
 
 
 def event(name):
@@ -107,7 +109,13 @@ def event(name):
         printed=tuple(table for table in content.get("printed", [])),
         found=tuple(_found(table, path) for table in content["found"]),
         raw_files=_raw_files(content, design, members, _days(date, end_date), path),
+        origin=_origin(name, path, content),
     )
+
+
+def origin(name):
+    """Origin that an event of the catalogue states for its files, "" where it states none or there is no such event."""
+    return files.made("events", name, _origin) if name in files.names("events") else ""
 
 
 def events(satellite=None, calibration=None):
@@ -145,6 +153,14 @@ def _check(content, path):
         raise files.wrong(path, "calibration", content["calibration"], f"one of {', '.join(CALIBRATIONS)}", remedy)
     if not isinstance(content["satellites"], list) or not content["satellites"]:
         raise files.wrong(path, "satellites", content["satellites"], "a list of names", 'Write ["grace-c"].')
+
+
+def _origin(name, path, content):  # noqa: ARG001 - as files.made calls it
+    """Origin that an event states: its files may be simulated without saying so."""
+    found = content.get("origin", "")
+    if found not in ("", *ORIGINS):
+        raise files.wrong(path, "origin", found, f"one of {', '.join(ORIGINS)}", "Leave it out where the files say it.")
+    return found
 
 
 def _date(content, key, path):

@@ -27,10 +27,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Parameters:
-    """All parameters of a calibration; their values are attributes: ``chosen.lowpass_hz``."""
+    """All parameters of a calibration; their values are attributes: ``chosen.lowpass_hz``.
+
+    ``configuration`` is "operational" or the name of the experiment that they belong to.
+    """
 
     calibration: str
     entries: Mapping[str, Parameter]
+    configuration: str = "operational"
 
     def __getattr__(self, name):
         """Value of the parameter of that name."""
@@ -62,6 +66,10 @@ class Parameters:
             changed[name] = replace(entry, value=value)
             _check(changed[name], self.calibration)
         return replace(self, entries={**self.entries, **changed})
+
+    def for_report(self):
+        """All values by name, and the name of the configuration, as a report says them; no other stage takes both."""
+        return {name: entry.value for name, entry in self.entries.items()} | {"configuration": self.configuration}
 
     def for_stage(self, stage):
         """Settings of one stage, ready as keyword arguments.

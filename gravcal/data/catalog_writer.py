@@ -16,7 +16,7 @@ DESIGNS = {
 RELEASES = {"GRACE": "02", "GRACE-FO": "04"}
 
 
-def event_text(calibration, satellites, date, found, sha256):
+def event_text(calibration, satellites, date, found, sha256, origin="measured"):
     """TOML text of an event found in data.
 
     Parameters
@@ -26,6 +26,7 @@ def event_text(calibration, satellites, date, found, sha256):
     date : datetime.date
     found : sequence of Manoeuvre, or of mappings with kind, start, stop (GPS seconds)
     sha256 : mapping of Level-1 file name to digest
+    origin : of the files; the source of the event says what was not measured
 
     Returns
     -------
@@ -39,7 +40,7 @@ def event_text(calibration, satellites, date, found, sha256):
         f"satellites = [{names}]",
         f"date = {date.isoformat()}",
         'date_status = "printed"',
-        'source = "found in the Level-1 files below"',
+        f'source = "found in the {"" if origin == "measured" else f"{origin} "}Level-1 files below"',
         f'design = "{DESIGNS[calibration]}"',
         f'release = "{RELEASES.get(members[0].mission, "01")}"',
     ]

@@ -1,8 +1,15 @@
-"""Why a product has to be made: its recipe beside that of the newest product of the same name."""
+"""Why a product has to be made: its recipe beside that of the newest product of the same name and configuration.
 
-from gravcal.data import location, store
+What an experiment never made is compared with the operational product.
+"""
+
+import os
+
+from gravcal.data import fingerprint, store
 
 ABSENT = "(absent)"
+REMAKE = "GRAVCAL_REMAKE_VERSIONS"  # "1": products that other versions of these made are made again
+NUMERICAL = ("numpy", "scipy", "numba")
 
 
 def why(recipe, modules):
@@ -18,10 +25,29 @@ def why(recipe, modules):
     reasons : list of str, such as "lowpass_hz: 0.5 -> 0.7", "input com_offset.align changed", "never made"
     """
     stage = ".".join(part for part in (recipe["kind"], recipe["variant"]) if part)
-    record = store.read_record(location.folder() / "latest" / recipe["event"] / stage)
+    record = store.newest_record(recipe["event"], stage)
     if record is None:
         return ["never made"]
     return compared(record, {"recipe": recipe, "modules": modules}, otherwise=())
+
+
+def other_versions(ref):
+    """Numerical libraries of which another version made a product, as text: "made by numpy 2.1.0, here 2.2.1".
+
+    Parameters
+    ----------
+    ref : ProductRef that was found
+    """
+    made, here = (store.read_record(ref.folder) or {}).get("versions", {}), fingerprint.versions()
+    other = [
+        f"{name} {made[name]}, here {here[name]}" for name in NUMERICAL if made.get(name, here[name]) != here[name]
+    ]
+    return [f"made by {one}" for one in other]
+
+
+def remakes_versions():
+    """Whether products that other versions made are to be made again."""
+    return os.environ.get(REMAKE, "0") not in ("", "0")
 
 
 def compared(old_record, new_record, otherwise=("event or variant",)):
@@ -40,10 +66,11 @@ def compared(old_record, new_record, otherwise=("event or variant",)):
     reasons = list(_differences(old["settings"], new["settings"], ""))
     if old["version"] != new["version"]:
         reasons.append(f"version {old['version']} -> {new['version']}")
+    stated = [recipe.get("origin", ABSENT) or "as files say" for recipe in (old, new)]
+    if stated[0] != stated[1]:
+        reasons.append(f"origin: {stated[0]} -> {stated[1]}")
     reasons += _input_reasons(old["inputs"], new["inputs"])
-    if old["code"] != new["code"]:
-        reasons.append(f"code changed: {', '.join(changed(old_record, new_record))}")
-    return reasons or list(otherwise)
+    return reasons + changed(old_record, new_record) or list(otherwise)
 
 
 def _differences(old, new, name):
@@ -73,9 +100,13 @@ def _input_name(item):
 
 
 def changed(old_record, new_record):
-    """Names of the parts of the code that changed, came or went between two records."""
-    old, new = old_record.get("modules", {}), new_record.get("modules", {})
-    return sorted(name for name in set(old) | set(new) if old.get(name) != new.get(name)) or ["(unknown)"]
+    """Parts of the code, and data files that it reads, that changed, came or went between two records, as reasons."""
+    if old_record["recipe"]["code"] == new_record["recipe"]["code"]:
+        return []
+    old, new = old_record["modules"], new_record["modules"]
+    names = sorted(name for name in set(old) | set(new) if old.get(name) != new.get(name)) or ["(unknown)"]
+    parts = {"code": [name for name in names if "/" not in name], "data": [name for name in names if "/" in name]}
+    return [f"{what} changed: {', '.join(own)}" for what, own in parts.items() if own]
 
 
 def _short(value):

@@ -11,7 +11,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from gravcal.data import fetch_http, fetch_layout
+from gravcal.data import fetch_http, fetch_layout, unpacked
 from gravcal.data.fetch_http import Patience
 from gravcal.data.refusal import refuse
 from gravcal.errors import GravcalError, ProductError
@@ -183,8 +183,8 @@ def _members(name, path, wanted):
     """SHA-256 of the members wanted, by bare name; reading to the end checks the compression."""
     digests = {}
     try:
-        with tarfile.open(path, "r:gz") as packed:
-            for item in packed:
+        with unpacked.archive(path) as packed:
+            for item in unpacked.members(packed, path):
                 bare = PurePosixPath(item.name).name
                 if item.isfile() and bare in wanted:
                     digests[bare] = hashlib.file_digest(packed.extractfile(item), "sha256").hexdigest()

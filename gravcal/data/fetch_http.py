@@ -4,6 +4,7 @@ import json
 import os
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import urljoin, urlsplit
 
@@ -19,14 +20,18 @@ AGAIN = (408, 425, 429, 500, 502, 503, 504)
 
 @dataclass(frozen=True)
 class Patience:
-    """How long a server is waited for; an attempt that brought 1 % more bytes starts the count anew."""
+    """How long a server is waited for; an attempt that brought 1 % more bytes starts the count anew.
+
+    tell : function of a line, called before every pause; or None
+    """
 
     attempts: int = 6
     wait_s: float = 1.0  # first pause, doubled each time
     longest_wait_s: float = 60.0
-    connect_s: float = 20.0
+    connect_s: float = 8.0
     stall_s: float = 60.0  # without any byte
     slowest: float = 100.0  # bytes per second, over the time of a stall
+    tell: Callable | None = None
 
 
 class Interrupted(Exception):
@@ -120,7 +125,10 @@ def _persistently(attempt, url, patience, progress):
                     f"later, it goes on where it stopped; or name another archive with --from.",
                     attempts=failed,
                 ) from None
-            time.sleep(min(max(stop.pause_s, patience.wait_s * 2**failed), patience.longest_wait_s))
+            pause = min(max(stop.pause_s, patience.wait_s * 2**failed), patience.longest_wait_s)
+            if patience.tell:
+                patience.tell(f"{shown(url)}: {stop}; attempt {failed + 1} of {patience.attempts} in {pause:.0f} s")
+            time.sleep(pause)
 
 
 def _go_on(opened, url, part, patience, listener):

@@ -1,63 +1,81 @@
 """What lies in the store: list it, find one, verify all, remove what nothing refers to."""
 
 import contextlib
+import fnmatch
 import hashlib
+import math
 import re
 import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from gravcal.data import disk, location, store
+from gravcal.data import disk, location, records, store
 from gravcal.errors import ProductError
 
-KEY = re.compile(r"[0-9a-f]{64}")
+LABELS = ("gravcal_key", "gravcal_digest", "gravcal_recipe")
 YOUNG_S = 3600.0  # a product younger than this may belong to a run that has not yet linked it
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One product of the store with its record; ``newest`` says whether a readable link leads to it."""
+    """One product of the store with its record, and the configurations whose readable link leads to it."""
 
     ref: object
     record: dict
-    newest: bool
+    configurations: tuple[str, ...] = ()
+
+    @property
+    def newest(self):
+        """Whether the readable link of the operational configuration leads to it."""
+        return location.OPERATIONAL in self.configurations
 
 
-def entries(event=None, kind=None, newest_only=True):
+def entries(event=None, kind=None, newest_only=True, configuration=None):
     """Products of the store, sorted by name.
 
     Parameters
     ----------
     event, kind : str or None, only these
     newest_only : bool, only those that a readable link leads to
+    configuration : only those that its links lead to
 
     Returns
     -------
     entries : list of Entry
     """
-    newest = linked_keys()
-    found = []
+    links, found = linked(), []
     for folder in folders():
-        if newest_only and folder.name not in newest:
+        names = tuple(sorted(links.get(folder.name, ())))
+        if newest_only and not names or configuration is not None and configuration not in names:
             continue
         record = store.read_record(folder)
         if record is None:
             continue
         ref = store.reference(record, folder)
         if event in (None, ref.event) and kind in (None, ref.kind, ref.stage):
-            found.append(Entry(ref, record, folder.name in newest))
-    return sorted(found, key=lambda entry: (entry.ref.event, entry.record.get("made", ""), entry.ref.stage))
+            found.append(Entry(ref, record, names))
+    return sorted(found, key=lambda entry: (entry.ref.event, entry.record["made"], entry.ref.stage))
 
 
 def folders():
     """Folders of all products, whole or not."""
-    return sorted(path for path in (location.folder() / "objects").glob("*/*") if KEY.fullmatch(path.name))
+    shelves = (path for path in (location.folder() / "objects").glob("*") if not path.is_symlink())
+    return sorted(path for shelf in shelves for path in shelf.glob("*") if records.KEY.fullmatch(path.name))
+
+
+def linked():
+    """Configurations whose readable links lead to a product, by key: {key: {"operational", NAME}}."""
+    found, latest = {}, location.folder() / "latest"
+    for link, folder in (*store.links("*/*"), *store.links("*/as/*/*")):
+        name = location.OPERATIONAL if link.parent.parent == latest else link.parent.name
+        found.setdefault(folder.name, set()).add(name)
+    return found
 
 
 def linked_keys():
-    """Keys that the readable links lead to."""
-    return {link.readlink().name for link in (location.folder() / "latest").glob("*/*") if link.is_symlink()}
+    """Keys that the readable links lead to, those of experiments too."""
+    return set(linked())
 
 
 def resolve(text):
@@ -78,7 +96,9 @@ def resolve(text):
     objects = (location.folder() / "objects").resolve()
     named = {one.name for one in (path, path.parent) if one.parent.parent == objects}
     found = [entry for entry in everything if entry.ref.folder.name in named]
-    found = found or [entry for entry in everything if entry.newest and entry.ref.name == text]
+    folder = store.linked(location.folder() / "latest" / text)  # EVENT/STAGE, or EVENT/as/NAME/STAGE
+    if not found and folder:
+        found = [entry for entry in everything if entry.ref.key == folder.name]
     if not found and re.fullmatch(r"[0-9a-f]{4,64}", text):
         found = [entry for entry in everything if entry.ref.key.startswith(text)]
         equal = [entry for entry in everything if entry.ref.digest.startswith(text)]
@@ -107,56 +127,116 @@ def verify():
     -------
     problems : list of (folder, str), empty when all is well
     """
-    return [(folder, problem) for folder in folders() for problem in _problems(folder)]
+    found = [(folder, problem) for folder in folders() for problem in _problems(folder)]
+    links = [path for path in (location.folder() / "latest").rglob("*") if path.is_symlink() and not store.linked(path)]
+    links += [path for path in (location.folder() / "objects").glob("*") if path.is_symlink()]
+    return found + [(path, "a link that leads to no product of this store; it is not followed") for path in links]
 
 
-def prune(keep_s=YOUNG_S, remove=False):
-    """What nothing refers to: products no link leads to, directly or as input, and what was set aside or left behind.
+def prune(keep_s=None, remove=False, quota=None, configuration=None):
+    """What nothing refers to: products that no link and no pin leads to, directly or as input, and what was set aside.
 
     Parameters
     ----------
-    keep_s : float, s, younger ones stay
+    keep_s : float, s, younger ones stay; by default an hour, with a quota all stay that the quota has room for
     remove : bool, otherwise they are only named
+    quota : float, bytes of the store; where it has more, the oldest go first, none younger than an hour
+    configuration : pattern of names of experiments; their links that are older do not count, and are removed too
 
     Returns
     -------
-    unused : list of (Path, int), folder and bytes
+    unused : list of (Path, int), folder, link or file, and bytes
     """
-    needed, waiting = set(), list(linked_keys())
+    keep_s = (YOUNG_S if quota is None else math.inf) if keep_s is None else keep_s
+    dropped = [link for link in _experiments(configuration) if _age_s(link) > keep_s]
+    needed, waiting = set(), [link.readlink().name for link in (set(_roots()) - set(dropped))]
     while waiting:
         key = waiting.pop()
         record = store.read_record(store.folder_of(key)) if key not in needed else None
         needed.add(key)
-        waiting += [part["key"] for part in (record or {}).get("from", []) if part.get("key")]
+        waiting += [part["key"] for part in (record or {"from": []})["from"] if part.get("key")]
     unused = [folder for folder in folders() if folder.name not in needed]
     unused += sorted((location.folder() / "quarantine").glob("*")) + _unlocked()
-    sized = [(path, _size(path)) for path in unused if _age_s(path) > keep_s]
-    for path, _ in sized if remove else []:
+    aged = sorted(((_age_s(path), path) for path in unused), reverse=True)
+    gone, left = [(link, 0) for link in dropped], size() if quota is not None else 0
+    for age, path in aged:
+        if age > keep_s or (quota is not None and left > quota and age > YOUNG_S):
+            gone.append((path, _size(path)))
+            left -= gone[-1][1]
+    for path, _ in gone if remove else []:
         _remove(path)
-    return sized
+    return gone
+
+
+def size():
+    """Bytes of the products of the store and of what was set aside."""
+    return sum(_size(location.folder() / name) for name in ("objects", "quarantine"))
+
+
+def pin(entry):
+    """Keep a product, and all it was made of, whatever else refers to it."""
+    link = _pins() / entry.ref.key
+    try:
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.unlink(missing_ok=True)
+        link.symlink_to(Path("..") / "objects" / entry.ref.key[:2] / entry.ref.key)
+    except OSError as error:
+        raise disk.unwritable(error, f"pin of {entry.ref.name}") from error
+
+
+def unpin(entry):
+    """Let a product go like any other; whether it was pinned."""
+    was = entry.ref.key in pinned()
+    (_pins() / entry.ref.key).unlink(missing_ok=True)
+    return was
+
+
+def pinned():
+    """Keys of the products that are pinned."""
+    return {link.name for link in _pins().glob("*")}
+
+
+def _pins():
+    """Folder with a link to each product that is pinned."""
+    return location.folder() / "pins"
+
+
+def _roots():
+    """Links that keep a product: of all configurations, and pins."""
+    latest = location.folder() / "latest"
+    found = (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*"))
+    return [link for link in found if link.is_symlink()]
+
+
+def _experiments(pattern):
+    """Links of the experiments of a name that no calibration has promoted; none without one."""
+    from gravcal.data import configurations
+
+    if not pattern:
+        return []
+    promoted = {configurations.operational(one)["name"] for one in configurations.CALIBRATIONS}
+    found = [link for link in (location.folder() / "latest").glob("*/as/*/*") if link.is_symlink()]
+    names = {link.parent.name for link in found} - promoted
+    return [link for link in found if link.parent.name in fnmatch.filter(names, pattern)]
 
 
 def _problems(folder):
     """What is wrong with one product."""
-    from gravcal.data import netcdf_reading, product
+    from gravcal.data import netcdf, product
 
-    record = store.read_record(folder)
-    if record is None or record["key"] != folder.name:
-        return ["no record of this key"]
-    try:
-        image = (folder / "product.nc").read_bytes()
-    except OSError as error:
-        return [f"product.nc cannot be read ({error})"]
+    record, reason = records.read(folder)
+    reason = reason or store.doubt(folder, record)
+    if reason:
+        return [reason]
+    image = (folder / "product.nc").read_bytes()
     if hashlib.sha256(image).hexdigest() != record["sha256"]:
         return ["bytes of product.nc differ from the record"]
-    if product.digest(netcdf_reading.from_bytes(image)) != record["digest"]:
-        return ["content differs from its digest"]
-    return [name for name, digest in record.get("files", {}).items() if not _has_digest(folder / name, digest)]
-
-
-def _has_digest(path, digest):
-    """Whether a file is there with these bytes."""
-    return path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == digest
+    content = netcdf.from_bytes(image)
+    own = product.provenance(record["recipe"], record["key"], record["digest"], "")
+    labels = [
+        f"{name} in product.nc differs from the record" for name in LABELS if content.attrs.get(name) != own[name]
+    ]
+    return labels + (["content differs from its digest"] if product.digest(content) != record["digest"] else [])
 
 
 def _unlocked():
@@ -167,7 +247,7 @@ def _unlocked():
 def _age_s(path):
     """Seconds since a change; what went meanwhile is as young as can be, and what is from the future too."""
     try:
-        return time.time() - path.stat().st_mtime
+        return time.time() - path.lstat().st_mtime
     except OSError:
         return -1.0
 
@@ -175,7 +255,7 @@ def _age_s(path):
 def _size(path):
     """Bytes below a folder, or of a file; what went meanwhile has none."""
     total = 0
-    for one in path.rglob("*") if path.is_dir() else [path]:
+    for one in path.rglob("*") if path.is_dir() and not path.is_symlink() else [path]:
         with contextlib.suppress(OSError):
             total += one.stat().st_size if one.is_file() else 0
     return total
@@ -183,7 +263,7 @@ def _size(path):
 
 def _remove(path):
     """Remove a product so that it is gone at once: renamed first, then emptied."""
-    if not path.is_dir():
+    if path.is_symlink() or not path.is_dir():
         path.unlink(missing_ok=True)
         return
     aside = disk.new_aside()

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.data import epochs
+from gravcal.data import epochs, netcdf, origin, unpacked
 from gravcal.data.archive import LevelOneFile
 from gravcal.data.refusal import refuse
+from gravcal.errors import NoDataError
 
 NAME = re.compile(r"(?P<product>IS1|ATT|ORB)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>T)_(?P<release>\d{2})\.nc")
 ORIGIN = datetime(2000, 1, 1, 12)
@@ -68,7 +69,11 @@ def days(folder, date: str | None = None) -> dict[str, dict[str, LevelOneFile]]:
             found.setdefault(one.date, {})[one.product] = one
     if not found:
         refuse(
-            folder, f"no file{f' of {date}' if date else ''}", "IS1, ATT and ORB files of satellite T", "Check --data."
+            folder,
+            f"no file{f' of {date}' if date else ''}",
+            "IS1, ATT and ORB files of satellite T",
+            "Check --data.",
+            NoDataError,
         )
     for day, files in found.items():
         missing = sorted(set(VARIABLES) - set(files))
@@ -93,10 +98,10 @@ def read(file: LevelOneFile, start: float | None = None, stop: float | None = No
     ------
     ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
     """
-    import h5py
-
     try:
-        with h5py.File(file.path, "r") as content:
+        unpacked.check_netcdf(file.path)
+        with netcdf.opened(file.path) as opened:
+            content = opened.variables
             _check(content, file)
             time = content["time"][:].astype(float)
             names = VARIABLES[file.product]
@@ -107,7 +112,7 @@ def read(file: LevelOneFile, start: float | None = None, stop: float | None = No
                 time, values = epochs.in_order(time, {name: content[name][:] for name in names})
                 part = _part(time, start, stop)
                 values = {name: column[part] for name, column in values.items()}
-    except OSError as reason:
+    except unpacked.DAMAGED as reason:
         refuse(file.path, f"no readable netCDF file ({reason})", f"an {file.product} file", "Fetch the file again.")
     epochs.check_day(time, file.path, file.date)
     return {"time": time[part]} | _joined(file.product, values)
@@ -134,8 +139,7 @@ def _check(content, file):
     for name, (unit, width) in VARIABLES[file.product].items():
         if name not in content:
             refuse(file.path, f"no variable {name}", f"{name} in {unit}", "Write the file by formats.md, section 6.")
-        found = content[name].attrs.get("units", "none")
-        found = found.decode() if isinstance(found, bytes) else str(found)
+        found = str(netcdf.attributes(content[name]).get("units", "none"))
         if found != unit:
             refuse(file.path, f"{name} in {found}", f"{name} in {unit}", "Convert it, or correct its units.")
         shape = (count,) if width == 1 else (count, width)
@@ -185,7 +189,7 @@ def _between(files):
 
 
 def write(folder, product: str, record: Mapping[str, np.ndarray]) -> list[Path]:
-    """Files of a record, one a day (UTC of the GPS time scale).
+    """Files of a record that say they are simulated, one a day (UTC of the GPS time scale).
 
     Parameters
     ----------
@@ -208,21 +212,17 @@ def write(folder, product: str, record: Mapping[str, np.ndarray]) -> list[Path]:
 
 
 def _write(path, product, record):
-    """One file, not compressed: voltages are noise."""
-    import h5netcdf
+    """One file."""
+    import xarray as xr
 
     values = _columns(product, record)
-    with h5netcdf.File(path, "w") as file:
-        file.attrs["satellite"], file.attrs["product"], file.attrs["time_scale"] = "Taiji-1", product, "GPS"
-        file.dimensions["time"] = record["time"].size
-        time = file.create_variable("time", ("time",), data=np.asarray(record["time"], dtype=float))
-        time.attrs["units"] = "seconds since 2000-01-01 12:00:00"
-        for name, (unit, width) in VARIABLES[product].items():
-            if width > 1 and f"component_{width}" not in file.dimensions:
-                file.dimensions[f"component_{width}"] = width
-            dims = ("time",) if width == 1 else ("time", f"component_{width}")
-            variable = file.create_variable(name, dims, data=values[name])
-            variable.attrs["units"], variable.attrs["long_name"] = unit, LONG_NAMES[name]
+    variables = {}
+    for name, (unit, width) in VARIABLES[product].items():
+        dims = ("time",) if width == 1 else ("time", f"component_{width}")
+        variables[name] = dims, np.asarray(values[name]), {"units": unit, "long_name": LONG_NAMES[name]}
+    time = ("time", np.asarray(record["time"], dtype=float), {"units": "seconds since 2000-01-01 12:00:00"})
+    attributes = {"satellite": "Taiji-1", "product": product, "time_scale": "GPS"} | origin.LABELS
+    netcdf.write(xr.Dataset(variables, {"time": time}, attributes), path)
 
 
 def _columns(product, record):

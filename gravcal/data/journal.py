@@ -1,8 +1,10 @@
 """What the last run of each event did: which products it reused, which it made, where it failed.
 
-    runs/<event>.<flow>.json     one record, replaced by the next run; products do not depend on it
+    runs/<event>.<flow>.json          one record, replaced by the next run; products do not depend on it
+    runs/<event>.<flow>@<NAME>.json   the same of the experiment of that name
 
-The store says what there is; only the run knows what it found there already. ``gravcal browse`` shows both.
+The store says what there is; only the run knows what it found there already. ``gravcal browse`` shows both. A run that
+fails after one that did not, such as one from a folder without the files, takes nothing from that: it stands beside it.
 """
 
 import contextlib
@@ -11,7 +13,8 @@ import json
 import time
 import uuid
 
-from gravcal.data import location
+from gravcal.data import explain, location
+from gravcal.errors import GravcalError, NoDataError
 
 STATES = {"cached": "reused", "made": "made"}
 
@@ -26,19 +29,27 @@ def recorded(flow, event=None, planned=()):
     event : str or None, by default that of the first stage
     planned : stages in the order of the flow; where an error does not say its stage, the first not done is named
     """
-    record = {"event": event, "flow": flow, "status": "delivered", "started": _now(), "stages": {}}
+    record = {"event": event, "flow": flow, "configuration": location.configuration()}
+    record |= {"status": "delivered", "started": _now(), "stages": {}}
     begin = time.perf_counter()
 
     def listener(call, state, ref):
         record["event"] = record["event"] or call.event
-        record["stages"][call.unmade.stage] = {"state": STATES.get(state, state), "key": ref.key}
+        other = explain.other_versions(ref) if state == "cached" else []
+        found = {"state": STATES.get(state, state), "key": ref.key}
+        record["stages"][call.unmade.stage] = found | ({"other_versions": other} if other else {})
 
+    listener.stages = record["stages"]
     try:
         yield listener
     except BaseException as error:
         missing = next((stage for stage in planned if stage not in record["stages"]), None)
         failed = getattr(error, "facts", {}).get("stage") or missing
         record |= {"status": "failed", "failed": failed, "error": f"{type(error).__name__}: {error}"}
+        if isinstance(error, NoDataError):
+            record |= {"status": "no_data", "failed": None}
+        record["reason"] = str(error) if isinstance(error, GravcalError) else record["error"]
+        record["failed_key"] = getattr(error, "failed_key", None)
         raise
     finally:
         record["seconds"] = round(time.perf_counter() - begin, 3)
@@ -46,7 +57,7 @@ def recorded(flow, event=None, planned=()):
 
 
 def last(event, flow):
-    """Record of the last run of an event, or None.
+    """Record of the last run of an event in the configuration that is running, or None.
 
     Parameters
     ----------
@@ -54,9 +65,28 @@ def last(event, flow):
 
     Returns
     -------
-    record : dict or None: event, flow, status, started, seconds, stages {stage: {state, key}}, failed, error
+    record : dict or None: event, flow, configuration, status, started, seconds, stages {stage: {state, key,
+        other_versions}}, of the last run that did not fail, and "attempt", the same of one that failed since, with
+        failed and error; where all failed, that of the last
     """
-    return _read(_path(event, flow))
+    return _read(_path(event, flow, location.configuration()))
+
+
+def failure(event, flow):
+    """Record of the last run in the configuration that is running if it failed, or None.
+
+    Parameters
+    ----------
+    event, flow : str
+
+    Returns
+    -------
+    record : dict or None: as of ``last``; "reason" without the kind of the error, "failed_key" of the product that its
+        stage would have given, None where no stage is to blame
+    """
+    record = last(event, flow) or {"status": None}
+    record = record.get("attempt", record)
+    return {"reason": record.get("error", ""), "failed_key": None} | record if record["status"] == "failed" else None
 
 
 def runs():
@@ -70,9 +100,10 @@ def runs():
     return [record for record in found if record is not None]
 
 
-def _path(event, flow):
+def _path(event, flow, configuration):
     """Place of a record; a name that would lead elsewhere has none of its separators left."""
-    return location.folder() / "runs" / f"{event}.{flow}.json".replace("/", "_")
+    name = "" if configuration == location.OPERATIONAL else f"@{configuration}"
+    return location.folder() / "runs" / f"{event}.{flow}{name}.json".replace("/", "_")
 
 
 def _read(path):
@@ -81,14 +112,18 @@ def _read(path):
         record = json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
-    return record if isinstance(record, dict) and {"event", "flow", "status", "stages"} <= set(record) else None
+    whole = isinstance(record, dict) and {"event", "flow", "status", "stages"} <= set(record)
+    return {"configuration": location.OPERATIONAL} | record if whole else None
 
 
 def _write(record):
     """Write a record in one step; a store that can only be read keeps the old one."""
     if not record["event"]:
         return
-    path = _path(record["event"], record["flow"])
+    path = _path(record["event"], record["flow"], record.get("configuration", location.OPERATIONAL))
+    before = _read(path) if record["status"] != "delivered" else None
+    if before and before["status"] == "delivered":
+        record = before | {"attempt": record}
     aside = path.with_name(f".{uuid.uuid4().hex}")
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -40,7 +40,7 @@ def seconds(entry):
         node = waiting.pop()
         key = node["record"] and node["record"]["key"]
         if key and key not in taken:
-            taken[key] = node["record"].get("seconds", 0.0)
+            taken[key] = node["record"]["seconds"]
             waiting += node["inputs"]
     return sum(taken.values())
 
@@ -74,18 +74,17 @@ def level_one_folders(calibration):
     -------
     sources : list of (event, Path, satellite, date); date is None for an event of several days
     """
-    made = {}
-    for link in sorted((location.folder() / "latest").glob(f"*/{calibration}.*")):
-        made.setdefault(link.parent.name, []).append(link)
-    found = [(event, _event_files(links)) for event, links in made.items()]
+    made, latest = {}, location.folder() / "latest"
+    for link, folder in (*store.links(f"*/{calibration}.*"), *store.links(f"*/as/*/{calibration}.*")):
+        made.setdefault(link.relative_to(latest).parts[0], []).append((link.name, folder.name))
+    found = [(event, _event_files(keys)) for event, keys in made.items()]
     return [(event, *_whereabouts(files)) for event, files in found if files]
 
 
-def _event_files(links):
-    """Level-1 files of an event: those below its report, or below all it has."""
-    reports = [link for link in links if link.name.endswith(".report")]
-    keys = [link.readlink().name for link in reports or links if link.is_symlink()]
-    files = [file for key in keys for file in raw_files(key)]
+def _event_files(made):
+    """Level-1 files of an event by stages and keys: those below its reports, or below all it has."""
+    reports = [key for stage, key in made if stage.endswith(".report")]
+    files = [file for key in reports or [key for _, key in made] for file in raw_files(key)]
     return [file for file in files if file["product"] not in AUXILIARY]
 
 

@@ -72,11 +72,11 @@ def _stream_digest(path):
 
 def _archive_digests(path):
     """SHA-256 of every member of a tar archive, in one pass."""
-    import tarfile
+    from gravcal.data import unpacked
 
     digests = {}
-    with tarfile.open(path) as archive:
-        for entry in archive:
+    with unpacked.archive(path) as archive:
+        for entry in unpacked.members(archive, path):
             if entry.isfile():
                 total, stream = hashlib.sha256(), archive.extractfile(entry)
                 while chunk := stream.read(CHUNK):

@@ -20,7 +20,7 @@ import re
 
 import numpy as np
 
-from gravcal.data import netcdf_reading, variables
+from gravcal.data import netcdf
 from gravcal.errors import ProductError
 
 TIME = {
@@ -104,10 +104,10 @@ def _settled(dataset, labels, attributes):
     """The same with other attributes: those of each variable by name, and the global ones."""
     import xarray as xr
 
-    found = {}
-    for name, variable in dataset.variables.items():
-        values, own = _settled_values(variable.values), _settled_attributes(labels[name])
-        found[name] = variables.made(name, variable.dims, values, own)
+    found = {
+        name: (variable.dims, _settled_values(variable.values), _settled_attributes(labels[name]))
+        for name, variable in dataset.variables.items()
+    }
     coordinates = {name: found.pop(name) for name in sorted(dataset.coords)}
     return xr.Dataset(found, coordinates, _settled_attributes(attributes))
 
@@ -160,7 +160,7 @@ def provenance(recipe, key, content_digest, version):
 
 def read(path):
     """Dataset of a product file, times in GPS seconds, with its provenance attributes."""
-    return netcdf_reading.from_bytes(path.read_bytes())
+    return netcdf.from_bytes(path.read_bytes())
 
 
 def without_provenance(dataset):

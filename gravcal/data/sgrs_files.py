@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.data import epochs, netcdf, netcdf_reading, product
+from gravcal.data import epochs, netcdf, origin, product, unpacked
 from gravcal.data.archive import LevelOneFile
 from gravcal.data.refusal import refuse
+from gravcal.errors import NoDataError
 
 NAME = re.compile(r"(?P<product>SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>S)_(?P<release>\d{2})\.nc")
 REPAIR = "Write the file by formats.md, section 6."
@@ -46,7 +47,13 @@ def find(folder, date: str | None = None) -> LevelOneFile:
     """
     found = {(file.date, file.release): file for file in inventory(folder) if date in (None, file.date)}
     if not found:
-        refuse(folder, f"no SGRS file{f' of {date}' if date else ''}", "SGRS_YYYY-MM-DD_S_01.nc", "Check --data.")
+        refuse(
+            folder,
+            f"no SGRS file{f' of {date}' if date else ''}",
+            "SGRS_YYYY-MM-DD_S_01.nc",
+            "Check --data.",
+            NoDataError,
+        )
     if len({day for day, _ in found}) > 1:
         refuse(folder, f"SGRS files of {', '.join(sorted({d for d, _ in found}))}", "one day", "Give --date.")
     return found[max(found)]
@@ -88,8 +95,9 @@ def read(file: LevelOneFile, truth: bool = False):
     ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
     """
     try:
-        content = netcdf_reading.from_bytes(Path(file.path).read_bytes())
-    except (OSError, RuntimeError, KeyError) as reason:
+        unpacked.check_netcdf(file.path)
+        content = netcdf.from_bytes(Path(file.path).read_bytes())
+    except unpacked.DAMAGED as reason:
         refuse(file.path, f"no readable netCDF file ({reason})", "an SGRS file", "Fetch the file again.")
     wanted = VARIABLES | (DRAG if truth else {})
     if "time" not in content:
@@ -102,22 +110,20 @@ def read(file: LevelOneFile, truth: bool = False):
     time, along = epochs.in_order(content["time"].values.astype(float), along)
     epochs.check_day(time, file.path, file.date)
     values = {name: (dims, (along | alone)[name]) for name, (dims, _, _) in wanted.items()}
-    return _labelled(values, time, wanted)
+    return _labelled(values, time, wanted, {"origin": origin.of_file(file)})
 
 
 def sensor_positions(file: LevelOneFile) -> np.ndarray:
     """Places of the test masses, (1 or 2, 3) m, without reading the rest."""
-    import h5py
-
     try:
-        with h5py.File(file.path, "r") as content:
-            return np.asarray(content["sensor_position"], dtype=float)
-    except (OSError, KeyError) as reason:
+        with netcdf.opened(file.path) as content:
+            return np.asarray(content["sensor_position"][...], dtype=float)
+    except (*unpacked.DAMAGED, IndexError) as reason:
         return refuse(file.path, f"no sensor_position ({reason})", "an SGRS file", REPAIR)
 
 
 def write(path, columns: Mapping) -> Path:
-    """Write a file; reading gives the same numbers, and the same numbers the same bytes.
+    """Write a file that says it is simulated; reading gives the same numbers.
 
     Parameters
     ----------
@@ -126,18 +132,18 @@ def write(path, columns: Mapping) -> Path:
     """
     wanted = VARIABLES | (DRAG if "drag" in columns else {})
     values = {name: (dims, np.asarray(columns[name], dtype=float)) for name, (dims, _, _) in wanted.items()}
-    made = _labelled(values, np.asarray(columns["time"], dtype=float), wanted)
+    made = _labelled(values, np.asarray(columns["time"], dtype=float), wanted, origin.LABELS)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_bytes(netcdf.to_bytes(product.settled(made)))
+    netcdf.write(product.settled(made), Path(path))
     return Path(path)
 
 
-def _labelled(values, time, wanted):
+def _labelled(values, time, wanted, said):
     """Dataset with units and meanings."""
     import xarray as xr
 
     data = {n: (*entry, {"units": wanted[n][1], "long_name": wanted[n][2]}) for n, entry in values.items()}
-    attrs = {"satellite": "S-GRS", "product": "SGRS", "time_scale": "GPS"}
+    attrs = {"satellite": "S-GRS", "product": "SGRS", "time_scale": "GPS"} | said
     return xr.Dataset(data, {"time": ("time", time, product.TIME)}, attrs)
 
 

@@ -2,11 +2,14 @@
 
     objects/ab/<key>/product.nc, meta.json     one product with its record and the files that belong to it
     latest/<event>/<stage>                     readable link to the newest product of that name
+    latest/<event>/as/<NAME>/<stage>           the same of the experiment of that name
     tmp/  locks/  quarantine/  memo/           being written; who computes; set aside; what is cheap to remember
 
 A product is written aside, flushed and published by one rename of its folder, so it is there in full or not at all. A
-folder counts when its record names its key and the file has the recorded size and time of change; otherwise, and at
-every first read, the digest of the bytes decides. What fails is moved to ``quarantine`` and made again.
+folder counts when its record is whole (`records`), the file bears the key and digest that the record says, and has the
+recorded size and time of change; otherwise, and at every first read, the digest of the bytes decides. What fails is
+moved to ``quarantine`` and made again. No link is followed but those of ``latest``, and these only as far as they
+lead to a product of this store.
 """
 
 import contextlib
@@ -14,7 +17,6 @@ import datetime
 import errno
 import fcntl
 import hashlib
-import json
 import math
 import os
 import platform
@@ -22,8 +24,11 @@ import shutil
 import uuid
 from pathlib import Path
 
-from gravcal.data import disk, location, memory
+from gravcal.data import disk, location, memory, records
 from gravcal.data.references import ProductRef
+
+LABEL_BYTES = 64  # of a key or digest as text
+FOREIGN = "product.nc does not bear the key and digest of the record: it is another product"
 
 
 def folder_of(key):
@@ -43,14 +48,12 @@ def find(key):
     ref : ProductRef or None
     """
     folder = folder_of(key)
-    record = read_record(folder)
-    if record is None:
-        if os.path.lexists(folder):  # also a link that leads nowhere
-            set_aside(folder, "no readable record")
-        return None
-    reason = _doubt(folder, record, key)
+    record, reason = records.read(folder)
+    if record:
+        reason = doubt(folder, record)
     if reason:
-        set_aside(folder, reason)
+        if os.path.lexists(folder):  # also a link that leads nowhere
+            set_aside(folder, reason)
         return None
     return reference(record, folder)
 
@@ -69,14 +72,15 @@ def load(ref):
     held = memory.recall(ref.path)
     if held is not None:
         return held
-    record = read_record(ref.folder)
+    record, reason = records.read(ref.folder)
     image = _verified_bytes(ref.folder, record) if record else None
     if image is None:
-        set_aside(ref.folder, "bytes differ from the record")
+        set_aside(ref.folder, reason or "bytes differ from the record")
         return None
-    from gravcal.data import layout
+    from gravcal.data import netcdf, product
 
-    dataset = layout.content(image, record)
+    dataset = product.without_provenance(netcdf.from_bytes(image))
+    dataset.encoding[product.DIGEST] = record["digest"]
     memory.keep(ref.path, dataset)
     return dataset.copy()
 
@@ -92,9 +96,9 @@ def arrays(ref, names):
     image = _verified_bytes(ref.folder, record) if record else None
     if image is None:
         return None
-    from gravcal.data import netcdf_reading
+    from gravcal.data import netcdf
 
-    return netcdf_reading.arrays(image, names)
+    return netcdf.arrays(image, names)
 
 
 def put(key, recipe, made, facts):
@@ -121,7 +125,7 @@ def put(key, recipe, made, facts):
         disk.prepare()
         aside.mkdir()
         record = _write_folder(aside, key, recipe, dataset, files) | facts
-        (aside / "meta.json").write_text(json.dumps(record))
+        (aside / "meta.json").write_bytes(records.sealed(record))
         disk.flush(aside)
         ref = _publish(aside, key)
     except OSError as error:
@@ -134,7 +138,7 @@ def put(key, recipe, made, facts):
 
 def point(ref):
     """Let the readable link of a product's name lead to it; a store that can only be read keeps the old one."""
-    link = location.folder() / "latest" / ref.event / ref.stage
+    link = location.links(ref.event) / ref.stage
     target = os.path.relpath(ref.folder, link.parent)
     with contextlib.suppress(OSError):
         if link.is_symlink() and str(link.readlink()) == target:
@@ -145,15 +149,53 @@ def point(ref):
         aside.replace(link)
 
 
+def linked(link):
+    """Folder of the product that a readable link leads to; None where it is not one that `point` makes.
+
+    Parameters
+    ----------
+    link : Path below ``latest``
+    """
+    try:
+        target = str(link.readlink())
+    except (OSError, ValueError):
+        return None
+    folder = folder_of(Path(target).name)
+    is_own = records.KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent)
+    return folder if is_own else None
+
+
+def links(pattern="*/*"):
+    """Readable links below ``latest`` with the folders they lead to; what leads elsewhere is left out.
+
+    Returns
+    -------
+    links : list of (Path, Path), sorted
+    """
+    found = [(link, linked(link)) for link in sorted((location.folder() / "latest").glob(pattern))]
+    return [(link, folder) for link, folder in found if folder]
+
+
+def newest_record(event, stage):
+    """Record of the newest product of a name in the configuration that is running, else in the operational one."""
+    for name in (None, location.OPERATIONAL):
+        folder = linked(location.links(event, name) / stage)
+        record = read_record(folder) if folder else None
+        if record is not None:
+            return record
+    return None
+
+
 def last_seconds(ref):
-    """Seconds that the newest product of this name took to compute; infinite where there is none.
+    """Seconds that the newest product of this name took to compute, of an experiment or else of the operational one.
+
+    Infinite where there is none.
 
     Parameters
     ----------
     ref : ProductRef, made or not
     """
-    record = read_record(location.folder() / "latest" / ref.event / ref.stage) or {}
-    return record.get("seconds", math.inf)
+    return (newest_record(ref.event, ref.stage) or {}).get("seconds", math.inf)
 
 
 @contextlib.contextmanager
@@ -175,14 +217,8 @@ def lock(key):
 
 
 def read_record(folder):
-    """Record of a product folder, or None if there is none that can be read."""
-    try:
-        record = json.loads((folder / "meta.json").read_bytes())
-    except (OSError, ValueError):
-        return None
-    return (
-        record if isinstance(record, dict) and {"key", "recipe", "digest", "sha256", "bytes"} <= set(record) else None
-    )
+    """Record of a product folder, or None if there is none that can be believed."""
+    return records.read(folder)[0]
 
 
 def reference(record, folder):
@@ -194,7 +230,12 @@ def reference(record, folder):
 
 
 def set_aside(folder, reason):
-    """Move a product folder to quarantine with a note why; one that vanished meanwhile is no error."""
+    """Move a product folder to quarantine with a note why; one that vanished meanwhile is no error.
+
+    Of a folder that is reached through a link this link is moved, what it leads to is left alone.
+    """
+    if records.KEY.fullmatch(folder.name) and folder.parent.is_symlink():
+        folder = folder.parent
     memory.drop(folder / "product.nc")
     target = location.folder() / "quarantine" / f"{folder.name}-{uuid.uuid4().hex[:8]}"
     try:
@@ -205,29 +246,52 @@ def set_aside(folder, reason):
     except OSError as error:
         raise disk.unwritable(error, f"{folder.name[:12]} ({reason})") from error
     with contextlib.suppress(OSError):
-        why = target / "why.txt" if target.is_dir() else target.with_name(f"{target.name}.txt")
+        is_folder = target.is_dir() and not target.is_symlink()
+        why = target / "why.txt" if is_folder else target.with_name(f"{target.name}.txt")
         why.write_text(reason + "\n")
 
 
-def _doubt(folder, record, key):
+def doubt(folder, record):
     """Why a folder cannot be taken as it stands, or None; a changed time of change makes the bytes decide."""
-    if record["key"] != key:
-        return f"the record names another key, {record['key']}"
     try:
-        status = (folder / "product.nc").stat()
+        descriptor = os.open(folder / "product.nc", os.O_RDONLY)
     except OSError:
         return "product.nc is missing"
-    if status.st_size != record["bytes"]:
-        return f"product.nc has {status.st_size} bytes, the record says {record['bytes']}"
-    known = status.st_mtime_ns == record.get("mtime_ns") or memory.is_trusted(folder, status)
+    try:
+        status = os.fstat(descriptor)
+        if status.st_size != record["bytes"]:
+            return f"product.nc has {status.st_size} bytes, the record says {record['bytes']}"
+        if not _bears_labels(record, lambda place: os.pread(descriptor, LABEL_BYTES, place)):
+            return FOREIGN
+    finally:
+        os.close(descriptor)
+    known = status.st_mtime_ns == record["mtime_ns"] or memory.is_trusted(folder, status)
     if not known and _verified_bytes(folder, record) is None:
         return "bytes differ from the record"
     return _doubtful_file(folder, record)
 
 
+def _bears_labels(record, read):
+    """Whether a product file bears the key and the digest of the record as its own, where the record says.
+
+    Parameters
+    ----------
+    record : of the product
+    read : function of a place in the file, returns so many bytes as a label has from there
+    """
+    wanted = (record["key"], record["digest"])
+    places = record["labels_at"]
+    return len(places) == len(wanted) and all(
+        0 <= place < record["bytes"] and read(place) == text.encode()
+        for place, text in zip(places, wanted, strict=True)
+    )
+
+
 def _doubtful_file(folder, record):
     """Which of the files beside a product is not as recorded, or None; they are read without another check."""
-    for name, digest in record.get("files", {}).items():
+    for name, digest in record["files"].items():
+        if (folder / name).is_symlink():
+            return f"{name} is a link, which is not followed"
         try:
             image = (folder / name).read_bytes()
         except OSError:
@@ -243,7 +307,8 @@ def _verified_bytes(folder, record):
         image = (folder / "product.nc").read_bytes()
     except OSError:
         return None
-    if hashlib.sha256(image).hexdigest() != record["sha256"]:
+    is_whole = hashlib.sha256(image).hexdigest() == record["sha256"]
+    if not is_whole or not _bears_labels(record, lambda place: image[place : place + LABEL_BYTES]):
         return None
     memory.trust(folder, (folder / "product.nc").stat())
     return image
@@ -252,13 +317,13 @@ def _verified_bytes(folder, record):
 def _write_folder(aside, key, recipe, dataset, files):
     """Write product and files; their record without the facts of the run."""
     from gravcal import __version__
-    from gravcal.data import layout, netcdf, product
+    from gravcal.data import netcdf, product
 
     content = product.digest(dataset)
     dataset.encoding[product.DIGEST] = content
     labels = product.provenance(recipe, key, content, __version__)
-    image, places = netcdf.written(dataset.assign_attrs(labels))
-    (aside / "product.nc").write_bytes(image)
+    netcdf.write(dataset.assign_attrs(labels), aside / "product.nc")
+    image = (aside / "product.nc").read_bytes()
     extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name, text in extra.items():
         (aside / Path(name).name).write_bytes(text)
@@ -268,11 +333,11 @@ def _write_folder(aside, key, recipe, dataset, files):
         "sha256": hashlib.sha256(image).hexdigest(),
         "bytes": len(image),
         "mtime_ns": (aside / "product.nc").stat().st_mtime_ns,
+        "labels_at": [image.find(text.encode()) for text in (key, content)],
         "files": {name: hashlib.sha256(text).hexdigest() for name, text in extra.items()},
         "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "machine": platform.node(),
         "recipe": recipe,
-        **layout.recorded(dataset, places),
     }
 
 

@@ -2,9 +2,12 @@
 
 import ast
 import hashlib
+import re
 
 DOCUMENTED = (ast.Module, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 SILENT = ("kind", "ctx", "type_comment")  # the place of a name says whether it is read or set; the rest is layout
+
+FILE_NAME = re.compile(r"\*?([\w-]*(\.[\w-]+)+)")
 
 
 def tree_digest(node):
@@ -53,6 +56,12 @@ def imports(tree, package):
     for node in ast.walk(tree):
         for _, target in bindings(node, package):
             yield target
+
+
+def file_names(tree):
+    """Ends of file names among the texts of a tree: "page.html", and ".toml" of "*.toml" or f"{name}.toml"."""
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    return sorted({found[1] for text in texts if (found := FILE_NAME.fullmatch(text))})
 
 
 def bindings(node, package):

@@ -54,6 +54,17 @@ def vector_line(time, satellite, vector_b, name="VCM", comment=""):
     return f"{float(time)!r}  {spacecraft} {name}  3  {x!r}  {y!r}  {z!r}  {text}".rstrip()
 
 
+def commented(line, origin):
+    """Line of the sequence-of-events file as a comment that `read_vector_line` refuses: its values were not measured.
+
+    Parameters
+    ----------
+    line : str, of `vector_line`
+    origin : str, "simulated" or "mixed"
+    """
+    return f"# {origin.upper()} data, no line for the sequence-of-events file: {line}"
+
+
 def read_vector_line(line):
     """Vector of a line of the sequence-of-events file, None for a deleted line (first field ``x``).
 

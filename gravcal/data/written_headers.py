@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gravcal.data.origin import BY
 from gravcal.data.readers.tables import BITS, Product
 
 EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
-BY = "gravcal simulation"
 LEVELS = {"A": "1A", "B": "1B"}
 TOGETHER = {"X": "GRACE A+B", "Y": "GRACE C+D"}
 LABELS = 24  # lines of an 80-column header with its end

@@ -15,8 +15,8 @@ import numpy as np
 from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.problem import Problem
 from gravcal.errors import EstimationError
-from gravcal.methods import chances
-from gravcal.methods.beside import each
+from gravcal.methods import chi2_tail
+from gravcal.methods.parallel import parallel
 
 BANDS = 4
 DRAWS = 199
@@ -59,7 +59,7 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     here = problem, baseline, rest
     parts = [partial(scan.steps, *here), partial(_candidates, *here)]
     parts += [partial(scan.lines, *here, channel) for channel in channels]
-    steps, of_candidates, *found, (rows, smallest) = each(_called, [*parts, partial(_bands, problem.blocks, rest)])
+    steps, of_candidates, *found, (rows, smallest) = parallel(_called, [*parts, partial(_bands, problem.blocks, rest)])
     scans = [s for s in [*found, steps] if s.at.size]
     least = np.min(_tested([smallest, of_candidates, *(_scanned(s) for s in scans)], problem), axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
@@ -99,11 +99,11 @@ def _candidates(problem, baseline, rest):
         if factor.shape[0]:
             gains.append(np.sum((factor @ right[place]) ** 2, axis=0))
             dof.append(factor.shape[0])
-    return chances.least_log_tail(np.array(gains), np.array(dof)) + np.log(len(dof)) if dof else None
+    return chi2_tail.least_log_tail(np.array(gains), np.array(dof)) + np.log(len(dof)) if dof else None
 
 
 def _scanned(found):
-    return chances.least_log_tail(found.gain, np.maximum(found.dof, 1)) + np.log(found.at.size)
+    return chi2_tail.least_log_tail(found.gain, np.maximum(found.dof, 1)) + np.log(found.at.size)
 
 
 def _bands(blocks, rest):
@@ -117,7 +117,7 @@ def _bands(blocks, rest):
                 if mean <= 0:
                     continue
                 shape = mean**2 / freedom[band]
-                log_p.append(chances.log_gamma_tail(power[band], shape, mean))
+                log_p.append(chi2_tail.log_gamma_tail(power[band], shape, mean))
                 one = {"block": block.label, "channel": str(channel), "band": band, "p": float(np.exp(log_p[-1][0]))}
                 rows.append(one | {"ratio": float(power[band, 0] / mean)})
     return rows, (np.min(log_p, axis=0) + np.log(len(log_p)) if log_p else None)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.methods import chances
+from gravcal.methods import chi2_tail
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
 SEEN = 1e-4
@@ -100,7 +100,7 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
     """
     gain, dof, factor = gained(gram, place, size)
     part = factor @ gram[place, 0]
-    log_p = float(chances.log_tail(gain, dof)) if dof else 0.0
+    log_p = float(chi2_tail.log_tail(gain, dof)) if dof else 0.0
     covariance = factor.T @ factor
     scale = np.where(size[place] > 0, size[place], 1.0)
     inside = np.linalg.pinv(factor * scale) @ (factor * scale) if dof else np.zeros((scale.size,) * 2)

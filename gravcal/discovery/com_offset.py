@@ -16,9 +16,9 @@ from gravcal.calibrations.com_offset.discovery_scene import offset_of
 from gravcal.calibrations.com_offset.discovery_view import CHANNELS
 from gravcal.discovery import products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate, Shape
+from gravcal.discovery.model_average import named_parameters, with_ties
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
-from gravcal.discovery.widening import named_parameters, with_ties
 
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 #: A line or a step that is found along the frequency or time axis, by channel.

@@ -12,11 +12,11 @@ from gravcal.calibrations.gradient_torque.discovery_reading import reading
 from gravcal.calibrations.gradient_torque.discovery_view import CHANNELS, PARAMETERS, View, blocks, places, view
 from gravcal.discovery import attribution, products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate
-from gravcal.discovery.hidden import ROUNDING, UNSEEN
+from gravcal.discovery.model_average import named_parameters, widened
 from gravcal.discovery.problem import Problem, baseline_of
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
-from gravcal.discovery.widening import named_parameters, widened
+from gravcal.discovery.unobservable import ROUNDING, UNSEEN
 from gravcal.effects.entries import determined
 from gravcal.effects.gradient import EFFECTS
 

@@ -15,10 +15,10 @@ from gravcal.discovery import attribution, epochs, inertial_sensor_parts, produc
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.inertial_sensor_parts import Parts, made, parts_of
 from gravcal.discovery.lines import amplitude, lines
+from gravcal.discovery.model_average import named_parameters, widened
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
-from gravcal.discovery.widening import named_parameters, widened
 
 SWING = ("align", "scale", "offset")
 #: Epochs round that of the search at which a step is looked for again, in spacings of the search.

@@ -12,9 +12,9 @@ from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
 from gravcal.discovery import epochs, products, readings, residuals
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.lines import amplitude, lines
+from gravcal.discovery.model_average import named_parameters, widened
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
-from gravcal.discovery.widening import named_parameters, widened
 
 CHANNELS = ("range",)
 LINE = "unknown:time"

@@ -15,7 +15,7 @@ from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.rounds import Result
 from gravcal.discovery.trials import SHARES
-from gravcal.methods import chances
+from gravcal.methods import chi2_tail
 
 AXES = "xyz"
 PEAKS = 4
@@ -60,7 +60,7 @@ def lines(result: Result, where: tuple[str, int], shape: Callable, groups: list[
         grid = peak + step * FINE
         gains = [_gain(result, _columns(shape, f, groups)) for f in grid]
         gain, dof = max(gains)
-        chance = chances.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
+        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
         if chance < np.log(about[2]):
             kept.append(_line(grid, np.array([g for g, _ in gains]), (shape, groups), (where, *about)))
     return kept

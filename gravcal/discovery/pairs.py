@@ -7,7 +7,7 @@ import numpy as np
 from gravcal.discovery import attribution
 from gravcal.discovery.problem import Problem
 from gravcal.discovery.trials import COST, SHARES, Trial
-from gravcal.methods import chances
+from gravcal.methods import chi2_tail
 
 #: Candidates, best first, of which all pairs are tried.
 PAIRED = 30
@@ -36,7 +36,7 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], level: 
                 continue
             places = [problem.places[t.index] for t in (one, other)]
             gain, dof = _joint(gram, np.r_[places[0], places[1]], problem.size)
-            alone = [chances.log_tail(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
+            alone = [chi2_tail.log_tail(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
             score = gain - COST * dof
             if max(alone) < limit and (found is None or score > found[1]):
                 found = (one if one.score > other.score else other, score)

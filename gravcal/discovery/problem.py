@@ -9,7 +9,7 @@ import numpy as np
 
 from gravcal.discovery.blocks import Block, Candidate, basis_of
 from gravcal.discovery.columns import Columns, columns_of, without_rounding
-from gravcal.methods.beside import each
+from gravcal.methods.parallel import parallel
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
         columns = columns_of(block.channel, basis_of(block.own), pieces, widths)
         return columns, columns.products(), columns.squares, float(_used(block) - columns.basis.shape[1])
 
-    columns, gram, squares, samples = zip(*each(one, range(len(blocks)), blocks), strict=True)
+    columns, gram, squares, samples = zip(*parallel(one, range(len(blocks)), blocks), strict=True)
     size = np.sqrt(sum(squares))
     return Problem(blocks, list(candidates), list(columns), np.stack(gram), places, size, np.array(samples))
 
@@ -100,7 +100,7 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
         squares = np.einsum("nm,nm->m", new, new)
         return both, without_rounding(wider, np.append(np.zeros(place.start), squares)), squares
 
-    columns, gram, squares = zip(*each(one, problem.columns, problem.gram, candidate.columns), strict=True)
+    columns, gram, squares = zip(*parallel(one, problem.columns, problem.gram, candidate.columns), strict=True)
     size = np.append(problem.size, np.sqrt(sum(squares)))
     more = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
     return replace(problem, columns=list(columns), gram=np.stack(gram), size=size, **more)

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, hidden, naming, pairs, residuals, scan, shaping, trials
+from gravcal.discovery import adequacy, attribution, naming, pairs, residuals, scan, shaping, trials, unobservable
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.problem import Problem, baseline_of, prepare
-from gravcal.methods.beside import beside
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Finding:
     significance : probability corrected for everything that was tried
     heldout : twice the log likelihood gained on data left out; kind : "manoeuvres" or "blocks"
     at, at_sigma : epoch s or frequency Hz of a step or a line
-    separation : of `hidden.separation`, for each tied cause
+    separation : of `unobservable.separation`, for each tied cause
     imitators : {"cause", "form", "expected_chi2"} of drivers in no list that a listed cause cannot be told from
     """
 
@@ -115,9 +114,8 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     problem = prepare(blocks, candidates)
     scan.looked_at(problem, sorted({c for b in blocks for c in b.channel}))
     noise = residuals.drawn(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
-    with beside(adequacy.test, problem, baseline_of(problem, ()), noise) as of_baseline:
-        problem, chosen, first = _named(problem, choice)
-        before = of_baseline()
+    before = adequacy.test(problem, baseline_of(problem, ()), noise)
+    problem, chosen, first = _named(problem, choice)
     chosen, after = naming.settled(problem, chosen, choice, noise, before)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
@@ -218,7 +216,7 @@ def _finding(problem, chosen, position, choice):
     gain, kind = trials.held_out(problem, baseline, index, choice.segment_s)
     near = _near(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
-    apart = [hidden.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
+    apart = [unobservable.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     names, units, value, sigma = _parameters(problem, gram, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}

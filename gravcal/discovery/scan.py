@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block
 from gravcal.discovery.problem import Problem
-from gravcal.methods.beside import each
+from gravcal.methods.parallel import parallel
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def looked_at(problem: Problem, channels) -> None:
         for channel, axis in itertools.product(grids, range(3)):
             _waves(problem, index, channel, axis, grids[channel])
 
-    each(one, range(len(problem.blocks)))
+    parallel(one, range(len(problem.blocks)))
 
 
 def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Scan:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.discovery import hidden, rounds
+from gravcal.discovery import rounds, unobservable
 from gravcal.discovery.rounds import Choice, Finding, Result
 
 
@@ -30,7 +30,7 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
         "p_after": result.after.p,
         "level": choice.level,
         "findings": [_finding(f, choice) for f in result.findings],
-        "indistinguishable_from_calibration": hidden.beside_calibration(
+        "indistinguishable_from_calibration": unobservable.beside_calibration(
             result.problem, rounds.baseline_of(result.problem, ()), np.full(len(names), scale)
         ),
         "unexplained": _unexplained(result, choice),

@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.problem import Problem, extended, halves
-from gravcal.methods import chances
+from gravcal.methods import chi2_tail
 
 #: Share of the family-wise level that each kind of trial may spend.
 SHARES = {"listed": 0.5, "unknown": 0.2, "line": 0.2, "step": 0.1}
@@ -71,7 +71,7 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
         if dof:
             kind = "listed" if candidate.listed else "unknown"
             rows.append((kind, candidate.cause, candidate.form, k, gain, dof))
-    log_p = chances.log_tail([row[4] for row in rows], [row[5] for row in rows]).tolist()
+    log_p = chi2_tail.log_tail([row[4] for row in rows], [row[5] for row in rows]).tolist()
     rows = [(*row, p) for row, p in zip(rows, log_p, strict=True)]
     return _corrected(rows + _along(problem, baseline, choice))
 
@@ -84,7 +84,7 @@ def _along(problem, baseline, choice):
     rows = []
     for one in found:
         gain = one.gain[:, 0] if one.at.size else np.zeros(0)
-        log_p = chances.log_tail(gain, np.maximum(one.dof, 1))
+        log_p = chi2_tail.log_tail(gain, np.maximum(one.dof, 1))
         spacing = float(np.median(np.abs(np.diff(one.at)))) / np.sqrt(12) if one.at.size > 1 else np.nan
         name = choice.step_cause if one.kind == "step" else choice.tone_causes[one.channel]
         first = (one.kind, name, f"{one.channel} reading", -1)

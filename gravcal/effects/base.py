@@ -65,7 +65,7 @@ class Context:
     start, stop : (k,) s, manoeuvres
     epoch : s, from which drifts and phases count
     extra : anything else, by name: mass (kg), non_gravitational_b and radiation_b (n, 3) m s-2, warmth (n,) 1 as of
-        `surroundings.warmth`, axis_b (n, 3) 1 as of `surroundings.dipole_axis_i`; families add their own
+        `orbit_environment.warmth`, axis_b (n, 3) 1 as of `orbit_environment.dipole_axis_i`; families add their own
     """
 
     time: np.ndarray

@@ -10,6 +10,7 @@ import scipy
 from gravcal.physics.constants import ARCSECOND, DAY, GPS_EPOCH_MJD, TAI_MINUS_GPS
 from gravcal.physics.shapes import refuse
 
+TABLES = Path(astropy_iers_data.__file__).parent / "data"
 # Columns of finals2000A in characters from 0: (final values of Bulletin B, rapid ones and predictions of Bulletin A)
 COLUMNS = {
     "xp": ((134, 144), (18, 27), ARCSECOND),
@@ -72,14 +73,14 @@ def tai_minus_utc(seconds, scale="gps"):
 @lru_cache
 def _leap_seconds():
     """UTC seconds past 2000-01-01 12:00:00 from which on TAI - UTC has a value, and the values."""
-    rows = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments="#")
+    rows = np.loadtxt(TABLES / "Leap_Second.dat", comments="#")
     return (rows[:, 0] - GPS_EPOCH_MJD) * DAY, rows[:, -1]
 
 
 @lru_cache
 def _lines():
     """Rows of finals2000A that hold polar motion and UT1, as (n, width) single characters."""
-    raw = Path(astropy_iers_data.IERS_A_FILE).read_bytes()
+    raw = (TABLES / "finals2000A.all").read_bytes()
     width = raw.index(b"\n") + 1
     lines = np.frombuffer(raw, "S1").reshape(-1, width)
     return lines[np.any(lines[:, 58:68] != b" ", axis=1)]

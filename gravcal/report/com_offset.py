@@ -5,21 +5,20 @@ import numpy as np
 from gravcal.data.schemas import VERSION
 from gravcal.report import com_offset_parts as parts
 from gravcal.report import com_offset_verdict as verdicts
+from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import as_plain
 
-PAGE_PRODUCTS = ("solve", "figures", "survey", "detect")
+#: Products of which an event has one; of "solve" and "angular_acceleration" it has one for each variant.
+SINGLE = ("combine", "attitude", "field", "survey", "detect", "align", "checks")
 
 
-def document(combined, solved, instruments, detected, survey=None, *, event, provenance, settings):
+def document(products, *, event, provenance, settings):
     """Document of one event, ready for JSON.
 
     Parameters
     ----------
-    combined : Dataset, "com_offset.combine", or None without a manoeuvre
-    solved : sequence of Dataset, "com_offset.solve", one for each angular acceleration
-    instruments : dict of `com_offset_parts.instruments`
-    detected : Dataset, "com_offset.detect"
-    survey : Dataset, "com_offset.survey", or None
+    products : {name: Dataset} for the names of `SINGLE`, and "solve": {variant: Dataset}; "combine" is None without a
+        manoeuvre, "survey" may be
     event : str
     provenance : mapping, "products" {stage: key} and what else is known
     settings : mapping, all parameters; requirement_um, accuracy_um, consistency_level are used here
@@ -28,6 +27,8 @@ def document(combined, solved, instruments, detected, survey=None, *, event, pro
     -------
     document : dict of plain values
     """
+    detected, combined = products["detect"], products["combine"]
+    instruments = parts.instruments(products["attitude"], products["field"], detected, settings)
     head = {
         "schema_version": VERSION,
         "status": "no_manoeuvre",
@@ -39,13 +40,15 @@ def document(combined, solved, instruments, detected, survey=None, *, event, pro
         "record": parts.record(detected),
         "field_check": instruments["field_check"],
         "attitude": instruments["attitude"],
-        "roll_response": None if detected.sizes["manoeuvre"] else parts.roll_response(survey, settings),
+        "roll_response": None if detected.sizes["manoeuvre"] else parts.roll_response(products["survey"], settings),
     }
     tail = {"settings": as_plain(settings), "provenance": as_plain(provenance)}
     if detected.sizes["manoeuvre"] == 0 or combined is None:
         reason = f"No manoeuvre in the torquer currents{parts.span_text(detected)}: nothing to calibrate."
         return head | {"verdict": {"text": reason}, "manoeuvres": []} | measured | tail
-    return head | _estimates(combined, solved, instruments, detected, settings) | measured | tail
+    return (
+        head | _estimates(combined, list(products["solve"].values()), instruments, detected, settings) | measured | tail
+    )
 
 
 def _estimates(combined, solved, instruments, detected, settings):
@@ -69,21 +72,19 @@ def _estimates(combined, solved, instruments, detected, settings):
     }
 
 
-def page(document, *products, published=None, vcm=None):
+def page(document, products, published=None, vcm=None):
     """Page of one event, one self-contained HTML text.
 
     Parameters
     ----------
     document : dict of `document`
-    products : Dataset, four "com_offset.solve"; "figures", "survey", "detect"; what is missing may be None and leaves
-        out its figures
+    products : as for `document`, and "angular_acceleration"; what is missing or None leaves out its figures
     published : {section: records} as the catalogue gives them for this event; None where nothing was printed
     vcm : line of `vcm_line`, or None
     """
     from gravcal.report import com_offset_page
 
-    given = dict(zip(PAGE_PRODUCTS, products, strict=True))
-    return com_offset_page.page(document, given, published or {}, vcm)
+    return com_offset_page.page(document, products, published or {}, vcm)
 
 
 def vcm_line(document, satellite):
@@ -96,9 +97,10 @@ def vcm_line(document, satellite):
 
     Returns
     -------
-    line : str, or None unless all three components of the adopted variant are determined
+    line : str, a comment unless all data were measured; None unless all three components of the adopted variant are
+        determined
     """
-    from gravcal.data.vcm import vector_line
+    from gravcal.data.vcm import commented, vector_line
 
     found = vcm_vector(document)
     if found is None:
@@ -106,7 +108,9 @@ def vcm_line(document, satellite):
     time, vector, sigma = found
     name = document["adopted"]["variant"]
     errors = " ".join(f"{item:.2f}" for item in sigma)
-    return vector_line(time, satellite, vector, comment=f"{document['event']} {name} sigma_um {errors}")
+    doubt = " QUESTIONABLE" if document["status"] == "questionable" else ""
+    line = vector_line(time, satellite, vector, comment=f"{document['event']} {name} sigma_um {errors}{doubt}")
+    return line if document["origin"] == "measured" else commented(line, document["origin"])
 
 
 def vcm_vector(document):
@@ -122,7 +126,7 @@ def vcm_vector(document):
     vector_b : (3,) m, proof mass to centre of mass
     sigma_um : (3,) um, total
     """
-    if document["status"] != "delivered" or document["adopted"]["variant"] is None:
+    if document["status"] not in WITH_RESULT or document["adopted"]["variant"] is None:
         return None
     block = document["variants"][document["adopted"]["variant"]]
     if any(item is None for item in block["offset_um"]):

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import checks as checking
 from gravcal.data import product
 from gravcal.data.schemas import validate
-from gravcal.report import com_offset
+from gravcal.report import com_offset, com_offset_verdict, documents
 
 
 def report(*products, event, satellite, settings, published):
@@ -18,7 +19,8 @@ def report(*products, event, satellite, settings, published):
 
     Parameters
     ----------
-    products : Dataset, combine, four solve, survey, detect, figures
+    products : Dataset, combine; solve and angular_acceleration, four each; attitude, field, survey, detect, align,
+        checks
     event : str
     satellite : letter
     settings : mapping of all parameters
@@ -29,29 +31,25 @@ def report(*products, event, satellite, settings, published):
     dataset : Dataset, "com_offset.report"
     files : {name: text or bytes}
     """
-    combined, solved = products[0], products[1:5]
-    surveyed, detected, drawn = products[5:]
-    provenance = {"products": {name: digest[:12] for name, digest in _digests(products).items()}}
-    arguments = {"event": event, "provenance": provenance, "settings": settings}
-    instruments = json.loads(drawn.attrs["instruments"])
-    document = com_offset.document(combined, solved, instruments, detected, surveyed, **arguments)
+    named = {name: one for name, one in zip(com_offset.SINGLE, (products[0], *products[9:]), strict=True)}
+    each = {"solve": products[1:5], "angular_acceleration": products[5:9]}
+    by_variant = {kind: {one.attrs["variant"]: one for one in own} for kind, own in each.items()}
+    flat = named | {f"{kind}.{name}": one for kind, own in by_variant.items() for name, one in own.items()}
+    labels = {f"com_offset.{name}": product.digest_as_read(one)[:12] for name, one in flat.items()}
+    arguments = {"event": event, "provenance": {"products": labels}, "settings": settings}
+    document = com_offset.document(named | by_variant, **arguments)
+    found = checking.of_product(named["checks"])
+    if "consistency" in document:
+        found += com_offset_verdict.checks(named["combine"], document["consistency"], settings)
+    document = documents.judged(document, products, found)
     validate(document)
     files = {"result.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     line = com_offset.vcm_line(document, satellite)
     if line is not None:
         files["result.vcm"] = line + "\n"
     printed = {section: [SimpleNamespace(**r) for r in records] for section, records in published.items()}
-    shown = (solved, drawn, surveyed, detected)
-    files["report.html"] = com_offset.page(document, *shown, published=printed, vcm=line)
+    files["report.html"] = com_offset.page(document, named | by_variant, published=printed, vcm=line)
     return _dataset(document), files
-
-
-def _digests(products):
-    """Digests of what led here, by the stage that made it; the figures know those of the series they show."""
-    names = ["combine", *(f"solve.{d.attrs['variant']}" for d in products[1:5])]
-    names += ["survey", "detect"]
-    known = {f"com_offset.{n}": product.digest_as_read(d) for n, d in zip(names, products[:-1], strict=True)}
-    return known | json.loads(products[-1].attrs["drawn_from"])
 
 
 def _dataset(document):

@@ -1,29 +1,21 @@
-"""Figures of a centre-of-mass event: field, torquers, attitude, angular and linear acceleration."""
+"""Figures of a centre-of-mass event, like those of 10.3390/rs14164030: from field and torquers to the estimates."""
 
 import numpy as np
 
 from gravcal.report.com_offset_parts import KINDS
-from gravcal.report.drawing import Look, Panel, boxes, dots, level, limits, line, steps, upright
-from gravcal.report.drawing_frame import drawn, framed, legend, note
-from gravcal.report.drawing_looks import COMPONENT, DASHED, DOTTED, OVERLAY, VARIANT_LOOK
-from gravcal.report.figures import COLOURS
+from gravcal.report.figures import AXIS, COLOURS, VARIANTS, grid, legend, number_windows, thinned
 from gravcal.report.plain import AXES
 
-VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
-BORDER = Look(COLOURS["grey"], width=0.5, dash=DOTTED)
-THIN = Look(COLOURS["grey"], width=0.5)
-FIELD = {
-    "magnetometer": Look(COLOURS["orange"], 0, shape="circle", size=2.2),
-    "IGRF": Look(COLOURS["black"], 0.7),
-    "bias": Look(COLOURS["vermilion"], dash=DASHED),
-}
+WIDTHS = {"mtq": 2.4, "acc_calibrated": 1.1, "acc": 0.9, "sca": 1.0}  # wide below, thin above: all four are seen
 LINEAR = {
-    "measured": Look(COLOURS["sky"], 1.4),
-    "model": Look(COLOURS["black"], 0.7),
-    "difference, shifted": Look(COLOURS["vermilion"], 0.7),
+    "measured": {"color": COLOURS["sky"], "linewidth": 1.4},
+    "model": {"color": COLOURS["black"], "linewidth": 0.6},
+    "difference, shifted": {"color": COLOURS["vermilion"], "linewidth": 0.6},
 }
 FROM_EDGE = "time from the first edge (s)"
 PERIOD_S = 12.0
+SPREAD = 0.24  # of the angular accelerations about the place of their manoeuvre
+STEP_S = 0.5  # of the grid of a solution
 
 
 def field(checked, aligned):
@@ -36,38 +28,35 @@ def field(checked, aligned):
     """
     used = (checked["used"].values != 0)[:, None]
     time, ends = _joined(checked["time_mag"].values, aligned["window_start"].values, aligned["window_stop"].values)
-    units = {"measured_b": 1e6, "model_b": 1e6, "difference_b": 1e9}
-    series = {name: np.where(used, unit * checked[name].values, np.nan) for name, unit in units.items()}
-    titles = ({"title": "field in SRF"}, {"title": "magnetometer minus IGRF"})
-    parts = [legend(FIELD)]
-    for row, (left, right) in enumerate(boxes(3, 2, 330, across=66)):
-        words = _outer(row, 3, "minutes of record, windows joined end to end")
-        axis, own = AXES[row], {name: values[:, row] for name, values in series.items()}
-        panel = Panel(left, (ends[0], ends[-1]), limits(own["model_b"], own["measured_b"], margin=0.12))
-        thin = slice(None, None, max(1, time.size // 500))
-        marks = [dots(panel, time[thin], own["measured_b"][thin], FIELD["magnetometer"])]
-        marks.append(line(panel, time, own["model_b"], FIELD["IGRF"]))
-        parts.append(_windows(panel, ends, marks, words | {"y_label": f"B_{axis} (µT)"} | titles[0]))
-        panel = Panel(right, panel.x, limits(own["difference_b"], margin=0.12))
-        marks = [line(panel, time, own["difference_b"], Look(COLOURS["blue"], 0.7))]
-        marks.append(level(panel, 1e9 * float(checked["bias"].values[row]), FIELD["bias"]))
-        parts.append(_windows(panel, ends, marks, words | {"y_label": f"ΔB_{axis} (nT)"} | titles[1]))
-        titles = ({}, {})
-    return drawn(330, "magnetic field", *parts)
-
-
-def _windows(panel, ends, marks, words):
-    """Panel with dotted lines where windows meet; in the first row, which has a title, with their numbers."""
-    numbers = ""
-    if "title" in words and len(ends) > 2:
-        middles = (ends[1:] + ends[:-1]) / 2
-        numbers = "".join(note(panel, middle, str(i)) for i, middle in enumerate(middles, start=1))
-    return framed(panel, upright(panel, ends[1:-1], BORDER), *marks, **words) + numbers
-
-
-def _outer(row, rows, label):
-    """Numbers and label of the lower scale for the last row only."""
-    return {"x_label": label} if row == rows - 1 else {"x_numbers": False}
+    measured, model = (1e6 * np.where(used, checked[name].values, np.nan) for name in ("measured_b", "model_b"))
+    difference = 1e9 * np.where(used, checked["difference_b"].values, np.nan)
+    figure, panels = grid(3, 2, 3.4, sharex=True, margins={"wspace": 0.2, "hspace": 0.14})
+    panels[0, 0].set_title("field in SRF")
+    panels[0, 1].set_title("magnetometer minus IGRF")
+    thin = slice(None, None, max(1, time.size // 500))
+    for row, axis in enumerate(AXES):
+        left, right = panels[row]
+        left.plot(
+            time[thin],
+            measured[thin, row],
+            ".",
+            color=COLOURS["orange"],
+            markersize=2.2,
+            label="magnetometer",
+            rasterized=True,
+        )
+        left.plot(*thinned(time, model[:, row]), color=COLOURS["black"], linewidth=0.7, label="IGRF")
+        right.plot(*thinned(time, difference[:, row]), color=COLOURS["blue"], linewidth=0.7)
+        bias = 1e9 * float(checked["bias"].values[row])
+        right.axhline(bias, color=COLOURS["vermilion"], linestyle="--", label="bias")
+        number_windows(left, ends)
+        number_windows(right, ends)
+        left.set_ylabel(f"B$_{axis}$ (µT)")
+        right.set_ylabel(f"ΔB$_{axis}$ (nT)")
+    for panel in panels[-1]:
+        panel.set_xlabel("minutes of record, windows joined end to end")
+    legend(figure, panels[0], 3)
+    return figure
 
 
 def torquers(aligned, smoothed, detected):
@@ -77,27 +66,77 @@ def torquers(aligned, smoothed, detected):
     ----------
     aligned, smoothed, detected : Dataset, "com_offset.align", "com_offset.attitude", "com_offset.detect"
     """
+    figure, (left, right) = _rows(detected, 2, 0.55)
+    left.set_title("torquer current (mA)")
+    right.set_title("angular acceleration by the torquers (µrad s$^{-2}$)")
+    margin = 12.0
+    for row, (start, length) in enumerate(_spans(detected)):
+        since = aligned["time_mag"].values - start
+        near = (since > -margin) & (since < length + margin)
+        _stacked(left, row, since[near], aligned["current_b"].values[near].T, AXIS, steps=True)
+        inside = smoothed["acc_manoeuvre"].values == row
+        made = 1e6 * smoothed["magnetic_b"].values[inside].T
+        _stacked(right, row, smoothed["time_acc"].values[inside] - start, made, AXIS)
+    legend(figure, left, 3)
+    return figure
+
+
+def linear_accelerations(solved, detected):
+    """Measured and modelled linear acceleration with their difference, one row for each manoeuvre.
+
+    Parameters
+    ----------
+    solved : Dataset, "com_offset.solve"
+    detected : Dataset, "com_offset.detect"
+    """
+    figure, panels = _rows(detected, 3, 0.72)
+    index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
+    for axis, panel in enumerate(panels):
+        panel.set_title(f"f$_{AXES[axis]}$ (nm s$^{{-2}}$)")
+        for row, (start, _) in enumerate(_spans(detected)):
+            own = index == row
+            if not own.any():
+                continue
+            reading, model = (1e9 * solved[name].values[own, axis] for name in ("reading", "model"))
+            size = max(np.abs(reading).max(), np.abs(model).max(), 1e-3)
+            curves = (reading, model, reading - model - 1.3 * size)
+            _stacked(panel, row, time[own] - start, curves, LINEAR, size=size)
+    legend(figure, panels[0], 3)
+    return figure
+
+
+def _rows(detected, columns, height_in):
+    """Figure with panels side by side, in each one row for every manoeuvre, named at the left."""
     count = detected.sizes["manoeuvre"]
-    height = 80 + 61 * count
-    parts, index = [legend(COMPONENT)], smoothed["acc_manoeuvre"].values
-    x = (-12.0, float(np.nanmax(detected["stop"].values - detected["start"].values)) + 12.0)
-    own = ("torquer current (mA)", "angular acceleration by the torquers (µrad s⁻²)")
-    titles = [{"title": title} for title in own]
-    for row, (left, right) in enumerate(boxes(count, 2, height, across=50)):
-        words, start = _outer(row, count, FROM_EDGE), float(detected["start"].values[row])
-        mag = aligned["time_mag"].values - start
-        near = (mag > x[0]) & (mag < x[1])
-        current, inside = aligned["current_b"].values[near], index == row
-        made = 1e6 * smoothed["magnetic_b"].values[inside]
-        panel = Panel(left, x, limits(current, margin=0.1))
-        marks = [steps(panel, mag[near], current[:, i], COMPONENT[axis]) for i, axis in enumerate(AXES)]
-        name = f"{row + 1} {KINDS[int(detected['kind'].values[row])]}"
-        parts.append(framed(panel, *marks, **words, **titles[0], y_label=name))
-        panel, since = Panel(right, x, limits(made, margin=0.1)), smoothed["time_acc"].values[inside] - start
-        marks = [line(panel, since, made[:, i], COMPONENT[axis]) for i, axis in enumerate(AXES)]
-        parts.append(framed(panel, *marks, **words, **titles[1]))
-        titles = ({}, {})
-    return drawn(height, "torquers", *parts)
+    names = [f"{i + 1} {KINDS[int(kind)]}" for i, kind in enumerate(detected["kind"].values)]
+    figure, panels = grid(1, columns, 0.75 + height_in * count, sharey=True, margins={"wspace": 0.14, "right": 0.95})
+    panels[0, 0].set_yticks(-np.arange(count), names)
+    panels[0, 0].set_ylim(-count + 0.45, 0.55)
+    for panel in panels[0]:
+        panel.set_xlabel(FROM_EDGE)
+        panel.tick_params(axis="y", length=0)
+    return figure, panels[0]
+
+
+def _spans(detected):
+    """Start and length of every manoeuvre."""
+    return list(zip(detected["start"].values, detected["stop"].values - detected["start"].values, strict=True))
+
+
+def _stacked(panel, row, since, curves, styles, steps=False, size=None):
+    """Curves of one manoeuvre in its row, scaled to fill it; their largest size stands at the right."""
+    size = np.nanmax(np.abs(np.stack(curves)), initial=0.0) if size is None else size
+    known = np.concatenate([one[np.isfinite(one)] for one in curves] or [[0.0]])
+    if not known.size:
+        return
+    low, high = float(known.min()), float(known.max())
+    scale = 0.9 / (high - low or 1.0)
+    for (name, style), values in zip(styles.items(), curves, strict=True):
+        x, y = (since, values) if steps else thinned(since, values, 500)
+        shown = {"linewidth": 0.8} | style | ({"drawstyle": "steps-post"} if steps else {})
+        panel.plot(x, -row + scale * (y - (low + high) / 2), label=name if row == 0 else None, **shown)
+    place = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "center", "annotation_clip": False}
+    panel.annotate(f"±{size:.3g}", (1.005, -row), fontsize=6, color="#767676", **place)
 
 
 def attitude(smoothed):
@@ -114,18 +153,15 @@ def attitude(smoothed):
     ends = np.concatenate([[0.0], np.cumsum([stop - start + 1 for start, stop in spans])])
     joined = np.concatenate([time[index == i] - spans[n][0] + ends[n] for n, i in enumerate(np.unique(index))])
     residual = 1e6 * smoothed["sca_residual_b"].values
-    limit = 1.15 * np.nanmax(np.abs(residual))
-    parts, titled = [], {"title": "star camera minus dynamics"}
-    for row, (box,) in enumerate(boxes(3, 1, 250, top=22)):
-        panel = Panel(box, (0.0, ends[-1]), (-limit, limit))
-        marks = [
-            level(panel, 0, THIN),
-            dots(panel, joined, residual[:, row], Look(COLOURS["blue"], shape="circle", size=1.5)),
-        ]
-        words = _outer(row, 3, "seconds of fitted record, joined end to end") | titled
-        parts.append(_windows(panel, ends, marks, words | {"y_label": f"{AXES[row]} (µrad)"}))
-        titled = {}
-    return drawn(250, "attitude", *parts)
+    figure, panels = grid(3, 1, 2.6, sharex=True, sharey=True, margins={"hspace": 0.12})
+    panels[0, 0].set_title("star camera minus dynamics")
+    for row, (panel,) in enumerate(panels):
+        panel.axhline(0, color=COLOURS["grey"], linewidth=0.5)
+        panel.plot(joined, residual[:, row], ".", color=COLOURS["blue"], markersize=1.4, rasterized=True)
+        number_windows(panel, ends)
+        panel.set_ylabel(f"{AXES[row]} (µrad)")
+    panels[-1, 0].set_xlabel("seconds of fitted record, joined end to end")
+    return figure
 
 
 def angular_accelerations(angular, detected):
@@ -141,21 +177,24 @@ def angular_accelerations(angular, detected):
     if not chosen or "mtq" not in angular:
         return None
     names = [name for name in VARIANTS if name in angular]
-    height = 90 + 112 * len(chosen)
-    parts = [legend({name: OVERLAY[name] for name in names})]
-    for row, (left, right) in enumerate(boxes(len(chosen), 2, height, down=24)):
-        manoeuvre, kind = chosen[row], kinds[chosen[row]]
+    room = {"wspace": 0.16, "hspace": 0.28}
+    figure, panels = grid(len(chosen), 2, 0.9 + 1.1 * len(chosen), sharex="col", margins=room)
+    for (left, right), manoeuvre in zip(panels, chosen, strict=True):
+        kind = kinds[manoeuvre]
         edges = (detected["edge_lower"].values[manoeuvre] + detected["edge_upper"].values[manoeuvre]) / 2
         series = {name: _about(angular[name], manoeuvre, kind, edges[0]) for name in names}
-        edges = edges[np.isfinite(edges)] - edges[0]
-        words, axis = _outer(row, len(chosen), FROM_EDGE), AXES[kind]
-        titles = f"manoeuvre {manoeuvre + 1}, {KINDS[kind]}", "minus mtq, mean of each half period"
-        shown = {name: _periods(*one) for name, one in series.items()}
-        panel = Panel(left, (1.0, 3 + 3 * PERIOD_S), limits(*(y for _, y in shown.values())))
-        marks = [line(panel, *one, OVERLAY[name]) for name, one in shown.items()]
-        parts.append(framed(panel, *marks, **words, y_label=f"ω̇_{axis} (µrad s⁻²)", title=titles[0]))
-        parts.append(_half_periods(right, series, edges, words | {"title": titles[1]}))
-    return drawn(height, "angular accelerations", *parts)
+        for name, (since, values) in series.items():
+            inside = (since >= 2) & (since <= 2 + 3 * PERIOD_S)
+            style = VARIANTS[name] | {"marker": "", "linewidth": WIDTHS[name], "label": name}
+            left.plot(since[inside], values[inside], **style)
+        left.set_ylabel(f"ω̇$_{AXES[kind]}$ (µrad s$^{{-2}}$)")
+        left.set_title(f"manoeuvre {manoeuvre + 1}, {KINDS[kind]}")
+        _half_periods(right, series, edges[np.isfinite(edges)] - edges[0])
+    panels[0, 1].set_title("minus mtq, mean of each half period")
+    for panel in panels[-1]:
+        panel.set_xlabel(FROM_EDGE)
+    legend(figure, panels[0, 0], 4)
+    return figure
 
 
 def _about(angular, manoeuvre, axis, start):
@@ -166,65 +205,14 @@ def _about(angular, manoeuvre, axis, start):
     return angular["time_acc"].values[inside] - start, values - mean
 
 
-def _periods(since, values):
-    """Three periods of a series."""
-    inside = (since >= 2) & (since <= 2 + 3 * PERIOD_S)
-    return since[inside], values[inside]
-
-
-def _half_periods(box, series, edges, words):
-    """Panel with the difference to the torquers in every half period, the second round an edge left out."""
+def _half_periods(panel, series, edges):
+    """Difference to the torquers in every half period, the second round an edge left out."""
     time, torquer = series["mtq"]
-    middle = (edges[1:] + edges[:-1]) / 2
     bounds = np.searchsorted(time, np.stack([edges[:-1] + 0.8, edges[1:] - 0.8]))
-    means = {}
     for name in [name for name in series if name != "mtq"]:
         difference = series[name][1] - torquer
-        means[name] = np.array([np.mean(difference[a:b]) if b > a else np.nan for a, b in bounds.T])
-    panel = Panel(box, limits(edges, margin=0.03), limits(*means.values()))
-    marks = []
-    for name, values in means.items():
-        look = VARIANT_LOOK[name]
-        marks += [line(panel, middle, values, Look(look.colour, 0.6, look.dash))]
-        marks += [dots(panel, middle, values, Look(look.colour, shape=look.shape, size=2.8))]
-    return framed(panel, *marks, **words)
-
-
-def linear_accelerations(solved, detected):
-    """Measured and modelled linear acceleration with their difference, one row for each manoeuvre.
-
-    Parameters
-    ----------
-    solved : Dataset, "com_offset.solve"
-    detected : Dataset, "com_offset.detect"
-    """
-    count = detected.sizes["manoeuvre"]
-    height = 80 + 98 * count
-    index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
-    x = (-6.0, float(np.nanmax(detected["stop"].values - detected["start"].values)) + 6.0)
-    parts, titles = [legend(LINEAR)], [{"title": f"f_{axis} (nm s⁻²)"} for axis in AXES]
-    for row, places in enumerate(boxes(count, 3, height, left=54, across=36, down=13)):
-        own, words = index == row, _outer(row, count, FROM_EDGE)
-        since = time[own] - detected["start"].values[row]
-        reading, model = (1e9 * solved[name].values[own] for name in ("reading", "model"))
-        named = {"y_label": f"{row + 1} {KINDS[int(detected['kind'].values[row])]}"}
-        for column, box in enumerate(places):
-            series = since, reading[:, column], model[:, column]
-            parts.append(_linear(box, x, series, words | titles[column] | (named if column == 0 else {})))
-        titles = [{}] * 3
-    return drawn(height, "linear acceleration", *parts)
-
-
-def _linear(box, x, series, words):
-    """Panel of one component in one manoeuvre, the difference below."""
-    since, reading, model = series
-    if not since.size:
-        return framed(Panel(box, x, (-1.0, 1.0)), **words)
-    drop = 1.3 * max(np.abs(reading).max(), np.abs(model).max(), 1e-3)
-    curves = dict(zip(LINEAR, (reading, model, reading - model - drop), strict=True))
-    panel = Panel(box, x, limits(*curves.values()))
-    marks = [level(panel, -drop, THIN), *(line(panel, since, y, LINEAR[name]) for name, y in curves.items())]
-    return framed(panel, *marks, **words)
+        means = [np.mean(difference[a:b]) if b > a else np.nan for a, b in bounds.T]
+        panel.plot((edges[1:] + edges[:-1]) / 2, means, **VARIANTS[name] | {"linewidth": 0.6, "markersize": 2.4})
 
 
 def _joined(time, start, stop):
@@ -234,3 +222,110 @@ def _joined(time, start, stop):
     begin = np.concatenate([[0.0], np.cumsum(stop - start)])
     index = np.clip(np.searchsorted(start, time, side="right") - 1, 0, start.size - 1)
     return (time - start[index] + begin[index]) / 60, begin / 60
+
+
+def spectra(solved):
+    """Density of the residuals beside the noise as measured, and of the modelled signal.
+
+    Parameters
+    ----------
+    solved : Dataset, "com_offset.solve"
+    """
+    pieces = _pieces(solved)
+    if not pieces:
+        return None
+    reading, model = solved["reading"].values, solved["model"].values
+    frequency, residual = _density(reading - model, pieces)
+    _, signal = _density(model, pieces)
+    stated = np.sqrt(solved["noise_density"].values)
+    low = np.nanmin([np.nanmin(stated), np.nanpercentile(residual, 5)])
+    figure, panels = grid(1, 3, 2.6, sharex=True, sharey=True, margins={"wspace": 0.06, "right": 0.98})
+    for axis, panel in enumerate(panels[0]):
+        panel.loglog(frequency, signal[:, axis], color=COLOURS["sky"], label="modelled signal")
+        panel.loglog(frequency, residual[:, axis], color=COLOURS["vermilion"], linewidth=0.8, label="residual")
+        style = {"color": COLOURS["black"], "linewidth": 1.3, "label": "noise as measured"}
+        panel.loglog(solved["frequency"].values, stated[axis], **style)
+        panel.set(title=f"f$_{AXES[axis]}$", xlabel="frequency (Hz)", xlim=(frequency[1], 1.0))
+    panels[0, 0].set_ylim(low / 5, 3 * np.nanmax(signal))
+    panels[0, 0].set_ylabel("density (m s$^{-2}$ Hz$^{-1/2}$)")
+    legend(figure, panels[0, 0], 3)
+    return figure
+
+
+def _pieces(solved):
+    """Samples of every manoeuvre whose grid has no gap."""
+    index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
+    found = [np.flatnonzero(index == one) for one in np.unique(index)]
+    return [own for own in found if own.size > 64 and np.ptp(np.diff(time[own])) < 1e-6]
+
+
+def _density(values, pieces):
+    """One-sided amplitude density (m, 3), mean of the manoeuvres, tapered by a cosine bell."""
+    length = min(own.size for own in pieces)
+    taper = np.hanning(length)
+    parts = [np.abs(np.fft.rfft(taper[:, None] * values[own[:length]], axis=0)) ** 2 for own in pieces]
+    power = 2 * STEP_S * np.mean(parts, axis=0) / np.sum(taper**2)
+    return np.fft.rfftfreq(length, STEP_S)[1:], np.sqrt(power)[1:]
+
+
+def estimates(document, printed):
+    """Every manoeuvre's estimate with its error, the adopted offset as a band, printed values hollow.
+
+    Parameters
+    ----------
+    document : dict of `gravcal.report.com_offset.document`
+    printed : {(manoeuvre, variant): record} of `com_offset_tables.printed_manoeuvres`
+    """
+    manoeuvres = document["manoeuvres"]
+    adopted = document["variants"].get(document["adopted"]["variant"])
+    names = list(document["variants"])
+    figure, panels = grid(3, 1, 4.6, sharex=True, margins={"hspace": 0.1})
+    panels[0, 0].set_title("offset, proof mass to CoM")
+    for row, (panel,) in enumerate(panels):
+        if adopted is not None and adopted["offset_um"][row] is not None:
+            value, sigma, total = (adopted[name][row] for name in ("offset_um", "sigma_um", "sigma_total_um"))
+            panel.axhspan(value - total, value + total, color=COLOURS["yellow"], alpha=0.3, lw=0, label="total error")
+            panel.axhspan(value - sigma, value + sigma, color=COLOURS["orange"], alpha=0.45, lw=0, label="adopted")
+            panel.axhline(value, color=COLOURS["orange"], linewidth=0.6)
+        for name, shift in zip(names, np.linspace(-SPREAD, SPREAD, len(names)), strict=True):
+            blocks = [one["variants"][name] for one in manoeuvres]
+            value, sigma = (np.array([b[key][row] for b in blocks], dtype=float) for key in ("offset_um", "sigma_um"))
+            style = VARIANTS[name] | {"linestyle": "none", "markersize": 3.2}
+            place = np.arange(len(manoeuvres)) + shift
+            panel.errorbar(place, value, sigma, label=name, elinewidth=0.9, capsize=1.5, **style)
+            known = [printed.get((i, name)) for i in range(len(manoeuvres))]
+            known = np.array([None if one is None else one.value[row] for one in known], dtype=float)
+            if np.isfinite(known).any():
+                panel.plot(place, known, **style | {"markersize": 5.2, "markerfacecolor": "none"})
+        panel.set_ylabel(f"{AXES[row]} (µm)")
+    labels = [f"{i} {one['kind']}\n{one['latitude_class'] or ''}" for i, one in enumerate(manoeuvres, start=1)]
+    panel.set_xticks(np.arange(len(manoeuvres)), labels)
+    panel.set_xlim(-0.6, len(manoeuvres) - 0.4)
+    legend(figure, panels[0, 0], 2 + len(names))
+    return figure
+
+
+def roll(survey):
+    """Roll rate of a record without manoeuvre beside the torquers' share, both with a quadratic drift removed.
+
+    Parameters
+    ----------
+    survey : Dataset, "com_offset.survey"
+    """
+    time = survey["time_sca"].values
+    slope = float(survey["slope"].values)
+    if time.size == 0 or not np.isfinite(slope):
+        return None
+    drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, time.size), 2)
+    rate, impulse = (
+        y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0]
+        for y in (survey["roll_rate"].values, survey["roll_impulse"].values)
+    )
+    figure, panels = grid(1, 1, 2.0)
+    panel = panels[0, 0]
+    style = {"color": COLOURS["orange"], "marker": "o", "markersize": 2.2, "linewidth": 0.6, "label": "star camera"}
+    panel.plot(time - time[0], 1e6 * rate, **style)
+    panel.plot(time - time[0], 1e6 * slope * impulse, color=COLOURS["black"], label="torquers")
+    panel.set(xlabel="time (s)", ylabel="ω$_x$ (µrad s$^{-1}$)")
+    legend(figure, panel, 2)
+    return figure

@@ -2,11 +2,10 @@
 
 import functools
 
-from gravcal.report import com_offset_drawings
 from gravcal.report import com_offset_figures as figures
-from gravcal.report import com_offset_result_figures as results
 from gravcal.report import com_offset_tables as tables
-from gravcal.report.pages import render
+from gravcal.report.figures import VARIANTS
+from gravcal.report.pages import figure, numbered, render, section
 from gravcal.report.plain import AXES, gps_text
 from gravcal.report.words import key_of, plus_minus
 
@@ -14,11 +13,12 @@ CAPTIONS = {
     "estimates": "Offset of every manoeuvre from four angular accelerations, error bars one standard deviation. Bands: "
     "adopted offset ({adopted}) with its error and its total error.{hollow}",
     "linear": "Linear acceleration of every manoeuvre, low-passed and drift removed: measured, modelled with "
-    "{adopted}, and their difference shifted down.",
+    "{adopted}, and their difference shifted down. Each row has its own scale; its largest value stands at the right.",
     "spectra": "Residuals of all manoeuvres against the noise that weighted them; the modelled signal for scale.",
     "angular": "Four angular accelerations about the axis turned: three periods, and their distance from the "
     "torquers' in every half period.",
-    "torquers": "Torquer currents as sent down, and the angular acceleration they make in the modelled field.",
+    "torquers": "Torquer currents as sent down, and the angular acceleration they make in the modelled field. Each row "
+    "has its own scale; its largest value stands at the right.",
     "attitude": "Star camera minus fitted dynamics, one fit between two dotted lines.",
     "field": "Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
     "roll": "Roll acceleration seen by the star camera, and torquer current times field times the slope of the fit.",
@@ -26,7 +26,7 @@ CAPTIONS = {
 #: Stage whose product a figure shows.
 STAGES = {
     "estimates": "combine",
-    "angular": "angular_acceleration",
+    "angular": " ".join(f"angular_acceleration.{name}" for name in VARIANTS),
     "torquers": "attitude",
     "attitude": "attitude",
     "field": "field",
@@ -42,7 +42,7 @@ def page(document, products, published, vcm=None):
     Parameters
     ----------
     document : dict of `gravcal.report.com_offset.document`
-    products : mapping of "detect", "figures", "survey" to their Dataset, "solve" to the four Datasets; what is missing
+    products : {name: Dataset}, {name: {variant: Dataset}} for "solve" and "angular_acceleration"; what is missing
         leaves out its figures
     published : {section: records} of the catalogue for this event, {} where nothing is printed
     vcm : str or None, result line
@@ -51,10 +51,8 @@ def page(document, products, published, vcm=None):
     -------
     html : str
     """
-    given = dict(products) | {"figures": com_offset_drawings.texts(products.get("figures"))}
-    given["solve"] = {one.attrs["variant"]: one for one in given.get("solve") or ()}
     delivered = "variants" in document
-    sections = _sections(document, given, published) if delivered else _survey_sections(document, given)
+    sections = _sections(document, products, published) if delivered else _survey_sections(document, products)
     return render(
         "com_offset.html",
         document=document,
@@ -62,7 +60,7 @@ def page(document, products, published, vcm=None):
         mood=MOODS[_good(document)],
         subtitle=_subtitle(document),
         badges=_badges(document) if delivered else [],
-        sections=_numbered(sections),
+        sections=numbered(sections),
         settings=_flat(document["settings"]),
         provenance=_flat(document["provenance"]),
         vcm=vcm,
@@ -98,9 +96,9 @@ def _subtitle(document):
 
 def _badges(document):
     """The four answers, in words and signs as well as colours."""
-    verdict, status = document["verdict"], document["status"] == "delivered"
+    verdict = document["verdict"]
     adopted = document["adopted"]["variant"] or "no variant"
-    found = [{"title": "delivered" if status else "not delivered", "good": status, "text": f"adopted: {adopted}"}]
+    found = [{"title": document["status"], "good": document["status"] == "delivered", "text": f"adopted: {adopted}"}]
     if "requirement" in verdict:
         own = verdict["requirement"]
         words = ", ".join(f"{axis} {word}" for axis, word in zip(AXES, own, strict=True))
@@ -121,42 +119,46 @@ def _sections(document, given, published):
     known = tables.printed_manoeuvres(document, published)
     draw = functools.partial(_figures, document, given, known)
     return [
-        _section(
+        section(
             "Result", [tables.combined(document, published)], draw("estimates"), _result_notes(document, published)
         ),
-        _section("Agreement and field check", [tables.agreement(document), tables.field(document)], []),
-        _section("Every manoeuvre", [tables.manoeuvres(document, published)], []),
-        _section("Linear acceleration", [], draw("spectra", "linear")),
-        _section(
+        section("Agreement and field check", [tables.agreement(document), tables.field(document)], []),
+        section("Every manoeuvre", [tables.manoeuvres(document, published)], []),
+        section("Linear acceleration", [], draw("spectra", "linear")),
+        section(
             "Angular acceleration and time",
             [tables.instruments(document)],
             draw("angular"),
             _inertia_notes(document),
         ),
-        _section("Torquers and attitude", [], draw("torquers", "attitude")),
-        _section("Magnetic field", [], draw("field")),
+        section("Torquers and attitude", [], draw("torquers", "attitude")),
+        section("Magnetic field", [], draw("field")),
     ]
 
 
-def _figures(document, given, known, *names):
+def _figures(document, products, known, *names):
     """Figures by name, each with its caption and the stage that it was read from."""
     adopted = (document.get("adopted") or {}).get("variant") or "mtq"
-    solved = given["solve"].get(adopted)
-    own = {
-        "estimates": (results.estimates, document, known),
-        "spectra": (results.spectra, solved),
-        "linear": (figures.linear_accelerations, solved, given.get("detect")),
-        "roll": (results.roll, given.get("survey")),
+    solved, get = (products.get("solve") or {}).get(adopted), products.get
+    drawn = {
+        "estimates": (figures.estimates, document, known),
+        "spectra": (figures.spectra, solved),
+        "linear": (figures.linear_accelerations, solved, get("detect")),
+        "roll": (figures.roll, get("survey")),
+        "angular": (figures.angular_accelerations, get("angular_acceleration"), get("detect")),
+        "torquers": (figures.torquers, get("align"), get("attitude"), get("detect")),
+        "attitude": (figures.attitude, get("attitude")),
+        "field": (figures.field, get("field"), get("align")),
     }
     stages = dict.fromkeys(("spectra", "linear"), f"solve.{adopted}") | STAGES
     words = {"adopted": adopted, "hollow": " Hollow: printed values." if known else ""}
     return [
-        {
-            "drawing": _drawn(*own[name]) if name in own else given["figures"].get(name),
-            "source": key_of(document, stages[name]),
-            "title": name,
-            "caption": CAPTIONS[name].format(**words),
-        }
+        figure(
+            *drawn[name],
+            source=", ".join(key_of(document, stage) for stage in stages[name].split()),
+            title=name,
+            caption=CAPTIONS[name].format(**words),
+        )
         for name in names
     ]
 
@@ -193,9 +195,9 @@ def _survey_sections(document, given):
     """Sections of a record without manoeuvre: what could be measured all the same."""
     draw = functools.partial(_figures, document, given, {})
     return [
-        _section("Magnetic field", [tables.field(document)], draw("field")),
-        _section("Attitude", [], draw("attitude"), [_attitude_note(document)]),
-        _section("Torque against roll acceleration", [], draw("roll"), [_roll_note(document)]),
+        section("Magnetic field", [tables.field(document)], draw("field")),
+        section("Attitude", [], draw("attitude"), [_attitude_note(document)]),
+        section("Torque against roll acceleration", [], draw("roll"), [_roll_note(document)]),
     ]
 
 
@@ -216,25 +218,6 @@ def _roll_note(document):
     if response["expected"]:
         text += f", expected {plus_minus(response['expected']['value'], response['expected']['sigma'], digits=4)}"
     return f"{text}, {response['samples']} samples."
-
-
-def _section(title, own_tables, own_figures, notes=()):
-    return {"title": title, "tables": own_tables, "figures": own_figures, "notes": list(notes)}
-
-
-def _drawn(draw, *given):
-    """Figure; none where a product is missing."""
-    return None if any(item is None for item in given) else draw(*given)
-
-
-def _numbered(sections):
-    """Sections whose figures are numbered in order."""
-    number = 0
-    for section in sections:
-        for one in section["figures"]:
-            number += one["drawing"] is not None
-            one["number"] = number
-    return sections
 
 
 def _flat(values, before=""):

@@ -1,30 +1,10 @@
 """Tables of a centre-of-mass event: what the page and the terminal show, as plain rows of text."""
 
+from gravcal.report.pages import table
 from gravcal.report.plain import AXES, gps_text
 from gravcal.report.words import chi_square, key_of, plus_minus, printed, probability, signed
 
 NOT_DETERMINED = "–"
-
-
-def table(caption, heads, rows, **options):
-    """One table for the page.
-
-    Parameters
-    ----------
-    caption : str
-    heads : texts of the first line
-    rows : lists of texts; None continues the cell above
-    options : "source", stage and key; "strong", index of the adopted row; "wide", bool; "words", columns of text
-    """
-    return {
-        "caption": caption,
-        "heads": heads,
-        "rows": rows,
-        "source": "",
-        "strong": None,
-        "wide": False,
-        "words": (0,),
-    } | options
 
 
 def combined(document, published):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gravcal.calibrations.checks import at_least, at_most, largest
 from gravcal.report.plain import AXES, chi_square_test
 
 RULE = (
@@ -64,6 +65,38 @@ def _judged(test, level):
     agree = None if test["p"] is None else test["p"] >= level
     words = {None: "not tested", True: "consistent", False: "not consistent"}[agree]
     return test | {"consistent": agree, "verdict": words}
+
+
+def checks(combined, consistency, settings):
+    """Checks of the result: fit of every manoeuvre, agreement at the level of the verdict, plausible size.
+
+    Parameters
+    ----------
+    combined : Dataset, "com_offset.combine"
+    consistency : of the document: "level", and {"p"} of "manoeuvres", "variants", "catalogue"
+    settings : fit_limit, plausible_um
+
+    Returns
+    -------
+    checks : list of Check
+    """
+    names = combined.attrs["variants"].split()
+    fit = [combined[f"manoeuvre_{name}"].values.astype(float) for name in ("chi2", "dof")]
+    ratio = np.divide(*fit, out=np.full_like(fit[0], np.nan), where=fit[1] > 0)
+    found = [
+        at_most(f"chi2 per degree of freedom, {name}", largest(own), settings["fit_limit"], "1")
+        for name, own in zip(names, ratio, strict=True)
+    ]
+    words = {"manoeuvres": "manoeuvres", "variants": "angular accelerations", "catalogue": "torquers and catalogue"}
+    tested = {said: consistency[name]["p"] for name, said in words.items()}
+    found += [
+        at_least(f"agreement of {said}, p", np.nan if p is None else p, consistency["level"], "1")
+        for said, p in tested.items()
+    ]
+    found.append(
+        at_most("size of the offset", 1e6 * largest(np.abs(combined["offset"].values)), settings["plausible_um"], "um")
+    )
+    return [one for one in found if not np.isnan(one.value)]
 
 
 def verdict(variants, chosen, consistency, settings):

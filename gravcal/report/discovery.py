@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 
 from gravcal.data.schemas import VERSION
+from gravcal.report.documents import foreword
+from gravcal.report.pages import table
 from gravcal.report.words import NOT_DETERMINED, plus_minus, probability, signed
 
 MOVED = ("change", "change_in_old_sigma")
@@ -24,13 +26,18 @@ def document(numbers: dict, calibration: str, event: str, provenance: dict) -> d
     return head | {k: v for k, v in numbers.items() if k != "status"} | {"provenance": provenance}
 
 
-def verdict(numbers: dict) -> str:
-    """What was found, in a sentence or two.
+def verdict(document: dict) -> str:
+    """What was found, in a sentence or two, the origin of the data first.
 
     Parameters
     ----------
-    numbers : of the document
+    document : of `document`, judged
     """
+    return foreword(document["origin"]) + _said(document)
+
+
+def _said(numbers):
+    """What was found."""
     if numbers.get("status") == "no_manoeuvre":
         return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
     found = numbers["findings"]
@@ -86,7 +93,7 @@ def findings_table(numbers: dict) -> dict | None:
                 rows.append(["", name, "", "", "", value, unit])
     heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
     caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
-    return table(caption, heads, rows, words=(0, 1, 5, 6)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 5, 6), wide=True) if rows else None
 
 
 def scaled(parameter: dict) -> tuple[str, str]:
@@ -132,7 +139,7 @@ def tied_table(numbers: dict) -> dict | None:
             rows.append([one["cause"], name, f"{other['expected_chi2']:.1f}", NOT_DETERMINED, ""])
     heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
     caption = "Causes that this data does not tell apart."
-    return table(caption, heads, rows, words=(0, 1, 3, 4)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
 
 
 def change_table(numbers: dict) -> dict:
@@ -153,7 +160,7 @@ def change_table(numbers: dict) -> dict:
         rows.append([name, *pair, *moved])
     heads = ["parameter", "before", "after", "change", "change over old error"]
     caption = f"Calibration result in {one['unit']} ({one['variant']}); the error after holds that of the findings."
-    return table(caption, heads, rows, words=(0,))
+    return table(caption, heads, rows, wide=True)
 
 
 def _digits(sigma):
@@ -181,7 +188,7 @@ def gain_table(numbers: dict) -> dict:
     rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
     rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
     heads = ["rms of the whitened residual", "before", "after"]
-    return table("Gain. A channel that is described to its noise has rms 1.", heads, rows, words=(0,))
+    return table("Gain. A channel that is described to its noise has rms 1.", heads, rows, wide=True)
 
 
 def hidden_table(numbers: dict) -> dict | None:
@@ -202,7 +209,7 @@ def hidden_table(numbers: dict) -> dict | None:
     names = ", ".join(numbers["calibration_change"]["names"])
     heads = ["cause", "direction, in units of a plausible size", "signal to noise", f"bias of {names}"]
     caption = "Causes of a plausible size that would move the result without being seen."
-    return table(caption, heads, rows, words=(0, 1, 3)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 3), wide=True) if rows else None
 
 
 def tried_table(numbers: dict) -> dict:
@@ -218,26 +225,7 @@ def tried_table(numbers: dict) -> dict:
         for one in numbers["tried"][:15]
     ]  # fmt: skip
     heads = ["cause", "form", "chi-square gained", "parameters", "chance"]
-    return table("First round: the best form of each cause.", heads, rows, words=(0, 1))
-
-
-def table(caption: str, heads: list[str], rows: list[list], words: tuple[int, ...]) -> dict:
-    """Table as the templates take it.
-
-    Parameters
-    ----------
-    caption, heads, rows : text; a row without a name of its own begins with None
-    words : columns that are set to the left
-    """
-    return {
-        "caption": caption,
-        "heads": heads,
-        "rows": rows,
-        "words": words,
-        "strong": None,
-        "wide": True,
-        "source": "",
-    }
+    return table("First round: the best form of each cause.", heads, rows, words=(0, 1), wide=True)
 
 
 def model_text(numbers: dict, event: str, given: str = "") -> str:

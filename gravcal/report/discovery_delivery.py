@@ -10,8 +10,7 @@ from gravcal.data import product
 from gravcal.data.schemas import validate
 from gravcal.report import discovery as words
 from gravcal.report import discovery_figures as figures
-from gravcal.report import discovery_readings as readings
-from gravcal.report import pages
+from gravcal.report import documents, pages
 from gravcal.report.discovery_change import with_calibration
 
 
@@ -37,6 +36,7 @@ def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     label = product.digest_as_read(found)[:12]
     provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
     document = words.document(numbers, calibration, event, provenance)
+    document = documents.judged(document, (found, *combined), [])
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     extended = words.model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
@@ -60,8 +60,7 @@ def page(found: xr.Dataset, document: dict, label: str, satellite: str) -> str:
     document : its result document
     label : digest of the product; satellite : letters
     """
-    sections = _sections(found, document) if document["status"] == "delivered" else []
-    sections = numbered(sections, f"discovery {label}")
+    sections = _sections(found, document, f"discovery {label}") if "findings" in document else []
     settings = [(k, str(v)) for k, v in sorted(document["provenance"]["settings"].items())]
     content = {"document": document, "verdict": words.verdict(document), "sections": sections, "settings": settings}
     subtitle = f"satellite {satellite}, level {document.get('level', '')} for everything tried together"
@@ -69,8 +68,8 @@ def page(found: xr.Dataset, document: dict, label: str, satellite: str) -> str:
     return pages.render("discovery.html", subtitle=subtitle, provenance=keys, **content)
 
 
-def _sections(found, document):
-    drawings = [(figures.residuals, REST), (readings.readings, readings.caption(found, document["calibration"]))]
+def _sections(found, document, source):
+    drawings = [(figures.residuals, REST), (figures.readings, figures.caption(found, document["calibration"]))]
     parts = [
         (
             "What is wrong",
@@ -83,40 +82,25 @@ def _sections(found, document):
         ("What this data cannot show", HIDDEN, [words.hidden_table(document)], []),
         ("What was tried", "", [words.tried_table(document)], []),
     ]
-    return sections_of(
-        (title, [note], tables, [(draw(found), caption) for draw, caption in drawings])
-        for title, note, tables, drawings in parts
-    )
+    rows = ((t, [note], tables, [(draw, (found,), text) for draw, text in drawn]) for t, note, tables, drawn in parts)
+    return sections_of(rows, source)
 
 
-def sections_of(parts) -> list[dict]:
-    """Sections that have something to show.
+def sections_of(parts, source) -> list[dict]:
+    """Sections that have a table or a figure, the figures numbered.
 
     Parameters
     ----------
-    parts : (title, notes, tables, (drawing, caption) of every figure); what is empty is left out
+    parts : (title, notes, tables, (function, arguments, caption) of every figure); what is empty is left out
+    source : what the figures were drawn from
     """
     sections = []
     for title, notes, tables, drawings in parts:
-        shown = [{"drawing": drawing, "caption": caption, "title": title} for drawing, caption in drawings if drawing]
-        tables, notes = [t for t in tables if t], [n for n in notes if n]
-        if tables or shown:
-            sections.append({"title": title, "notes": notes, "tables": tables, "figures": shown})
-    return sections
-
-
-def numbered(sections: list[dict], source: str) -> list[dict]:
-    """Sections whose figures are numbered and name their source.
-
-    Parameters
-    ----------
-    sections : of `sections_of`
-    source : text
-    """
-    every = [one for section in sections for one in section["figures"]]
-    for number, one in enumerate(every, 1):
-        one |= {"number": number, "source": source}
-    return sections
+        drawn = [pages.figure(draw, *given, source=source, title=title, caption=text) for draw, given, text in drawings]
+        made = pages.section(title, tables, drawn, [note for note in notes if note])
+        if made["tables"] or made["figures"]:
+            sections.append(made)
+    return pages.numbered(sections)
 
 
 WRONG = (

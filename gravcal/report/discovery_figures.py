@@ -1,23 +1,20 @@
-"""Figures of a discovery: where the excess sits, spectra of the residuals, residuals along time."""
+"""Figures of a discovery: where the excess sits, spectra and series of the residuals, and readings in their unit."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from gravcal.report.drawing import Look, Panel, band, boxes, dots, level, limits, line
-from gravcal.report.drawing_frame import drawn, framed, legend
-from gravcal.report.drawing_looks import DASHED
-from gravcal.report.figures import COLOURS
+from gravcal.report.figures import COLOURS, grid, legend, thinned
 
-BEFORE = Look(COLOURS["vermilion"], 0.9, shape="circle", size=4.0)
-AFTER = Look(COLOURS["blue"], 0.9, shape="square", size=4.0, hollow=True)
-POINTS = {"baseline": Look(COLOURS["vermilion"], 0, shape="circle", size=4.0)}
-POINTS |= {"extended model": Look(COLOURS["blue"], 0, shape="square", size=4.4, hollow=True)}
-LINES = {"baseline": Look(COLOURS["vermilion"], 0.9), "extended model": Look(COLOURS["blue"], 0.9)}
-NOISE = Look(COLOURS["black"], 0.6, dash=DASHED)
-WITHIN = (COLOURS["black"], 0.1)  # one sigma
+NAMES = ("baseline", "extended model")
+LINES = dict(zip(NAMES, ({"color": COLOURS["vermilion"]}, {"color": COLOURS["blue"]}), strict=True))
+POINTS = {
+    "baseline": {"color": COLOURS["vermilion"], "marker": "o", "linestyle": "none"},
+    "extended model": {"color": COLOURS["blue"], "marker": "s", "linestyle": "none", "markerfacecolor": "none"},
+}
+NOISE = {"color": COLOURS["black"], "linewidth": 0.6, "linestyle": "--"}
+MEASURED = {"color": COLOURS["black"], "label": "measured"}
+PREFIXES = {"n": 1e9, "u": 1e6, "m": 1e3, "": 1.0}
 BINS = 24
 CURVE = 60  # rows of a channel and block below which they are no curve
 
@@ -34,23 +31,21 @@ def power(found, kind="manoeuvre"):
     tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
     if not tested:
         return None
-    height = 46 + 92 * len(tested)
-    parts = [legend(POINTS | {"noise": NOISE})]
     blocks, bands = found["test_block"].values, found["test_band"].values
-    each, size = (1, 4.0) if blocks.max() < 40 else (10, 2.4)  # block that is numbered, size of the points
-    for row, ((box,), k) in enumerate(zip(boxes(len(tested), 1, height, down=16), tested, strict=True)):
+    each, size = (1, 3.6) if blocks.max() < 40 else (10, 2.0)  # block that is numbered, size of the points
+    figure, panels = grid(len(tested), 1, 0.7 + 0.95 * len(tested), sharex=True, margins={"hspace": 0.16})
+    for (panel,), k in zip(panels, tested, strict=True):
         here = found["test_channel"].values == k
-        x = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
-        series = [found[f"power_{w}"].values[here] for w in ("before", "after")]
-        panel = Panel(box, (0.4, blocks.max() + 1.6), limits(*series, np.array([0.8, 1.2]), margin=0.12))
-        marks = [level(panel, 1.0, NOISE)]
-        marks += [dots(panel, x, y, replace(look, size=size)) for y, look in zip(series, POINTS.values(), strict=True)]
-        words = {"x_numbers": False}
-        if row == len(tested) - 1:
-            numbers = {float(i): _number(found, i) for i in range(each, int(blocks.max()) + 2, each)}
-            words = {"x_label": f"{kind}, four bands from low to high frequency", "x_numbers": numbers}
-        parts.append(framed(panel, *marks, y_label=names[k], **words))
-    return drawn(height, "power of the residual against noise", *parts)
+        place = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
+        panel.axhline(1.0, label="noise", **NOISE)
+        for which, (name, style) in zip(("before", "after"), POINTS.items(), strict=True):
+            panel.plot(place, found[f"power_{which}"].values[here], label=name, markersize=size, **style)
+        panel.set_ylabel(names[k])
+    numbers = range(each, int(blocks.max()) + 2, each)
+    panel.set_xticks(numbers, [_number(found, i) for i in numbers])
+    panel.set_xlabel(f"{kind}, four bands from low to high frequency")
+    legend(figure, panels, 3)
+    return figure
 
 
 def _number(found, place):
@@ -67,19 +62,21 @@ def spectra(found):
     found : Dataset of kind discovery
     """
     names = found.attrs["channels"].split()
-    drawn_now = [(k, *_spectrum(found, k)) for k in range(len(names))]
-    drawn_now = [one for one in drawn_now if one[1] is not None]
-    if not drawn_now:
+    curves = [(name, *_spectrum(found, k)) for k, name in enumerate(names)]
+    curves = [one for one in curves if one[1] is not None]
+    if not curves:
         return None
-    rows = (len(drawn_now) + 1) // 2
-    height = 60 + 120 * rows
-    parts, places = [legend(LINES | {"noise": NOISE})], [b for row in boxes(rows, 2, height, down=44) for b in row]
-    for (k, frequency, before, after), box in zip(drawn_now, places, strict=False):
-        panel = Panel(box, (0.0, frequency[-1]), limits(before, after, np.array([0.5, 1.5])))
-        marks = [level(panel, 1.0, NOISE)]
-        marks += [line(panel, frequency, y, look) for y, look in zip((before, after), LINES.values(), strict=True)]
-        parts.append(framed(panel, *marks, title=names[k], x_label="frequency (Hz)", y_label="power over noise"))
-    return drawn(height, "spectra of the residuals", *parts)
+    rows = (len(curves) + 1) // 2
+    figure, panels = grid(rows, 2, 0.6 + 1.35 * rows, margins={"wspace": 0.16, "hspace": 0.5})
+    for panel in panels.ravel()[len(curves) :]:
+        panel.set_visible(False)
+    for (name, frequency, *powers), panel in zip(curves, panels.ravel(), strict=False):
+        panel.axhline(1.0, label="noise", **NOISE)
+        for values, (label, style) in zip(powers, LINES.items(), strict=True):
+            panel.plot(frequency, values, label=label, **style)
+        panel.set(title=name, xlabel="frequency (Hz)", ylabel="power over noise")
+    legend(figure, panels, 3)
+    return figure
 
 
 def _spectrum(found, channel):
@@ -100,8 +97,8 @@ def _spectrum(found, channel):
     return (np.arange(bins) + 0.5) / (2 * step * bins), *(total / len(rows))
 
 
-def residuals(found):
-    """Whitened residual of the channel and manoeuvre that the extension helps most, the three axes, smoothed.
+def strongest(found):
+    """Channel and block whose residual the extension lowers most, both as numbers; None where it lowers none.
 
     Parameters
     ----------
@@ -109,27 +106,40 @@ def residuals(found):
     """
     channel, block = found["channel"].values, found["block"].values
     drop = found["residual_before"].values ** 2 - found["residual_after"].values ** 2
-    pairs = sorted({(int(c), int(b)) for c, b in zip(channel, block, strict=True)})
-    pairs = [(c, b) for c, b in pairs if np.sum((channel == c) & (block == b)) >= CURVE]  # not a handful of edge times
-    gains = [drop[(channel == c) & (block == b)].sum() for c, b in pairs]
-    if not gains or max(gains) < 10:
+    gains = {}
+    for pair in sorted({(int(c), int(b)) for c, b in zip(channel, block, strict=True)}):
+        here = (channel == pair[0]) & (block == pair[1])
+        if here.sum() >= CURVE:  # not a handful of edge times
+            gains[pair] = drop[here].sum()
+    best = max(gains, key=gains.get, default=None)
+    return best if best is not None and gains[best] >= 10 else None
+
+
+def residuals(found):
+    """Whitened residual of the channel and manoeuvre that the extension helps most, the three axes, smoothed.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    """
+    if strongest(found) is None:
         return None
-    c, b = pairs[int(np.argmax(gains))]
-    here = (channel == c) & (block == b)
-    name = f"{found.attrs['channels'].split()[c]}, {found.attrs['blocks'].split(', ')[b]}"
-    parts, start = [legend(LINES)], found["time_row"].values[here].min()
+    c, b = strongest(found)
+    here = (found["channel"].values == c) & (found["block"].values == b)
+    start = found["time_row"].values[here].min()
     axes = [int(axis) for axis in np.unique(found["component"].values[here])]
-    height = 90 * max(len(axes), 2)
-    for axis, (box,) in zip(axes, boxes(len(axes), 1, height), strict=True):
+    figure, panels = grid(len(axes), 1, 0.4 + 0.8 * max(len(axes), 2), sharex=True, margins={"hspace": 0.16})
+    for axis, (panel,) in zip(axes, panels, strict=True):
         rows = here & (found["component"].values == axis)
-        time = found["time_row"].values[rows] - start
-        series = [_smoothed(found[f"residual_{w}"].values[rows]) for w in ("before", "after")]
-        panel = Panel(box, (0.0, float(time[-1])), limits(*series))
-        marks = [line(panel, time, y, look) for y, look in zip(series, LINES.values(), strict=True)]
-        words = {"x_label": "time from the first row (s)"} if axis == axes[-1] else {"x_numbers": False}
-        words |= {"title": f"whitened residual of {name}"} if axis == axes[0] else {}
-        parts.append(framed(panel, *marks, y_label="xyz"[axis] if len(axes) > 1 else "residual", **words))
-    return drawn(height, f"residual of {name}", *parts)
+        for which, (name, style) in zip(("before", "after"), LINES.items(), strict=True):
+            values = np.convolve(found[f"residual_{which}"].values[rows], np.ones(5) / np.sqrt(5), mode="same")
+            panel.plot(*thinned(found["time_row"].values[rows] - start, values), label=name, **style)
+        panel.set_ylabel("xyz"[axis] if len(axes) > 1 else "residual")
+    names = found.attrs["channels"].split()[c], found.attrs["blocks"].split(", ")[b]
+    panels[0, 0].set_title(f"whitened residual of {', '.join(names)}")
+    panel.set_xlabel("time from the first row (s)")
+    legend(figure, panels, 2)
+    return figure
 
 
 def scattered(found, x_label="time from the first row (s)", origin=None):
@@ -146,20 +156,101 @@ def scattered(found, x_label="time from the first row (s)", origin=None):
     if not axes:
         return None
     time = found["time_row"].values - (found["time_row"].values[component < 3].min() if origin is None else origin)
-    height = 60 + 74 * len(axes)
-    parts = [legend({"noise, one sigma": WITHIN})]
-    for axis, row in zip(axes, boxes(len(axes), 2, height), strict=True):
+    figure, panels = grid(len(axes), 2, 0.7 + 0.8 * len(axes), sharex=True, margins={"wspace": 0.16, "hspace": 0.16})
+    for axis, row in zip(axes, panels, strict=True):
         here = component == axis
-        for box, which, (name, look) in zip(row, ("before", "after"), POINTS.items(), strict=True):
-            values = found[f"residual_{which}"].values[here]
-            panel = Panel(box, limits(time[component < 3]), limits(values, np.array([-2.0, 2.0])))
-            marks = [band(panel, -1.0, 1.0, *WITHIN), dots(panel, time[here], values, look)]
-            words = {"x_label": x_label} if axis == axes[-1] else {"x_numbers": False}
-            words |= {"title": name} if axis == axes[0] else {}
-            parts.append(framed(panel, *marks, y_label=f"{'xyz'[axis]} (sigma)", **words))
-    return drawn(height, "residual of every row", *parts)
+        for panel, which, (name, style) in zip(row, ("before", "after"), POINTS.items(), strict=True):
+            panel.axhspan(-1.0, 1.0, color=COLOURS["black"], alpha=0.1, linewidth=0, label="noise, one sigma")
+            panel.plot(time[here], found[f"residual_{which}"].values[here], markersize=3.2, **style)
+            panel.set_ylabel(f"{'xyz'[axis]} (sigma)")
+            if axis == axes[0]:
+                panel.set_title(name)
+            if axis == axes[-1]:
+                panel.set_xlabel(x_label)
+    legend(figure, panels, 1)
+    return figure
 
 
-def _smoothed(values):
-    """Mean over five rows, scaled so that noise keeps unit variance."""
-    return np.convolve(values, np.ones(5) / np.sqrt(5), mode="same")
+CAPTION = (
+    "Reading of the channel and block that the extension helps most, drift and start values fitted with either model; "
+    "Δ is measured less simulated."
+)
+ALONE = "Reading of the channel and block of the least likely band; Δ is measured less simulated."
+REBUILT = " The measured reading is that of the records without the findings, with these added in their linear form."
+FILTERED = " It is low-passed like in the solution; its mean is left out."
+WHAT = {
+    ("com_offset", "linear"): FILTERED,
+    ("com_offset", "angular"): FILTERED,
+    ("com_offset", "attitude"): " It is the rotation from a satellite whose torquers are off; its mean is left out.",
+    ("gradient_torque", "linear"): " It is the difference of both sensors; its mean is left out.",
+    ("inertial_sensor", "roll"): " Straight pieces lie between the segments; its mean is left out.",
+    ("kbr_phase_centre", "range"): " The distance of the orbits is taken off, and the mean.",
+}
+PLAIN = " Its mean is left out."
+
+
+def shown(found) -> tuple[str, dict[str, np.ndarray]] | None:
+    """Channel and its readings, {"measured", "baseline", "extended": (n, a)}; None where the product holds none.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    """
+    names = [str(n) for n in found.data_vars if str(n).endswith("_measured")]
+    if not names:
+        return None
+    channel = names[0].removesuffix("_measured")
+    parts = ("measured", "baseline", "extended")
+    return channel, {p: found[f"{channel}_{p}"].values for p in parts if f"{channel}_{p}" in found}
+
+
+def caption(found, calibration: str) -> str:
+    """Caption of the figure of readings.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    calibration : name
+    """
+    known = shown(found)
+    text = CAPTION if known and "extended" in known[1] else ALONE
+    text += WHAT.get((calibration, known[0]), PLAIN) if known else ""
+    return text + (REBUILT if "rebuilt" in found.attrs else "")
+
+
+def readings(found):
+    """Measured and simulated readings of each axis against time in a prefix of their unit, the differences below.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    """
+    if shown(found) is None:
+        return None
+    channel, parts = shown(found)
+    measured, unit = parts.pop("measured"), found[f"{channel}_measured"].attrs["units"]
+    time = found["time_reading"].values - found["time_reading"].values[0]
+    styles = {part: LINES[name] | {"label": name} for part, name in zip(("baseline", "extended"), NAMES, strict=True)}
+    axes = measured.shape[1]
+    figure, panels = grid(2 * axes, 1, 0.7 + 1.6 * axes, sharex=True, margins={"hspace": 0.2, "left": 0.1})
+    for axis in range(axes):
+        letter = "xyz"[axis] if axes > 1 else channel
+        curves = [(MEASURED, measured[:, axis])] + [(styles[p], v[:, axis]) for p, v in parts.items()]
+        rest = [(styles[p], measured[:, axis] - v[:, axis]) for p, v in parts.items()]
+        for panel, name, series in zip(panels[2 * axis :, 0], (letter, f"Δ{letter}"), (curves, rest), strict=False):
+            size = np.nanmax(np.abs([v for _, v in series]), initial=0.0)
+            prefix = next((p for p, f in reversed(PREFIXES.items()) if size * f >= 1), "n")
+            for style, values in series:
+                panel.plot(*thinned(time, PREFIXES[prefix] * values), **style)
+            panel.set_ylabel(f"{name} ({prefix}{unit})")
+    panels[0, 0].set_title(", ".join(dict.fromkeys([channel, _block(found, channel)])))
+    panels[-1, 0].set_xlabel("time from the first sample (s)")
+    legend(figure, panels, 3)
+    return figure
+
+
+def _block(found, channel):
+    """Name of the block whose rows of the channel have the epochs of the readings."""
+    here = np.flatnonzero(found["channel"].values == found.attrs["channels"].split().index(channel))
+    away = np.abs(found["time_row"].values[here] - float(found["time_reading"].values[0]))
+    return found.attrs["blocks"].split(", ")[int(found["block"].values[here[np.argmin(away)]])]

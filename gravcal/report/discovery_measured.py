@@ -10,7 +10,7 @@ from gravcal.report import discovery as words
 from gravcal.report import discovery_figures as figures
 from gravcal.report import discovery_measured_tables as tables
 from gravcal.report import pages
-from gravcal.report.discovery_delivery import POWER, numbered, sections_of
+from gravcal.report.discovery_delivery import POWER, sections_of
 
 TITLES = {
     "attitude": "measured attitude against thruster firings",
@@ -37,8 +37,7 @@ def page(document: dict, found: Mapping[str, xr.Dataset]) -> str:
     level = provenance["settings"]["level"]
     view, searches = document["view"], ", ".join(found)
     subtitle = f"{TITLES.get(view, view)}; {searches}; level {level} for everything tried together"
-    sections = numbered(_sections(document, found), f"view {view}")
-    content = {"document": document, "verdict": words.verdict(document), "sections": sections}
+    content = {"document": document, "verdict": words.verdict(document), "sections": _sections(document, found)}
     return pages.render("discovery.html", subtitle=subtitle, settings=settings, provenance=keys, **content)
 
 
@@ -46,8 +45,8 @@ def _sections(document, found):
     axis = ORDER.get(document["view"], ())
     several = len(found) > 1
     each = [(f"{label}: " if several else "", one) for label, one in found.items()]
-    excess = [(figures.power(one, "block"), head + POWER_OF_BLOCKS) for head, one in each]
-    excess += [(figures.spectra(one), head + SPECTRA_OF_BLOCKS) for head, one in each]
+    excess = [(figures.power, (one, "block"), head + POWER_OF_BLOCKS) for head, one in each]
+    excess += [(figures.spectra, (one,), head + SPECTRA_OF_BLOCKS) for head, one in each]
     rest = [_rest(head, one, axis) for head, one in each]
     no_result = document["calibration_change"]["reason"]
     return sections_of(
@@ -58,16 +57,16 @@ def _sections(document, found):
             ("What remains unexplained", [], [tables.unexplained(document)], []),
             ("What was tried", [], [tables.tried(document)], []),
             ("Facts and notes", [*document["notes"], f"{CHANGE}: {no_result}."], [tables.facts(document)], []),
-        ]
+        ],
+        f"view {document['view']}",
     )
 
 
 def _rest(head, found, axis):
     """Residual of the channel and block that the extension helps most; every row of a short record."""
-    drawing = figures.residuals(found)
-    if drawing or (found["component"].values < 3).sum() >= 3 * figures.CURVE:
-        return drawing, f"{head}{REST}"
-    return figures.scattered(found, *axis), f"{head}{ROWS}"
+    if figures.strongest(found) or (found["component"].values < 3).sum() >= 3 * figures.CURVE:
+        return figures.residuals, (found,), f"{head}{REST}"
+    return figures.scattered, (found, *axis), f"{head}{ROWS}"
 
 
 WRONG = (

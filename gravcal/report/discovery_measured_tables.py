@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from itertools import zip_longest
 
-from gravcal.report.discovery import scaled, table
+from gravcal.report.discovery import scaled
+from gravcal.report.pages import table
 from gravcal.report.words import NOT_DETERMINED, probability
 
 #: Ends of the names of facts that are units; a name without one is a count or a ratio.
@@ -29,7 +30,7 @@ def adequacy(document: dict) -> dict:
         for label, one in document["gain"].items()
     ]
     heads = ["search", "before", "after", "chance before", "chance after"]
-    return table("Chi-square / degrees of freedom of each search, and its chance.", heads, rows, words=(0,))
+    return table("Chi-square / degrees of freedom of each search, and its chance.", heads, rows, words=(0,), wide=True)
 
 
 def findings(document: dict) -> dict | None:
@@ -51,7 +52,7 @@ def findings(document: dict) -> dict | None:
         ]
     heads = ["search", "cause", "tied with", "parameter", "value", "unit", "chi-square gained", "held out", "chance"]
     caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
-    return table(caption, heads, rows, words=(0, 1, 2, 3, 5)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 2, 3, 5), wide=True) if rows else None
 
 
 def _form(one):
@@ -81,7 +82,7 @@ def rivals(document: dict) -> dict | None:
             rows.append([*head, rival["cause"] or "itself", f"{rival['gain']:.1f}", str(rival["dof"])])
     heads = ["search", "named", "in its place", "chi-square gained", "parameters"]
     caption = "What other causes gain in the place of a finding, the other findings in the model."
-    return table(caption, heads, rows, words=(0, 1, 2)) if rows else None
+    return table(caption, heads, rows, words=(0, 1, 2), wide=True) if rows else None
 
 
 def hidden(document: dict) -> dict:
@@ -101,7 +102,7 @@ def hidden(document: dict) -> dict:
         for one in document["indistinguishable_from_calibration"]
     ]
     rows = rows or [["all", "none", "of the listed causes is tied with another or taken up by free parameters"]]
-    return table("Limits of these data.", ["search", "cause", "what cannot be said"], rows, words=(0, 1, 2))
+    return table("Limits of these data.", ["search", "cause", "what cannot be said"], rows, words=(0, 1, 2), wide=True)
 
 
 def unexplained(document: dict) -> dict:
@@ -118,7 +119,7 @@ def unexplained(document: dict) -> dict:
         left = left or [["nothing beyond noise" if one["p"] >= level else "no single band, line or step", "", ""]]
         rows += [[*(head if i == 0 else [None, "", ""]), *what] for i, what in enumerate(left)]
     heads = ["search", "chance", "reduced chi-square", "what is left", "power over noise", "chi-square"]
-    return table("What the extended model leaves.", heads, rows, words=(0, 3))
+    return table("What the extended model leaves.", heads, rows, words=(0, 3), wide=True)
 
 
 def _band(one):
@@ -151,7 +152,7 @@ def facts(document: dict) -> dict:
         unit = "s" if name == "seconds" else UNITS.get(end, "")
         cells = [_fact(document["facts"][label].get(name)) for label in labels]
         rows.append([name.removesuffix(end).replace("_", " "), unit, *cells])
-    return table("Facts of each record.", ["fact", "unit", *labels], rows, words=(0, 1))
+    return table("Facts of each record.", ["fact", "unit", *labels], rows, words=(0, 1), wide=True)
 
 
 def _fact(value):
@@ -184,7 +185,7 @@ def tried(document: dict) -> dict:
             rows.append([*head, *_clearest(one), f"{one['gain']:.1f}", str(one["dof"])])
     heads = ["search", "cause", "seen best", "value", "unit", "chi-square gained", "parameters"]
     caption = "First round: what each cause gains alone, and of its parameters the one that stands out most."
-    return table(caption, heads, rows, words=(0, 1, 2, 4))
+    return table(caption, heads, rows, words=(0, 1, 2, 4), wide=True)
 
 
 def _clearest(one):

@@ -17,6 +17,18 @@ COLOURS = {
     "purple": "#CC79A7",
     "grey": "#8A8A8A",
 }
+#: The four angular accelerations, told apart by colour, by line and by point.
+VARIANTS = {
+    "mtq": {"color": COLOURS["black"], "marker": "o"},
+    "acc_calibrated": {"color": COLOURS["vermilion"], "marker": "s"},
+    "acc": {"color": COLOURS["sky"], "marker": "^", "linestyle": "--"},
+    "sca": {"color": COLOURS["purple"], "marker": "D", "linestyle": "-."},
+}
+AXIS = {
+    "x": {"color": COLOURS["blue"]},
+    "y": {"color": COLOURS["orange"]},
+    "z": {"color": COLOURS["green"], "linestyle": "--"},
+}
 UNSAID = {"png": ("Software",), "svg": ("Date", "Creator", "Format", "Type")}
 STYLE = {
     "font.family": "DejaVu Sans",
@@ -76,28 +88,67 @@ def grid(rows, columns, height_in, **options):
     return figure, panels
 
 
-def legend(figure, panel, columns):
-    """Legend of one panel above all panels, to the right.
+def legend(figure, panels, columns):
+    """Legend of one or several panels above all, to the right; each name once.
 
     Parameters
     ----------
     figure : Figure
-    panel : Axes with the labels
+    panels : Axes with the labels, or an array of them
     columns : number
     """
-    handles, labels = panel.get_legend_handles_labels()
+    known = {}
+    for panel in [panels] if hasattr(panels, "plot") else panels.ravel():
+        handles, labels = panel.get_legend_handles_labels()
+        known = dict(zip(labels, handles, strict=True)) | known
     top = 1 - 0.02 / figure.get_figheight()
-    figure.legend(handles, labels, ncols=columns, loc="upper right", bbox_to_anchor=(0.995, top), borderpad=0.0)
+    place = {"ncols": columns, "loc": "upper right", "bbox_to_anchor": (0.995, top), "borderpad": 0.0}
+    figure.legend(known.values(), known.keys(), **place)
 
 
-def image(draw, *given, form="png"):
+def thinned(x, y, most=800):
+    """Curve with the lowest and highest point of each of `most` / 2 groups, where it has more points.
+
+    Parameters
+    ----------
+    x, y : (n,), NaN in y where nothing is known
+    most : number of points
+
+    Returns
+    -------
+    x, y : (m,), in the order of x; a group without a known value keeps one NaN, so that gaps stay open
+    """
+    import numpy as np
+
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    if x.size <= most:
+        return x, y
+    size = -(-x.size // (most // 2))
+    rows = np.pad(y, (0, -x.size % size), constant_values=np.nan).reshape(-1, size)
+    first = np.arange(len(rows)) * size
+    ends = [first + np.argmin(np.where(np.isnan(rows), np.inf, sign * rows), axis=1) for sign in (1, -1)]
+    kept = np.sort(np.stack(ends, axis=1), axis=1).ravel()
+    return x[kept], y[kept]
+
+
+def number_windows(panel, ends):
+    """Dotted lines where windows that are joined end to end meet, and their numbers at the upper edge."""
+    for end in ends[1:-1]:
+        panel.axvline(end, color=COLOURS["grey"], linewidth=0.5, linestyle=":")
+    if len(ends) > 2 and panel.get_title(loc="left"):
+        for number, (start, stop) in enumerate(zip(ends[:-1], ends[1:], strict=True), start=1):
+            place = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "top"}
+            panel.annotate(str(number), ((start + stop) / 2, 0.99), fontsize=6, color="#767676", **place)
+
+
+def image(draw, *given, form="svg"):
     """Figure as a data address for an image in a page.
 
     Parameters
     ----------
     draw : function that returns a Figure
     given : its arguments
-    form : "png", or "svg" for drawings with few points
+    form : "svg", or "png" for pictures of very many points
 
     Returns
     -------

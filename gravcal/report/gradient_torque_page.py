@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from gravcal.report import gradient_torque_figures as figures
-from gravcal.report.figures import image
 from gravcal.report.gradient_torque import NAMES
-from gravcal.report.pages import render, traced
+from gravcal.report.pages import figure, numbered, render, section, table, traced
 from gravcal.report.plain import gps_text
 
 TORQUE_NOTES = (
@@ -31,17 +30,12 @@ def page(document, given):
     given : {name: Dataset} of the products
     """
     sections = [_drag(document, given), _torque(document, given), _knowledge(document)]
-    count = 0
-    for section in sections:
-        for one in section["figures"]:
-            count += 1
-            one["number"] = count
     return render(
         "gradient_torque.html",
         document=document,
         verdict=document["verdict"]["text"].replace("m/s2", "m/s²"),
         subtitle=_subtitle(given["gradient"]),
-        sections=traced(sections, document["provenance"]["products"]),
+        sections=traced(numbered(sections), document["provenance"]["products"]),
         settings=[(name, str(value)) for name, value in document["settings"].items()],
         provenance=list(document["provenance"]["products"].items()),
     )
@@ -72,7 +66,7 @@ def _drag(document, given):
             "Drag of the one-sensor method, and how far the others are from it.",
         ),
     ]
-    return _section("Drag", [_methods(document), _budget(document)], drawn)
+    return section("Drag", [_methods(document), _budget(document)], drawn)
 
 
 def _torque(document, given):
@@ -94,7 +88,7 @@ def _torque(document, given):
     note = (
         f"Degrees with a line above three times the sensor's noise: {', '.join(seen) or 'none'} (sensitivity assumed)."
     )
-    return _section("Gravity-gradient torque", [], drawn, (*TORQUE_NOTES, note))
+    return section("Gravity-gradient torque", [], drawn, (*TORQUE_NOTES, note))
 
 
 def _knowledge(document):
@@ -102,15 +96,15 @@ def _knowledge(document):
     found = document["identifiability"]
     heads = ["known", "rank", "unknowns", "σ drag x", "σ drag y", "σ drag z"]
     rows = [[k["known"], k["rank"], k["unknowns"], *(_short(s) for s in k["drag_sigma"])] for k in found["knowledge"]]
-    steps = _table("Joint system of several epochs, m/s²", heads, rows, "gradient_torque.combine")
+    steps = table("Joint system of several epochs, m/s²", heads, rows, source="gradient_torque.combine")
     names = found["null_space"]["unknowns"]
     null = [[f"{v:+.2f}" for v in vector] for vector in found["null_space"]["vectors"]]
     units = found["null_space"]["units"]
     caption = f"Combinations that one epoch does not see (rank {found['rank']} of {found['unknowns']}); {units}"
-    tables = [steps, _table(caption, names, null, "gradient_torque.combine")]
+    tables = [steps, table(caption, names, null, source="gradient_torque.combine")]
     if "centre_of_pressure_m" in document:
         tables.append(_pressure(document["centre_of_pressure_m"]))
-    return _section("What one sensor can tell", tables, [], KNOWLEDGE_NOTES)
+    return section("What one sensor can tell", tables, [], KNOWLEDGE_NOTES)
 
 
 def _pressure(found):
@@ -118,11 +112,11 @@ def _pressure(found):
         [axis, f"{value:+.4f}", f"{sigma:.4f}", f"{prior:.4f}"]
         for axis, value, sigma, prior in zip("xyz", found["value"], found["sigma"], found["prior_sigma"], strict=True)
     ]
-    return _table(
+    return table(
         "Centre of pressure from the torque balance, m",
         ["axis", "value", "σ", "σ before"],
         rows,
-        "gradient_torque.drag.one_sensor",
+        source="gradient_torque.drag.one_sensor",
     )
 
 
@@ -140,11 +134,11 @@ def _methods(document):
         ]
         for name, block in document["drag"].items()
     ]
-    return _table(
+    return table(
         "Drag, rms over time and axes, m/s² (errors need the truth of a simulation; printed: eqs. 10, 16)",
         heads,
         rows,
-        "gradient_torque.combine",
+        source="gradient_torque.combine",
     )
 
 
@@ -155,12 +149,12 @@ def _budget(document):
         for name, block in document["drag"].items()
         for source, values in block["budget"].items()
     ]
-    return _table(
+    return table(
         "Standard deviation by cause, m/s²",
         ["method", "cause", "x", "y", "z"],
         rows,
-        _drags(document),
-        (0, 1),
+        source=_drags(document),
+        words=(0, 1),
     )
 
 
@@ -169,29 +163,9 @@ def _drags(document):
     return ", ".join(f"gradient_torque.drag.{name}" for name in document["drag"])
 
 
-def _table(caption, heads, rows, source, words=(0,)):
-    return {
-        "caption": caption,
-        "heads": heads,
-        "rows": rows,
-        "source": source,
-        "words": words,
-        "wide": False,
-        "strong": None,
-    }
-
-
-def _section(title, tables, drawn, notes=()):
-    return {"title": title, "tables": tables, "figures": [one for one in drawn if one["image"]], "notes": notes}
-
-
 def _figure(draw, given, source, caption):
-    return {
-        "image": image(draw, *given),
-        "title": caption.split(".")[0],
-        "caption": caption,
-        "source": source,
-    }
+    """Figure whose title is the first sentence of its caption."""
+    return figure(draw, *given, source=source, title=caption.split(".")[0], caption=caption)
 
 
 def _short(value):

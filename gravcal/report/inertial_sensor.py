@@ -7,11 +7,17 @@ import json
 import numpy as np
 
 from gravcal.calibrations.building import build
+from gravcal.calibrations.checks import of_product
+from gravcal.calibrations.inertial_sensor import checks
 from gravcal.calibrations.inertial_sensor.schemas import REPORT
 from gravcal.data import product
 from gravcal.data.schemas import VERSION, validate
+from gravcal.report import documents
 from gravcal.report.plain import AXES, as_plain, estimate, number, numbers
 
+#: The two solutions of the offset, in the order of the product.
+OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")
+ADOPTED = "smallest total error: least sum of the squares of sigma_total of the three axes"
 CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of Remote Sens. 2023, 15, 3817
 NOT_DETERMINED = {
     "k_y": "no angular factor is tied to it: neither swing nor roll gives k_y (the value in use is that of the ground)",
@@ -26,7 +32,8 @@ def report(*products, event, names, settings, published):
 
     Parameters
     ----------
-    products : Dataset of "detect" and, as far as there was a swing or a roll, "align", "scale", "offset", "bias"
+    products : Dataset of "detect" and, as far as there was a swing or a roll, "align", "scale", "offset", "bias",
+        "checks"
     event : str
     names : names of the products, in order
     settings : mapping of all parameters
@@ -37,7 +44,8 @@ def report(*products, event, names, settings, published):
     dataset : Dataset, "inertial_sensor.report"; files : {name: text}
     """
     given = dict(zip(names, products, strict=True))
-    found = document(given, event=event, settings=settings)
+    tests = [*of_product(given["checks"]), *checks.result(given, settings)] if "checks" in given else []
+    found = documents.judged(document(given, event=event, settings=settings), products, tests)
     validate(found)
     from gravcal.report import inertial_sensor_page
 
@@ -98,12 +106,13 @@ def swing(scaled, moved):
     """
     arm = int(scaled.chosen_arm)
     beta = [estimate(v, s) for v, s in zip(scaled.beta.values, scaled.beta_sigma.values, strict=True)]
-    offset = [_offset(moved, choice) for choice in (0, 1)]
+    offset = {name: _offset(moved, choice) for choice, name in enumerate(OFFSETS)}
+    adopted = OFFSETS[int(moved.adopted)]
     return {
         "k": _linear(scaled, arm),
         "beta": dict(zip(AXES, beta, strict=True)),
-        "com_to_test_mass_um": offset[0],
-        "com_to_test_mass_without_y_um": offset[1],
+        **offset,
+        "adopted": {"solution": adopted, "rule": ADOPTED, **offset[adopted]},
         "delay_s": estimate(scaled.delay, scaled.delay_sigma),
         "arm_x_mm": 1e3 * float(scaled.arm_x[arm]),
         "arms": {f"{1e3 * float(a):.2f} mm": _linear(scaled, i) for i, a in enumerate(scaled.arm_x.values)},
@@ -178,16 +187,16 @@ def roll(biased):
 
 
 def z_noise(biased):
-    """Noise of z between 10 and 50 mHz with old and new factor; what of its change is only the factor.
+    """Noise of z, root of the mean power between 10 and 50 mHz, with old and new factor; what of it is the factor.
 
     Parameters
     ----------
     biased : Dataset, "inertial_sensor.bias"
     """
     band = (biased.frequency.values >= 0.01) & (biased.frequency.values <= 0.05)
-    before, after, cleared = np.median(biased.density.values[:, band], axis=1)
+    before, after, cleared = np.sqrt(np.mean(biased.density.values[:, band] ** 2, axis=1))
     slow = (biased.frequency.values >= 1e-3) & (biased.frequency.values < 3e-3)
-    rows = np.median(biased.density.values[:, slow], axis=1)
+    rows = np.sqrt(np.mean(biased.density.values[:, slow] ** 2, axis=1))
     return {
         "before_m_s2_rthz": float(before),
         "after_m_s2_rthz": float(cleared),
@@ -208,39 +217,39 @@ def verdict(found):
         return "No swing and no roll in the attitude: nothing to calibrate."
     parts = []
     if "swing" in found:
-        offset = found["swing"]["com_to_test_mass_um"]
-        text = ", ".join(f"{v:.0f} +- {s:.0f}" for v, s in zip(offset["value"], offset["sigma"], strict=True))
+        offset = found["swing"]["adopted"]
+        text = ", ".join(f"{v:.0f} +- {s:.0f}" for v, s in zip(offset["value"], offset["sigma_total"], strict=True))
         k = found["swing"]["k"]
-        parts.append(
-            f"k_x {k['x']['value']:.3e}, k_z {k['z']['value']:.3e} m s-2 V-1; "
-            f"centre of mass to test mass {text} um (k_y of the ground)"
-        )
+        factors = (f"k_{axis} {k[axis]['value']:.3e} +- {k[axis]['sigma_total']:.0e}" for axis in "xz")
+        solution = "all axes, k_y of the ground" if offset["solution"] == OFFSETS[0] else "without a_y"
+        parts.append(f"{', '.join(factors)} m s-2 V-1; centre of mass to test mass {text} um ({solution})")
     if "roll" in found:
         parts.append(_bias_line(found["roll"]))
     return ". ".join([*parts, *_claims(found)]) + "."
 
 
 def _claims(found):
-    """Whether the errors by noise reach those that the paper claims; no sentence where nothing was determined."""
+    """Whether the total errors reach those that the paper claims; no sentence where nothing was determined."""
     errors = {"k": [], "offset in y and z": [], "bias": []}
     if "swing" in found:
-        offset = found["swing"]["com_to_test_mass_um"]
-        errors["k"] = [(one["value"], one["sigma"]) for one in found["swing"]["k"].values() if one]
-        errors["offset in y and z"] = list(zip(offset["value"], offset["sigma"], strict=True))[1:]
+        offset = found["swing"]["adopted"]
+        errors["k"] = [(one["value"], one["sigma_total"]) for one in found["swing"]["k"].values() if one]
+        errors["offset in y and z"] = list(zip(offset["value"], offset["sigma_total"], strict=True))[1:]
     if "roll" in found:
-        errors["bias"] = list(zip(found["roll"]["bias"]["value"], found["roll"]["bias"]["sigma"], strict=True))
+        bias = found["roll"]["bias"]
+        errors["bias"] = list(zip(bias["value"], bias["sigma_total"], strict=True))
     known = {name: [abs(s / v) for v, s in pairs if v and s is not None] for name, pairs in errors.items()}
     worst = {name: max(relative) for name, relative in known.items() if relative}
     said = [f"{name} {100 * one:.2g} % ({'met' if one < CLAIMED[name] else 'not met'}, {100 * CLAIMED[name]:g} %)"
             for name, one in worst.items()]  # fmt: skip
-    return [f"Error by noise against the claim of the paper: {', '.join(said)}"] if said else []
+    return [f"Total error against the claim of the paper: {', '.join(said)}"] if said else []
 
 
 def _bias_line(rolled):
     """Bias of the roll, or that there is none."""
     if rolled["bias"]["value"] == [None] * 3:
         return f"Bias not determined: {rolled['segments']} of {rolled['segments_found']} segments of the roll usable"
-    known = zip(AXES, rolled["bias"]["value"], rolled["bias"]["sigma"], strict=True)
+    known = zip(AXES, rolled["bias"]["value"], rolled["bias"]["sigma_total"], strict=True)
     text = ", ".join(f"b_{axis} {v:.5e} +- {s:.0e}" for axis, v, s in known if v is not None)
     return f"{text} m s-2 from {rolled['segments']} segments, b_y not separable"
 
@@ -254,7 +263,7 @@ def _dataset(found):
     values = {
         "k": take(swung.get("k", {})),
         "beta": take(swung.get("beta", {})),
-        "offset": number(swung.get("com_to_test_mass_um", {}).get("value", nothing), 1e-6),
+        "offset": number(swung.get("adopted", {}).get("value", nothing), 1e-6),
         "bias": number(rolled.get("bias", {}).get("value", nothing)),
     }
     return build(REPORT, values, status=found["status"], event=found["event"])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from gravcal.report import inertial_sensor_figures as figures
 from gravcal.report import inertial_sensor_tables as tables
-from gravcal.report.figures import image
-from gravcal.report.pages import render, traced
+from gravcal.report.pages import figure, numbered, render, section, traced
 from gravcal.report.plain import gps_text
 
 WANDERS = "Measured minus predicted attitude, means of bins. The prediction integrates the readouts twice, their noise "
@@ -21,22 +20,17 @@ def page(document, given, published):
     given : {name: Dataset} of the products
     published : {section: records}
     """
-    sections = [_section("Motion", [], [_figure(figures.motion, given, "detect", "Body rates, means over a minute.")])]
+    sections = [section("Motion", [], [_figure(figures.motion, given, "detect", "Body rates, means over a minute.")])]
     if "scale" in given:
         sections += _swing(document, given, published)
     if "bias" in given:
         sections += _roll(document, given, published)
-    count = 0
-    for section in sections:
-        for one in section["figures"]:
-            count += 1
-            one["number"] = count
     return render(
         "inertial_sensor.html",
         document=document,
         verdict=document["verdict"]["text"].replace("+-", "±").replace(" um", " µm"),
         subtitle=_subtitle(document),
-        sections=traced(sections, document["provenance"]["products"]),
+        sections=traced(numbered(sections), document["provenance"]["products"]),
         settings=_flat(document["settings"]),
         provenance=_flat(document["provenance"]),
     )
@@ -47,15 +41,9 @@ def _subtitle(document):
     return f"{'; '.join(spans) or 'No manoeuvre'} GPS. Vectors from the centre of mass to the test mass, sensor frame."
 
 
-def _section(title, own, drawn, notes=()):
-    """One section; what could not be drawn is left out."""
-    return {"title": title, "tables": own, "figures": [f for f in drawn if f["image"]], "notes": notes}
-
-
 def _figure(draw, given, name, caption):
     """One figure of one product."""
-    source = f"inertial_sensor.{name}"
-    return {"image": image(draw, given[name]), "title": caption.split(".")[0], "caption": caption, "source": source}
+    return figure(draw, given[name], source=f"inertial_sensor.{name}", title=caption.split(".")[0], caption=caption)
 
 
 def _from(name, *own):
@@ -82,8 +70,8 @@ def _swing(document, given, published):
     own.append(tables.actuation(published))
     found = _from("offset", tables.offset(document, published), tables.budget(document))
     return [
-        _section("Scale factors", own, scale, [_delay(document), *notes]),
-        _section("Offset", found, moved, [OFFSET_NOTE]),
+        section("Scale factors", own, scale, [_delay(document), *notes]),
+        section("Offset", found, moved, [OFFSET_NOTE]),
     ]
 
 
@@ -107,7 +95,7 @@ def _roll(document, given, published):
     roll = document["roll"]
     noise = roll["z_noise"]
     if "bias" in document["not_determined"]:
-        return [_section("Bias", [], [], [f"Not determined: {document['not_determined']['bias']}"])]
+        return [section("Bias", [], [], [f"Not determined: {document['not_determined']['bias']}"])]
     notes = [
         f"{roll['segments']} of {roll['segments_found']} segments used. Scale factors and offset: {roll['source']}.",
         f"b_y: {document['not_determined']['bias_y']}.",
@@ -120,7 +108,7 @@ def _roll(document, given, published):
     own = _from("bias", tables.bias(document, published), tables.bias_budget(document))
     drawn = [_figure(figures.segments, given, "bias", "Bias of every segment and uniformity of the roll rate.")]
     z = _figure(figures.z_noise, given, "bias", "Amplitude spectrum of z, median of the segments.")
-    return [_section("Bias", own, drawn, notes), _section("Noise of z", [], [z], [spectrum])]
+    return [section("Bias", own, drawn, notes), section("Noise of z", [], [z], [spectrum])]
 
 
 def _flat(values, before=""):

@@ -4,30 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from gravcal.report.pages import table
 from gravcal.report.plain import AXES
 
 NONE = "–"
 RATIO = {"mass": 0.072, "x": 1.9440e-5, "y": 1.0328e-5, "arm_y": 10.45e-3}  # as printed, Sec. 2.2 and Table 1
-
-
-def table(caption, heads, rows, **options):
-    """One table for the page.
-
-    Parameters
-    ----------
-    caption : str; heads : texts; rows : lists of texts
-    options : "source", "strong", "wide", "words"
-    """
-    base = {
-        "caption": caption,
-        "heads": heads,
-        "rows": rows,
-        "source": "",
-        "strong": None,
-        "wide": False,
-        "words": (0,),
-    }
-    return base | options
 
 
 def actuation(published):

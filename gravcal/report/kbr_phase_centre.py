@@ -4,6 +4,7 @@ import numpy as np
 
 from gravcal.data.schemas import VERSION
 from gravcal.report import kbr_phase_centre_parts as parts
+from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import as_plain, chi_square_test, numbers
 
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
@@ -83,22 +84,27 @@ def vector_files(document, date):
 
     Returns
     -------
-    files : {name: text}; "VKB1B_date_letter_04.txt" and "result.soe"; only what is determined in x, y and z
+    files : {name: text}; "VKB1B_date_letter_04.txt" and "result.soe"; only what is determined in x, y and z; unless all
+        data were measured no vector file and comments for lines
     """
-    if document["status"] != "delivered":
+    if document["status"] not in WITH_RESULT:
         return {}
-    from gravcal.data.vcm import vector_line
+    from gravcal.data.vcm import commented, vector_line
 
+    said = "QUESTIONABLE " if document["status"] == "questionable" else ""
     time, files, lines = float(np.ceil(max(one["stop"] for one in document["manoeuvres"]))), {}, []
     for letter, block in document["adopted"]["satellites"].items():
         if any(item is None for item in block["phase_centre_mm"]):
             continue
         vector = [1e-3 * item for item in block["phase_centre_mm"]]
         errors = " ".join(f"{1e3 * item:.2f}" for item in block["sigma_mm"])
-        comment = f"{document['event']} {document['adopted']['observable']} sigma_um {errors}"
+        comment = f"{said}{document['event']} {document['adopted']['observable']} sigma_um {errors}"
         lines.append(vector_line(time, letter, vector, name="VKB", comment=comment))
+        if document["origin"] != "measured":
+            lines[-1] = commented(lines[-1], document["origin"])
+            continue
         name = f"VKB1B_{date}_{letter}_{'02' if letter in 'AB' else '04'}.txt"
-        files[name] = _vector_text(name, time, letter, vector, document["event"])
+        files[name] = _vector_text(name, time, letter, vector, said + document["event"])
     return files | ({"result.soe": "\n".join(lines) + "\n"} if lines else {})
 
 

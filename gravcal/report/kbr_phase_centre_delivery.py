@@ -7,32 +7,40 @@ import json
 import numpy as np
 
 from gravcal.calibrations.building import build
+from gravcal.calibrations.checks import of_product
+from gravcal.calibrations.kbr_phase_centre.checks import of_result
 from gravcal.calibrations.kbr_phase_centre.schemas import REPORT
 from gravcal.data import product
 from gravcal.data.schemas import validate
-from gravcal.report import kbr_phase_centre, kbr_phase_centre_page
+from gravcal.report import documents, kbr_phase_centre, kbr_phase_centre_page
 from gravcal.report.plain import gps_text
 
 
-def report(*products, event, settings, published):
+def report(*products, event, settings, published, nominal_m):
     """Report product of one event and its files.
 
     Parameters
     ----------
-    products : Dataset, combine, pointing, noise, routine and three solve
+    products : Dataset, combine, pointing, noise, routine, checks and three solve
     event : str
     settings : mapping of all parameters
     published : {section: list of printed records}
+    nominal_m : (2, 3) m, phase centres of the catalogue
 
     Returns
     -------
     dataset : Dataset, "kbr_phase_centre.report"
     files : {name: text}
     """
-    combined, pointed, measured, described, *solved = products
+    combined, pointed, measured, described, checked, *solved = products
     provenance = {"products": {name: product.digest_as_read(d)[:12] for name, d in _named(products).items()}}
     arguments = {"event": event, "provenance": provenance, "settings": settings}
     document = kbr_phase_centre.document(combined, pointed, measured, described, **arguments)
+    checked = of_product(checked)
+    if document["status"] in documents.WITH_RESULT:
+        tests = {name: one["p"] for name, one in document["consistency"]["manoeuvres"].items()}
+        checked += of_result(combined, tests, nominal_m, settings)
+    document = documents.judged(document, products, checked)
     validate(document)
     files = {"result.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     files |= kbr_phase_centre.vector_files(document, gps_text(document["record"]["start"])[:10])
@@ -42,7 +50,14 @@ def report(*products, event, settings, published):
 
 def _named(products):
     """Products by the stage that made them."""
-    names = ["combine", "pointing", "noise", "routine", *(f"solve.{d.attrs['observable']}" for d in products[4:])]
+    names = [
+        "combine",
+        "pointing",
+        "noise",
+        "routine",
+        "checks",
+        *(f"solve.{d.attrs['observable']}" for d in products[5:]),
+    ]
     return dict(zip((f"kbr_phase_centre.{n}" for n in names), products, strict=True))
 
 

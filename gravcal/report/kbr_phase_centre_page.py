@@ -2,7 +2,7 @@
 
 from gravcal.report import kbr_phase_centre_figures as figures
 from gravcal.report import kbr_phase_centre_tables as tables
-from gravcal.report.pages import render, traced
+from gravcal.report.pages import figure, numbered, render, section, traced
 from gravcal.report.plain import gps_text
 
 MOODS = {True: "good", False: "bad", None: ""}
@@ -68,7 +68,7 @@ def page(document, products, published, files):
         verdict=tables.true_units(document["verdict"]["text"]),
         mood=MOODS[good],
         subtitle=_subtitle(document),
-        sections=traced(_numbered(sections), document["provenance"]["products"]),
+        sections=traced(numbered(sections), document["provenance"]["products"]),
         settings=[(name, str(value)) for name, value in sorted(document["settings"].items())],
         provenance=sorted(document["provenance"]["products"].items()),
         lines=files.get("result.soe"),
@@ -115,25 +115,11 @@ def _from(name, *own):
 
 
 def _section(title, own_tables, own_figures, notes=()):
-    return {
-        "title": title,
-        "tables": own_tables,
-        "figures": own_figures,
-        "notes": [tables.true_units(n) for n in notes],
-    }
+    """Section whose notes have the signs that a page can show."""
+    return section(title, own_tables, own_figures, [tables.true_units(note) for note in notes])
 
 
 def _figure(name, products, draw, *given):
     title, caption = CAPTIONS[name]
     source = ", ".join(f"kbr_phase_centre.{one}" for one in products.split(", "))
-    return {"drawing": draw(*given), "source": source, "title": title, "caption": caption}
-
-
-def _numbered(sections):
-    """Sections whose figures are numbered in order."""
-    number = 0
-    for section in sections:
-        for one in section["figures"]:
-            number += one["drawing"] is not None
-            one["number"] = number
-    return sections
+    return figure(draw, *given, source=source, title=title, caption=caption)

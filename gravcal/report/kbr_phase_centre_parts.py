@@ -9,12 +9,18 @@ ESTIMATORS = ("ls", "robust")
 SUBSETS = ("all", "positive", "mirror", "all_x_fixed", "positive_x_fixed", "mirror_x_fixed")
 AXES = ("pitch", "yaw")
 ROUTINE = (
-    "Without wiggles x is not determined: its columns are constant, their sum is taken by the range bias. y and z are "
-    "as good as the pointing moves between 2 and 20 mHz and as the orbit is quiet there. Their errors are formal and "
-    "leave out what moves with pointing or orbit: on 2014-01-15 y and z missed the sequence-of-events values by 0.4 to "
-    "3 mm, up to eleven such sigma. The antenna correction of the file repeats the vectors it was computed with, not "
-    "the true ones."
+    "Without wiggles x is not determined: its columns are constant but for the square of the pointing, a few "
+    "micrometres of range, and their sum is taken by the range bias. "
 )
+ROUTINE_TRUSTED = (
+    "y and z are as good as the pointing moves between 2 and 20 mHz and as the orbit is quiet there; their errors are "
+    "formal. "
+)
+ROUTINE_NOT = (
+    "y and z are not determined either: the same solution puts x {misfit:.1f} of its errors away from the catalogue, "
+    "so these errors leave out what moves with pointing or orbit. "
+)
+CORRECTION = "The antenna correction of the file repeats the vectors it was computed with, not the true ones."
 INDISTINGUISHABLE = [
     {
         "cause": "attitude.star_camera_misalignment",
@@ -190,11 +196,12 @@ def _amplitudes(frequency, density):
 
 def routine(described, pointed):
     """What quiet ranging and the antenna correction of the file say without wiggles."""
-    sigma = described["sigma"].values
-    value = np.where(np.isfinite(sigma), described["centre"].values, np.nan)
+    value, sigma, misfit = described["centre"].values, described["sigma"].values, float(described["x_misfit"])
     letters = pointed.attrs["satellites"]
+    said = ROUTINE_TRUSTED if np.isfinite(value).any() else ROUTINE_NOT.format(misfit=misfit)
     result = {
-        "text": ROUTINE,
+        "text": ROUTINE + (said if np.isfinite(misfit) else "") + CORRECTION,
+        "x_misfit_sigma": number(misfit),
         "singular_urad": numbers(1e6 * described["singular"].values),
     }
     for k, letter in enumerate(letters):

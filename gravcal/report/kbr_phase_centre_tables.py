@@ -1,5 +1,6 @@
 """Tables of the page of a ranging calibration, in the form of Tables 4 to 8 of the source paper."""
 
+from gravcal.report.pages import table
 from gravcal.report.words import NOT_DETERMINED, chi_square, plus_minus, signed
 
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
@@ -13,14 +14,6 @@ def true_units(text):
     for old, new in (("+-", "±"), (" um", " µm"), (" urad", " µrad"), (" -", " −")):
         text = text.replace(old, new)
     return text
-
-
-def _table(caption, heads, rows, words=(0,), **more):
-    return (
-        {"caption": caption, "heads": heads, "rows": rows, "words": words, "wide": False, "strong": None}
-        | more
-        | {"source": more.get("source", "")}
-    )
 
 
 def result(document, published, estimator):
@@ -43,7 +36,7 @@ def result(document, published, estimator):
         f"Phase centres by {ESTIMATORS[estimator]}, millimetres. Printed: 10.3390/rs14143395, {TABLES[estimator]}, "
         f"September 2020; its range columns were not detrended."
     )
-    return _table(caption, heads, rows)
+    return table(caption, heads, rows)
 
 
 def _printed(record):
@@ -76,7 +69,7 @@ def subsets(document, published):
         "with x held, by what the catalogue's x misses. "
         "Printed: Table 5 minus Table 4, range rate."
     )
-    return _table(caption, ["set", "value", "shift", "predicted", "printed shift"], rows)
+    return table(caption, ["set", "value", "shift", "predicted", "printed shift"], rows)
 
 
 def _printed_shifts(published):
@@ -110,7 +103,7 @@ def geometry(document):
         f"Condition number of the whitened, detrended columns. Error of y and z over that of x, positive only: "
         f"{', '.join(ratio)}; tan of the offset angle: {_number(own['tan_offset'], 4)}."
     )
-    return _table(caption, ["set", *TITLES.values()], rows)
+    return table(caption, ["set", *TITLES.values()], rows)
 
 
 def _plain(value):
@@ -144,7 +137,7 @@ def manoeuvres(document):
         f"Disagreement, chi-square / degrees of freedom, probability: {agree}. "
         f"Error of the mean by the scatter between wiggles, range rate: {', '.join(told)}."
     )
-    return _table(caption, heads, rows)
+    return table(caption, heads, rows)
 
 
 def noise(document):
@@ -163,7 +156,7 @@ def noise(document):
         f"Noise of the range, µm/√Hz, from {own['source']} data of {own['seconds']:.0f} s. Star cameras as seen by the "
         f"ranging in the wiggles: {camera} µrad/√Hz at 4 mHz."
     )
-    return _table(caption, ["frequency", "quiet", "in wiggles"], rows)
+    return table(caption, ["frequency", "quiet", "in wiggles"], rows)
 
 
 def _plain2(value):
@@ -181,7 +174,7 @@ def vectors(document, published):
                 x, y, z = one["value"]
                 name = one["labels"]["solution"].replace("_", " ")
                 rows.append([f"GRACE-{letter}, {name}", signed(x, 1), signed(y / 1e3, 4), signed(z / 1e3, 4)])
-    return _table("Vectors in millimetres; printed: 10.3390/rs14143395, Tables 7 and 8.", ["", "x", "y", "z"], rows)
+    return table("Vectors in millimetres; printed: 10.3390/rs14143395, Tables 7 and 8.", ["", "x", "y", "z"], rows)
 
 
 def routine(document):
@@ -194,4 +187,4 @@ def routine(document):
             behind = block["behind_antenna_correction_mm"][k]
             rows.append([f"GRACE-{letter} {axis}", plus_minus(value, sigma), _number(behind)])
     heads = ["mm", "quiet ranging against orbit", "behind the file's antenna correction"]
-    return _table("Phase centres from routine pointing, millimetres.", heads, rows)
+    return table("Phase centres from routine pointing, millimetres.", heads, rows)

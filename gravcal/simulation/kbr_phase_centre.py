@@ -11,7 +11,7 @@ import xarray as xr
 from gravcal.effects import Context
 from gravcal.methods import crn
 from gravcal.methods.noise import coloured
-from gravcal.physics import constants, earth, frames, surroundings
+from gravcal.physics import constants, earth, frames, orbit_environment
 from gravcal.simulation import kbr_phase_centre_pair as pairs
 from gravcal.simulation import sensors
 
@@ -102,7 +102,7 @@ def phase_range(pair, centre: np.ndarray, time: np.ndarray) -> tuple[np.ndarray,
     return np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1), np.linalg.norm(u, axis=1)
 
 
-def _surroundings(pair, centre, time):
+def _environment(pair, centre, time):
     """What effects of the ranging look at beside angle and range: lines of sight, orbit, sunlight."""
     states = [path(time) for path in pair.path]
     toward = states[1][:, :3] - states[0][:, :3]
@@ -121,7 +121,7 @@ def _surroundings(pair, centre, time):
         "antenna_x": np.asarray(centre)[:, 0],
         "antenna_correction": np.einsum("nka,ka->n", line, centre),
         "argument": np.arctan2(position @ across, position @ node),
-        "warmth": surroundings.warmth(time, time[::every], position[::every]),
+        "warmth": orbit_environment.warmth(time, time[::every], position[::every]),
     }
 
 
@@ -142,7 +142,7 @@ def ranging(pair, centre, chosen, injected, rng) -> dict:
     angle = np.stack([pointing(time)[:, 1:] for pointing in pair.pointing], axis=1)
     extra = {"angle": angle, "range": com, "range_rate": np.gradient(com, step)}
     if any(entry.channel == "range" for entry, _ in injected.values()):
-        extra |= _surroundings(pair, centre, time)
+        extra |= _environment(pair, centre, time)
     context = Context(time=time, extra=extra, epoch=pair.day + constants.DAY / 2)
     light = _light_time(com, context.extra["range_rate"])
     raw = true + _added(injected, "range", context, time.shape) - light + _phase_noise(time.size, chosen, rng)

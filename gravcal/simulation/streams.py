@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gravcal.effects import Context, effect
-from gravcal.physics import constants, earth, frames, gravity, surroundings
+from gravcal.physics import constants, earth, frames, gravity, orbit_environment
 from gravcal.simulation import sensors
 
 MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the real file of 2023-06-01
@@ -126,10 +126,10 @@ def _accelerometer(epochs, motion, scene, satellite, chosen, injected, channel, 
 
 def _extras(time, motion, scene):
     """What slow disturbances follow."""
-    orbit = np.arange(max(time[0] - 3 * surroundings.WARMING_S, scene.begin), time[-1] + 10, 5.0)
+    orbit = np.arange(max(time[0] - 3 * orbit_environment.WARMING_S, scene.begin), time[-1] + 10, 5.0)
     position_i = scene.orbit(orbit)[:, :3]
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
-    return surroundings.extras(time, orbit, position_i, R_bi, scene.mass, scene.drag_b)
+    return orbit_environment.extras(time, orbit, position_i, R_bi, scene.mass, scene.drag_b)
 
 
 def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) -> Context:
@@ -147,7 +147,7 @@ def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) 
     begin, state = steps.bound[:-1], states[:-1]
     nodes = lambda values: np.stack([np.interp(begin, around.time, c) for c in values.T], axis=1)  # noqa: E731
     R_bi, position_i = frames.R_bi_from_quaternion(state[:, :4]), nodes(around.position_i)
-    extra = surroundings.extras(begin, around.time, around.position_i, R_bi, scene.mass, scene.drag_b)
+    extra = orbit_environment.extras(begin, around.time, around.position_i, R_bi, scene.mass, scene.drag_b)
     spread = lambda v: v if np.ndim(v) == 0 else np.repeat(v, parts, axis=0)  # noqa: E731
     return Context(
         time=inner,

@@ -3,15 +3,15 @@
 import pytest
 from invented_store import EVENT, calibration, client, dataset, put
 
-from gravcal.browse import series, shelf, variables
+from gravcal.browse import series, store_index, variables
 from gravcal.data import journal
 
 
 @pytest.fixture
 def shop(store_folder):
     """Return the references of an invented store."""
-    shelf._known.clear()
-    shelf._json.cache_clear()
+    store_index._known.clear()
+    store_index._json.cache_clear()
     series.overview.cache_clear()
     variables.listed.cache_clear()
     first = calibration(EVENT, 1.0, gain=1.0)

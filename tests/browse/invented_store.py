@@ -1,7 +1,6 @@
 """Invented products for the pages, a server for them, and a client that asks it."""
 
 import contextlib
-import hashlib
 import http.client
 import json
 import threading
@@ -12,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.browse import app
-from gravcal.data import store
+from gravcal.data import keys, store
 
 TIME = {"units": "seconds since 2000-01-01 12:00:00", "long_name": "GPS time", "units_metadata": "leap_seconds: none"}
 EVENT = "grace-c-2020-03-01"
@@ -33,34 +32,32 @@ def put(name, data, settings=(), inputs=(), files=None):
     """Publish an invented product; its reference."""
     event, _, stage = name.partition("/")
     kind, _, variant = stage.partition(":")
-    text = json.dumps([name, dict(settings), [one.key for one in inputs]])
-    key = hashlib.sha256(text.encode()).hexdigest()
     labels = [{"kind": one.kind, "variant": one.variant, "digest": one.digest} for one in inputs]
     recipe = {"event": event, "kind": kind, "variant": variant, "version": 1, "settings": dict(settings)}
     recipe |= {"inputs": labels, "code": "same"}
     facts = {"stage": f"tasks.{kind}", "seconds": 0.5, "modules": {}, "versions": {"gravcal": "0"}}
     facts["from"] = [{"key": one.key} for one in inputs]
-    ref = store.put(key, recipe, (data, files or {}), facts)
+    ref = store.put(keys.key(recipe), recipe, (data, files or {}), facts)
     store.point(ref)
     return ref
 
 
-def result(event, offset_um):
+def result(event, offset_um, origin="measured"):
     """Result document of an invented calibration."""
     adopted = {"offset_um": offset_um, "sigma_um": [1.0, 1.0, 1.0], "sigma_total_um": [8.0, 9.0, 1.0]}
     verdict = {"text": f"Delivered: {event}.", "accuracy_met": True, "consistent": True, "requirement": ["within"] * 3}
     return {"schema_version": "1.0", "status": "delivered", "calibration": "com_offset", "event": event,
-            "verdict": verdict, "adopted": {"variant": "mtq"}, "variants": {"mtq": adopted},
+            "origin": origin, "verdict": verdict, "adopted": {"variant": "mtq"}, "variants": {"mtq": adopted},
             "manoeuvres": [{"kind": "pitch", "start": 6.36e8, "stop": 6.36e8 + 180}]}  # fmt: skip
 
 
-def calibration(event, scale, **settings):
+def calibration(event, scale, origin="measured", **settings):
     """Publish the chain of one event: align, two solutions, report; references by stage."""
-    align = put(f"{event}/com_offset.align", dataset(20000, scale))
+    align = put(f"{event}/com_offset.align", dataset(20000, scale).assign_attrs(origin=origin))
     ones = {v: put(f"{event}/com_offset.solve:{v}", dataset(3000, scale * settings.get("gain", 1.0)), settings, [align])
             for v in ("mtq", "acc")}  # fmt: skip
     page = "<!DOCTYPE html><title>r</title><p class='verdict'>the report</p><script>document.title = 'ran'</script>"
-    files = {"report.html": page, "result.json": json.dumps(result(event, [10 * scale, 0.0, -5.0]))}
+    files = {"report.html": page, "result.json": json.dumps(result(event, [10 * scale, 0.0, -5.0], origin))}
     report = put(f"{event}/com_offset.report", dataset(10), settings, list(ones.values()), files)
     return {"align": align, "report": report} | ones
 

@@ -5,9 +5,13 @@ It is skipped where Chromium and its driver are missing, unless GRAVCAL_NEEDS_CH
 
 import os
 import shutil
+from dataclasses import replace
 
 import pytest
 from invented_store import EVENT, server
+
+from gravcal.browse import printed
+from gravcal.report.history import history
 
 FLAGS = (
     "--headless",
@@ -182,3 +186,18 @@ def test_nothing_is_asked_of_other_hosts(site, shop):
     asked = {part.partition('"')[0] for line in lines for part in line.split('"url":"')[1:]}
     assert any("bokeh.min.js" in address for address in asked)
     assert not {address for address in asked if not address.startswith(("http://127.0.0.1:", "data:", "about:"))}
+
+
+@pytest.mark.parametrize(("calibration", "satellite"), [("com_offset", "C"), ("inertial_sensor", "T")])
+def test_every_column_of_a_series_is_in_sight(calibration, satellite, browser, tmp_path):
+    """Contract: no table of `gravcal series` is wider than a page of 756 pixels, half a screen."""
+    said = printed.points(calibration, satellite)
+    trims = [(satellite, one) for one in printed.trims(satellite)]
+    own = [replace(one, mood="good", event="grace-c-2020-02-01") for one in said]
+    page = tmp_path / "series.html"
+    page.write_text(history(calibration, [*own, *said], trims)[1])
+    browser.get(page.as_uri())
+    widths = "return [...document.querySelectorAll('.scroll')].map((one) => one.firstElementChild.offsetWidth)"
+    found = browser.execute_script(widths)
+    assert found
+    assert max(found) <= 756

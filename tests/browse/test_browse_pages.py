@@ -2,15 +2,19 @@
 
 import contextlib
 import http.client
+import json
 import re
 import subprocess
 import sys
 import urllib.parse
+from types import SimpleNamespace
 
+import invented_store
 import pytest
-from invented_store import EVENT, client
+from invented_store import EVENT, calibration, client
 
-from gravcal.browse import app, graph, guard, printed, shelf, timeline
+from gravcal.browse import access, app, graph, plots, printed, store_index, timeline
+from gravcal.data import journal, location
 from gravcal.errors import GravcalError
 
 
@@ -55,19 +59,55 @@ def test_the_first_page_shows_every_event_with_its_state(ask, shop):
     assert "no data &lt;b&gt;here&lt;/b&gt;" in text
 
 
+def test_simulated_events_have_a_mark_and_a_banner_of_their_own(ask, shop):
+    """Contract: on the first page, the event's, the product's and over the years, apart from what was measured."""
+    event = "grace-c-2022-03-01"
+    made = calibration(event, 3.0, origin="simulated")
+    assert '<span class="mark simulated">simulated</span>' in ask("/").text
+    assert '<span class="mark simulated">1 not measured</span>' in ask("/").text
+    for path in (f"/event/{event}", f"/product/{made['align'].key}"):
+        assert '<p class="origin">SIMULATED data</p>' in ask(path).text
+    assert 'class="origin"' not in ask(f"/event/{EVENT}").text + ask(f"/product/{shop['again']['align'].key}").text
+    moods = {point.event: point.mood for point in timeline.points("com_offset")}
+    assert (moods[event], moods[EVENT]) == ("simulated", "good")
+    assert '"value":"diamond"' in ask("/timeline/com_offset/C.json").text
+    assert '<span class="mark simulated">simulated</span>' in ask("/timeline/com_offset").text
+    pair = (made["align"].key, shop["again"]["align"].key)
+    wishes = [plots.Wish(pair[0], "acceleration_b", (0,), pair[1], view, True, False) for view in plots.VIEWS[:2]]
+    overlaid, subtracted = ([trace.label for trace in plots._traces(wish)[0]] for wish in wishes)
+    assert [label.endswith(" (simulated)") for label in overlaid] == [True, False]
+    assert subtracted == [f"A - B {overlaid[0][2:]} - {overlaid[1][2:]}"]
+
+
 def test_the_chain_says_what_was_reused_made_and_failed(ask, shop):
     """Contract: states of the last run; a failed stage stands in the chain without a product."""
-    states = {node.stage: node.state for node in shelf.chain(EVENT)}
+    states = {node.stage: node.state for node in store_index.chain(EVENT)}
     assert states["com_offset.align"] == "reused"
     assert states["com_offset.report"] == "made"
-    failed = [node for node in shelf.chain("grace-d-2022-01-01") if node.state == "failed"]
+    failed = [node for node in store_index.chain("grace-d-2022-01-01") if node.state == "failed"]
     assert [(node.stage, node.key) for node in failed] == [("com_offset.solve", "")]
     assert "box failed" in ask("/event/grace-d-2022-01-01").text
 
 
+def test_a_failed_attempt_stands_beside_what_was_delivered(ask, shop):
+    """Contract: the event stays delivered on both pages; what failed since is said beside it, and where."""
+    attempt = {"event": EVENT, "flow": "com_offset", "status": "failed", "started": "2026-02-01T00:00:00+00:00"}
+    journal._write(
+        attempt | {"failed": "com_offset.align", "error": "no <files> elsewhere", "seconds": 1.0, "stages": {}}
+    )
+    (row,) = [one for one in store_index.results() if one["event"] == EVENT]
+    assert (row["state"], row["mood"]) == ("delivered", "good")
+    assert "a later attempt failed" in ask("/").text
+    page = ask(f"/event/{EVENT}").text
+    assert "com_offset: delivered" in page
+    assert "no &lt;files&gt; elsewhere" in page
+    assert [node.stage for node in store_index.chain(EVENT) if node.state == "failed"] == ["com_offset.align"]
+    assert {node.state for node in store_index.chain(EVENT)} >= {"reused", "made"}
+
+
 def test_lines_of_the_chain_run_to_the_right(shop):
     """Contract: a product stands right of all it was made of, no two boxes at one place, all within the picture."""
-    picture = graph.placed(shelf.chain(EVENT))
+    picture = graph.placed(store_index.chain(EVENT))
     places = {node.key: (x, y) for x, y, node in picture["boxes"]}
     assert len(set(places.values())) == len(places) == 4
     for x, _, node in picture["boxes"]:
@@ -77,8 +117,8 @@ def test_lines_of_the_chain_run_to_the_right(shop):
 
 def test_a_replaced_product_is_offered_with_what_differs(shop):
     """Contract: the older product of the same event is compared by its settings."""
-    found = shelf.entry(shop["again"]["mtq"].key)
-    rows = [(one.ref.key, why) for one, why in shelf.relatives(found)]
+    found = store_index.entry(shop["again"]["mtq"].key)
+    rows = [(one.ref.key, why) for one, why in store_index.relatives(found)]
     assert (shop["first"]["mtq"].key, ["gain: 1.0 -> 1.5"]) in rows
 
 
@@ -149,7 +189,8 @@ def test_without_the_token_nothing_is_shown(shop):
         assert (moved.status_code, moved.headers["location"]) == (303, "/evil.example/products?all=1")
         assert {"HttpOnly", "SameSite=strict"} <= set(moved.headers["set-cookie"].split("; "))
         assert ask("/products", cookie=moved.headers["set-cookie"].partition(";")[0]).status_code == 200
-        assert ask("/products", cookie=f"{guard.COOKIE}=wrong").status_code == 401
+        cookie = moved.headers["set-cookie"].partition("=")[0]
+        assert ask("/products", cookie=f"{cookie}=wrong").status_code == 401
 
 
 def test_answers_forbid_scripts_of_others(ask, shop):
@@ -183,9 +224,9 @@ def test_what_is_not_there_is_said(ask, shop):
     [("127.0.0.1", True), ("localhost", True), ("::1", True), ("127.8.9.1", True), ("0.0.0.0", False), ("::", False),
      ("192.168.0.5", False), ("example.org", False)],
 )  # fmt: skip
-def test_only_loopback_needs_no_token(host, local):
-    """Contract: what counts as this machine."""
-    assert guard.is_loopback(host) is local
+def test_what_counts_as_loopback(host, local):
+    """Contract: there only names of this machine are answered to."""
+    assert access.is_loopback(host) is local
 
 
 def test_printed_values_come_in_our_units():
@@ -227,6 +268,19 @@ def test_the_time_line_shows_value_error_and_verdict(ask, shop):
     assert ask("/timeline/com_offset/D.json").status_code == 404
 
 
+def test_a_questionable_result_has_a_mark_of_its_own(ask, store_folder):
+    """Contract: in the list of events by its state, over time by its mark and in words."""
+    event = "grace-d-2021-05-01"
+    document = invented_store.result(event, [1.0, 2.0, 3.0]) | {"status": "questionable"}
+    files = {"result.json": json.dumps(document), "report.html": "<p>page</p>"}
+    invented_store.put(f"{event}/com_offset.report", invented_store.dataset(10), files=files)
+    (row,) = [row for row in store_index.results() if row["event"] == event]
+    assert (row["state"], row["mood"]) == ("questionable", "bad")
+    assert {point.mood for point in timeline.points("com_offset") if point.event == event} == {"questionable"}
+    assert ask("/timeline/com_offset/D.json").status_code == 200
+    assert "questionable</span>" in ask("/timeline/com_offset").text
+
+
 def started(*options):
     """Process of `gravcal browse` and the address that it prints."""
     program = (sys.executable, "-c", "from flows.cli import main; main()", "browse", *options)
@@ -234,16 +288,19 @@ def started(*options):
     return process, process.stdout.readline().strip()
 
 
-@pytest.mark.parametrize(("options", "token"), [((), False), (("--host", "0.0.0.0"), True)])
-def test_the_command_prints_an_address_that_answers(shop, options, token):
-    """Contract: loopback without a token; on all addresses only with the one printed."""
+@pytest.mark.parametrize("options", [(), ("--host", "0.0.0.0")])
+def test_the_command_prints_an_address_that_answers(shop, options):
+    """Contract: with the token printed, on loopback too, where other users can ask; the cookie has the port."""
     process, address = started("--port", "0", *options)
     try:
         parts = urllib.parse.urlsplit(address)
-        assert bool(parts.query) is token
         line = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=30)
-        line.request("GET", "/")
-        assert line.getresponse().status == (401 if token else 200)
+        for path, cookie, status in (("/", None, 401), (f"/?{parts.query}", f"gravcal_token_{parts.port}=", 303)):
+            line.request("GET", path)
+            answer = line.getresponse()
+            answer.read()
+            assert answer.status == status
+            assert (answer.headers["set-cookie"] or "").startswith(cookie or "")
         line.close()
     finally:
         process.terminate()
@@ -266,8 +323,40 @@ def test_a_figure_without_gaps_runs_along_the_samples(shop, ask):
 
 def test_a_replaced_product_is_compared_with_its_successor_once(shop):
     """Contract: other variants are siblings; the newer product of the same stage is a relative with its setting."""
-    old = shelf.entry(shop["first"]["mtq"].key)
-    assert [one.ref.variant for one in shelf.siblings(old)] == ["acc"]
-    assert [why for one, why in shelf.relatives(old) if one.ref.key == shop["again"]["mtq"].key] == [
+    old = store_index.entry(shop["first"]["mtq"].key)
+    assert [one.ref.variant for one in store_index.siblings(old)] == ["acc"]
+    assert [why for one, why in store_index.relatives(old) if one.ref.key == shop["again"]["mtq"].key] == [
         ["gain: 1.5 -> 1.0"]
     ]
+
+
+def test_an_experiment_is_shown_as_such_beside_the_operational_result(shop, ask):
+    """Contract: home, event and time line are operational; the experiment has a page, a mark and its own chain."""
+    with location.configured("gain-9"):
+        own = calibration(EVENT, 3.0, gain=9.0)
+        with journal.recorded("com_offset", EVENT) as note:
+            note(SimpleNamespace(event=EVENT, unmade=own["report"]), "made", own["report"])
+    with location.configured("alone"):
+        calibration("grace-c-2023-03-01", 1.0)
+    row = next(row for row in store_index.results() if row["event"] == EVENT)
+    assert row["report"].ref.key == shop["again"]["report"].key
+    assert row["run"]["configuration"] == "operational"
+    assert row["experiments"] == ["gain-9"]
+    assert {point.value for point in timeline.points("com_offset") if point.event == EVENT} == {10.0, 0.0, -5.0}
+    assert not [point for point in timeline.points("com_offset") if point.event == "grace-c-2023-03-01"]
+    (tried,) = (row for row in store_index.results("gain-9") if row["event"] == EVENT)
+    assert tried["report"].ref.key == own["report"].key
+    home = ask("/").text
+    assert f'href="/event/{EVENT}?as=gain-9"' in home
+    assert 'href="/event/grace-c-2023-03-01?as=alone"' in home
+    page = ask(f"/event/{EVENT}").text
+    assert "Experiment gain-9" not in page
+    assert "?as=gain-9" in page
+    assert own["report"].key[:12] not in page.split("<h2>Chain of stages")[1]
+    page = ask(f"/event/{EVENT}?as=gain-9").text
+    assert "Experiment gain-9: not the operational configuration" in page
+    assert own["report"].key[:12] in page.split("<h2>Chain of stages")[1]
+    assert ask("/event/grace-c-2023-03-01").status_code == 200
+    assert ask(f"/event/{EVENT}?as=nothing").status_code == 404
+    assert "experiment gain-9" in ask(f"/product/{own['report'].key}").text
+    assert "gain-9" in ask("/products").text

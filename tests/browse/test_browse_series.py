@@ -20,7 +20,7 @@ def overview_of(x, y):
 def written(path, x, values):
     """Overview of the first column of a variable in a file."""
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
-    path.write_bytes(netcdf.to_bytes(data))
+    netcdf.write(data, path)
     variable = variables.find(path, "v")
     coordinate, kind, _ = variables.coordinate(path, variable)
     assert kind == "time"
@@ -108,7 +108,7 @@ def test_sixteen_million_samples_are_read_once_in_pieces(tmp_path, monkeypatch):
     whole_of = tmp_path / "product.nc"
     x = 7e8 + 0.1 * np.arange(count)
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
-    whole_of.write_bytes(netcdf.to_bytes(data))
+    netcdf.write(data, whole_of)
     del data, values
     variable = variables.find(whole_of, "v")
     coordinate, _, _ = variables.coordinate(whole_of, variable)
@@ -137,7 +137,7 @@ def test_packed_and_plain_series_give_the_same_overview(tmp_path, count):
     data = xr.Dataset({name: ("time", one, {"units": "V"}) for name, one in (("noisy", noisy), ("steady", steady))},
                       {"time": ("time", x, TIME)})  # fmt: skip
     path = tmp_path / "product.nc"
-    path.write_bytes(netcdf.to_bytes(data))
+    netcdf.write(data, path)
     for name, values in (("noisy", noisy), ("steady", steady)):
         variable = variables.find(path, name)
         whole = series.overview(variables.column(path, variable, 0), variables.coordinate(path, variable)[0])

@@ -264,3 +264,9 @@ def test_what_a_method_cannot_do_is_refused():
     columns["sensor_position"] = np.array([[0.1, 0.0, 0.0]])
     with pytest.raises(EstimationError, match="divides by each"):
         solve(columns, ("one_sensor_published",))
+
+
+def test_readings_of_infinite_size_solve_no_equations():
+    """Contract: an error that stages turn into one of the input; a trace of scipy before."""
+    with pytest.raises(np.linalg.LinAlgError, match="infinite"):
+        spline.solve(np.ones((18, 6)), np.array([0, 0, np.inf, 0, 0, 0]))

@@ -1,13 +1,16 @@
 """Phase centres: invented truth in, estimate out."""
 
 import numpy as np
-from kbr_campaign import STILL, campaign, process, sigma_mm, simulated, true_mm
+import pytest
+from kbr_campaign import NOMINAL, STILL, campaign, process, sigma_mm, simulated, true_mm
 from numpy.testing import assert_allclose
 from scipy import stats
 
 from benchmarks import kbr_phase_centre as study
 from gravcal.calibrations.kbr_phase_centre.schemas import SUBSETS
 from gravcal.data import catalog
+from gravcal.errors import EstimationError
+from tasks import kbr_phase_centre as stages
 
 Y_AND_Z = [1, 2, 4, 5]
 
@@ -75,6 +78,45 @@ def test_red_orbit_noise_widens_the_errors_honestly():
     assert sigma_mm(products.combined)[1, 1] > 3e-3
     low, high = stats.chi2.ppf([0.0025, 0.9975], 24) / 24
     assert low < np.mean(np.square(z)) < high
+
+
+def in_pieces(equations, length_s):
+    """Equations whose quiet data are nine pieces, with 300 s between them."""
+    cut = equations.copy(deep=True)
+    time, arc, kept = cut["time_kbr"].values, cut["arc"].values, 0
+    begin, quiet = time[arc == -1][0], arc == -1
+    while begin < time[-1]:
+        piece = (time >= begin) & (time <= begin + length_s)
+        whole = kept < 9 and quiet[piece].all()
+        arc[quiet & (time >= begin) & (time < begin + (300 + length_s if whole else 60)) & ~(piece & whole)] = -2
+        kept, begin = kept + whole, begin + (300 + length_s if whole else 60)
+    cut["arc"].values[:] = arc
+    return cut
+
+
+def test_noise_from_short_quiet_pieces_is_that_of_long_ones():
+    """Recovery: nine pieces of 1,210 s: density from 3 to 30 mHz and errors within a tenth of those of a quiet day."""
+    truth, products = campaign(1)
+    chosen = catalog.parameters("kbr_phase_centre")
+    measured = stages.noise(in_pieces(products.equations[0], 1210.0), **chosen.for_stage("noise"))
+    assert measured.attrs["source_data"] == "quiet"
+    assert measured["seconds"] < 9 * 1220
+    band = (measured["frequency"].values > 3e-3) & (measured["frequency"].values < 3e-2)
+    density = np.sqrt(measured["model"].values / products.noise["model"].values)[band]
+    assert_allclose(density.mean(), 1, atol=0.1)
+    given = chosen.for_stage("solve") | {"nominal_m": NOMINAL}
+    solved = stages.solve(products.equations[0], measured, variant="range", **given)
+    sigma = 1e3 * np.sqrt(np.diag(solved["covariance"].values[0, 0]))
+    assert_allclose(sigma, sigma_mm(products.combined)[0], rtol=0.1)
+    assert np.abs((1e3 * solved["centre"].values[0, 0] - truth) / sigma).max() < 4.5
+
+
+def test_quiet_pieces_that_are_too_short_are_said_to_be_so():
+    """Bad input: nine pieces of 800 s; what was found, what is needed."""
+    _, products = campaign(1)
+    chosen = catalog.parameters("kbr_phase_centre")
+    with pytest.raises(EstimationError, match=r"found 9 stretches .* longest of 800 s, expected one of 925 s"):
+        stages.noise(in_pieces(products.equations[0], 800.0), **chosen.for_stage("noise"))
 
 
 def test_phase_breaks_within_wiggles_do_no_harm():

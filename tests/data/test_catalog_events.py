@@ -155,5 +155,8 @@ def test_a_saved_event_of_a_pair_keeps_whose_manoeuvre_it_was(tmp_path, monkeypa
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path))
     found = [{"kind": "+pitch", "start": 6.5e8, "stop": 6.5e8 + 3780.0, "satellite": "D"}]
     text = catalog.event_text("kbr_phase_centre", ("C", "D"), datetime.date(2020, 8, 7), found, {})
+    assert 'source = "found in the Level-1 files below"' in text
+    args = ("kbr_phase_centre", ("C", "D"), datetime.date(2020, 8, 7), found, {}, "simulated")
+    assert 'source = "found in the simulated Level-1 files below"' in catalog.event_text(*args)
     saved = catalog.save_event("grace-cd-2020-08-07", text)
     assert [(one.satellite, one.kind) for one in saved.found] == [("D", "+pitch")]

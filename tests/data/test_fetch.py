@@ -5,6 +5,7 @@ import datetime
 import gzip
 import hashlib
 import io
+import socket
 import tarfile
 import threading
 import time
@@ -13,7 +14,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 from typer.testing import CliRunner
 
-from flows import cli_fetch
+from flows import cli, cli_fetch
 from gravcal.data import catalog, fetch, fetch_http, fetch_layout, fetch_login
 from gravcal.data.fetch_http import Patience
 from gravcal.errors import CatalogError, GravcalError, ProductError
@@ -385,3 +386,21 @@ def test_the_command_fetches_and_says_what(server, tmp_path):
     assert done.output.count("fetched") == 2
     assert CliRunner().invoke(app, ["--out", str(tmp_path)]).exit_code == 2
     assert CliRunner().invoke(app, ["grace-c-2020-02-01", *day]).exit_code == 2
+
+
+def test_a_host_that_does_not_answer_is_said_at_once(tmp_path, monkeypatch):
+    """Contract: a line before the first question and after every attempt; none waits ten seconds to connect."""
+    pauses = []
+    monkeypatch.setattr(fetch_http.time, "sleep", pauses.append)
+    with socket.socket() as bound:  # nobody listens
+        bound.bind(("127.0.0.1", 0))
+        place = f"http://127.0.0.1:{bound.getsockname()[1]}"
+        arguments = ["--satellite", "C", "--date", "2020-02-01", "--out", str(tmp_path), "--from", place]
+        done = CliRunner().invoke(cli.app, ["fetch", *arguments])
+    lines = done.stderr.splitlines()
+    assert lines[0].startswith(f"asking {place} for ")
+    told = [line for line in lines if "no answer (ConnectionError); attempt 2 of 6 in 2 s" in line]
+    assert told[0].startswith(place)
+    assert len(pauses) % 5 == 0
+    assert isinstance(done.exception, ProductError)
+    assert Patience().connect_s < 10

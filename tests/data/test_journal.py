@@ -29,7 +29,6 @@ def test_a_run_says_what_it_made_and_what_it_reused(pipeline):
 
 def test_a_failed_run_is_recorded_with_its_reason(pipeline):
     """Contract: the stages that were done, status and error; the error goes on."""
-    run(pipeline)
     pipeline.replace("second.py", "return first.assign", "raise ValueError('no mean')\n    return first.assign")
     with pytest.raises(ValueError, match="no mean"):
         run(pipeline)
@@ -38,6 +37,27 @@ def test_a_failed_run_is_recorded_with_its_reason(pipeline):
     assert "join" not in states(pipeline)
     assert record["failed"] == f"{pipeline.name}.join"
     assert [one["event"] for one in journal.runs()] == ["fake-1"]
+
+
+def test_a_failed_attempt_stands_beside_the_last_delivered_run(pipeline, tmp_path):
+    """Contract: another folder fails; what was delivered before keeps its state, and the next run replaces both."""
+    pipeline.replace("second.py", '["value"] * gain', '["value"] * [gain][dataset["value"].size - 7]')
+    run(pipeline)
+    before = journal.last("fake-1", pipeline.name)
+    own, pipeline.raw = pipeline.raw, tmp_path / "elsewhere.txt"
+    pipeline.raw.write_text("abcd")
+    for _ in range(2):
+        with pytest.raises(IndexError):
+            run(pipeline)
+        record = journal.last("fake-1", pipeline.name)
+        attempt = record.pop("attempt")
+        assert record == before
+        assert (attempt["status"], attempt["failed"]) == ("failed", f"{pipeline.name}.scale.one")
+        assert "attempt" not in attempt
+        assert journal.failure("fake-1", pipeline.name)["failed_key"] == attempt["failed_key"] is not None
+    pipeline.raw = own
+    run(pipeline)
+    assert "attempt" not in journal.last("fake-1", pipeline.name)
 
 
 def test_a_store_that_cannot_be_written_and_a_broken_record_are_no_error(store_folder):

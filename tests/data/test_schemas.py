@@ -16,6 +16,9 @@ def _head(calibration, **rest):
         "status": "delivered",
         "calibration": calibration,
         "event": "demo",
+        "origin": "simulated",
+        "configuration": "operational",
+        "checks": [{"name": "height", "value": None, "limit": 1.0, "unit": "km", "passed": False}],
         "provenance": {},
         **rest,
     }
@@ -99,7 +102,7 @@ def test_the_schema_files_are_valid_schemas(name):
     meta.validate(schemas.schema(name))
 
 
-@pytest.mark.parametrize("status", ["no_manoeuvre", "failed"])
+@pytest.mark.parametrize("status", ["no_manoeuvre", "no_data", "failed"])
 @pytest.mark.parametrize("name", schemas.DOCUMENTS)
 def test_without_a_result_only_the_head_is_asked_for(name, status):
     """Contract: nothing to calibrate is a document too."""
@@ -110,7 +113,7 @@ def test_without_a_result_only_the_head_is_asked_for(name, status):
 @pytest.mark.parametrize("name", schemas.DOCUMENTS)
 def test_a_delivered_document_has_all_its_parts(name):
     """Contract: each part of the head and of the result is asked for."""
-    for key in ("schema_version", "status", "calibration", "event", "provenance"):
+    for key in ("schema_version", "status", "calibration", "event", "origin", "configuration", "checks", "provenance"):
         lacking = {k: v for k, v in GOOD[name].items() if k != key}
         with pytest.raises(ProductError, match=f'"{key}" is a required property|calibration: found'):
             schemas.validate(lacking, name)

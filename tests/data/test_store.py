@@ -99,18 +99,6 @@ def test_damage_is_noticed_and_set_aside(damage):
     assert housekeeping.verify() == []
 
 
-def test_a_damaged_layout_in_the_record_is_not_followed():
-    """Robustness: another place of an array in the record does not become another number."""
-    ref = put(5.0)
-    record = json.loads((ref.folder / "meta.json").read_text())
-    places = [e["offset"] for e in json.loads(record["layout"])["variables"].values() if e.get("offset")]
-    record["layout"] = record["layout"].replace(str(places[0]), str(places[0] + 8))
-    (ref.folder / "meta.json").write_text(json.dumps(record))
-    before = store.load(ref)
-    memory.clear()
-    xr.testing.assert_identical(store.load(ref), before)
-
-
 @pytest.mark.parametrize("foreign", ["file for a product", "file for a folder", "link to nothing", "empty folder"])
 def test_what_stands_in_the_way_is_set_aside(store_folder, foreign):
     """Contract: foreign things under the name of a product."""
@@ -428,6 +416,33 @@ def test_prune_removes_what_nothing_refers_to(store_folder):
     assert new.folder.exists()
     assert list((store_folder / "quarantine").iterdir()) == []
     assert housekeeping.verify() == []
+
+
+def aged(ref, hours):
+    """Let a product be so old."""
+    then = time.time() - 3600 * hours
+    os.utime(ref.folder, (then, then))
+    return ref
+
+
+def test_prune_by_age_and_by_quota_spares_what_is_delivered_or_pinned(store_folder):
+    """Contract: the oldest first, no more than needed, none of the last hour; a pin or any link keeps a product."""
+    versions = [aged(put(float(number), version=number), 100 - number) for number in range(1, 6)]
+    delivered = aged(versions[-1], 1000)
+    pinned, *unused = versions[:-1]
+    entry = housekeeping.resolve(pinned.key)
+    housekeeping.pin(entry)
+    assert [path.name for path, _ in housekeeping.prune(97.5 * 3600)] == [unused[0].key]  # 98 hours
+    one = housekeeping.size() / 5
+    assert housekeeping.prune(quota=housekeeping.size() + 1) == []
+    assert [path.name for path, _ in housekeeping.prune(quota=4.5 * one)] == [unused[0].key]
+    young = aged(put(9.0, version=9, variant="y"), 0.5)
+    (store_folder / "latest" / young.event / young.stage).unlink()
+    housekeeping.prune(remove=True, quota=0)
+    assert {path.name for path in housekeeping.folders()} == {pinned.key, delivered.key, young.key}
+    assert housekeeping.unpin(entry)
+    housekeeping.prune(remove=True, quota=0)
+    assert {path.name for path in housekeeping.folders()} == {delivered.key, young.key}
 
 
 def test_prune_spares_what_is_young():

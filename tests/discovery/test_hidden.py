@@ -40,6 +40,7 @@ def discovered(folder, seed, effects, *options):
     document = document_of(result, target)
     assert result.exit_code == 0, f"seed {seed}: {result.output}"
     validate(document, "discovery")
+    assert document["origin"] == "measured"  # headers of another hand, which say nothing
     return document
 
 

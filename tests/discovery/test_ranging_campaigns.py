@@ -46,6 +46,7 @@ def called(command, folder, *options):
     result = CliRunner().invoke(cli.app, [*arguments, *map(str, options)])
     document = document_of(result, target)
     validate(document, "discovery" if command == "discover" else None)
+    assert document["origin"] == "simulated"
     return result.exit_code, document
 
 

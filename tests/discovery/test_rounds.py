@@ -7,11 +7,11 @@ import pytest
 
 from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block, Candidate, Shape, basis_of
-from gravcal.discovery.hidden import beside_calibration
+from gravcal.discovery.model_average import _held, widened, with_ties
 from gravcal.discovery.problem import baseline_of, prepare
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
-from gravcal.discovery.widening import _held, widened, with_ties
+from gravcal.discovery.unobservable import beside_calibration
 from gravcal.errors import EstimationError
 from gravcal.report.discovery import tied_table, verdict
 
@@ -55,7 +55,9 @@ def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
     assert found.imitators[0]["expected_chi2"] == pytest.approx(0.0, abs=1e-6)
     numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
     assert numbers["findings"][0]["tied_with"] == ["unknown:field"]
-    assert "or an effect in no list that follows field: this data cannot tell" in verdict(numbers)
+    assert "or an effect in no list that follows field: this data cannot tell" in verdict(
+        numbers | {"origin": "measured"}
+    )
     assert "twice" in str(tied_table(numbers)["rows"])
 
 
@@ -205,6 +207,27 @@ def test_forms_that_the_data_leave_open_are_in_the_error_of_the_calibration():
         errors.append((result.shared[1][0] - 1.0) / result.sigma[1][0])
     assert np.max(np.abs(errors)) < 4
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.4
+
+
+@pytest.mark.parametrize("last", [0, 1])
+def test_what_the_data_do_not_see_of_any_form_is_in_the_error_of_the_calibration(last):
+    """Recovery: the form that is there hides a direction of the calibration, the other none; 30 draws, either last."""
+    rng, errors = np.random.default_rng(24), []
+    for _ in range(30):
+        blocks, _ = made(rng)
+        seen, other, again = ([rng.standard_normal((300, 1)) for _ in blocks] for _ in range(3))
+        leak = rng.choice([-0.5, 0.5])
+        for block, column in zip(blocks, seen, strict=True):
+            block.observed[:] += 0.5 * column[:, 0] + leak * block.shared[:, 0]
+        there = [np.concatenate([v, b.shared], axis=1) for v, b in zip(seen, blocks, strict=True)]
+        absent = [np.concatenate(pair, axis=1) for pair in zip(other, again, strict=True)]
+        forms = [Candidate("case.mode", f, ["a", "b"], ["1", "1"], c, [0.5, 0.5])
+                 for f, c in (("1.00 Hz", there), ("2.00 Hz", absent))]  # fmt: skip
+        result = with_ties(search(blocks, forms if last else forms[::-1], CHOICE, rng))
+        assert [f.form for f in result.findings] == ["1.00 Hz"]
+        errors.append((result.shared[1][0] - 1.0) / result.sigma[1][0])
+    assert np.max(np.abs(errors)) < 4
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.4
 
 
 def test_readings_that_leave_nothing_to_test_are_refused():

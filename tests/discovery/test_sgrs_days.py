@@ -53,6 +53,7 @@ def discovered(folder, *options):
     document = document_of(result, target)
     assert result.exit_code == 0, result.output
     validate(document, "discovery")
+    assert document["origin"] == "simulated"
     return document
 
 

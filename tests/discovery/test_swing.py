@@ -35,6 +35,7 @@ def discovered(folder, seed, effects, *options, manoeuvre="swing"):
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *options])
     document = document_of(result, target)
     validate(document, "discovery")
+    assert document["origin"] == "simulated"
     return result.exit_code, document
 
 
@@ -82,7 +83,7 @@ def calibrated(folder, *options, part="swing"):
     arguments = ["run", "inertial_sensor", "--data", str(folder / "level1"), "--engine", "inline"]
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *map(str, options)])
     document = document_of(result, target)
-    assert result.exit_code == 0, result.output
+    assert result.exit_code in (0, 4), result.output  # a hidden effect makes it questionable until it is taken out
     return document[part]
 
 

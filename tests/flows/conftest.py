@@ -17,6 +17,8 @@ CALIBRATION = '''
     from {name} import stages
     from tasks.stage import read
 
+    BEGINS, SATELLITES = ("MAG1B", "SCA1B"), ("C", "D")
+
     @dataclass(frozen=True)
     class Source:
         event: str

@@ -67,11 +67,34 @@ def begin_and_end_workers():
     sys.stdout.write(json.dumps(pids))
 
 
+def ask_as_strangers():
+    """Print whether the workers of a campaign do what they are sent: by it, without TLS, and with keys of one's own."""
+    import json
+
+    from distributed import Client
+    from distributed.security import Security
+
+    from flows import campaign
+
+    with campaign.cluster(campaign.Campaign("fakecal", None), 1) as client:
+        said, address = [client.submit(pow, 2, 3).result()], client.scheduler.address
+        for security in (None, Security.temporary()):
+            where = address if security else address.replace("tls://", "tcp://")
+            try:
+                with Client(where, timeout="3s", security=security) as stranger:
+                    said.append(stranger.submit(pow, 2, 3).result())
+            except OSError:
+                said.append("refused")
+    sys.stdout.write(json.dumps(said))
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "kill":
         kill_at_random(sys.argv[2:])
     elif sys.argv[1] == "cluster":
         serve_cluster()
+    elif sys.argv[1] == "strangers":
+        ask_as_strangers()
     elif sys.argv[1] == "workers":
         begin_and_end_workers()
     else:

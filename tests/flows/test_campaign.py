@@ -14,7 +14,7 @@ import pytest
 
 from flows import campaign as campaigns
 from flows import campaign_work, command
-from gravcal.data import housekeeping, inputs
+from gravcal.data import fingerprint, housekeeping, inputs
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 
@@ -50,6 +50,22 @@ def products():
         folder.name: hashlib.sha256((folder / "product.nc").read_bytes()).hexdigest()
         for folder in housekeeping.folders()
     }
+
+
+def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, events, monkeypatch):
+    """Contract: rows name them; with the flag worker processes make them again; then there is nothing to say."""
+    here = fingerprint.versions()
+    with monkeypatch.context() as patched:
+        patched.setattr(fingerprint, "versions", lambda: here | {"scipy": "0.1"})
+        chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", None, 0)
+        campaigns.run(chosen, campaigns.sources("fakecal", None, events))
+    said = [f"made by scipy 0.1, here {here['scipy']}"] * 2
+    _, summary = campaign(environment, events, "--engine", "inline")
+    assert [(row["made"], row["other_versions"]) for row in summary["events"]] == 4 * [(0, said)]
+    _, summary = campaign(environment, events, "--engine", "inline", "--remake-versions")
+    assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(2, None)]
+    _, summary = campaign(environment, events, "--engine", "inline")
+    assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(0, None)]
 
 
 def test_all_events_are_delivered_and_nothing_is_left_to_do(environment, events):
@@ -146,6 +162,13 @@ def test_workers_are_gone_when_their_cluster_is_closed(environment):
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 
+def test_workers_do_what_their_campaign_sends_and_nobody_else(environment):
+    """Contract: Dask executes what it is sent, so who has not the keys of a campaign is refused."""
+    command = [sys.executable, str(SCRIPT), "strangers"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert json.loads(done.stdout) == [8, "refused", "refused"]
+
+
 def test_an_existing_cluster_does_the_same_work(environment, events):
     """Contract: --scheduler names a cluster; the code is the same, and the cluster lives on."""
     command = [sys.executable, str(SCRIPT), "cluster"]
@@ -205,3 +228,98 @@ def test_a_hundred_kills_leave_the_same_products(environment, events, store_fold
         assert housekeeping.verify() == []
         subprocess.run(command, check=True, env=environment | dict(os.environ), capture_output=True)
         assert products() == expected
+
+
+def ruin(events, pipeline):
+    """Let event 2 fail in a stage and event 3 lack its file."""
+    first = pipeline.folder / "first.py"
+    text = first.read_text()
+    if "'six'" not in text:
+        first.write_text(text.replace("    values =", "    assert count != 6, 'six'\n    values ="))
+    (events / "3" / pipeline.raw.name).unlink(missing_ok=True)
+    (events / "3" / "SCA1B_2020-02-01_C_04.txt").write_text("aaa")
+
+
+def test_what_failed_costs_a_re_run_no_cluster_start(environment, events, pipeline, tmp_path):
+    """Contract: answered from its record while inputs, settings and code are the same; --only-failed tries again."""
+    ruin(events, pipeline)
+    code, first = campaign(environment, events, "--workers", "0")
+    assert (code, first["counts"]) == (1, {"delivered": 2, "failed": 2})
+    absent = tmp_path / "absent"
+    for name in ("prefect", "distributed"):
+        (absent / name).mkdir(parents=True)
+        (absent / name / "__init__.py").write_text("raise ImportError('not to be imported')")
+    without = environment | {
+        "PYTHONPATH": f"{absent}:{SCRIPT.parents[2]}",
+        "GRAVCAL_PRODUCTS": os.environ["GRAVCAL_PRODUCTS"],
+    }
+    code, again = campaign(without, events, "--workers", "2")
+    assert (code, again["counts"]) == (1, first["counts"])
+    kept = ("event", "status")
+    assert [{n: row[n] for n in kept} for row in again["events"]] == [
+        {n: row[n] for n in kept} for row in first["events"]
+    ]
+    assert "AssertionError: six" in again["events"][1]["error"]
+    assert again["events"][1]["since"]
+    assert "cannot be read" in again["events"][2]["error"]
+    code, tried = campaign(environment, events, "--workers", "0", "--only-failed")
+    assert code == 1
+    assert [(row["event"], "since" in row) for row in tried["events"]] == [("fake-2", False), ("fake-3", False)]
+    pipeline.replace("first.py", "count != 6", "count != 66")
+    (events / "3" / pipeline.raw.name).write_text("aaa")
+    code, mended = campaign(environment, events, "--workers", "0")
+    assert (code, mended["counts"]) == (0, {"delivered": 4})
+    code, nothing = campaign(environment, events, "--workers", "0", "--only-failed")
+    assert (code, nothing["events"]) == (0, [])
+
+
+def test_a_failure_is_forgotten_when_a_setting_changes(environment, events, pipeline):
+    """Contract: the record of a failure holds for its settings only."""
+    ruin(events, pipeline)
+    campaign(environment, events, "--workers", "0")
+    code, summary = campaign(environment, events, "--workers", "0", "--set", "count=6")
+    assert code == 1
+    assert [row["status"] for row in summary["events"]] == ["delivered", "delivered", "failed", "delivered"]
+    assert summary["configuration"] == "count-6"
+
+
+@pytest.mark.parametrize(
+    ("given", "status", "code"),
+    [
+        (("delivered", "no_data"), "delivered", 0),
+        (("no_data", "no_data"), "no_data", 0),
+        (("no_manoeuvre", "no_data"), "no_manoeuvre", 0),
+        (("delivered", "questionable", "no_data"), "questionable", 4),
+        (("questionable", "failed", "delivered"), "failed", 1),
+        ((), "no_data", 0),
+    ],
+)
+def test_the_exit_code_of_a_campaign(fakecal, monkeypatch, given, status, code):
+    """Contract: 0 if nothing failed, 4 if some are questionable, 1 if some failed."""
+    rows = [{"event": str(number), "status": one} for number, one in enumerate(given)]
+    monkeypatch.setattr(campaigns, "_answer", lambda _, source: (rows[source], 0.0))
+    told = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", None, 0)
+    summary = campaigns.run(told, list(range(len(given))))
+    assert (summary["status"], campaigns.exit_code(summary)) == (status, code)
+
+
+def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch, capsys):
+    """Contract: events of the catalogue; also those without a date; a folder that is not there is an error."""
+    monkeypatch.setenv("GRAVCAL_DATA", str(tmp_path / "data"))
+    chosen = campaigns.Campaign("kbr_phase_centre", command.chosen("kbr_phase_centre", None), "inline", None, 0)
+    sources = campaigns.sources("kbr_phase_centre", None, None)
+    assert len(sources) > 4
+    assert {source.status for source in sources if source.error.startswith("GRAVCAL_DATA")} == {"failed"}
+    (tmp_path / "data").mkdir()
+    summary = campaigns.run(chosen, campaigns.sources("kbr_phase_centre", None, None))
+    assert summary["counts"] == {"no_data": len(sources)}
+    assert campaigns.exit_code(summary) == 0
+    (tmp_path / "data" / "GNV1B_2020-09-17_C_04.txt").write_text("")
+    summary = campaigns.run(chosen, campaigns.sources("kbr_phase_centre", None, None))
+    assert summary["counts"] == {"no_data": len(sources) - 1, "failed": 1}
+    (failed,) = (row for row in summary["events"] if row["status"] == "failed")
+    assert "found no KBR1B or LRI1B" in failed["error"]
+    from flows import cli_output
+
+    cli_output.campaign(summary, None)
+    assert capsys.readouterr().out.splitlines()[1].startswith(failed["event"])  # failed first

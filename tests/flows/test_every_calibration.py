@@ -1,18 +1,28 @@
 """Every calibration through campaign, plan, history and rebuild, on the smallest events they take."""
 
+import importlib
 import io
 import json
 import os
+import pkgutil
+import re
+import shutil
 import subprocess
 import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import astropy_iers_data
 import pytest
 
-from flows import campaign, cli_store, command, engine
+import gravcal
+import tasks
+from flows import campaign, cli_output, cli_store, command, engine
 from flows.remake import remake
-from gravcal.data import housekeeping, memory
+from gravcal.browse import store_index, timeline
+from gravcal.data import fingerprint, housekeeping, location, memory, origin
+from gravcal.errors import GravcalError, ProductError
+from tasks import stage
 
 #: Calibration: what makes its simulated event small.
 SMALL = {
@@ -20,6 +30,21 @@ SMALL = {
     "kbr_phase_centre": {"manoeuvres": "+pitch_a"},
     "inertial_sensor": {"roll_s": "13000", "swing_at_s": "900"},
     "gradient_torque": {"duration_s": "3000", "field_degree": "8"},
+}
+
+ROOT = Path(gravcal.__file__).parent.parent
+EARTH = Path(astropy_iers_data.__file__).parent
+#: Shipped data files that are in no stage's key, and why.
+READ_BY_NO_STAGE = {
+    "catalog/satellites/": "numbers of a satellite are settings of the stages that take them",
+    "catalog/parameters/": "parameters are the settings of the stages, those of simulations make input files",
+    "catalog/published/": "printed values are a setting of the reports",
+    "catalog/events/": "an event's satellites and date choose the input files",
+    "catalog/designs/": "designs of sessions make input files",
+    "catalog/usual/": "how long stages take, for the progress bar",
+    "gravcal/browse/": "pages of gravcal browse, which reads products and makes none",
+    "gravcal/report/history.html": "gravcal series writes it, no stage",
+    "gravcal/report/comparison.html": "gravcal compare writes it, no stage",
 }
 
 
@@ -39,9 +64,9 @@ def _one_store(level_one, monkeypatch):
     memory.clear()
 
 
-def made(name, level_one):
+def made(name, level_one, settings=None):
     """Row of a campaign of one event in this process."""
-    chosen = campaign.Campaign(name, command.chosen(name, None), "inline", None, 0)
+    chosen = campaign.Campaign(name, command.chosen(name, settings), "inline", None, 0)
     summary = campaign.run(chosen, campaign.sources(name, None, level_one / name))
     (row,) = summary["events"]
     return row
@@ -59,6 +84,39 @@ def test_a_campaign_delivers_and_a_plan_reuses_all(name, level_one):
     assert source.event == row["event"]
 
 
+#: Calibration: a setting of its last stages.
+WHAT_IF = {
+    "com_offset": "requirement_um=51.0",
+    "kbr_phase_centre": "requirement_mrad=0.31",
+    "inertial_sensor": "k_y_sigma=4e-05",
+    "gradient_torque": "requirement_m_s2=2e-13",
+}
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_an_experiment_is_said_in_document_and_page(name, level_one):
+    """Contract: "configuration" and a banner; the operational report stays; equal products are shared."""
+    event = made(name, level_one)["event"]
+    before = {link.name: link.readlink() for link in location.links(event).glob("*.*")}
+    row = made(name, level_one, [WHAT_IF[name]])
+    assert row["status"] == "delivered", row
+    configuration = WHAT_IF[name].replace("=", "-")
+    folder, own = location.links(event, configuration), location.links(event)
+    assert {link.name: link.readlink() for link in own.glob("*.*")} == before
+    documents = [json.loads((one / f"{name}.report" / "result.json").read_text()) for one in (own, folder)]
+    assert [one["configuration"] for one in documents] == ["operational", configuration]
+    pages = [(one / f"{name}.report" / "report.html").read_text() for one in (own, folder)]
+    assert [f"Experiment {configuration}" in page for page in pages] == [False, True]
+    shared = [link.name for link in folder.glob("*.*") if link.readlink().name == before[link.name].name]
+    assert len(shared) == len(list(folder.glob("*.*"))) - row["made"] > 0
+    command.recorded(command.chosen(name, [WHAT_IF[name]]))
+    compared = command.compare(name, "operational", configuration, row["event"].split("-")[1][0].upper())
+    (one,) = compared["events"]
+    assert list(one["settings"]) == [WHAT_IF[name].partition("=")[0]]
+    assert [value["name"] for value in one["values"]] == list(row["values"])
+    assert "in_sigma" in one["values"][0]
+
+
 @pytest.mark.parametrize("name", SMALL)
 def test_history_and_rebuild_reach_every_product(name, level_one):
     """Contract: each kind has a history down to raw files, and is made again from them bit for bit."""
@@ -74,6 +132,175 @@ def test_history_and_rebuild_reach_every_product(name, level_one):
     outcome = remake(known[f"{name}.report"])
     assert {one["stage"] for one in outcome["stages"]} == set(known)
     assert [one for one in outcome["stages"] if one["verdict"] != "equal"] == []
+
+
+def stages():
+    """All stages of the package."""
+    modules = [importlib.import_module(f"tasks.{one.name}") for one in pkgutil.iter_modules(tasks.__path__)]
+    return {one.name: one for module in modules for one in vars(module).values() if isinstance(one, stage.Stage)}
+
+
+def shipped():
+    """Names of all files of the package that are no code."""
+    found = {path for top in ("gravcal", "tasks", "flows", "catalog") for path in (ROOT / top).rglob("*")}
+    files = (path for path in found if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts)
+    return {path.relative_to(ROOT).as_posix() for path in files}
+
+
+def test_no_data_file_of_the_package_is_forgotten():
+    """Contract: every file that is no code is in the key of a stage, or is listed here with the reason why not."""
+    keyed = {part for one in stages().values() for part in fingerprint.of(one.body, one.also) if "/" in part}
+    listed = {name for name in shipped() if name.startswith(tuple(READ_BY_NO_STAGE))}
+    assert keyed >= {f"{EARTH.name}/data/{name}" for name in ("finals2000A.all", "Leap_Second.dat")}
+    assert shipped() - keyed == listed
+    assert len(listed) < len(shipped())
+    assert all(any(name.startswith(one) for name in listed) for one in READ_BY_NO_STAGE)
+
+
+opened = []  # while a stage runs: paths that it opens
+watched = []
+
+
+def _watch(event, arguments):
+    """Note what is opened while a stage runs."""
+    if watched and event == "open" and isinstance(arguments[0], str):
+        opened.append(arguments[0])
+
+
+sys.addaudithook(_watch)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_every_file_of_the_package_that_a_stage_opens_is_in_its_key(name, level_one, tmp_path, monkeypatch):
+    """Contract: the system says what is opened, with nothing remembered from the stage before."""
+    perform, seen, forgotten = stage._make, set(), []
+
+    def observed(call, *rest):
+        for module in [one for title, one in list(sys.modules.items()) if title.startswith("gravcal.")]:
+            if module not in (fingerprint, sys.modules["gravcal.data.catalog_files"]):
+                for value in vars(module).values():
+                    getattr(value, "cache_clear", lambda: None)()
+        opened.clear()
+        watched.append(True)
+        try:
+            return perform(call, *rest)
+        finally:
+            watched.clear()
+            paths = {Path(one).resolve() for one in opened if Path(one).suffix != ".py" and "__pycache__" not in one}
+            for top in (ROOT / "gravcal", ROOT / "tasks", ROOT / "flows", ROOT / "catalog", EARTH):
+                own = {path.relative_to(top.parent).as_posix() for path in paths if path.is_relative_to(top)}
+                seen.update(own)
+                parts = fingerprint.of(call.stage.body, call.stage.also)
+                forgotten.extend((call.stage.name, part) for part in own - set(parts))
+
+    monkeypatch.setattr(stage, "_make", observed)
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+    assert made(name, level_one)["status"] == "delivered"
+    assert forgotten == []
+    assert f"gravcal/report/{name}.html" in seen
+    assert f"gravcal/data/schemas/{name}.schema.json" in seen
+
+
+def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_path, monkeypatch):
+    """Contract: each file of the key changed in turn in a copy of the packages; plan names the stages, and the file."""
+    for name in SMALL:
+        made(name, level_one)
+    copies = {"gravcal": tmp_path / "gravcal", EARTH.name: tmp_path / EARTH.name}
+    for top, copy in copies.items():
+        shutil.copytree(fingerprint._top_folder(top), copy, ignore=shutil.ignore_patterns("__pycache__"))
+    own = fingerprint._top_folder
+
+    def copied(top):
+        return copies.get(top) or own(top)
+
+    copied.cache_clear = own.cache_clear
+    monkeypatch.setattr(fingerprint, "_top_folder", copied)
+
+    def planned(names=SMALL):
+        fingerprint.forget()
+        found = {}
+        for name in names:
+            (source,) = command.sources(name, None, None, None, None)
+            for step in command.plan(name, source, command.chosen(name, None)):
+                assert step.action == "reuse" or step.reasons
+                if step.action == "run":
+                    assert step.reasons == (f"data changed: {part}",)
+                    found.setdefault(name, []).append(step.stage)
+        return found
+
+    assert planned() == {}
+    keyed = {part for one in stages().values() for part in fingerprint.of(one.body, one.also) if "/" in part}
+    again = {}
+    for part in sorted(keyed):
+        top, _, rest = part.partition("/")
+        path, whole = copies[top] / rest, (copies[top] / rest).read_bytes()
+        number = list(re.finditer(rb"\d|$", whole))[-2 if re.search(rb"\d", whole) else -1]
+        path.write_bytes(whole[: number.start()] + (b"7" if number[0] != b"7" else b"8") + whole[number.end() :])
+        again[part] = planned(("com_offset",) if "/readers/" in part else SMALL)
+        path.write_bytes(whole)
+    assert [part for part, found in again.items() if not found] == ["gravcal/report/discovery.html"]  # of discovery
+    assert all("ingest.MAG1B_C" in again[part]["com_offset"] for part in keyed if "/readers/products/" in part)
+    assert again["gravcal/physics/IGRF13.shc"] == again["gravcal/physics/IGRF14.shc"]
+    assert again["gravcal/physics/IGRF14.shc"] == {"com_offset": ["com_offset.field"]}
+    assert again["gravcal/data/fields/gravcal-60.gfc"] == {"gradient_torque": ["gradient_torque.field"]}
+    assert again["gravcal/report/page.html"] == {name: [f"{name}.report"] for name in SMALL}
+    assert again["gravcal/report/kbr_phase_centre.html"] == {"kbr_phase_centre": ["kbr_phase_centre.report"]}
+    assert {name for found in again.values() for name in found} == set(SMALL)
+    assert "com_offset.align" in again[f"{EARTH.name}/data/Leap_Second.dat"]["com_offset"]
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_simulated_event_says_so_wherever_it_is_shown(name, level_one):
+    """Contract: row, document, verdict, page, every product, and the browser; a gravity field alone has no origin."""
+    row = made(name, level_one)
+    assert row["origin"] == "simulated"
+    document = json.loads((Path(row["report"]) / "result.json").read_text())
+    assert (document["origin"], row["verdict"][:11]) == ("simulated", "SIMULATED. ")
+    page = (Path(row["report"]) / "report.html").read_text().partition("<body>")[2]
+    assert page.index('class="origin">Simulated data') < page.index("SIMULATED. ") < page.index("<h1>")
+    told = {entry.ref.kind: store_index.origin(entry.ref.path) for entry in housekeeping.entries(row["event"])}
+    assert {kind for kind, origin in told.items() if origin != "simulated"} <= {"gradient_torque.field"}
+    (shown,) = [one for one in store_index.results() if (one["event"], one["calibration"]) == (row["event"], name)]
+    assert shown["origin"] == "simulated"
+    assert {point.mood for point in timeline.points(name)} == {"simulated"}
+
+
+@pytest.mark.parametrize("name", ["com_offset", "kbr_phase_centre", "inertial_sensor"])
+def test_manoeuvres_and_failures_have_an_origin_too(name, level_one, tmp_path, capsys):
+    """Contract: what is detected in files, and the document of a run that failed, have the origin of their files."""
+    for path in (level_one / name).iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    (day,) = command.flow_module(name).days(tmp_path)
+    source = command.source(name, None, day[0], day[1], day[2])
+    document = command.detect(name, source, command.chosen(name, None))
+    assert document["origin"] == "simulated"
+    cli_output.manoeuvres(document, None)
+    assert capsys.readouterr().out.splitlines()[-1].startswith("SIMULATED. ")
+    assert command.failed(name, source, GravcalError("lost"))["origin"] == "simulated"
+
+
+def test_measured_and_mixed_files_give_measured_and_mixed_documents(level_one, tmp_path):
+    """Contract: a header without a word of it counts as measured; one such file among simulated ones is a mixture."""
+    for path in (level_one / "kbr_phase_centre").iterdir():
+        text = path.read_bytes().replace(b"gravcal simulation", b"9a1b2")
+        (tmp_path / path.name).write_bytes(text.replace(b"simulated data", b"as flown"))
+    source = command.source("kbr_phase_centre", None, tmp_path, None, None)
+    chosen = command.chosen("kbr_phase_centre", None)
+    assert command.detect("kbr_phase_centre", source, chosen)["origin"] == "measured"
+    one = next((level_one / "kbr_phase_centre").glob("SCA1B*_D_*"))
+    (tmp_path / one.name).write_bytes(one.read_bytes())
+    assert command.detect("kbr_phase_centre", source, chosen)["origin"] == "mixed"
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_nothing_is_simulated_into_a_folder_of_others(name, level_one, tmp_path):
+    """Contract: refused before anything is written; beside other simulated products and days it goes on."""
+    kept = tmp_path / "KBR1B_2020-02-05_Y_04.txt"
+    kept.write_text("header:\n# End of YAML header\n")
+    with pytest.raises(ProductError, match=kept.name):
+        command.simulate(name, tmp_path, (1, tmp_path / "truth.json"), None, None)
+    assert list(tmp_path.iterdir()) == [kept]
+    origin.check_own(level_one / name)
 
 
 def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
@@ -122,7 +349,8 @@ def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_pa
     assert done.stderr == ""
     for name, found in json.loads(done.stdout).items():
         event = made(name, level_one)["event"]
-        inline = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in housekeeping.entries(event)}
+        own = housekeeping.entries(event, configuration=location.OPERATIONAL)  # not the experiments of other tests
+        inline = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in own}
         assert found["prefect"]
         assert found["states"] == ["made"] * len(inline)
         assert found["products"] == inline

@@ -9,7 +9,7 @@ from flows import engine
 from flows import gradient_torque as flow
 from gravcal.data import catalog, sgrs_files, writers
 from gravcal.data.schemas import validate
-from gravcal.errors import ProductError
+from gravcal.errors import EstimationError, ProductError
 
 SHORT = {"duration_s": "3600", "step_s": "5", "field_degree": "12"}
 SETTINGS = {"field_degree": "12", "highest_degree": "6"}
@@ -46,7 +46,7 @@ def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
     assert document["identifiability"]["rank"] == 6
     assert "gains nothing" in document["verdict"]["text"]
     page = (ref.folder / "report.html").read_text()
-    assert page.count("data:image/png") == 4
+    assert page.count("data:image/svg") == 4
     steps, again = engine.plan(flow.calibrate, source, chosen)
     assert again == ref
     assert {step.action for step in steps} == {"reuse"}
@@ -65,6 +65,14 @@ def test_without_truth_and_with_one_sensor_errors_are_null(tmp_path):
     assert set(document["drag"]) == {"one_sensor_published", "one_sensor"}
     assert document["drag"]["one_sensor"]["rms_error"] is None
     assert "differs from the solution" in document["verdict"]["text"]
+
+
+def test_a_truth_of_other_epochs_is_refused(tmp_path):
+    """Contract: a record of which doubtful samples were dropped, or another one's truth; was a trace."""
+    invented(tmp_path / "a")
+    invented(tmp_path / "b", duration_s="1800")
+    with pytest.raises(EstimationError, match="Give the truth of this record"):
+        run(tmp_path / "a", truth=str(tmp_path / "b" / "truth.nc"))
 
 
 def test_without_a_known_control_law_the_pressure_is_left_out(tmp_path):

@@ -3,7 +3,8 @@
 import pytest
 
 from flows import engine
-from gravcal.data import housekeeping
+from gravcal.data import fingerprint, housekeeping, journal, location
+from gravcal.errors import ProductError
 
 
 def plan(pipeline, **changes):
@@ -56,6 +57,32 @@ def test_changed_code_is_named_by_module(pipeline):
     assert found["join"] == ("run", f"code changed: {pipeline.name}.second")
 
 
+def test_a_changed_data_file_is_named(pipeline):
+    """Contract: files beside the code that a module names, those they name, and one that comes; not those of others."""
+    read = 'sum(len(path.read_text()) for path in Path(__file__).parent.glob("*.csv"))'
+    pipeline.replace(
+        "helper.py", "FACTOR = 2.0", f"from pathlib import Path\n        FACTOR = {read}".replace("        ", "")
+    )
+    for name, text in (("one.csv", "1, see two.dat"), ("two.dat", "2"), ("other.dat", "3")):
+        (pipeline.folder / name).write_text(text)
+    pipeline.run()
+    changes = {"one.csv": "2, see two.dat", "two.dat": "4", "new.csv": "5"}
+    for name, text in changes.items():
+        (pipeline.folder / name).write_text(text)
+        fingerprint.forget()
+        found = plan(pipeline)
+        assert found["start"] == ("run", f"data changed: {pipeline.name}/{name}")
+        assert pipeline.run()[0][0] == "start"
+    (pipeline.folder / "other.dat").write_text("6")
+    fingerprint.forget()
+    assert set(plan(pipeline).values()) == {("reuse",)}
+    (pipeline.folder / "one.csv").write_text("under way")
+    with pytest.raises(
+        ProductError, match="one.csv: the code, or data that it reads, changed while this process was running"
+    ):
+        plan(pipeline)
+
+
 def test_a_raised_version_is_shown(pipeline):
     """Contract: version old and new."""
     pipeline.run()
@@ -74,6 +101,39 @@ def test_a_changed_input_is_named(pipeline):
     assert plan(pipeline, count=5)["scale.one"] == ("run", f"input {pipeline.name}.start changed")
 
 
+@pytest.mark.parametrize("library", ["numpy", "scipy", "numba"])
+def test_products_of_other_versions_are_said_and_made_again_when_wanted(pipeline, monkeypatch, capsys, library):
+    """Contract: plan, run and its journal name them; the setting makes them again, once; the old ones are set aside."""
+    here = fingerprint.versions()
+    with monkeypatch.context() as patched:
+        patched.setattr(fingerprint, "versions", lambda: here | {library: "0.1"})
+        _, ref = pipeline.run()
+    arguments, said = (pipeline.file(), pipeline.chosen), f"made by {library} 0.1, here {here[library]}"
+    assert set(plan(pipeline).values()) == {("reuse", said)}
+    assert engine.run(pipeline.module("flow").calibrate, *arguments, engine="inline") == ref
+    assert f"products reused: 4 {said}. --remake-versions" in capsys.readouterr().err.replace("\n", " ")
+    stages = journal.last("fake-1", pipeline.name)["stages"].values()
+    assert [one["other_versions"] for one in stages] == 4 * [[said]]
+    monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", "1")
+    assert plan(pipeline)["start"] == ("run", said)
+    assert engine.left(pipeline.module("flow").calibrate, *arguments).ref is None
+    assert pipeline.run() == (["start", "scale.one", "scale.other", "join"], ref)
+    assert pipeline.run() == ([], ref)
+    assert set(plan(pipeline).values()) == {("reuse",)}
+    assert {read.read_text() for read in (location.folder() / "quarantine").glob("*/why.txt")} == {
+        "made again, for other versions had made it\n"
+    }
+
+
+def test_a_new_python_or_xarray_makes_nothing_again(pipeline, monkeypatch):
+    """Contract: only what computes numbers counts."""
+    here = fingerprint.versions()
+    with monkeypatch.context() as patched:
+        patched.setattr(fingerprint, "versions", lambda: here | {"xarray": "0.1", "python": "2.7", "gravcal": "0.0"})
+        pipeline.run()
+    assert set(plan(pipeline).values()) == {("reuse",)}
+
+
 def test_a_plan_ends_where_the_flow_needs_a_content(pipeline):
     """Contract: a flow that looks into a product cannot be planned beyond it."""
     pipeline.replace("flow.py", "    one =", "    read(started)\n    one =")
@@ -88,8 +148,6 @@ def test_a_plan_ends_where_the_flow_needs_a_content(pipeline):
 @pytest.mark.parametrize("same", [True, False])
 def test_code_that_changed_under_a_running_process_is_refused(pipeline, same):
     """Contract: the label must name the code that ran; a long-lived process says that it has to start again."""
-    from gravcal.errors import ProductError
-
     pipeline.run()
     path = pipeline.folder / "helper.py"
     path.write_text(path.read_text().replace("2.0", "2.0" if same else "3.0") + "\n")

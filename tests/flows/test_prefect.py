@@ -1,9 +1,13 @@
 """Prefect: an embedded server, tasks as thin shells, nothing started when nothing has to be made."""
 
+import contextlib
+import datetime
 import os
+import sqlite3
 import subprocess
 import sys
 import time
+import uuid
 from pathlib import Path
 
 import numpy  # noqa: F401 - loads BLAS
@@ -144,3 +148,78 @@ def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
     prefect_server.bury("http://nowhere")
     marked = ["/task_runs/filter", "/task_runs/task/set_state", "/flow_runs/gone/set_state"]
     assert asked == ["/flow_runs/filter", *marked]
+
+
+def test_a_first_serve_is_silent(tmp_path):
+    """Contract: no warning of Prefect's where the store is still to be made."""
+    settings = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")}
+    settings |= {"GRAVCAL_PRODUCTS": str(tmp_path / "deep" / "store")}
+    line = "from flows import prefect_server, serve; prefect_server.set_environment(); serve._schedule('0 3 * * *')"
+    done = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True, check=False, env=settings)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def multiplied(base, times, ended):
+    """Copy the one run of a database, with its task, table and line of log, so many times; the copies ended then."""
+    base.row_factory = sqlite3.Row
+    with base:
+        found = {table: dict(base.execute(f"select * from {table}").fetchone()) for table in TABLES}
+        for _ in range(times):
+            run = str(uuid.uuid4())
+            for table, row in found.items():
+                one = row | ({"id": run, "end_time": ended} if table == "flow_run" else {"flow_run_id": run})
+                one |= {"state_id": None} if "state_id" in one else {}
+                one |= {} if table == "flow_run" else {"id": str(uuid.uuid4())}
+                marks = ", ".join("?" * len(one))
+                base.execute(f"insert into {table} ({', '.join(one)}) values ({marks})", list(one.values()))
+
+
+TABLES = ("flow_run", "flow_run_state", "task_run", "artifact", "log")
+
+
+def test_the_database_does_not_grow_with_the_runs(tmp_path, monkeypatch):
+    """Contract: three times a thousand runs of a month ago need the room of one; a run of today and its task stay."""
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
+    monkeypatch.setenv("PREFECT_SERVER_SERVICES_DB_VACUUM_LOOP_SECONDS", "1")
+    month = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=30, minutes=1)
+    pages = []
+    with prefect_server.running(prefect_server.begin()) as url:
+        flow = prefect_server.ask(url, "/flows/", {"name": "many"})["id"]
+        done = {"state": {"type": "COMPLETED"}}
+        run = prefect_server.ask(url, "/flow_runs/", {"flow_id": flow} | done)["id"]
+        prefect_server.ask(url, "/task_runs/", {"flow_run_id": run, "task_key": "one", "dynamic_key": "1"} | done)
+        prefect_server.ask(
+            url, "/artifacts/", {"key": "table", "type": "table", "data": "x" * 2000, "flow_run_id": run}
+        )
+        line = {"name": "one", "level": 20, "message": "y" * 500, "timestamp": month.isoformat(), "flow_run_id": run}
+        prefect_server.ask(url, "/logs/", [line])
+        with contextlib.closing(sqlite3.connect(tmp_path / "prefect" / "prefect.db", timeout=60)) as base:
+            for _ in range(3):
+                multiplied(base, 1000, month.strftime("%Y-%m-%d %H:%M:%S.%f"))
+                limit = time.monotonic() + 120
+                while (left := counts(base)) != dict.fromkeys(TABLES, 1):
+                    assert time.monotonic() < limit, left
+                    time.sleep(0.2)
+                pages.append(base.execute("pragma page_count").fetchone()[0])
+        assert prefect_server.ask(url, f"/flow_runs/{run}")["state_type"] == "COMPLETED"
+    assert max(pages) < 1.05 * pages[0], pages
+
+
+def counts(base):
+    """Rows of each table that a run writes to."""
+    return {table: base.execute(f"select count(*) from {table}").fetchone()[0] for table in TABLES}
+
+
+def test_the_log_of_the_server_is_begun_anew(tmp_path):
+    """Contract: what is too long is kept once, and a server that has it open writes on at its beginning."""
+    log = tmp_path / "server.log"
+    with log.open("ab") as held:
+        for _ in range(3):
+            held.write(b"x" * (prefect_server.LOG_LIMIT + 1))
+            held.flush()
+            prefect_server.shorten(log)
+            held.write(b"last\n")
+            held.flush()
+            assert log.read_bytes() == b"last\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["server.log", "server.log.1"]
+    assert (tmp_path / "server.log.1").stat().st_size <= prefect_server.LOG_LIMIT + 6

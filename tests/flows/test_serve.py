@@ -1,5 +1,6 @@
 """Serving: a real server of the process itself, a run by the clock and one when data arrive, what their pages show."""
 
+import base64
 import json
 import os
 import signal
@@ -7,10 +8,12 @@ import subprocess
 import sys
 import threading
 import time
-import urllib.request
+import urllib.parse
 from pathlib import Path
 
+import psutil
 import pytest
+import requests
 import yaml
 
 from flows import campaign_prefect, prefect_server, serve, watch
@@ -50,7 +53,11 @@ def environment(fakecal, pipeline, prefect_home):
     site = fakecal / "site"
     site.mkdir()
     (site / "sitecustomize.py").write_text(EVERYWHERE)
-    known = {"FAKE_CODE": str(pipeline.folder.parent), "FAKE_FLOWS": str(fakecal / "extra"), "PYTHONPATH": str(site)}
+    known = {
+        "FAKE_CODE": str(pipeline.folder.parent),
+        "FAKE_FLOWS": str(fakecal / "extra"),
+        "PYTHONPATH": f"{site}{os.pathsep}{ROOT}",
+    }
     known |= {"PREFECT_HOME": str(prefect_home), "PREFECT_RUNNER_POLL_FREQUENCY": "1"}
     return {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | known
 
@@ -76,6 +83,7 @@ def begin(environment, events):
     )
     address = process.stdout.readline().split()[1:]
     assert address, process.stderr.read()
+    os.environ[prefect_server.AUTH] = (Path(environment["PREFECT_HOME"]) / "auth").read_text()
     return process, f"{address[0]}/api"
 
 
@@ -135,12 +143,15 @@ def artifacts(url, run):
     return {one["key"]: one["data"] for one in found}
 
 
-def test_new_data_and_the_clock_start_campaigns(served, events, pipeline):
-    """Contract: what is in the folder is processed, then what arrives, then all on demand; the page says it all."""
+def test_new_data_and_the_clock_start_campaigns(served, events, pipeline, store_folder):
+    """Contract: what is in the folder is processed, then what arrives, then all on demand; the page says it all.
+
+    The run by the clock also removes from the store what nothing refers to and is older than a month.
+    """
     first = finished(served, events, 1)[0]
     assert first["state"]["name"] == "Delivered", first["state"]
     assert states(served, first, DELIVERED) == DELIVERED
-    table = json.loads(artifacts(served, first)["fakecal-offsets"])
+    table = json.loads(artifacts(served, first)["fakecal-values"])
     assert [(row["event"], row["status"], row["made"]) for row in table] == [("fake-1", "delivered", 2)]
     (events / "2").mkdir()
     (events / "2" / "SCA1B_2020-02-01_C_04.txt").write_text("not what is wanted")
@@ -150,10 +161,108 @@ def test_new_data_and_the_clock_start_campaigns(served, events, pipeline):
     assert states(served, second, both) == both
     deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/fakecal")
     assert [one["schedule"]["cron"] for one in deployment["schedules"] if one["active"]] == ["30 4 * * *"]
+    by_the_clock = {
+        "flow_runs": {"deployment_id": {"any_": [deployment["id"]]}, "state": {"type": {"any_": ["SCHEDULED"]}}}
+    }
+    limit = time.monotonic() + SETTLE_S
+    while not (planned := prefect_server.ask(served, "/flow_runs/filter", by_the_clock)):
+        assert time.monotonic() < limit
+        time.sleep(0.3)
+    assert {one["expected_start_time"][11:19] for one in planned if one["auto_scheduled"]} == {"04:30:00"}
+    stale = store_folder / "objects" / "ab" / ("ab" + "0" * 62)
+    stale.mkdir(parents=True)
+    os.utime(stale, (time.time() - 31 * 86400,) * 2)
     prefect_server.ask(served, f"/deployments/{deployment['id']}/create_flow_run", {})
     third = finished(served, events, 3)[0]
     assert third["deployment_id"] == deployment["id"]
-    assert json.loads(artifacts(served, third)["fakecal-offsets"])[0]["made"] == 0
+    assert not stale.exists()
+    assert artifacts(served, third)["store"].startswith("1 entries")
+    assert json.loads(artifacts(served, third)["fakecal-values"])[0]["made"] == 0
+
+
+FOREIGN = "http://evil.example"
+
+
+def answer(url, path="", method="GET", body=None, **headers):
+    """Answer of the server to anybody, whatever its status."""
+    named = {name.replace("_", "-"): value for name, value in headers.items()}
+    return requests.request(method, url + path, json=body, headers=named, timeout=30)
+
+
+def shell(file):
+    """Change of a deployment whose runs would execute a command first."""
+    return {"pull_steps": [{"prefect.deployments.steps.run_shell_script": {"script": f"touch {file}"}}]}
+
+
+def test_strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect_home):
+    """Contract: without the string no change and no run; no foreign page, no foreign name, no other machine.
+
+    The string is in files for the user alone, one of which opens Prefect's page; on no command line, in no log.
+    """
+    finished(served, events, 1)
+    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/fakecal")
+    path, made = f"/deployments/{deployment['id']}", tmp_path / "made"
+    begun = {"flow_runs": {"deployment_id": {"any_": [deployment["id"]]}, "start_time": {"is_null_": False}}}
+    before = prefect_server.ask(served, "/flow_runs/count", begun)
+    wrong = f"Basic {base64.b64encode(b'gravcal:wrong').decode()}"
+    for known in ({}, {"Authorization": wrong}, {"Authorization": "Bearer x"}):
+        assert answer(served, path, **known).status_code == 401
+        assert answer(served, path, "PATCH", shell(made), **known).status_code == 401
+        assert answer(served, f"{path}/create_flow_run", "POST", {}, **known).status_code == 401
+    asked = {"Access_Control_Request_Method": "PATCH", "Access_Control_Request_Headers": "authorization"}
+    foreign, own = (answer(served, path, "OPTIONS", Origin=one, **asked) for one in (FOREIGN, served[:-4]))
+    assert (foreign.status_code, foreign.headers.get("access-control-allow-origin")) == (400, None)
+    assert (own.status_code, own.headers["access-control-allow-origin"]) == (200, served[:-4])
+    port = urllib.parse.urlsplit(served).port
+    for url in (f"{served}/health", served[:-3]):
+        assert answer(url, Host=f"evil.example:{port}").status_code == 400
+        assert answer(url, Host=f"localhost:{port}").status_code == 200
+    heard = [one.laddr.ip for one in psutil.net_connections("tcp") if one.status == "LISTEN" and one.laddr.port == port]
+    assert heard == ["127.0.0.1"]
+    assert prefect_server.ask(served, "/flow_runs/count", begun) == before
+    assert prefect_server.ask(served, path)["pull_steps"] == deployment["pull_steps"]
+    assert not made.exists()
+    string, page = (prefect_home / "auth").read_text(), prefect_home / "open-fakecal.html"
+    assert len(string) > 40
+    assert [path.stat().st_mode & 0o777 for path in (prefect_home, prefect_home / "auth", page)] == [
+        0o700,
+        0o600,
+        0o600,
+    ]
+    coded = base64.b64encode(string.encode()).decode()
+    assert f"{served[:-4]}/enter#{coded}" in page.read_text()
+    assert "localStorage" in answer(served[:-4], "/enter").text
+    shown = [" ".join(one.info["cmdline"] or []) for one in psutil.process_iter(["cmdline"])]
+    shown += [path.read_text(errors="replace") for path in prefect_home.glob("*.log*")]
+    secret = string.partition(":")[2]
+    assert not any(secret in text or coded in text for text in shown)
+
+
+def test_a_deployment_that_was_changed_is_refused(served, events, tmp_path):
+    """Contract: also from who knows the string, only what gravcal registered is run; no command before it."""
+    finished(served, events, 1)
+    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/fakecal")
+    path, made = f"/deployments/{deployment['id']}", tmp_path / "made"
+    (tmp_path / "evil.py").write_text(f"import pathlib\npathlib.Path({str(made)!r}).touch()\n")
+    asked = [({"parameters": deployment["parameters"] | {"satellite": "D"}}, {}, "parameters of the run")]
+    asked += [({}, shell(made) | {"entrypoint": f"{tmp_path}/evil.py:main"}, "entrypoint, pull_steps")]
+    asked += [({}, {"parameters": deployment["parameters"] | {"settings": ["gain=9.0"]}}, "parameters")]
+    for given, change, said in asked:
+        old = {name: deployment[name] for name in change}
+        if change:
+            prefect_server.ask(served, path, change, "PATCH")
+        run = prefect_server.ask(served, f"{path}/create_flow_run", given)
+        limit = time.monotonic() + LIMIT_S
+        while (state := prefect_server.ask(served, f"/flow_runs/{run['id']}")["state"])[
+            "type"
+        ] not in prefect_server.ENDED:
+            assert time.monotonic() < limit
+            time.sleep(0.3)
+        assert (state["type"], state["name"]) == ("FAILED", "Refused"), state
+        assert f"found {said} changed" in state["message"]
+        if change:
+            prefect_server.ask(served, path, old, "PATCH")
+    assert not made.exists()
 
 
 def test_a_second_process_does_not_serve_the_same_calibration(served, environment, events):  # noqa: ARG001
@@ -237,41 +346,47 @@ def test_no_time_of_the_clock_is_refused():
         serve.serve(nothing, print)
 
 
-def test_reports_are_served_and_nothing_else(store_folder):
-    """Contract: pages of the store, on this machine; no lists, nothing outside."""
+@pytest.mark.usefixtures("_prefect")
+def test_reports_are_served_to_who_has_the_link_and_nothing_else(store_folder):
+    """Contract: pages of the store, on this machine, with the token of the link; no lists, nothing outside."""
+    page = store_folder / "objects" / "ab" / "key" / "report.html"
+    page.parent.mkdir(parents=True)
+    page.write_text("<p>said</p>")
+    (store_folder / "secret.txt").write_text("no")
     with serve.reports() as address:
-        page = store_folder / "objects" / "ab" / "key" / "report.html"
-        page.parent.mkdir(parents=True)
-        page.write_text("<p>said</p>")
-        (store_folder / "secret.txt").write_text("no")
-        with urllib.request.urlopen(f"{address}/ab/key/report.html", timeout=10) as answer:
-            assert answer.read() == b"<p>said</p>"
+        assert requests.get(address.format("ab/key/report.html"), timeout=10).text == "<p>said</p>"
         for path in ("ab/key/", "../secret.txt", "%2e%2e/secret.txt"):
-            with pytest.raises(urllib.error.HTTPError) as caught:
-                urllib.request.urlopen(f"{address}/{path}", timeout=10)
-            caught.value.close()
+            assert requests.get(address.format(path), timeout=10).status_code == 404
+        without = address.format("ab/key/report.html").partition("?")[0]
+        for link in (without, f"{without}?token=wrong"):
+            assert requests.get(link, timeout=10).status_code == 401
+        there = address.format("ab/key/report.html")
+        assert requests.get(there, headers={"Host": "evil.example"}, timeout=10).status_code == 421
+    with serve.reports() as again:
+        assert again.partition("?")[2] == address.partition("?")[2]  # links stay good
 
 
 @pytest.mark.usefixtures("_prefect")
-def test_the_row_of_an_event_shows_its_adopted_offset_and_links_its_report(monkeypatch, store_folder):
-    """Contract: three components with sigma; what is not determined stays empty; the link leads to the served page."""
+def test_the_row_of_an_event_shows_its_values_and_links_its_report(monkeypatch, store_folder):
+    """Contract: values with sigma, or what went wrong; the link leads to the served page."""
     from flows import scheduled
 
-    adopted = {"variant": "mtq", "offset_um": [1.0, None, -3.0], "sigma_um": [0.5, None, 0.25]}
-    row = scheduled._table_row({"event": "one", "status": "delivered", "adopted": adopted})
-    assert (row["variant"], row["x"], row["y"], row["z"]) == ("mtq", "1.00 +- 0.50", "", "-3.00 +- 0.25")
+    row = scheduled._table_row({"event": "one", "status": "delivered", "said": "x 1.00 +- 0.50 um", "verdict": "good"})
+    assert (row["values"], row["said"]) == ("x 1.00 +- 0.50 um", "good")
+    assert scheduled._table_row({"event": "one", "status": "failed", "error": "why"})["said"] == "why"
     folder = store_folder / "objects" / "ab" / "key"
     folder.mkdir(parents=True)
     (folder / "report.html").write_text("")
     assert list(scheduled._links({"report": str(folder)})) == [(folder / "report.html").as_uri()]
-    monkeypatch.setenv(scheduled.REPORTS, "http://127.0.0.1:1")
-    assert list(scheduled._links({"report": str(folder)})) == ["http://127.0.0.1:1/ab/key/report.html"]
+    monkeypatch.setenv(scheduled.REPORTS, "http://127.0.0.1:1/{}?token=t")
+    assert list(scheduled._links({"report": str(folder)})) == ["http://127.0.0.1:1/ab/key/report.html?token=t"]
 
 
+@pytest.mark.usefixtures("_prefect")
 def test_a_port_that_is_taken_is_replaced():
     """Contract: the wanted port if nobody listens there, otherwise another."""
     with serve.reports() as address:
-        port = int(address.rpartition(":")[2])
+        port = urllib.parse.urlsplit(address).port
         assert prefect_server.free_port(port) != port
     assert prefect_server.free_port(port) == port
     assert prefect_server.free_port(123456) < 65536
@@ -310,6 +425,7 @@ def test_the_deployments_run_on_a_server_and_a_work_pool(environment, events, tm
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     with prefect_server.running(prefect_server.begin()) as url:
         known = environment | prefect_server.SETTINGS | {"GRAVCAL_WATCH": str(events), "PREFECT_API_URL": url}
+        known |= {prefect_server.AUTH: os.environ[prefect_server.AUTH]}
         prefect(tmp_path, known, "work-pool", "create", "gravcal", "--type", "process", "--overwrite")
         prefect(tmp_path, known, "--no-prompt", "deploy", "--all")
         deployed = prefect_server.ask(url, "/deployments/name/new-data/fakecal")

@@ -9,21 +9,15 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import invented  # noqa: E402
 
-from gravcal.report import com_offset, com_offset_parts  # noqa: E402
+from gravcal.report import com_offset, documents  # noqa: E402
 
 
 def document_of(products, event="grace-c-2020-02-01"):
     """Result document of invented products."""
-    return com_offset.document(
-        products["combine"],
-        products["solve"],
-        com_offset_parts.instruments(*(products[n] for n in ("attitude", "field", "detect")), invented.SETTINGS),
-        products["detect"],
-        products["survey"],
-        event=event,
-        provenance=invented.PROVENANCE,
-        settings=invented.SETTINGS,
+    found = com_offset.document(
+        invented.by_variant(products), event=event, provenance=invented.PROVENANCE, settings=invented.SETTINGS
     )
+    return documents.judged(found, (), [])
 
 
 @pytest.fixture(scope="session")

@@ -223,3 +223,9 @@ def combine(count, undetermined=()):
     }
     attrs = {"variants": " ".join(VARIANTS), "method": "gravcal", "direction": "proof_mass_to_com"}
     return build(schemas.COMBINE, values, **attrs)
+
+
+def by_variant(products):
+    """Products with those of the four angular accelerations by variant, as the report stage gives them."""
+    each = {n: {d.attrs["variant"]: d for d in products[n] or ()} for n in ("solve", "angular_acceleration")}
+    return products | each

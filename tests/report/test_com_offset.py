@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 
 from gravcal.data.schemas import validate
 from gravcal.data.vcm import read_vector_line
-from gravcal.report import com_offset, com_offset_parts
+from gravcal.errors import ProductError
+from gravcal.report import com_offset, documents
 
 
 def test_a_delivered_document_fits_its_schema(document):
@@ -72,11 +73,9 @@ def test_a_record_without_manoeuvre_says_what_was_measured(quiet_document):
 
 def test_without_a_combination_there_is_still_a_document(quiet_products):
     """Contract: products that cannot exist may be None."""
-    one = quiet_products
-    told = com_offset_parts.instruments(one["attitude"], one["field"], one["detect"], invented.SETTINGS)
-    named = {"event": "x", "provenance": {}, "settings": invented.SETTINGS}
-    document = com_offset.document(None, [], told, one["detect"], **named)
-    validate(document)
+    products = quiet_products | {"combine": None, "solve": {}, "survey": None}
+    document = com_offset.document(products, event="x", provenance={}, settings=invented.SETTINGS)
+    validate(documents.judged(document, (), []))
     assert document["roll_response"] is None
 
 
@@ -126,6 +125,16 @@ def test_the_adopted_offset_goes_into_a_vcm_line(document):
     assert_allclose(record.vector_b, 1e-6 * np.array(adopted), rtol=1e-12)
     assert record.time == np.ceil(invented.START[-1] + 180)
     assert record.satellite == "C"
+
+
+@pytest.mark.parametrize("origin", ["simulated", "mixed"])
+def test_what_was_not_measured_gives_no_vcm_line_that_can_be_read(document, origin):
+    """Contract: the line is a comment that says why; a reader of the format refuses it."""
+    line = com_offset.vcm_line(document | {"origin": origin}, "C")
+    assert line.startswith(f"# {origin.upper()} data")
+    assert line.endswith(com_offset.vcm_line(document, "C"))
+    with pytest.raises(ProductError):
+        read_vector_line(line)
 
 
 def test_a_record_without_manoeuvre_gives_no_vcm_line(quiet_document):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.effects import Context, catalogue
-from gravcal.physics import frames, surroundings
+from gravcal.physics import frames, orbit_environment
 
 AXES = ("x", "y", "z")
 
@@ -71,7 +71,7 @@ def after_torque(scene, torque_b: np.ndarray) -> np.ndarray:
 def _shadow(scenes, orbit):
     """Torque that is there in sunlight only."""
     time, position, _ = orbit
-    light = surroundings.sunlit(position, surroundings.sun_i(time[:1])).astype(float)
+    light = orbit_environment.sunlit(position, orbit_environment.sun_i(time[:1])).astype(float)
     columns = []
     for scene in scenes:
         lit = np.interp(scene.camera.time, time, light)

@@ -8,7 +8,10 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.schemas import ANGULAR
+from gravcal.effects import effect
 
+#: Prior of the angular accelerometer's scale (3,).
+PRIOR = np.array([one.prior_sigma for one in effect("accelerometer.angular_scale").parameters])
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 
 
@@ -16,7 +19,8 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     """One of the four angular accelerations on the accelerometer epochs of the manoeuvres.
 
     An uncertainty that has a shape is kept as a mode: the change of the angular acceleration for one standard
-    deviation. Shared modes act in all manoeuvres together; catalogue modes come from inertia and dipole per current.
+    deviation. Shared modes act in all manoeuvres together; catalogue modes come from inertia and dipole per current, of
+    `acc` from the prior of its scale.
 
     Parameters
     ----------
@@ -54,8 +58,8 @@ def _with_modes(smoothed, measured, scale, sigma, settings):
     catalogue = _axis_modes(magnetic, _relative_sigma(settings))
     if variant == "mtq":
         return smoothed["rate_dot_mtq_b"].values, catalogue, 3, 3
-    if variant == "acc":
-        return measured, np.zeros((0, *magnetic.shape)), 0, 0
+    if variant == "acc":  # as it is: nothing but its prior says how far its scale is off
+        return measured, _axis_modes(measured, PRIOR), 3, 3
     if variant == "sca":
         return smoothed["rate_dot_sca_b"].values, smoothed["sca_modes"].values, 0, 0
     scaled = measured * scale

@@ -160,28 +160,29 @@ def _determined(covariance, limit):
 def _between_variants(joint, limit):
     """Chi-square and degrees of freedom of the angular accelerometer against the star camera, without the catalogue.
 
-    Neither holds inertia or dipole of the catalogue, so this test has no prior in it. Both share the noise of the
-    linear channels; what is left is their own modes, and the noise by which they are worse than the best weights
-    (mtq). acc_calibrated is acc scaled to the torquers: it says nothing that mtq and acc do not say.
+    Neither holds inertia or dipole of the catalogue; the prior of the angular accelerometer's scale is within. Both
+    share the noise of the linear channels; what is left is their own modes, and the noise by which they are worse than
+    the best weights (mtq). acc_calibrated is acc scaled to the torquers: it says nothing that mtq and acc do not say.
     """
-    return _difference(joint, ("acc", "sca"), limit, np.zeros((0, 3)))
+    return _difference(joint, ("acc", "sca"), limit)
 
 
 def _against_catalogue(joint, limit):
     """Chi-square and degrees of freedom of the torquers against a measured angular acceleration.
 
-    The prior error of inertia and dipole per current is in the covariance, so where the catalogue is better than its
-    prior the chi-square is small: this test sees a catalogue that is worse than it says, nothing finer.
+    The prior errors of both (inertia, dipole per current, angular scale) are in the covariance, so where the catalogue
+    is better than its prior the chi-square is small: this test sees a catalogue that is worse than it says, nothing
+    finer.
     """
     for name in ("acc", "sca"):
-        chi2, dof = _difference(joint, ("mtq", name), limit, joint.get("mtq", {}).get("catalogue", np.zeros((0, 3))))
+        chi2, dof = _difference(joint, ("mtq", name), limit)
         if dof:
             return chi2, dof
     return 0.0, 0
 
 
-def _difference(joint, names, limit, moves):
-    """Chi-square of the difference of two variants over the directions that both determine.
+def _difference(joint, names, limit):
+    """Chi-square of the difference of two variants over the directions that both determine, prior errors within.
 
     Directions, not components: what one manoeuvre leaves open along x leaks into z by their correlation.
 
@@ -190,7 +191,6 @@ def _difference(joint, names, limit, moves):
     joint : solutions by variant
     names : two variants
     limit : m, of a direction that is determined
-    moves : (k, 3) m, change of the difference by one standard deviation of prior errors
     """
     if not set(names) <= set(joint):
         return 0.0, 0
@@ -202,6 +202,7 @@ def _difference(joint, names, limit, moves):
     basis = vectors[:, size < limit**2]
     inner = [{n: basis.T @ j[n] @ basis for n in ("own", "noise")} for j in (one, other)]
     shared = basis.T @ known[2] @ basis
+    moves = np.concatenate([one["catalogue"], other["catalogue"]])
     covariance = sum(j["own"] + _excess(j["noise"], shared) for j in inner) + basis.T @ moves.T @ moves @ basis
     difference = basis.T @ (one["offset"] - other["offset"])
     return float(difference @ np.linalg.solve(covariance, difference)), basis.shape[1]

@@ -10,7 +10,6 @@ from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
 from gravcal.calibrations.com_offset.discovery_view import View, block_of, view_of
 from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.errors import ProductError
-from gravcal.methods.beside import beside
 
 
 def event(
@@ -54,17 +53,16 @@ def _views(records, noise, offset, settings):
 def _measured(records, offset, settings):
     """Views with the noise as measured in these records, and how much of it was seen."""
     aligned, field, smoothed = records
-    with beside(discovery_noise.angular, aligned, field, settings) as of_angular:
-        linear, samples = discovery_noise.linear(aligned, settings)
-        if samples * settings["step_s"] < QUIET_S:
-            raise ProductError(
-                "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be "
-                "measured in. Give files that reach further before and after them."
-            )
-        noise, quiet = {"linear": linear}, {"linear": samples}
-        noise["magnetometer"], quiet["magnetometer"] = discovery_noise.magnetometer(aligned, field, settings)
-        views = _views(records, noise, offset, settings)
-        wider = [attitude_of_torques(view) for view in views]
-        noise["attitude"] = discovery_noise.attitude(smoothed, [view.scene for view in views], wider, settings)
-        noise["angular"], quiet["angular"] = of_angular()
+    linear, samples = discovery_noise.linear(aligned, settings)
+    if samples * settings["step_s"] < QUIET_S:
+        raise ProductError(
+            "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be "
+            "measured in. Give files that reach further before and after them."
+        )
+    noise, quiet = {"linear": linear}, {"linear": samples}
+    noise["magnetometer"], quiet["magnetometer"] = discovery_noise.magnetometer(aligned, field, settings)
+    views = _views(records, noise, offset, settings)
+    wider = [attitude_of_torques(view) for view in views]
+    noise["attitude"] = discovery_noise.attitude(smoothed, [view.scene for view in views], wider, settings)
+    noise["angular"], quiet["angular"] = discovery_noise.angular(aligned, field, settings)
     return views, quiet

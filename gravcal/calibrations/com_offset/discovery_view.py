@@ -11,7 +11,7 @@ from gravcal.calibrations.com_offset.discovery_scene import Scene, attitude_at, 
 from gravcal.effects import Context, catalogue
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, whiten
-from gravcal.physics import frames, surroundings
+from gravcal.physics import frames, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
@@ -124,7 +124,7 @@ def _context(scene, base, orbit, time):
     flat = base.gradient_b.reshape(-1, 9)
     R_bi = frames.R_bi_from_quaternion(attitude_at(scene, time))
     force = np.array([6e-8, 0.0, 0.0])
-    extra = surroundings.extras(time, *orbit, R_bi, base.extra["mass"], force)
+    extra = orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], force)
     return replace(
         base,
         time=time,

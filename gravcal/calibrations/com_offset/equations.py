@@ -8,7 +8,6 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.equations_schema import EQUATIONS
 from gravcal.effects import Context, effect
-from gravcal.methods.remembering import remembered
 from gravcal.methods.resampling import operator_for
 
 
@@ -149,9 +148,8 @@ def _block(aligned, smoothed, angular, index, settings):
     return block | {"still": still, "turning": resampled[1:]}
 
 
-@remembered(16)
 def _still(time, good, rate, gradient, filtered):
-    """Low-pass and resampling, and the columns without angular acceleration: one for all variants of a manoeuvre."""
+    """Low-pass and resampling, and the columns without angular acceleration."""
     start, stop, *settings = filtered
     operator = operator_for(time, good, max(start, time[0]), min(stop, time[-1]), *settings)
     return operator, operator(columns(time, rate, np.zeros(3), gradient))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.align import between
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import FIELD
 from gravcal.physics import earth, frames, magnetic
@@ -55,20 +56,13 @@ def _at_magnetometer(aligned, time, field_i):
     model_b = np.full((mag_time.size, 3), np.nan)
     if known.sum() < 2 or time.size < 2:
         return np.zeros(mag_time.size, dtype=bool), model_b
-    covered = _near(mag_time, sca_time[known], 2.0) & _near(mag_time, time, 2.0)
+    covered = between(mag_time, sca_time[known], 2.0) & between(mag_time, time, 2.0)
     at = mag_time[covered]
     body = frames.interpolate(sca_time[known], quaternion[known], at)
     inertial = np.stack([np.interp(at, time, field_i[:, c]) for c in range(3)], axis=1)
     model_b[covered] = np.matvec(frames.R_bi_from_quaternion(body), inertial)
     measured = aligned["field_measured_b"].values
     return covered & (aligned["mag_flag"].values == 0) & np.isfinite(measured).all(axis=1), model_b
-
-
-def _near(at, time, limit):
-    """Whether each epoch lies between two samples at most `limit` apart (s), or on one."""
-    index = np.clip(np.searchsorted(time, at), 1, time.size - 1)
-    inside = (at >= time[0]) & (at <= time[-1])
-    return inside & (time[index] - time[index - 1] <= limit)
 
 
 def _statistics(difference):

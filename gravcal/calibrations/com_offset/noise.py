@@ -8,12 +8,15 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.equations_schema import QUIET
 from gravcal.calibrations.com_offset.schemas import NOISE
+from gravcal.errors import EstimationError
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, fit_noise
 from gravcal.methods.resampling import lowpass_resampler
 
 #: Shortest quiet data from which the noise is measured.
 QUIET_S = 300.0
+#: m s-2, far below a step of any accelerometer: a channel that moves no more is dead.
+SILENT = 1e-14
 FREQUENCY = np.linspace(0.005, 1.0, 200)
 
 
@@ -104,6 +107,13 @@ def quiet_noise(pieces: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], f
     seconds = step * int(np.isfinite(reading[:, 0]).sum())
     if seconds < QUIET_S:
         return [], seconds
+    silent = [axis for axis, size in zip("xyz", np.nanmax(np.abs(reading), axis=0), strict=True) if size < SILENT]
+    if silent:
+        raise EstimationError(
+            f"linear acceleration along {', '.join(silent)}: found the same reading for {seconds:.0f} s, expected "
+            f"noise of 1e-10 m s-2. Fetch ACC1A again, or take another day.",
+            axes=silent,
+        )
     cuts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1
     values = [_without_drift(*one, degree) for one in zip(np.split(time, cuts), np.split(reading, cuts), strict=True)]
     removed = len(values) * (degree + 1)

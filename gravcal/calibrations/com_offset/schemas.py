@@ -274,12 +274,6 @@ COMBINE = {
     **MANOEUVRES,
 }
 
-FIGURES = {
-    "name": {"dims": "figure", "long_name": "what is drawn", "dtype": "str"},
-    "stop": {"dims": "figure", "units": "1", "long_name": "number of bytes up to the end of a figure", "dtype": "i8"},
-    "svg": {"dims": "byte", "units": "1", "long_name": "SVG text of all figures, one after the other", "dtype": "u1"},
-}
-
 REPORT = {
     "offset": {"dims": "axis", "units": "m", "frame": "b", "long_name": "proof mass to centre of mass, adopted"},
     "sigma": {"dims": "axis", "units": "m", "frame": "b", "long_name": "its standard deviation"},

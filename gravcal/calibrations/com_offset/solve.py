@@ -11,7 +11,6 @@ from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
 from gravcal.calibrations.com_offset.schemas import SOLVE
 from gravcal.methods import estimation
 from gravcal.methods.noise import NoiseModel, fit_noise, whiten
-from gravcal.methods.remembering import remembered
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2
@@ -125,12 +124,8 @@ def _whitened(block, noise):
 
 def _without(drift, columns):
     """Columns without drift."""
-    basis = _basis(drift)
+    basis = estimation.orthonormal(drift)
     return columns - basis @ (basis.T @ columns)
-
-
-#: Basis of a drift; all variants of a manoeuvre have the same.
-_basis = remembered(64)(estimation.orthonormal)
 
 
 def _score(white):

@@ -10,6 +10,7 @@ from gravcal.calibrations.gradient_torque import identifiability, laws
 from gravcal.calibrations.gradient_torque.gradient import cube_side
 from gravcal.calibrations.gradient_torque.schemas import COMBINE
 from gravcal.calibrations.gradient_torque.torque import amplitude_spectrum
+from gravcal.errors import EstimationError
 
 CLEAN = ".clean"
 
@@ -40,6 +41,11 @@ def combine(
     modelled, drags = products[0], products[1 : 1 + len(methods)]
     rest = products[1 + len(methods) :]
     truth = rest[0]["drag_b"].values if rest else np.full(drags[0]["drag_b"].shape, np.nan)
+    if rest and not np.array_equal(rest[0]["time"].values, drags[0]["time"].values):
+        raise EstimationError(
+            f"truth: found {len(truth)} epochs, expected the {drags[0].sizes['time']} of the readings. "
+            f"Give the truth of this record.",
+        )
     step = float(np.median(np.diff(modelled["time"].values)))
     values = {"method": np.array(methods)} | _errors(drags, truth, step)
     values |= _clean(rest[1:], truth, step, values)

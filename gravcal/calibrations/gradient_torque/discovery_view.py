@@ -17,7 +17,7 @@ from gravcal.calibrations.gradient_torque.discovery_series import DISTANCE, PRES
 from gravcal.effects import Context
 from gravcal.methods import noise
 from gravcal.methods.detrended_noise import fit_beside
-from gravcal.physics import turning
+from gravcal.physics import kinematics
 
 CHANNELS = ("linear", "attitude", "torque")
 PARAMETERS = tuple(f"centre_of_pressure_{axis}" for axis in "xyz")
@@ -154,7 +154,7 @@ def integrated(time: np.ndarray, R_bi: np.ndarray, rate_dot_b: np.ndarray) -> np
     ----------
     time : (k,) s; R_bi : (k, 3, 3); rate_dot_b : (k, 3, q)
     """
-    return turning.angle_from_rate_change(time, R_bi, turning.running_integral(time, rate_dot_b))
+    return kinematics.angle_from_rate_change(time, R_bi, kinematics.running_integral(time, rate_dot_b))
 
 
 def binned(seen: View, channel: str, values: np.ndarray) -> np.ndarray:
@@ -285,7 +285,7 @@ def _free(seen):
     for begin, end, lower in seen.pieces:
         time, R_bi = _at(seen, begin, end)
         start = R_bi @ np.broadcast_to(R_bi[0].T, R_bi.shape)
-        rate = turning.angle_from_rate_change(time, R_bi, np.broadcast_to(np.eye(3), R_bi.shape))
+        rate = kinematics.angle_from_rate_change(time, R_bi, np.broadcast_to(np.eye(3), R_bi.shape))
         both = np.concatenate([start, rate], axis=2).reshape(-1, 6)
         parts.append(solve_triangular(lower, both, lower=True))
     return block_diag(*parts) if parts else np.zeros((0, 0))

@@ -135,9 +135,10 @@ def _smoothed(observed, frame, gradient_i, used, knot_step, numbers):
     time = observed["time"].values
     step = float(np.median(np.diff(time)))
     density = np.array(satellite["angular_noise_density"])
+    quaternion = observed["q"].values
     measured = attitude.Measured(
         time,
-        observed["q"].values,
+        np.where(np.linalg.norm(quaternion, axis=1, keepdims=True) > 0.5, quaternion, np.nan),
         observed["angular"].values[:, used].mean(axis=1),
         np.array(satellite["attitude_noise"]),
         np.broadcast_to(density / np.sqrt(2 * step * len(used)), (time.size, 3)),

@@ -80,7 +80,9 @@ def solve(band, right):
     band : (18, m)
     right : (m,)
     """
-    return cho_solve_banded((cholesky_banded(band, lower=True, check_finite=False), True), right)
+    if not np.isfinite(right).all():
+        raise np.linalg.LinAlgError("readings of infinite size")
+    return cho_solve_banded((cholesky_banded(band, lower=True, check_finite=False), True), right, check_finite=False)
 
 
 def band_covariance(band):

@@ -49,8 +49,9 @@ def sensor_of(swing: tuple[xr.Dataset, ...], assumed: dict) -> Sensor:
     scaled, found = swing
     arm = int(scaled.chosen_arm)
     k, k_sigma = scaled.k.values[arm], scaled.k_sigma_total.values[arm]
-    both = (found[name].values[0] for name in ("covariance", "covariance_total"))
-    return Sensor(k, k_sigma, found.offset.values[0], *both)
+    choice = int(found.adopted)
+    both = (found[name].values[choice] for name in ("covariance", "covariance_total"))
+    return Sensor(k, k_sigma, found.offset.values[choice], *both)
 
 
 def bias(
@@ -118,7 +119,7 @@ def _too_few(solved, limits):
 def _undetermined():
     """Values of a roll that tells no bias."""
     own = [name for name, stated in schemas.BIAS.items() if stated["dims"] == "axis"]
-    unknown = dict.fromkeys(own, np.full(3, np.nan)) | {"separable": SEPARABLE}
+    unknown = dict.fromkeys(own, np.full(3, np.nan)) | {"separable": SEPARABLE, "amplitude": np.full((2, 2), np.nan)}
     return unknown | {"frequency": np.zeros(0), "density": np.zeros((3, 0))}
 
 
@@ -161,6 +162,7 @@ def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
         "factor_sigma": factor,
         "wander": [m.wander for m in means],
         "offset_effect": -slope @ sensor.offset,
+        "amplitude": solved.amplitude[used].mean(axis=0),
     }
 
 
@@ -180,6 +182,11 @@ def spectra(bins: dict, solved: roll_segments.Segments, sensor: Sensor, k_z_befo
     Parameters
     ----------
     bins : of roll_bins; solved : Segments; sensor : Sensor; k_z_before : m s-2 V-1; limits : as for solve
+
+    Notes
+    -----
+    Median over the segments, over what the median of so many periodograms is of the mean: 0.69 to 1 in power. White
+    noise keeps its density in means of bins: what their roll-off takes, aliasing gives back.
     """
     from scipy.signal import welch
 
@@ -187,9 +194,10 @@ def spectra(bins: dict, solved: roll_segments.Segments, sensor: Sensor, k_z_befo
     kept = [part for part, used in zip(parts, solved.used, strict=True) if used]
     raw = np.array([bins["linear_volt"][part, 2] for part in kept])
     left = np.array([_residual(bins, part, sensor, limits["step_s"]) for part in kept])
-    frequency, volts = welch(raw, 1 / limits["step_s"], nperseg=raw.shape[1], detrend="linear", window="hann")
-    _, rest = welch(left, 1 / limits["step_s"], nperseg=raw.shape[1], window="hann")
-    density = np.sqrt([np.median(volts, axis=0), np.median(rest, axis=0)])
+    spectrum = {"fs": 1 / limits["step_s"], "nperseg": raw.shape[1], "noverlap": 0, "average": "median"}
+    frequency, volts = welch(raw.ravel(), detrend="linear", **spectrum)
+    _, rest = welch(left.ravel(), **spectrum)
+    density = np.sqrt([volts, rest])
     shown = np.array([k_z_before * density[0], sensor.k[2] * density[0], density[1]])
     return {"frequency": frequency[2:], "density": shown[:, 2:]}
 

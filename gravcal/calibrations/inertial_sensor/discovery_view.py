@@ -17,7 +17,7 @@ from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.methods import estimation, noise
 from gravcal.methods.lines import without_lines
-from gravcal.physics import frames, sensing, turning
+from gravcal.physics import frames, kinematics, sensing
 
 CHANNELS = ("attitude", "linear")
 #: Reported parameters: factors about x and about y and z, tracker delay, offset.
@@ -156,8 +156,8 @@ def turned(seen: View, rate_dot_b: np.ndarray) -> np.ndarray:
     """
     swing = seen.swing
     R_bi = frames.R_bi_from_quaternion(seen.motion.quaternion)
-    rate = turning.running_integral(swing.time, rate_dot_b)
-    angle = turning.angle_from_rate_change(swing.time, R_bi, rate)
+    rate = kinematics.running_integral(swing.time, rate_dot_b)
+    angle = kinematics.angle_from_rate_change(swing.time, R_bi, rate)
     shown = np.clip(swing.time_att - seen.unknowns.delay, swing.time[0], swing.time[-1])
     return swing_model._at(swing.time, angle, shown)
 

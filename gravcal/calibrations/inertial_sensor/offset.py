@@ -44,10 +44,12 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     moved = [offset_fit.shifts(record, k, axes, relative) for axes in CHOICES]
     shift = np.array([[one[name] for name in relative] for one in moved])
     covariance = np.array([one.covariance for one in fits])
+    total = covariance + np.einsum("cqi,cqj->cij", shift, shift)
     values = {
         "offset": [one.value for one in fits],
         "covariance": covariance,
-        "covariance_total": covariance + np.einsum("cqi,cqj->cij", shift, shift),
+        "covariance_total": total,
+        "adopted": np.argmin(np.trace(total, axis1=1, axis2=2)),
         "shift": shift,
         "chi2": fits[0].chi2,
         "dof": fits[0].dof,

@@ -71,7 +71,7 @@ def mean_quaternions(quaternion, bounds):
 
     Returns
     -------
-    mean : (b, 4), NaN where empty; count : (b,)
+    mean : (b, 4), NaN where empty or of no norm; count : (b,)
     """
     bins = bounds.size - 1
     mean = np.full((bins, 4), np.nan)
@@ -88,8 +88,8 @@ def mean_quaternions(quaternion, bounds):
             for c in range(4):
                 total[c] += sign * q[c]
             count += 1
-        if count > 0:
-            size = np.sqrt(np.sum(total**2))
+        size = np.sqrt(np.sum(total**2))
+        if size > 0:
             for c in range(4):
                 mean[b, c] = total[c] / size
             number[b] = count

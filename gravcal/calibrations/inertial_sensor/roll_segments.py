@@ -102,6 +102,7 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     Returns
     -------
     constant, sigma : (m,) units of the readings; residual : (b, m)
+    amplitude : (t, m) units, mean of a_J over the segment of each direction that turns; none about y
 
     Notes
     -----
@@ -115,18 +116,26 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     share = basis.T @ readings
     residual = readings - basis @ share
     variance = np.einsum("bm,bm->m", residual, residual) / (columns.shape[0] - columns.shape[1])
-    return first @ share, np.sqrt(variance * (first @ first)), residual
+    mean = _changes(R_bo.shape[0], model, phase).mean(axis=0)
+    coefficient = np.linalg.solve(triangle, share)[model.trend_degree + 1 :]
+    amplitude = np.einsum("c,jcm->jm", mean, coefficient.reshape(-1, mean.size, readings.shape[1]))
+    return first @ share, np.sqrt(variance * (first @ first)), residual, amplitude
 
 
 def design(axis: int, R_bo: np.ndarray, model: Model, phase: np.ndarray | None = None) -> np.ndarray:
     """Columns (b, p) that are fitted to one axis of a segment, the constant first; arguments as of `solve_axis`."""
     u = np.linspace(-1, 1, R_bo.shape[0])
     trend = np.polynomial.legendre.legvander(u, model.trend_degree)
-    change = np.polynomial.legendre.legvander(u, model.amplitude_degree)
-    waves = [wave(n * phase)[:, None] for n in range(1, model.harmonics + 1) for wave in (np.cos, np.sin)]
-    change = np.concatenate([change, *waves], axis=1)
+    change = _changes(R_bo.shape[0], model, phase)
     turning = () if axis == 1 else (0, 2)
     return np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
+
+
+def _changes(count, model, phase):
+    """How non-gravitational accelerations may change over a segment of so many bins (b, c)."""
+    change = np.polynomial.legendre.legvander(np.linspace(-1, 1, count), model.amplitude_degree)
+    waves = [wave(n * phase)[:, None] for n in range(1, model.harmonics + 1) for wave in (np.cos, np.sin)]
+    return np.concatenate([change, *waves], axis=1)
 
 
 @dataclass(frozen=True)
@@ -140,6 +149,7 @@ class Segments:
         taken as the residual shows it, correlated or not
     volt : (s, 3) V, the same before scaling, offset term included
     offset_slope : (s, 3, 3) s-2, mean tensor: change of k V by the offset
+    amplitude : (s, 2, 2) m s-2, non-gravitational acceleration along x and z of o, as x and as z sees it
     """
 
     time: np.ndarray
@@ -150,6 +160,7 @@ class Segments:
     sigma: np.ndarray
     volt: np.ndarray
     offset_slope: np.ndarray
+    amplitude: np.ndarray
 
 
 def solve(bins: dict, k: np.ndarray, offset: np.ndarray, model: Model, limits: dict) -> Segments:
@@ -172,7 +183,7 @@ def solve(bins: dict, k: np.ndarray, offset: np.ndarray, model: Model, limits: d
         used = bool(whole and even <= limits["uniformity"] and share >= limits["share"])
         solved = _segment(one, k, offset, model, limits["step_s"]) if whole else _nothing(one["time"].size)
         rows.append((float(np.mean(one["time"])), used, even, share, *solved))
-    columns = [np.array(column) for column in (zip(*rows, strict=True) if rows else [[]] * 9)]
+    columns = [np.array(column) for column in (zip(*rows, strict=True) if rows else [[]] * 10)]
     residual = columns.pop()
     if columns[1].any():
         columns[5] = columns[5] * redness(residual[columns[1]], limits["step_s"])
@@ -193,7 +204,7 @@ def redness(residual: np.ndarray, step_s: float) -> np.ndarray:
 
 
 def _segment(one, k, offset, model, step_s):
-    """Constant, sigma, volt, mean tensor and residual of one segment."""
+    """Constant, sigma, volt, mean tensor, amplitudes and residual of one segment."""
     tensor = offset_terms(one["rate_b"], one["gradient_b"], step_s)
     felt = np.matvec(tensor, offset) if model.with_offset else np.zeros((tensor.shape[0], 3))
     volt = one["linear_volt"]
@@ -202,9 +213,10 @@ def _segment(one, k, offset, model, step_s):
     solved = [solve_axis(axis, both[:, axis], one["R_bo"], model, phase) for axis in range(3)]
     constant, sigma = np.array([s[0] for s in solved]), np.array([s[1] for s in solved])
     residual = np.stack([s[2][:, 0] for s in solved], axis=1)
-    return constant[:, 0], sigma[:, 0], constant[:, 1], tensor.mean(axis=0), residual
+    amplitude = np.stack([solved[axis][3][:, 0] for axis in (0, 2)])
+    return constant[:, 0], sigma[:, 0], constant[:, 1], tensor.mean(axis=0), amplitude, residual
 
 
 def _nothing(count):
     axis = np.full(3, np.nan)
-    return axis, axis, axis, np.full((3, 3), np.nan), np.full((count, 3), np.nan)
+    return axis, axis, axis, np.full((3, 3), np.nan), np.full((2, 2), np.nan), np.full((count, 3), np.nan)

@@ -63,12 +63,15 @@ def fit(swing: model.Swing, first: np.ndarray, iterations: int = 12) -> Fit:
             shares = model.noise_map(swing, motion)
         system = _system(swing, unknowns, motion, shares, cleaned=number > 1)
         value, covariance = _step(system)
-        size = np.max(np.abs(value) / np.sqrt(np.diag(covariance)))
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        size = np.max(np.abs(value) / sigma) if np.all(sigma > 0) and np.isfinite(value).all() else np.inf
+        if size == np.inf or np.abs(value[swing.factors + 1 :]).max() > 1.0:  # rad, rad s-1: no swing any more
+            break
         if number > 3 and size < 1e-3:
             return _result(swing, unknowns, motion, system, (value, covariance))
         unknowns = unknowns.moved(value)
     raise EstimationError(
-        f"swing from {swing.time[0]:.1f} s: the fit still moves by {size:.1e} standard deviations after {iterations} "
+        f"swing from {swing.time[0]:.1f} s: the fit still moves by {size:.1e} standard deviations after {number + 1} "
         "steps, expected 1e-3. Check that voltages and attitude belong together, or start from other factors.",
         size=float(size),
     )

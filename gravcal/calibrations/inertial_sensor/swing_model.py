@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gravcal.calibrations.inertial_sensor import cleaning
-from gravcal.physics import frames, gravity, turning
+from gravcal.physics import frames, gravity, kinematics
 
 NUISANCE = ("angle", "rate", "constant", "slope")
 
@@ -104,8 +104,8 @@ def predict(swing: Swing, unknowns: Unknowns, before: Prediction) -> Prediction:
     u = _unit_time(swing)[:, None]
     measured = swing.angular_volt * unknowns.factors[list(swing.owner)] + unknowns.constant + u * unknowns.slope
     rate_dot = measured + _own_torque(swing, before)
-    rate = unknowns.rate + turning.running_integral(swing.time, rate_dot)
-    return Prediction(turning.attitude_from_rates(swing.time, rate, unknowns.quaternion), rate, rate_dot)
+    rate = unknowns.rate + kinematics.running_integral(swing.time, rate_dot)
+    return Prediction(kinematics.attitude_from_rates(swing.time, rate, unknowns.quaternion), rate, rate_dot)
 
 
 def _own_torque(swing, motion):
@@ -160,10 +160,10 @@ def angle_columns(swing: Swing, motion: Prediction) -> np.ndarray:
     for axis, owner in enumerate(swing.owner):
         volts[:, axis, owner] = swing.angular_volt[:, axis]
     drive = np.concatenate([volts, np.broadcast_to(one, (count, 3, 3)), _unit_time(swing)[:, None, None] * one], axis=2)
-    rate = turning.running_integral(swing.time, drive)
+    rate = kinematics.running_integral(swing.time, drive)
     rate = np.concatenate([rate[:, :, :-6], np.broadcast_to(one, (count, 3, 3)), rate[:, :, -6:]], axis=2)
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
-    angle = turning.angle_from_rate_change(swing.time, R_bi, rate)
+    angle = kinematics.angle_from_rate_change(swing.time, R_bi, rate)
     start = R_bi @ R_bi[0].T
     return np.concatenate([angle[:, :, : swing.factors], start, angle[:, :, swing.factors :]], axis=2)
 

@@ -37,7 +37,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
     """
     observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]
-    streams = [_states(orbit) for orbit in orbits] + [_attitudes(camera) for camera in cameras]
+    streams = [states(orbit) for orbit in orbits] + [_attitudes(camera) for camera in cameras]
     values = _ranging(kbr, break_limit_m)
     time = _common_grid([stream[0] for stream in streams], observed, values["time_kbr"])
     on_grid = [interpolated(*stream, time, gap_limit_s) for stream in streams]
@@ -72,14 +72,15 @@ def _joined(observed):
     ]
 
 
-def _sorted(observed, names):
+def sorted_columns(observed: xr.Dataset, names: tuple[str, ...]):
+    """Columns of a file in order of time, as `sorted_samples` gives them."""
     tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
     return sorted_samples(observed, tags, names)
 
 
-def _states(orbit):
-    """Time and inertial position of the usable records."""
-    time, values, flag, _ = _sorted(orbit, STATE)
+def states(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Time (n,) s and inertial position (n, 3) m of the usable records."""
+    time, values, flag, _ = sorted_columns(orbit, STATE)
     good = (flag == 0) & np.isfinite(values).all(axis=1)
     time, position, velocity = time[good], values[good, :3], values[good, 3:]
     if orbit.attrs.get("product") != "GNI1B" and time.size:
@@ -89,7 +90,7 @@ def _states(orbit):
 
 def _attitudes(camera):
     """Time and quaternions, continuous in sign, of the usable records."""
-    time, values, flag, _ = _sorted(camera, QUATERNION)
+    time, values, flag, _ = sorted_columns(camera, QUATERNION)
     norm = np.linalg.norm(values, axis=1)
     good = (flag == 0) & np.isfinite(norm) & (np.abs(norm - 1) < 1e-3)
     return time[good], frames.continuous(values[good] / norm[good, None])
@@ -156,7 +157,7 @@ def _spline(time, values, at):
 
 def _ranging(kbr, break_limit):
     """Range, rate and acceleration with light time, segments between phase breaks."""
-    time, values, flag, _ = _sorted(kbr, (*READINGS, "ant_centr_corr", "qualflg"))
+    time, values, flag, _ = sorted_columns(kbr, (*READINGS, "ant_centr_corr", "qualflg"))
     quality = values[:, 7].astype(int)
     read = {name: values[:, k] + values[:, k + 3] for k, name in enumerate(READ)}
     marked = (quality & PHASE_BREAK) != 0

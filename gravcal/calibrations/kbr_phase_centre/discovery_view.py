@@ -16,7 +16,7 @@ from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
 from gravcal.effects.base import Context
 from gravcal.methods import crn
 from gravcal.methods.resampling import Resampler
-from gravcal.physics import constants, frames, surroundings
+from gravcal.physics import constants, frames, orbit_environment
 
 LETTERS = "ab"
 #: Epochs that a half needs beyond its own columns.
@@ -169,10 +169,14 @@ def _along_the_orbit(time, position):
     across = np.cross(normal / np.linalg.norm(normal), node)
     argument = np.unwrap(np.arctan2(position @ across, position @ node))
     latitude = np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1))
-    sun = surroundings.sun_i(orbit[[0, -1]]).mean(axis=0)
-    series = {"argument": argument, "latitude": latitude, "sunlit": surroundings.sunlit(position, sun).astype(float)}
+    sun = orbit_environment.sun_i(orbit[[0, -1]]).mean(axis=0)
+    series = {
+        "argument": argument,
+        "latitude": latitude,
+        "sunlit": orbit_environment.sunlit(position, sun).astype(float),
+    }
     series = {name: np.interp(time, orbit, values) for name, values in series.items()}
-    return series | {"warmth": surroundings.warmth(time, orbit, position)}
+    return series | {"warmth": orbit_environment.warmth(time, orbit, position)}
 
 
 def turning(aligned: xr.Dataset) -> np.ndarray:

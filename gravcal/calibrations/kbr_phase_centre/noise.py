@@ -12,6 +12,8 @@ from gravcal.errors import EstimationError
 from gravcal.methods import estimation
 from gravcal.methods import noise as noises
 
+LEAST_DEGREE = 6  # fewer leave slow orbit errors of a short stretch, which raise the density at 4 mHz up to 80 times
+
 
 def noise(
     equations: xr.Dataset, *, noise_order: int, noise_degree: int, quiet_length_s: float, quiet_minimum_s: float
@@ -23,7 +25,7 @@ def noise(
     equations : Dataset, "kbr_phase_centre.observable" of the range
     noise_order : highest order
     noise_degree : degree of the polynomial removed from each stretch
-    quiet_length_s : s, length of a stretch
+    quiet_length_s : s, length of a stretch; where none has half of it, shorter ones will do
     quiet_minimum_s : s, of quiet data that suffice
 
     Returns
@@ -36,11 +38,18 @@ def noise(
     source = "quiet"
     if quiet.sum() * step < quiet_minimum_s:
         quiet, source = equations["arc"].values >= 0, "manoeuvres"
-    pieces, removed = _stretches(equations, quiet, (noise_degree, quiet_length_s), step)
-    if not pieces:
+    for least in (quiet_length_s / 2, quiet_length_s / 4):
+        pieces, removed = _stretches(equations, quiet, (noise_degree, quiet_length_s, least), step)
+        if pieces:
+            break
+    else:
+        lengths = [time[part[-1]] - time[part[0]] for part in _whole(equations, quiet, step)]
+        where = "quiet data" if source == "quiet" else "the manoeuvres, with less quiet data than quiet_minimum_s"
         raise EstimationError(
-            f"{equations.attrs['ranging']}: found no stretch of {quiet_length_s / 2:.0f} s of ranging with orbits and "
-            f"attitudes, expected one to measure the noise. Give a longer record.",
+            f"{equations.attrs['ranging']}: found {len(lengths)} stretches of ranging with orbits and attitudes in "
+            f"{where}, the longest of {max(lengths, default=0):.0f} s, expected one of {least:.0f} s without a gap "
+            f"of {20 * step:.0f} s or a phase break, to measure the noise. Add the files that close the gaps, or "
+            f"lower quiet_length_s.",
             usable=int(time.size),
         )
     fitted = noises.fit_noise(pieces, noise_order, step, removed)
@@ -60,21 +69,26 @@ def noise(
     return build(NOISE, values, title="Noise of ranging minus orbit", source_data=source, step_s=step)
 
 
+def _whole(equations, chosen, step):
+    """Indices of every stretch without a gap or phase break."""
+    index = np.flatnonzero(chosen)
+    time, segment = equations["time_kbr"].values[index], equations["segment"].values[index]
+    cuts = np.flatnonzero((np.diff(time) > 20 * step) | (np.diff(segment) != 0)) + 1
+    return np.split(index, cuts) if index.size else []
+
+
 def _stretches(equations, chosen, settings, step):
     """Residuals of stretches on their even grid, NaN where missing, and the number of parameters removed."""
-    degree, length = settings
-    time, segment = equations["time_kbr"].values[chosen], equations["segment"].values[chosen]
-    observed, column = equations["observed"].values[chosen], equations["column"].values[chosen]
-    group = np.cumsum(np.append(0, (np.diff(time) > 20 * step) | (np.diff(segment) != 0)))
+    degree, length, least = settings
+    time, observed, column = (equations[name].values for name in ("time_kbr", "observed", "column"))
     pieces, removed = [], 0
-    for g in np.unique(group):
-        whole = np.flatnonzero(group == g)
+    for whole in _whole(equations, chosen, step):
         count = max(int(round((time[whole[-1]] - time[whole[0]]) / length)), 1)
         for part in np.array_split(whole, count):
             span = time[part[-1]] - time[part[0]]
-            if span < length / 2 or part.size < 0.7 * span / step:
+            if span < least or part.size < 0.7 * span / step:
                 continue
-            used = max(int(degree * span / length), 3)
+            used = max(int(degree * span / length), min(degree, LEAST_DEGREE))
             slow = estimation.polynomial(time[part], used, time[part[0]], time[part[-1]])
             basis = estimation.orthonormal(np.column_stack([slow, column[part]]))
             piece = np.full(int(round(span / step)) + 1, np.nan)

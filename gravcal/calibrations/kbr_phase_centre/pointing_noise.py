@@ -115,6 +115,7 @@ def fit(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -
     frequency = np.fft.rfftfreq(2 * length, step)
     power, model = np.zeros(frequency.size), np.zeros((frequency.size, CORNERS.size))
     lags = [np.fft.irfft(shape.sum(axis=0), 2 * BINS)[:length] * 0.5 / step for shape in shapes(step)]
+    lags = [np.pad(lag, (0, length - lag.size)) for lag in lags]  # beyond, the noise is not correlated
     for piece, lever in pieces:
         window = np.zeros(2 * length)
         window[: piece.size] = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)

@@ -21,12 +21,16 @@ def routine(
     quiet_length_s: float,
     robust_k0: float,
     robust_k1: float,
+    nominal_m,
+    determined_limit_mm: float,
+    routine_limit: float,
 ) -> xr.Dataset:
     """Phase centres from ranging against orbits in quiet data, and from the antenna correction of the file.
 
     In routine pointing the columns of x are constant to 1e-6: their sum is a level that the range bias takes, their
     difference is nothing. y and z follow from the slow motion of the control loop as far as it is faster than the
-    orbit errors.
+    orbit errors. x is known from the catalogue better than from anything here, so an x further from it than its error
+    allows shows that the errors do not hold what moves with pointing and orbit: then nothing is determined.
 
     Parameters
     ----------
@@ -36,6 +40,9 @@ def routine(
     orbit_degree : of the polynomial per stretch that takes up slow orbit errors
     quiet_length_s : s, length of a stretch
     robust_k0, robust_k1 : constants of IGG-III for the antenna correction
+    nominal_m : (2, 3) m, phase centres of the catalogue
+    determined_limit_mm : mm, a component with a larger sigma is not determined
+    routine_limit : sigma, distance of x from the catalogue beyond which the errors are not trusted
 
     Returns
     -------
@@ -46,11 +53,16 @@ def routine(
     value, sigma = np.full(6, np.nan), np.full(6, np.nan)
     if parts:
         value, sigma = _estimate(parts)
+    x, catalogue = [0, 3], np.asarray(nominal_m, dtype=float).ravel()
+    with np.errstate(invalid="ignore"):
+        misfit = float(np.max(np.abs(value - catalogue)[x] / sigma[x]))
+        known = (sigma <= 1e-3 * determined_limit_mm) & (misfit <= routine_limit)
+    value, sigma = np.where(known, value, np.nan), np.where(known, sigma, np.nan)
     singular = np.full(6, np.nan)
     column = equations["column"].values[equations["arc"].values == -1]
     if len(column) > 6:
         singular = np.linalg.svd(column - column.mean(axis=0), compute_uv=False) / np.sqrt(len(column))
-    values = {"centre": value, "sigma": sigma, "singular": singular}
+    values = {"centre": value, "sigma": sigma, "singular": singular, "x_misfit": misfit}
     values |= _from_correction(aligned, pointed, (robust_k0, robust_k1))
     return build(ROUTINE, values, title="What routine pointing says of the phase centres", stretches=len(parts))
 

@@ -120,7 +120,8 @@ COMBINE = (
 
 ROUTINE = {
     "centre": _v("parameter", "m", f"{CENTRE}, from quiet ranging", frame="b"),
-    "sigma": _v("parameter", "m", "its standard deviation, infinite where nothing is known", frame="b"),
+    "sigma": _v("parameter", "m", "its standard deviation; both NaN where not determined", frame="b"),
+    "x_misfit": _v("", "1", "largest distance of x from the catalogue over its error, which tests the errors"),
     "singular": _v("parameter", "1", "singular values of the columns without their mean, rms"),
     "correction_centre": _v("satellite axis", "m", f"{CENTRE}, behind the file's antenna correction", frame="b"),
     "correction_sigma": _v("satellite axis", "m", "its standard deviation if the misfit is white", frame="b"),

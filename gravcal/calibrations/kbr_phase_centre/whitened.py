@@ -8,7 +8,10 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import covariance
+from gravcal.errors import EstimationError
 from gravcal.methods import estimation
+
+LONGEST = 4000  # observations of one stretch, whose covariance is held as a matrix; a wiggle of 1000 s at 5 s has 200
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,17 @@ def arcs(
     indices : places of the observations of each stretch
     derivative : 0, 1 or 2
     degree : of the polynomial that takes up slow orbit errors of the range; lower by one for each derivative
+
+    Raises
+    ------
+    EstimationError : a stretch of more than `LONGEST` observations
     """
+    largest = max((index.size for index in indices), default=0)
+    if largest > LONGEST:
+        raise EstimationError(
+            f"kbr_phase_centre: found {largest} observations in one stretch, expected at most {LONGEST}: the pointing "
+            f"is off its mean for hours. Check that orbits and attitudes are those of their satellites."
+        )
     step = float(measured.attrs["step_s"])
     time, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
     longest = max((float(time[index[-1]] - time[index[0]]) for index in indices if index.size), default=0.0)

@@ -10,7 +10,7 @@ import xarray as xr
 from gravcal.calibrations.align import QUATERNION, sorted_samples
 from gravcal.errors import EstimationError
 from gravcal.methods import timing
-from gravcal.physics import earth, frames, magnetic, surroundings
+from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def _body_field(orbit_time, position_e, sca_time, quaternion, generation):
 
     to_inertial = np.swapaxes(earth.R_ei(orbit_time), 1, 2)
     field_i = CubicSpline(orbit_time, np.matvec(to_inertial, magnetic.field_e(orbit_time, position_e, generation)))
-    axis_i = CubicSpline(orbit_time, surroundings.dipole_axis_i(orbit_time))
+    axis_i = CubicSpline(orbit_time, orbit_environment.dipole_axis_i(orbit_time))
 
     def at(time):
         R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))

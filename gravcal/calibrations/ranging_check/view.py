@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.effects import Context, catalogue
 from gravcal.methods import estimation
 from gravcal.methods.noise import fit_noise, whiten
-from gravcal.physics import surroundings
+from gravcal.physics import orbit_environment
 
 MEAN_S = 60.0
 #: Effects that a range can show; a phase break would need its epoch and is found as a step.
@@ -81,11 +81,11 @@ def _minutes(equations, aligned, nominal):
     extra["antenna_correction"] = np.einsum("nka,ka->n", line, nominal)
     angles = [np.arctan2(-line[:, k, 2], line[:, k, 0]) for k in (0, 1)]
     angles = [np.stack([a, np.arctan2(line[:, k, 1], line[:, k, 0])], axis=1) for k, a in enumerate(angles)]
-    extra |= {"angle": np.stack(angles, axis=1)} | _surroundings(aligned, time)
+    extra |= {"angle": np.stack(angles, axis=1)} | _environment(aligned, time)
     return time, observed, segment, extra
 
 
-def _surroundings(aligned, time):
+def _environment(aligned, time):
     """Argument of latitude of the first satellite and its warmth."""
     position = aligned["position_i"].values[0]
     kept = np.isfinite(position).all(axis=1)
@@ -94,7 +94,7 @@ def _surroundings(aligned, time):
     node = np.cross([0.0, 0.0, 1.0], normal)
     across = np.cross(normal / np.linalg.norm(normal), node)
     argument = np.unwrap(np.arctan2(position @ across, position @ node))
-    return {"argument": np.interp(time, orbit, argument), "warmth": surroundings.warmth(time, orbit, position)}
+    return {"argument": np.interp(time, orbit, argument), "warmth": orbit_environment.warmth(time, orbit, position)}
 
 
 def _parts(time, segment, block_s):

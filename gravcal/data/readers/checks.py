@@ -23,7 +23,7 @@ MEANING = {
     REPEATED: "the time tag repeats an earlier record's, values equal",
     CONFLICTING: "the time tag repeats an earlier record's, values differ",
     OTHER_SATELLITE: "the record names another satellite than the file",
-    OUT_OF_RANGE: "a value is outside the range the product defines",
+    OUT_OF_RANGE: "a value is outside the range the product defines, or the tag is of another time scale",
     UNDEFINED: "a quality bit that is not defined is set, or text that is not UTF-8",
 }
 NORM_LIMIT = 1e-6
@@ -49,6 +49,7 @@ def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np
     """
     flag = np.zeros(len(ticks), np.uint8)
     _mark(flag, arrays.get("undecodable"), UNDEFINED)
+    _mark(flag, _other_time(arrays, table), OUT_OF_RANGE)
     for column in (*table.columns, *table.optional):
         if column.name in arrays:
             _check_column(flag, arrays, column, table)
@@ -151,8 +152,7 @@ def check_identity(file, header, table, arrays, expected):
     if (day or file.date) and len(seconds) and not table.constant:
         exact = table.time_scale == "GPS" and table.name.endswith("1B")
         _check_day(where, day or file.date, seconds, GPS_MARGIN_S if exact else MARGIN_S)
-    if "time_ref" in arrays:
-        _check_time_ref(where, table, arrays["time_ref"])
+    _check_time_ref(where, table, arrays)
 
 
 def _letter_of_records(arrays, table):
@@ -175,14 +175,22 @@ def _check_day(where, date, seconds, margin):
         )
 
 
-def _check_time_ref(where, table, references):
-    known = KNOWN_TIMES[table.time_scale]
-    wrong = [chr(r) for r in np.flatnonzero(np.bincount(references.view(np.uint8))) if r not in known]
-    if wrong:
-        found = ", ".join(wrong)
-        refuse(
-            where,
-            f"time_ref {found}",
-            f"{', '.join(known.decode())} for {table.time_scale} time",
-            "The tags are of another time scale: take the product of the right level.",
-        )
+def _other_time(arrays, table):
+    """Records whose tag is of another time scale than the product's; None where no record says."""
+    if "time_ref" not in arrays:
+        return None
+    known = np.frombuffer(KNOWN_TIMES[table.time_scale], np.uint8)
+    return ~np.isin(arrays["time_ref"].view(np.uint8), known)
+
+
+def _check_time_ref(where, table, arrays):
+    """Refuse a file most of whose tags are of another time scale; fewer are flagged."""
+    wrong = _other_time(arrays, table)
+    if wrong is None or 2 * np.count_nonzero(wrong) <= wrong.size:
+        return
+    refuse(
+        where,
+        f"time_ref {', '.join(sorted({one.decode('latin-1') for one in np.unique(arrays['time_ref'][wrong])}))}",
+        f"{', '.join(KNOWN_TIMES[table.time_scale].decode())} for {table.time_scale} time",
+        "The tags are of another time scale: take the product of the right level.",
+    )

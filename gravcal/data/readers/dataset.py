@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from gravcal.data import archive
+from gravcal.data import archive, origin
 from gravcal.data.readers import binary, checks, text
 from gravcal.data.readers import header as headers
 from gravcal.data.readers.tables import Product, mission_of, reordered
@@ -56,6 +56,7 @@ def read(source, product=None, columns=None, *, expect_satellite=None, expect_da
     flag = checks.flags(arrays, ticks, table, satellite)
     observed = _assembled(arrays, seconds, ticks, flag, table)
     observed.attrs = _attributes(header, table, file, satellite, len(flag))
+    observed.attrs["origin"] = origin.of_header(data[: header.size].decode("latin-1"))
     return observed if columns is None else _chosen(observed, columns, file.where)
 
 

@@ -8,6 +8,7 @@ from gravcal.data.refusal import refuse
 YAML_END = b"# End of YAML header\n"
 LABEL_END = re.compile(rb"END OF HEADER *\r?\n")
 LIMIT = 8_000_000  # bytes in which the end of a header has to come
+DEEPEST = 20  # levels; headers have five
 KEPT = ("title", "summary", "source", "institution", "processing_level", "product_version", "software_version")
 
 
@@ -51,7 +52,7 @@ def _yaml_header(data, where):
         declared = None if declared is None else int(declared)
     except (KeyError, TypeError, ValueError, AttributeError) as reason:
         refuse(where, f"a header without {reason}", "attributes and variables as YAML", "The file is damaged.")
-    notes = {k: str(loose[k]) for k in KEPT if k in loose}
+    notes = {k: str(loose[k]) for k in KEPT if k in loose and not isinstance(loose[k], (dict, list))}
     satellite = _letter(str(loose.get("platform", "")))
     return Header("yaml", False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
 
@@ -59,13 +60,17 @@ def _yaml_header(data, where):
 def _yaml(text, where):
     import yaml
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    loader, depth = getattr(yaml, "CSafeLoader", yaml.SafeLoader), 0
     try:
+        for event in yaml.parse(text, loader):  # the loader below recurses, and crashes where it goes too deep
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST or isinstance(event, yaml.AliasEvent):
+                refuse(where, "a header nested too deep, or with aliases", "attributes as YAML", "The file is damaged.")
         return yaml.load(text.decode("utf-8"), loader)["header"]  # noqa: S506 - both loaders are safe ones
     except UnicodeDecodeError as reason:
         line = text.count(b"\n", 0, reason.start) + 1
         return refuse(f"{where}, line {line}", "bytes that are not UTF-8", "a text header", "The file is damaged.")
-    except (yaml.YAMLError, KeyError, TypeError) as reason:
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as reason:
         return refuse(where, f"a header that is not YAML ({reason})", "a YAML header", "The file is damaged.")
 
 
@@ -91,7 +96,7 @@ def _label_header(data, where):
         end.end(),
         data.count(b"\n", 0, end.end()),
         _letter(labels.get("SATELLITE NAME", "")),
-        int(declared) if declared.isdigit() else None,
+        int(declared) if re.fullmatch("[0-9]{1,18}", declared) else None,
         product=labels.get("FILENAME", "").rpartition("/")[2][:5],
         notes={k: v for k, v in notes.items() if v},
     )

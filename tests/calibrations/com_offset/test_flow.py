@@ -7,7 +7,7 @@ from independent import make_event
 
 from flows import com_offset as flow
 from flows import engine
-from gravcal.data import catalog
+from gravcal.data import configurations
 
 
 @pytest.fixture(scope="module")
@@ -19,17 +19,17 @@ def files(tmp_path_factory):
 
 def run(folder, **settings):
     """Report product of a folder."""
-    chosen = catalog.parameters("com_offset").with_settings(settings)
+    chosen = configurations.chosen("com_offset", settings)
     return engine.run(flow.calibrate, flow.source(data=folder), chosen, engine="inline")
 
 
 def test_a_repeat_by_the_published_method_leaves_the_latest_result_in_place(files, tmp_path, monkeypatch):
-    """Contract: latest/<event>/com_offset.report is ours; the repeat has a link that says what it is."""
+    """Contract: latest/<event>/com_offset.report is ours; the repeat is an experiment."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
     ours, printed = run(files[0]), run(files[0], method="published")
     latest = tmp_path / "latest" / ours.event
     assert (latest / "com_offset.report").resolve() == ours.folder.resolve()
-    assert (latest / "com_offset.report.published").resolve() == printed.folder.resolve()
+    assert (latest / "as" / "method-published" / "com_offset.report").resolve() == printed.folder.resolve()
     assert json.loads((printed.folder / "result.json").read_text())["method"] == "published"
 
 

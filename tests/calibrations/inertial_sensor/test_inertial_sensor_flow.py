@@ -100,7 +100,7 @@ def test_mass_inertia_and_arm_enter_the_factors_and_the_factors_the_bias(deliver
 def test_the_page_holds_tables_and_figures(delivered):
     """Contract: nine figures, nothing fetched from elsewhere."""
     page = delivered["page"]
-    assert page.count("data:image/png;base64,") == 9
+    assert page.count("data:image/svg+xml;base64,") == 9
     assert "http://" not in page.replace("http://www.w3.org", "")
 
 

@@ -7,14 +7,14 @@ from numpy.testing import assert_allclose
 from gravcal.calibrations.inertial_sensor import align, cleaning, linear_factors, published_swing, robust_mean
 from gravcal.calibrations.inertial_sensor import roll_bins as bins
 from gravcal.calibrations.inertial_sensor import roll_segments as segments
-from gravcal.physics import frames, sensing, turning
+from gravcal.physics import frames, kinematics, sensing
 
 
 def test_a_constant_rate_turns_about_its_axis():
     """Analytic: rate w for t turns by w t."""
     time = np.linspace(0, 100, 1001)
     rate = np.broadcast_to([1e-3, -2e-3, 5e-4], (1001, 3))
-    reached = turning.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
+    reached = kinematics.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
     assert_allclose(frames.rotation_vector(reached[-1]), 100 * rate[0], atol=1e-13)  # rounding
 
 
@@ -22,7 +22,7 @@ def test_integration_agrees_with_the_derivative_of_the_attitude():
     """Analytic: differencing the attitude gives the rate back to the second order of the step."""
     time = np.arange(0, 60, 0.1)
     rate = 1e-4 * np.stack([np.sin(time / 4), np.cos(time / 5), 0 * time], axis=1) + [0, -1e-3, 0]
-    q = turning.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
+    q = kinematics.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
     turn = frames.attitude_error(q[2:], q[:-2]) / 0.2
     assert_allclose(turn, rate[1:-1], atol=1e-4 * (0.1 / 4) ** 2)  # h^2 w''/6 of the difference
 
@@ -33,8 +33,8 @@ def test_a_small_change_of_rates_moves_the_attitude_to_first_order():
     rate = np.stack([1e-4 * np.sin(time / 4), -1e-3 + 0 * time, 1e-4 * np.cos(time / 5)], axis=1)
     change = 1e-7 * np.stack([np.cos(time / 7), np.sin(time / 3), 1 + 0 * time], axis=1)
     start = [1.0, 0, 0, 0]
-    q, moved = (turning.attitude_from_rates(time, w, start) for w in (rate, rate + change))
-    linear = turning.angle_from_rate_change(time, frames.R_bi_from_quaternion(q), change[:, :, None])[:, :, 0]
+    q, moved = (kinematics.attitude_from_rates(time, w, start) for w in (rate, rate + change))
+    linear = kinematics.angle_from_rate_change(time, frames.R_bi_from_quaternion(q), change[:, :, None])[:, :, 0]
     assert_allclose(frames.attitude_error(moved, q), linear, atol=2e-9)  # square of 2e-5 rad
 
 
@@ -91,7 +91,7 @@ def test_a_segment_gives_back_its_constant():
     c, s, o, e = np.cos(phase), np.sin(phase), 0 * phase, 0 * phase + 1
     R_bo = np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3)
     reading = -3e-6 + 1e-9 * u + 2e-9 * (1.5 * u**2 - 0.5) + 5e-8 * (1 + u**3) * R_bo[:, 2, 2] + 3e-9 * R_bo[:, 2, 0]
-    constant, _, residual = segments.solve_axis(2, reading[:, None], R_bo, segments.Model(2, 3))
+    constant, _, residual, amplitude = segments.solve_axis(2, reading[:, None], R_bo, segments.Model(2, 3))
     assert_allclose(constant, -3e-6, rtol=1e-9)  # rounding
     assert np.abs(residual).max() < 1e-18
 

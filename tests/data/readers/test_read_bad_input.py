@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from gravcal.calibrations.align import UNUSABLE
 from gravcal.data.readers import checks, read
 from gravcal.data.writers import write
 from gravcal.errors import ProductError
@@ -148,6 +149,16 @@ def test_tags_of_another_time_scale_are_refused(acceleration_file):
     """Contract: ACC1A holds receiver tags, R; a G says something else happened to it."""
     _damaged(acceleration_file, lambda lines: [line.replace(b"  R  ", b"  G  ") for line in lines])
     _refused(acceleration_file, "time_ref", "G")
+
+
+def test_one_tag_of_another_time_scale_is_flagged(acceleration_file):
+    """Contract: a day is not lost for one record; it keeps its values and is not used."""
+    whole = read(acceleration_file)
+    _damaged(acceleration_file, lambda lines: [*lines[:-2], lines[-2].replace(b"  R  ", b"  G  "), lines[-1]])
+    damaged = read(acceleration_file)
+    assert (damaged["flag"].values & UNUSABLE != 0).sum() == (whole["flag"].values & UNUSABLE != 0).sum() + 1
+    assert damaged["flag"].values[-2] & checks.OUT_OF_RANGE
+    assert np.array_equal(damaged["lin_accl_x"], whole["lin_accl_x"])
 
 
 def test_fractions_in_another_unit_are_refused(tmp_path, acceleration):

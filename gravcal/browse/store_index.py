@@ -1,0 +1,259 @@
+"""What lies in the store, for the pages: nothing is written, set aside or made again by looking."""
+
+import functools
+import json
+from dataclasses import dataclass
+
+from gravcal.data import explain, housekeeping, journal, location, netcdf, records, store
+from gravcal.data import origin as origins
+
+_known = {}  # folder -> record; a product is never changed, so its record is read once
+
+
+@dataclass(frozen=True)
+class Node:
+    """One product in the chain of an event, or a stage that failed (then without entry)."""
+
+    stage: str
+    key: str
+    state: str
+    entry: object
+    inputs: tuple[str, ...]
+
+
+def entries():
+    """All products, those replaced by newer ones included.
+
+    Returns
+    -------
+    entries : list of housekeeping.Entry, by event, time and stage
+    """
+    links, found = housekeeping.linked(), []
+    for folder in housekeeping.folders():
+        record = _record(folder)
+        if record is not None:
+            names = tuple(sorted(links.get(folder.name, ())))
+            found.append(housekeeping.Entry(store.reference(record, folder), record, names))
+    return sorted(found, key=lambda entry: (entry.ref.event, entry.record["made"], entry.ref.stage))
+
+
+def entry(key):
+    """Product with this key, or None; anything that is not a key of the store is None."""
+    if not records.KEY.fullmatch(key):
+        return None
+    folder = store.folder_of(key)
+    if not _inside(folder / "product.nc"):
+        return None
+    record = _record(folder)
+    names = tuple(sorted(housekeeping.linked().get(key, ())))
+    return housekeeping.Entry(store.reference(record, folder), record, names) if record else None
+
+
+def file(found, name):
+    """Path of a file that belongs to a product, or None: only names its record lists, and only inside the store."""
+    if name not in found.record["files"] and name != "product.nc":
+        return None
+    path = found.ref.folder / name
+    return path if _inside(path) else None
+
+
+def document(found):
+    """Result document of a report product, or None."""
+    path = file(found, "result.json")
+    return _json(path) if path else None
+
+
+@functools.lru_cache(maxsize=4096)
+def origin(path):
+    """Origin of a product, "" where it says none: a product never changes."""
+    try:
+        with netcdf.opened(path) as file:
+            return str(netcdf.attributes(file).get("origin", ""))
+    except OSError:
+        return ""
+
+
+def results(configuration=location.OPERATIONAL):
+    """Every event with what is known of its result in a configuration, the newest first.
+
+    Parameters
+    ----------
+    configuration : "operational", or the name of an experiment
+
+    Returns
+    -------
+    rows : list of dict: event, calibration, state, mood, said, origin, made, products, report (Entry or None), run,
+    document, experiments (names of those with products of this event)
+    """
+    by_event, tried = {}, {}
+    for one in entries():
+        if configuration in one.configurations:
+            by_event.setdefault(one.ref.event, []).append(one)
+        if one.ref.kind != "ingest":
+            others = set(one.configurations) - {location.OPERATIONAL}
+            tried.setdefault((one.ref.event, one.ref.kind.partition(".")[0]), set()).update(others)
+    runs = {(run["event"], run["flow"]): run for run in journal.runs() if run["configuration"] == configuration}
+    everything = [one for own in by_event.values() for one in own]
+    names = {(one.ref.event, one.ref.kind.partition(".")[0]) for one in everything if one.ref.kind != "ingest"}
+    if configuration == location.OPERATIONAL:
+        names |= {name for name, others in tried.items() if others}
+    rows = [_result(*name, by_event.get(name[0], []), runs) for name in sorted(names | set(_failed(runs)))]
+    rows = [row | {"experiments": sorted(tried.get((row["event"], row["calibration"]), ()))} for row in rows]
+    return sorted(rows, key=lambda row: row["made"], reverse=True)
+
+
+def waiting(rows):
+    """Events of the catalogue that are not in the store, by calibration.
+
+    Parameters
+    ----------
+    rows : of ``results``
+
+    Returns
+    -------
+    names : dict, calibration -> list of str
+    """
+    from gravcal.data import catalog
+
+    here, missing = {row["event"] for row in rows}, {}
+    for event in catalog.events():
+        if event.name not in here:
+            missing.setdefault(event.calibration, []).append(event.name)
+    return missing
+
+
+def chain(event, configuration=location.OPERATIONAL):
+    """Stages of an event: the newest product of each, what they were made of, and where the last run failed.
+
+    An input stands for the newest product of its stage where both hold the same: made again, nothing changed.
+
+    Parameters
+    ----------
+    event : str
+    configuration : "operational", or the name of an experiment
+
+    Returns
+    -------
+    nodes : list of Node
+    """
+    runs = [run for run in journal.runs() if (run["event"], run["configuration"]) == (event, configuration)]
+    states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
+    keys = {name: one["key"] for run in runs for name, one in run["stages"].items()}
+    known = {one.ref.key: one for one in entries()}
+    waiting = [one for one in known.values() if configuration in one.configurations and one.ref.event == event]
+    equal = {(one.ref.stage, one.ref.digest): one for one in waiting}
+    nodes = {}
+    while waiting:
+        one = waiting.pop()
+        below = [known[key] for key in _inputs(one) if key in known]
+        below = [equal.get((part.ref.stage, part.ref.digest), part) for part in below]
+        waiting += [part for part in below if part.ref.key not in nodes]
+        state = states.get(one.ref.stage, "stored") if keys.get(one.ref.stage) == one.ref.key else "stored"
+        nodes[one.ref.key] = Node(one.ref.stage, one.ref.key, state, one, tuple(part.ref.key for part in below))
+    attempts = [run.get("attempt", run) for run in runs]
+    failed = [Node(run["failed"], "", "failed", None, ()) for run in attempts if run.get("failed")]
+    return sorted(nodes.values(), key=lambda node: node.stage) + failed
+
+
+def relatives(found):
+    """Other products of the same stage: of the same event with other settings or inputs, and of other events.
+
+    Returns
+    -------
+    rows : list of (Entry, list of str), what differs, newest first
+    """
+    others = [one for one in entries() if one.ref.stage == found.ref.stage and one.ref.key != found.ref.key]
+    own = [one for one in others if one.ref.event == found.ref.event]
+    strange = [one for one in others if one.ref.event != found.ref.event and one.newest]
+    rows = [(one, explain.compared(one.record, found.record)) for one in own]
+    return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in strange[::-1]]
+
+
+def siblings(found):
+    """Newest products of the same kind and event with another variant."""
+    return [
+        one
+        for one in entries()
+        if one.newest
+        and (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind)
+        and one.ref.variant != found.ref.variant
+    ]
+
+
+@functools.lru_cache(maxsize=4096)
+def _json(path):
+    """Document of a report; it never changes."""
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def _record(folder):
+    """Record of a product folder whose file is there, or None."""
+    if folder not in _known:
+        record = store.read_record(folder)
+        if record is None:
+            return None
+        _known[folder] = record
+    return _known[folder] if (folder / "product.nc").is_file() else None
+
+
+def _inside(path):
+    """Whether a path, links followed, is a file of the store."""
+    try:
+        return path.is_file() and path.resolve().is_relative_to((location.folder() / "objects").resolve())
+    except OSError:
+        return False
+
+
+def _inputs(one):
+    """Keys of the products that one was made of."""
+    return [part["key"] for part in one.record["from"] if "key" in part]
+
+
+def _failed(runs):
+    """Events and flows whose last run failed."""
+    return [where for where, run in runs.items() if run["status"] == "failed"]
+
+
+def _result(event, calibration, own, runs):
+    """Row of one event and calibration."""
+    own = [one for one in own if one.ref.kind.startswith(f"{calibration}.") or one.ref.kind == "ingest"]
+    report = next((one for one in own if one.ref.stage == f"{calibration}.report"), None)
+    run = runs.get((event, calibration))
+    found = document(report) if report else None
+    state, mood, said = _state(found, run)
+    told = found["origin"] if found and "origin" in found else origins.together(origin(one.ref.path) for one in own)
+    made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")
+    names = {"event": event, "calibration": calibration, "state": state, "mood": mood, "said": said, "made": made}
+    return names | {
+        "origin": told or origins.MEASURED,
+        "products": len(own),
+        "report": report,
+        "run": run,
+        "document": found,
+    }
+
+
+def _state(document, run):
+    """State in words, its mood, and the verdict or reason."""
+    if run and run["status"] == "failed":
+        return "failed", "bad", run.get("error", "")
+    if document is None:
+        return "no report", "plain", "no report of this configuration is in the store"
+    verdict = document.get("verdict")
+    said = verdict.get("text", "") if isinstance(verdict, dict) else str(verdict or "")
+    if document.get("status") == "questionable":
+        return "questionable", "bad", said
+    if document.get("status") != "delivered":
+        return str(document.get("status", "")).replace("_", " "), "plain", said
+    return "delivered", _mood(verdict if isinstance(verdict, dict) else {}), said
+
+
+def _mood(verdict):
+    """Whether a verdict is good, bad, or says nothing of the kind: accuracy, consistency, and the requirement."""
+    marks = [verdict.get(name) for name in ("accuracy_met", "consistent")]
+    if False in marks or "exceeds" in (verdict.get("requirement") or ()):
+        return "bad"
+    return "good" if True in marks else "plain"

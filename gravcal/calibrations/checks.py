@@ -1,0 +1,125 @@
+"""Checks that a calibration makes of its own inputs and results: each is a number, its limit, and whether it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:  # a plan looks at the schema alone
+    import xarray as xr
+
+#: Schema of a product of checks, the same for every calibration.
+CHECKS = {
+    "check": {"dims": "check", "dtype": "str", "long_name": "name of the check"},
+    "value": {"dims": "check", "units": "1", "long_name": "value found, in its own unit"},
+    "limit": {"dims": "check", "units": "1", "long_name": "limit, in the same unit"},
+    "unit": {"dims": "check", "dtype": "str", "long_name": "unit of value and limit"},
+    "passed": {"dims": "check", "dtype": "u1", "units": "1", "long_name": "whether the value keeps to its limit"},
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check with its outcome; the limit is an upper or a lower one, as the name says."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+    passed: bool
+
+
+def at_most(name: str, value: float, limit: float, unit: str) -> Check:
+    """Check that holds where a value is at most its limit; a value that is not finite fails."""
+    return Check(name, float(value), float(limit), unit, bool(value <= limit))
+
+
+def at_least(name: str, value: float, limit: float, unit: str) -> Check:
+    """Check that holds where a value is at least its limit, such as the probability of a fit."""
+    return Check(name, float(value), float(limit), unit, bool(value >= limit))
+
+
+def largest(values: np.ndarray) -> float:
+    """Largest of the finite values, NaN without one."""
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size else np.nan
+
+
+def product(checks: Sequence[Check]) -> xr.Dataset:
+    """Checks as a product of the schema `CHECKS`."""
+    from gravcal.calibrations.building import build
+
+    columns = {name: [getattr(one, name) for one in checks] for name in ("value", "limit", "unit", "passed")}
+    return build(CHECKS, {"check": [one.name for one in checks]} | columns)
+
+
+def of_product(dataset: xr.Dataset) -> list[Check]:
+    """Checks of a product."""
+    columns = [dataset[name].values for name in ("check", "value", "limit", "unit", "passed")]
+    return [
+        Check(str(name), float(value), float(limit), str(unit), bool(passed))
+        for name, value, limit, unit, passed in zip(*columns, strict=True)
+    ]
+
+
+def plain(checks: Iterable[Check]) -> list[dict]:
+    """Checks as a result document has them; a value that is not finite becomes null."""
+    return [asdict(one) | {"value": one.value if np.isfinite(one.value) else None} for one in checks]
+
+
+def longest_constant(time: np.ndarray, values: np.ndarray) -> float:
+    """Longest time (s) over which any column reads the same at every sample: frozen, zero, saturated.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing; values : (n, m), samples that are not finite left out
+    """
+    longest = 0.0
+    for column in values.T:
+        known = np.isfinite(column)
+        epoch, reading = time[known], column[known]
+        edge = np.flatnonzero(np.concatenate([[True], reading[1:] != reading[:-1], [True]])) if epoch.size else []
+        longest = max(longest, np.max(epoch[edge[1:] - 1] - epoch[edge[:-1]], initial=0.0) if epoch.size else np.inf)
+    return float(longest)
+
+
+def velocity_error(time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> float:
+    """Largest difference (m s-1) of mean velocity and change of position from one sample to the next; inf of nothing.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing; position : (n, 3) m; velocity : (n, 3) m s-1; rows that are not finite left out
+
+    Notes
+    -----
+    r_1 - r_0 = h (v_0 + v_1)/2 - h^2 (a_1 - a_0)/12, a from differences of v; steps over a gap are left out.
+    """
+    known = np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
+    time, position, velocity = time[known], position[known], velocity[known]
+    if time.size < 3:
+        return np.inf
+    step = np.diff(time)
+    change = np.diff(np.gradient(velocity, time, axis=0, edge_order=2), axis=0)
+    left = np.diff(position, axis=0) / step[:, None] - (velocity[1:] + velocity[:-1]) / 2 + step[:, None] * change / 12
+    return float(np.linalg.norm(left, axis=1)[step < 1.5 * np.median(step)].max())
+
+
+def attitude_jump(time: np.ndarray, quaternion: np.ndarray) -> float:
+    """Largest change (rad) of the turn from one attitude to the next; attitudes of no norm and gaps are left out.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing; quaternion : (n, 4), finite
+    """
+    from gravcal.physics import frames
+
+    norm = np.linalg.norm(quaternion, axis=1)
+    time, quaternion = time[norm > 0.5], quaternion[norm > 0.5] / norm[norm > 0.5, None]
+    if time.size < 3:
+        return np.inf
+    turn, step = frames.attitude_error(quaternion[1:], quaternion[:-1]), np.diff(time)
+    even = step < 1.5 * np.median(step)
+    return float(np.linalg.norm(np.diff(turn, axis=0), axis=1).max(where=even[1:] & even[:-1], initial=0.0))

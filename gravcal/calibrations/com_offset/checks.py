@@ -1,0 +1,140 @@
+"""What the records of a day must satisfy against each other to be believed; the result is judged in the report."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations import checks as checking
+from gravcal.calibrations.align import between, orbit_i
+from gravcal.calibrations.checks import at_least, at_most, largest
+from gravcal.physics import frames, gravity
+from gravcal.physics.constants import EARTH_RADIUS
+
+#: Share of the samples of a piece that must keep to a limit: single stray ones do not count, a tenth of a piece does.
+SHARE = 0.9
+#: Longest step over which a mean velocity stands for the derivative of the position.
+STEP_LIMIT_S = 30.0
+#: Channels that never read the same for long.
+CHANNELS = {"acc": ("linear_b", "angular_b"), "sca": ("quaternion",), "mag": ("field_measured_b",)}
+
+
+def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *others: xr.Dataset, **limits) -> xr.Dataset:
+    """Checks of the records round the manoeuvres against each other; what is not there is not checked.
+
+    A misfit is the largest of those that 90 % of the samples keep to, over pieces of `check_piece_s`.
+
+    Parameters
+    ----------
+    aligned : Dataset, "align"
+    checked : Dataset, "com_offset.field"
+    smoothed : Dataset, "com_offset.attitude"
+    others : Dataset, "ingest" of the orbit product that was not taken, if there is one
+    limits : check_piece_s, velocity_limit_m_s, gravity_limit_m_s2, orbit_limit_m, height_lowest_km, height_greatest_km,
+        pointing_limit_deg, field_limit_nt, unchanged_limit_s, attitude_limit_urad, scale_limit, delay_limit_s
+
+    Returns
+    -------
+    product : Dataset, "com_offset.checks"
+    """
+    piece = limits["check_piece_s"]
+    usable = aligned["orbit_flag"].values == 0
+    time, position, velocity = (aligned[n].values[usable] for n in ("time_orbit", "position_i", "velocity_i"))
+    derivative, pull = _orbit(time, position, velocity)
+    height = 1e-3 * (np.linalg.norm(position, axis=1) - EARTH_RADIUS)
+    pointing = _pointing(aligned, time, position, velocity)
+    used = checked["used"].values.astype(bool)
+    field = checked["time_mag"].values[used], 1e9 * np.linalg.norm(checked["difference_b"].values[used], axis=1)
+    found = [
+        at_most("position against velocity", _misfit(*derivative, piece), limits["velocity_limit_m_s"], "m s-1"),
+        at_most("velocity against gravity", _misfit(*pull, piece), limits["gravity_limit_m_s2"], "m s-2"),
+        at_most(
+            "orbit products", _misfit(*_apart(others, aligned, time, position), piece), limits["orbit_limit_m"], "m"
+        ),
+        at_least("lowest height", -_misfit(time, -height, piece), limits["height_lowest_km"], "km"),
+        at_most("greatest height", _misfit(time, height, piece), limits["height_greatest_km"], "km"),
+        at_most("attitude against orbit", _misfit(*pointing, piece), limits["pointing_limit_deg"], "deg"),
+        at_most("magnetometer against IGRF", _misfit(*field, piece), limits["field_limit_nt"], "nT"),
+        at_most("unchanged readings", _unchanged(aligned), limits["unchanged_limit_s"], "s"),
+        *_motion(smoothed, limits),
+    ]
+    return checking.product([one for one in found if not np.isnan(one.value)])
+
+
+def _misfit(time, size, piece_s):
+    """Largest over pieces of a record of what a share of their samples keep to; NaN without a sample."""
+    size = np.where(np.isfinite(size), size, np.inf)
+    pieces = np.split(size, np.flatnonzero(np.diff(np.floor(time / piece_s))) + 1)
+    return max((float(np.quantile(one, SHARE, method="lower")) for one in pieces if one.size), default=np.nan)
+
+
+def _orbit(time, position, velocity):
+    """Change of position minus mean velocity (m/s), change of velocity minus gravity (m/s2), over short steps."""
+    step = np.diff(time)
+    near = (step > 0) & (step <= STEP_LIMIT_S)
+    mean = lambda values: (values[1:] + values[:-1]) / 2  # noqa: E731
+    height = np.linalg.norm(position, axis=1)
+    outside = ~((height > EARTH_RADIUS / 2) & (height < 100 * EARTH_RADIUS))
+    pull = gravity.acceleration_i(np.where(outside[:, None], [EARTH_RADIUS, 0.0, 0.0], position))
+    pull[outside] = np.inf
+    with np.errstate(invalid="ignore", divide="ignore"):
+        moved = np.diff(position, axis=0) / step[:, None] - mean(velocity)
+        pulled = np.diff(velocity, axis=0) / step[:, None] - mean(pull)
+    return [(mean(time)[near], np.linalg.norm(one, axis=1)[near]) for one in (moved, pulled)]
+
+
+def _apart(others, aligned, time, position):
+    """Distance (m) of another orbit product at the common epochs in the windows; none without one."""
+    if not others:
+        return np.zeros(0), np.zeros(0)
+    spans = np.stack([aligned["window_start"].values, aligned["window_stop"].values], axis=1)
+    epoch, there, _ = orbit_i(others[0], spans)
+    common, mine, theirs = np.intersect1d(np.round(time, 3), np.round(epoch, 3), return_indices=True)
+    return common, np.linalg.norm(position[mine] - there[theirs], axis=1)
+
+
+def _pointing(aligned, time, position, velocity):
+    """Angle (deg) of x to the velocity or against it, or of z to the nadir if that is larger, at the star camera.
+
+    Which way x flies depends on which satellite leads; the field tells a body turned round from one that is not.
+    """
+    quaternion = aligned["quaternion"].values
+    if time.size < 2:
+        return np.zeros(0), np.zeros(0)
+    at = np.isfinite(quaternion).all(axis=1) & between(aligned["time_sca"].values, time, STEP_LIMIT_S)
+    epoch, R_bi = aligned["time_sca"].values[at], frames.R_bi_from_quaternion(quaternion[at])
+    towards = [np.stack([np.interp(epoch, time, v[:, c]) for c in range(3)], axis=1) for v in (velocity, -position)]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead, down = (np.matvec(R_bi, v / np.linalg.norm(v, axis=1, keepdims=True)) for v in towards)
+        cosine = np.minimum(np.abs(ahead[:, 0]), down[:, 2])
+        return epoch, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _unchanged(aligned):
+    """Longest time (s) over which a channel reads the same at every sample; NaN without a reading."""
+    longest = np.nan
+    for sensor, names in CHANNELS.items():
+        usable = aligned[f"{sensor}_flag"].values == 0
+        time = aligned[f"time_{sensor}"].values[usable]
+        broken = np.diff(time) > STEP_LIMIT_S
+        for column in np.concatenate([aligned[n].values[usable] for n in names], axis=1).T:
+            if np.isfinite(column).any():
+                edge = np.flatnonzero(np.concatenate([[True], broken | (column[1:] != column[:-1]), [True]]))
+                longest = np.fmax(longest, np.max(time[edge[1:] - 1] - time[edge[:-1]]))
+    return longest
+
+
+def _motion(smoothed, limits):
+    """Star camera and angular accelerometer against the motion that the torquers make."""
+    known = {name: smoothed[name].values for name in smoothed.variables}
+    limit, found = limits["scale_limit"], []
+    for name, said in (("torque", "star camera over torquers"), ("angular", "angular accelerometer over torquers")):
+        seen = (known[f"{name}_scale_sigma"] < limit / 5) & (known["rod"] >= 0)[:, None]
+        off = np.abs(known[f"{name}_scale"] - 1)[seen]
+        found.append(at_most(f"{said}, from one", largest(off), limit, "1"))
+    rms = 1e6 * largest(known["residual_rms"])
+    found.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
+    for name, said in (("acc", "accelerometer"), ("sca", "star camera")):
+        late = largest(np.abs(known[f"{name}_delay"]))
+        found.append(at_most(f"delay of the {said}", late, limits["delay_limit_s"], "s"))
+    return found

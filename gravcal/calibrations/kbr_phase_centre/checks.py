@@ -1,0 +1,226 @@
+"""What the records of a pair must satisfy against each other, and what its phase centres must."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations import checks
+from gravcal.calibrations.checks import Check, at_least, at_most
+from gravcal.calibrations.kbr_phase_centre import align, correction
+from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES
+from gravcal.physics import constants
+
+BRIDGED = 1800.0  # s, stretches of ranging at least this long are held against the orbit with a bias of their own
+NEAR = 300.0  # s on either side of a manoeuvre that do not count as routine pointing
+
+
+def of_inputs(
+    aligned: xr.Dataset,
+    pointed: xr.Dataset,
+    ranges: xr.Dataset,
+    rates: xr.Dataset,
+    *orbits: xr.Dataset,
+    nominal_m,
+    **limits: float,
+) -> xr.Dataset:
+    """Checks of orbits, attitudes and ranging against each other.
+
+    Parameters
+    ----------
+    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
+    ranges, rates : Dataset, "kbr_phase_centre.observable" of range and range rate
+    orbits : Dataset, "ingest" of all orbit products of both satellites, those not used included
+    nominal_m : (2, 3) m, phase centres of the catalogue
+    limits : settings of the stage "checks"
+
+    Returns
+    -------
+    checks : Dataset of the schema `gravcal.calibrations.checks.CHECKS`
+    """
+    nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
+    found = _of_orbits(orbits, limits) + _of_pair(aligned, pointed, limits)
+    found += _of_pointing(aligned, pointed, limits) + _of_ranging(ranges, rates, nominal, limits)
+    given = aligned["antenna_correction"].values
+    if np.nanmax(np.abs(given), initial=0.0) > 0.1:
+        epoch = np.clip(np.rint(aligned["time_kbr"].values - pointed["time"].values[0]), 0, pointed.sizes["time"] - 1)
+        own = correction.antenna_correction(pointed["line_of_sight_b"].values[:, epoch.astype(int)], nominal)
+        left = float(np.nanmedian(np.abs(given - own)))
+        found.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
+    return checks.product(found)
+
+
+def _of_orbits(orbits, limits):
+    """Positions against velocities and heights of every file, and the products of a satellite against each other."""
+    found = []
+    for letter in sorted({one.attrs["satellite"] for one in orbits}):
+        own = [one for one in orbits if one.attrs["satellite"] == letter]
+        rate = max(position_misfit(one) for one in own)
+        found.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
+        names = list(dict.fromkeys(one.attrs["product"] for one in own))
+        if len(names) > 1:
+            states = [[align.states(one) for one in own if one.attrs["product"] == name] for name in names]
+            value = orbit_difference(*states)
+            found.append(
+                at_most(f"orbit {letter}, {' against '.join(names)}", value, limits["orbit_difference_limit_m"], "m")
+            )
+    return found
+
+
+def orbit_difference(first, second) -> float:
+    """Largest distance (m) of the orbits of two products at their common epochs; infinite where they share none.
+
+    Parameters
+    ----------
+    first, second : lists of time (n,) s and inertial position (n, 3) m, one for each file
+    """
+    times, positions = [[np.concatenate([one[k] for one in files]) for files in (first, second)] for k in (0, 1)]
+    _, a, b = np.intersect1d(*(np.round(time, 3) for time in times), return_indices=True)
+    return float(np.linalg.norm(positions[0][a] - positions[1][b], axis=1).max()) if a.size else np.inf
+
+
+def position_misfit(orbit: xr.Dataset) -> float:
+    """Largest step of the position that its velocity does not explain (m s-1), in the frame of the file.
+
+    Parameters
+    ----------
+    orbit : Dataset, "ingest" of an orbit product
+
+    Notes
+    -----
+    Hermite: r_1 - r_0 = h (v_0 + v_1)/2 - h^2 (a_1 - a_0)/12 + O(h^5), a from differences of v.
+    """
+    time, values, flag, _ = align.sorted_columns(orbit, align.STATE)
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    time, position, velocity = time[good], values[good, :3], values[good, 3:]
+    if time.size < 5:
+        return np.inf
+    h = np.diff(time)
+    acceleration = np.gradient(velocity, time, axis=0)
+    step = h[:, None]
+    expected = step * (velocity[1:] + velocity[:-1]) / 2 - step**2 * np.diff(acceleration, axis=0) / 12
+    regular = np.abs(h - np.median(h)) < 1e-3
+    inside = regular[1:-1] & regular[:-2] & regular[2:]  # differences of v are of the second order there
+    left = np.linalg.norm(np.diff(position, axis=0) - expected, axis=1)[1:-1] / h[1:-1]
+    return float(left[inside].max(initial=0.0)) if inside.any() else np.inf
+
+
+def _of_pair(aligned, pointed, limits):
+    """Distance of the satellites and their heights."""
+    radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
+    apart = pointed["range_com"].values
+    return [
+        at_least("separation, smallest", 1e-3 * np.nanmin(apart), limits["separation_minimum_km"], "km"),
+        at_most("separation, largest", 1e-3 * np.nanmax(apart), limits["separation_maximum_km"], "km"),
+        at_least("height, smallest", 1e-3 * np.nanmin(radius), limits["height_minimum_km"], "km"),
+        at_most("height, largest", 1e-3 * np.nanmax(radius), limits["height_maximum_km"], "km"),
+    ]
+
+
+def _of_pointing(aligned, pointed, limits):
+    """Both satellites look at each other with z down, and turn as fast as a satellite can."""
+    time, angle = pointed["time"].values, pointed["angle"].values
+    routine = np.ones(time.size, dtype=bool)
+    for start, stop in zip(pointed["start"].values, pointed["stop"].values, strict=True):
+        routine &= (time < start - NEAR) | (time > stop + NEAR)
+    found = []
+    for k, letter in enumerate(pointed.attrs["satellites"]):
+        line = pointed["line_of_sight_b"].values[k]
+        own = np.column_stack([angle[k], roll(aligned["position_i"].values[k], aligned["quaternion"].values[k], line)])
+        away = np.arccos(np.clip(line[:, 0], -1, 1))
+        step = (own[1:] - own[:-1] + np.pi) % (2 * np.pi) - np.pi
+        for name, value, limit, unit in (
+            ("routine pointing", np.degrees(_largest(away[routine])), "pointing_limit_deg", "deg"),
+            ("largest angle", np.degrees(_largest(away)), "largest_angle_deg", "deg"),
+            ("roll", np.degrees(_largest(own[:, 2])), "roll_limit_deg", "deg"),
+            ("pointing rate", np.degrees(_largest(step)), "pointing_rate_limit_deg_s", "deg s-1"),
+        ):
+            found.append(at_most(f"{name} {letter}", value, limits[limit], unit))
+    return found
+
+
+def _largest(values):
+    """Largest size of those known, 0 of none."""
+    return float(np.nanmax(np.abs(values), initial=0.0))
+
+
+def roll(position_i: np.ndarray, quaternion: np.ndarray, line_of_sight_b: np.ndarray) -> np.ndarray:
+    """Angle (n,) rad about the line of sight between z of the body and down.
+
+    Parameters
+    ----------
+    position_i : (n, 3) m
+    quaternion : (n, 4) scalar first
+    line_of_sight_b : (n, 3)
+    """
+    from gravcal.physics import frames
+
+    result = np.full(len(position_i), np.nan)
+    known = np.isfinite(quaternion).all(axis=1) & np.isfinite(position_i).all(axis=1)
+    down = np.matvec(frames.R_bi_from_quaternion(quaternion[known]), -position_i[known])
+    line = line_of_sight_b[known]
+    down = down - line * np.einsum("ni,ni->n", down, line)[:, None]
+    result[known] = np.arctan2(-down[:, 1], down[:, 2])
+    return result
+
+
+def _of_ranging(ranges, rates, nominal, limits):
+    """Ranging against orbits once the phase centres of the catalogue and a bias for each segment are taken off."""
+    time, segment = ranges["time_kbr"].values, ranges["segment"].values
+    left = ranges["observed"].values - ranges["column"].values @ nominal.ravel()
+    kept = np.zeros(left.size, dtype=bool)
+    for one in np.unique(segment):
+        inside = segment == one
+        if np.ptp(time[inside]) >= BRIDGED:
+            left[inside] -= np.median(left[inside])
+            kept |= inside
+    rate = rates["observed"].values - rates["column"].values @ nominal.ravel()
+    size = lambda values: np.sqrt(np.mean(values**2)) if values.size else np.inf  # noqa: E731
+    largest = np.abs(rate).max(initial=0.0) if rate.size else np.inf
+    return [
+        at_most("range against orbits, rms", 1e3 * size(left[kept]), limits["range_limit_mm"], "mm"),
+        at_most("range rate against orbits, rms", 1e6 * size(rate), limits["range_rate_limit_um_s"], "um s-1"),
+        at_most("range rate against orbits, largest", 1e6 * largest, limits["range_rate_largest_um_s"], "um s-1"),
+        at_least("ranging in long stretches", kept.mean() if kept.size else 0.0, limits["ranging_minimum"], "1"),
+    ]
+
+
+def of_result(
+    combined: xr.Dataset, probabilities: Mapping[str, float | None], nominal_m, limits: Mapping
+) -> list[Check]:
+    """Checks of the phase centres: fit, wiggles, observables, robust weights, size; none where nothing was found.
+
+    Parameters
+    ----------
+    combined : Dataset, "kbr_phase_centre.combine"
+    probabilities : that the wiggles agree, by observable, None with too few of them
+    nominal_m : (2, 3) m, phase centres of the catalogue
+    limits : all settings
+    """
+    row = OBSERVABLES.index(combined.attrs["adopted_observable"])
+    column = ESTIMATORS.index(combined.attrs["adopted_estimator"])
+    known = combined["determined"].values[row, 0] != 0
+    if not known.any():
+        return []
+    centre, covariance = combined["centre"].values[:, 0], combined["covariance"].values[:, 0]
+    sigma = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    name = f"noise over noise assumed, {OBSERVABLES[row]}"  # of what is delivered; the others only have to agree
+    found = [at_most(name, combined["sigma0"].values[row, 0, 0], limits["sigma0_limit"], "1")]
+    found += [
+        at_least(f"probability that wiggles agree, {name}", p, limits["agreement_limit"], "1")
+        for name, p in probabilities.items()
+        if p is not None
+    ]
+    apart = (np.abs(centre - centre[row, column]) / np.maximum(sigma, sigma[row, column]))[..., known]
+    found.append(at_most("observables apart", apart[:, column].max(), limits["observables_limit"], "sigma"))
+    found.append(at_most("robust apart from ls", apart[row].max(), limits["robust_limit"], "sigma"))
+    away = 1e3 * np.abs(centre[row, column] - np.asarray(nominal_m, dtype=float).ravel())
+    for k, letter in enumerate(combined.attrs["satellites"]):
+        for axes, place, limit in (("x", [0], "plausible_x_mm"), ("y and z", [1, 2], "plausible_yz_mm")):
+            own = [3 * k + i for i in place if known[3 * k + i]]
+            if own:
+                value = away[own].max()
+                found.append(at_most(f"{axes} of {letter} against the catalogue", value, limits[limit], "mm"))
+    return found

@@ -1,0 +1,152 @@
+"""Two configurations of a calibration beside each other: what each event's numbers and verdicts do when one is changed.
+
+Both solutions are made of the same records, so their errors are not independent. Where one of them is efficient among
+the estimators that both belong to (more data or weights of the true noise used by it), its error is uncorrelated with
+the difference, and var(b - a) = |var(b) - var(a)| (Hausman 1978); errors by noise are taken, what catalogue and priors
+add is common. Where the two variances agree to 1 % nothing can be said of the difference in its own sigma: null.
+"""
+
+import math
+
+from gravcal.data.results import values
+from gravcal.data.schemas import VERSION
+from gravcal.report import pages
+
+ASSUMPTION = (
+    "sigma of the difference: sqrt(|sigma_b^2 - sigma_a^2|), errors by noise, as both solutions share their data and "
+    "one is taken to be efficient; null where the two variances agree to 1 %"
+)
+CLOSE = 0.01  # relative difference of two variances that says nothing: they are known no better
+
+
+def comparison(calibration, names, pairs, alone):
+    """Document of a comparison.
+
+    Parameters
+    ----------
+    calibration : str
+    names : of the two configurations
+    pairs : list of (event, document of the first, document of the second)
+    alone : {name: events that only this configuration has}
+    """
+    return {
+        "schema_version": VERSION,
+        "calibration": calibration,
+        "configurations": list(names),
+        "assumption": ASSUMPTION,
+        "events": [_event(*one) for one in pairs],
+        "only_in": alone,
+    }
+
+
+def _event(event, first, second):
+    """What changes in one event."""
+    own, other = ({one.label: one for one in values(document)} for document in (first, second))
+    labels = [name for name in dict.fromkeys([*own, *other]) if name in own and name in other]
+    return {
+        "event": event,
+        "origin": first.get("origin", "measured"),
+        "status": [first["status"], second["status"]],
+        "settings": _changed(first.get("settings"), second.get("settings"), {"configuration"}),
+        "verdict": _changed(first.get("verdict"), second.get("verdict"), {"text"}),
+        "checks": _changed(_passed(first), _passed(second)),
+        "values": [difference(own[name], other[name]) for name in labels],
+    }
+
+
+def difference(first, second):
+    """Difference of two values: in the unit, in sigma of the difference and of the first.
+
+    Parameters
+    ----------
+    first, second : results.Value
+    """
+    known = None not in (first.value, second.value)
+    moved = second.value - first.value if known else None
+    spread = None
+    if known and None not in (first.sigma, second.sigma):
+        variances = first.sigma**2, second.sigma**2
+        apart = abs(variances[1] - variances[0])
+        spread = math.sqrt(apart) if apart > CLOSE * max(variances) else None
+    return {
+        "name": first.label,
+        "unit": first.unit,
+        "values": [first.value, second.value],
+        "sigmas": [first.sigma, second.sigma],
+        "difference": moved,
+        "sigma": spread,
+        "in_sigma": None if spread is None else moved / spread,
+        "in_sigma_of_first": moved / first.sigma if known and first.sigma else None,
+    }
+
+
+def tables(document):
+    """Tables of values and of what else changed, (heads, rows) each, [] for what did not change.
+
+    Parameters
+    ----------
+    document : of `comparison`
+    """
+    first, second = document["configurations"]
+    heads = ["event", "value", first, second, "difference", "in its sigma", f"in sigma of {first}", "unit"]
+    rows, other = [], []
+    for event in document["events"]:
+        mark = "" if event["origin"] == "measured" else f" ({event['origin']})"
+        for one in event["values"]:
+            told = [_pair(v, s) for v, s in zip(one["values"], one["sigmas"], strict=True)]
+            moved = [
+                "" if one[n] is None else f"{one[n]:+.3g}" for n in ("difference", "in_sigma", "in_sigma_of_first")
+            ]
+            rows.append([event["event"] + mark, one["name"], *told, *moved, one["unit"]])
+        status = dict(status=event["status"]) if len(set(event["status"])) > 1 else {}
+        parts = {"": status, "verdict ": event["verdict"], "check ": event["checks"]}
+        for kind, changed in parts.items():
+            other += [[event["event"] + mark, kind + n, str(a), str(b)] for n, (a, b) in changed.items()]
+    settings = {
+        (n, str(a)[:60], str(b)[:60]) for event in document["events"] for n, (a, b) in event["settings"].items()
+    }
+    return [
+        (["setting", first, second], [list(row) for row in sorted(settings)]),
+        (heads, rows),
+        (["event", "changed", first, second], other),
+    ]
+
+
+def page(document):
+    """Page of a comparison.
+
+    Parameters
+    ----------
+    document : of `comparison`
+    """
+    first, second = document["configurations"]
+    captions = ("Settings that differ.", f"Values of {first} and {second} with their errors by noise.", "What changed.")
+    shown = [
+        pages.table(caption, heads, rows, words=(0, 1), wide=len(heads) > 4)
+        for caption, (heads, rows) in zip(captions, tables(document), strict=True)
+        if rows
+    ]
+    alone = [f"Only in {name}: {', '.join(events)}." for name, events in document["only_in"].items() if events]
+    title = f"{document['calibration']}: {second} against {first}"
+    subtitle = f"{len(document['events'])} events in both configurations"
+    notes = [f"Assumed for the {ASSUMPTION}.", *alone]
+    return pages.render("comparison.html", title=title, subtitle=subtitle, tables=shown, notes=notes)
+
+
+def _changed(first, second, without=frozenset()):
+    """Entries that differ: {name: [first, second]}."""
+    first, second = first or {}, second or {}
+    names = sorted((set(first) | set(second)) - without)
+    return {n: [first.get(n), second.get(n)] for n in names if first.get(n) != second.get(n)}
+
+
+def _passed(document):
+    """Whether each check of a document passed, by its name."""
+    return {one["name"]: one["passed"] for one in document.get("checks") or ()}
+
+
+def _pair(value, sigma):
+    """Value with its error."""
+    if value is None:
+        return "undetermined"
+    return f"{value:.5g}" if sigma is None else f"{value:.5g} +- {sigma:.2g}"

@@ -1,0 +1,52 @@
+"""What all result documents share: origin and configuration of the data, checks, and the status that follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from gravcal.calibrations import checks as checking
+from gravcal.data import origin as origins
+
+#: Statuses of documents that hold a result.
+WITH_RESULT = ("delivered", "questionable")
+OPERATIONAL = "operational"
+
+
+def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Check]) -> dict:
+    """Document with origin, configuration and checks; a result with a failed check becomes questionable.
+
+    Parameters
+    ----------
+    document : as the calibration made it, with "status", "settings" and, if it has one, "verdict" {"text"}
+    products : Dataset, those that the report reads
+    checks : of inputs and result
+
+    Returns
+    -------
+    document : dict, new
+    """
+    origin = origin_of(products)
+    failed = [one for one in checks if not one.passed]
+    status = "questionable" if failed and document["status"] == "delivered" else document["status"]
+    doubt = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
+    verdict = document.get("verdict")
+    told = {"verdict": verdict | {"text": foreword(origin) + doubt + verdict["text"]}} if verdict else {}
+    settings = document.get("settings") or document.get("provenance", {}).get("settings", {})
+    configuration = settings.get("configuration", OPERATIONAL)
+    added = {"origin": origin, "configuration": configuration, "checks": checking.plain(checks)}
+    return dict(document) | {"status": status} | added | told
+
+
+def foreword(origin: str) -> str:
+    """What a verdict begins with: the origin of the data where they were not all measured."""
+    return "" if origin == origins.MEASURED else f"{origin.upper()}. "
+
+
+def said(check: checking.Check) -> str:
+    """A failed check in words: what was found and its limit."""
+    return f"{check.name} {check.value:.3g}, limit {check.limit:.3g} {check.unit if check.unit != '1' else ''}".rstrip()
+
+
+def origin_of(products: Sequence) -> str:
+    """Where the records of some products came from: "measured", "simulated", or "mixed"."""
+    return origins.together(one.attrs.get("origin", "") for one in products if one is not None) or origins.MEASURED

@@ -1,0 +1,146 @@
+"""Results of a calibration over the years, beside printed values and mass trims: rows and page."""
+
+import datetime
+
+from gravcal.report import pages
+from gravcal.report.figures import COLOURS, grid, image, legend
+from gravcal.report.words import plus_minus, signed
+
+#: Mark, colour and label by what a value is; no line joins ours.
+MARKS = {
+    "printed": ("o", COLOURS["blue"], "printed"),
+    "measured": ("s", COLOURS["vermilion"], "gravcal"),
+    "questionable": ("x", COLOURS["black"], "questionable"),
+    "simulated": ("D", COLOURS["purple"], "SIMULATED"),
+    "mixed": ("d", COLOURS["purple"], "simulated and measured"),
+}
+
+
+def history(title, points, trims=(), band=None):
+    """Rows and page of values over time; with the printed ones as Table 9 and Figure 12 of 10.3390/rs14164030.
+
+    Parameters
+    ----------
+    title : str
+    points : values, ours and printed: satellite, panel, unit, date, value, sigma, event, mood (a key of MARKS, any
+        other: measured) and said (of printed ones the source)
+    trims : Trim of the catalogue by satellite, as pairs
+    band : limit that is drawn about zero, or None
+
+    Returns
+    -------
+    rows : list of dict: "satellite", "date", "event", "kind", "quantity", "unit", "value", "sigma", in order of time
+    html : str
+    """
+    rows = [_row(one) for one in points] + [_trim(*one) for one in trims]
+    rows.sort(key=lambda row: (row["satellite"], row["date"], row["kind"] == "trim", row["event"]))
+    parts = []
+    for satellite in dict.fromkeys(row["satellite"] for row in rows):
+        own = [row for row in rows if row["satellite"] == satellite]
+        drawn = image(_draw, own, band, form="svg")
+        parts.append({"satellite": satellite, "figure": drawn, "tables": tables(own)})
+    dates = sorted(row["date"] for row in rows)
+    sources = {p.said for p in points if p.mood == "printed"} | {one.source for _, one in trims}
+    content = {"title": title, "span": f"{dates[0]} to {dates[-1]}", "sources": "; ".join(sorted(sources))}
+    return rows, pages.render("history.html", parts_of=parts, **content)
+
+
+def _row(one):
+    """Value of an event, or a printed one."""
+    kind = one.mood if one.mood in MARKS else "measured"
+    where = {"satellite": one.satellite, "date": one.date.date().isoformat(), "event": one.event, "kind": kind}
+    return where | {"quantity": one.panel, "unit": one.unit, "value": one.value, "sigma": one.sigma}
+
+
+def _trim(satellite, one):
+    """Trim of a mass, its size on its axis."""
+    seen = "confirmed by the printed series" if one.confirmed else "not confirmed by the printed series"
+    where = {"satellite": satellite, "date": one.date.isoformat(), "event": f"mass trim, {seen}", "kind": "trim"}
+    return where | {"quantity": one.axis, "unit": "µm", "value": one.trim_um, "sigma": None}
+
+
+def tables(rows):
+    """A table for each unit: events down, quantities across, each value in a row that says what it is.
+
+    Parameters
+    ----------
+    rows : of `history`, of one satellite
+    """
+    found = []
+    for unit in dict.fromkeys(row["unit"] for row in rows):
+        own = [row for row in rows if row["unit"] == unit]
+        names, lines = list(dict.fromkeys(row["quantity"] for row in own if row["kind"] != "trim")), {}
+        for row in own:
+            line = lines.setdefault((row["date"], row["event"], row["kind"]), {})
+            line[row["quantity"]] = _text(row)
+        cells = [
+            [date, event, MARKS[kind][2] if kind in MARKS else kind, *(line.get(name, "") for name in names)]
+            for (date, event, kind), line in lines.items()
+        ]
+        heads = ["date", "event", "", *(f"{name} ({unit})" for name in names)]
+        found.append(pages.table("Value ± error, ours and as printed.", heads, cells, words=(0, 1, 2)))
+    return found
+
+
+def _text(row):
+    """Value with its error, printed ones as in print; small numbers with a power of ten."""
+    value, sigma = row["value"], row["sigma"]
+    if row["kind"] == "trim":
+        return signed(value, 0)
+    if sigma is None or abs(value) + sigma < 1e-2:
+        return f"{value:.4g}" + (f" ± {sigma:.2g}" if sigma is not None else "")
+    return plus_minus(value, sigma, digits=(1 if sigma >= 0.1 else 2) if row["kind"] == "printed" else None)
+
+
+def _draw(rows, band):
+    """A panel for each quantity over time, ours filled, printed hollow, trims as lines."""
+    names = list(dict.fromkeys((row["quantity"], row["unit"]) for row in rows if row["kind"] != "trim"))
+    figure, panels = grid(len(names), 1, 0.6 + 1.45 * len(names), sharex=True, margins={"hspace": 0.12, "left": 0.11})
+    for panel, (name, unit) in zip(panels[:, 0], names, strict=True):
+        if band:
+            panel.axhspan(-band, band, color=COLOURS["sky"], alpha=0.13, linewidth=0, label="requirement")
+        own = [row for row in rows if row["quantity"] == name]
+        for kind in MARKS:
+            _mark(panel, kind, [row for row in own if row["kind"] == kind])
+        for row in (row for row in own if row["kind"] == "trim"):
+            _mark_trim(panel, row)
+        panel.set_ylabel(f"{name} ({unit})")
+        panel.margins(y=0.12)
+    legend(figure, panels[0, 0], len(MARKS) + 1)
+    return figure
+
+
+def _mark(panel, kind, rows):
+    """Values of one kind."""
+    mark, colour, label = MARKS[kind]
+    if not rows:
+        return
+    printed = kind == "printed"
+    panel.errorbar(
+        [_date(row) for row in rows],
+        [row["value"] for row in rows],
+        yerr=[row["sigma"] or 0.0 for row in rows],
+        color=colour,
+        marker=mark,
+        markersize=3.8,
+        markerfacecolor="white" if printed else colour,
+        linestyle="-" if printed else "none",
+        linewidth=0.7,
+        elinewidth=0.9,
+        capsize=0 if printed else 2,
+        label=label,
+    )
+
+
+def _mark_trim(panel, row):
+    """Line of a trim with its size; dotted where the series does not show it."""
+    confirmed = "not confirmed" not in row["event"]
+    panel.axvline(_date(row), color=COLOURS["black"], linewidth=0.9, linestyle="--" if confirmed else ":")
+    place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -3)}
+    text = f"trim {signed(row['value'], 0)}" + ("" if confirmed else ", not confirmed")
+    panel.annotate(text, (_date(row), 1.0), va="top", fontsize=6.5, **place)
+
+
+def _date(row):
+    """Date of a row."""
+    return datetime.date.fromisoformat(row["date"])

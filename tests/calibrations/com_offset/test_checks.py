@@ -1,0 +1,261 @@
+"""Checks of com_offset: records that contradict each other, and results that cannot be."""
+
+import json
+import shutil
+import sys
+
+import com_offset_chain as tools
+import numpy as np
+import pytest
+import xarray as xr
+from independent import make_event
+from independent.damage import MARK
+
+from flows import cli
+from gravcal.calibrations import checks as checking
+from gravcal.calibrations.align import orbit_i
+from gravcal.calibrations.com_offset import checks
+from gravcal.data import catalog
+from gravcal.data.schemas import validate
+from gravcal.errors import EstimationError
+from gravcal.report import com_offset_verdict as verdicts
+
+LIMITS = catalog.parameters("com_offset").for_stage("checks")
+X, Y, VX, VY = 3, 4, 9, 10  # columns of GNI1B
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Folder with one pitch and one roll, and the times of their records."""
+    folder = tmp_path_factory.mktemp("checks") / "files"
+    truth = make_event(folder, 5, manoeuvres=[("pitch", "high"), ("roll", "high")], field_generation=14)
+    return folder, truth["windows"]
+
+
+def ran(folder, out):
+    """Exit code and document of a run on the command line."""
+    argv = ["gravcal", "run", "com_offset", "--data", str(folder), "--engine", "inline", "--json", str(out)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", argv)
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+    return ended.value.code, json.loads(out.read_text())
+
+
+def failed(document):
+    """Names of the checks that fail."""
+    return {one["name"] for one in document["checks"] if not one["passed"]}
+
+
+def exchange(rows, _):
+    """Swap x and y of the position and of the velocity."""
+    for row in rows:
+        row[X], row[Y], row[VX], row[VY] = row[Y], row[X], row[VY], row[VX]
+
+
+def freeze(rows, begin):
+    """Hold y for 24 minutes."""
+    held = [row for row in rows if begin <= int(row[0]) < begin + 1440]
+    for row in held:
+        row[Y] = held[0][Y]
+
+
+def zero(rows, begin):
+    """Lose x for 72 seconds."""
+    for row in rows:
+        if begin <= int(row[0]) < begin + 72:
+            row[X] = b"0.0"
+
+
+MUTATIONS = {
+    exchange: {"orbit products", "attitude against orbit", "magnetometer against IGRF"},
+    freeze: {"position against velocity", "orbit products"},
+    zero: {"position against velocity", "orbit products", "magnetometer against IGRF"},
+}
+
+
+@pytest.mark.parametrize("mutate", MUTATIONS, ids=lambda one: one.__name__)
+def test_an_orbit_that_contradicts_other_records_makes_the_result_questionable(files, tmp_path, mutate):
+    """Contract: exit code 4; the checks that fail stand in document, verdict, page and the line for the VCM file."""
+    folder = shutil.copytree(files[0], tmp_path / "files")
+    path = next(folder.glob("GNI1B*"))
+    head, body = path.read_bytes().split(MARK)
+    rows = [line.split() for line in body.splitlines()]
+    mutate(rows, int(files[1][0][0]) + 400)
+    path.write_bytes(head + MARK + b"".join(b" ".join(row) + b"\n" for row in rows))
+    code, document = ran(folder, tmp_path / "result.json")
+    validate(document)
+    assert (code, document["status"]) == (4, "questionable")
+    assert MUTATIONS[mutate] <= failed(document)
+    page, line = (next((tmp_path / "products").rglob(name)) for name in ("report.html", "result.vcm"))
+    for name in MUTATIONS[mutate]:
+        assert name in document["verdict"]["text"]
+        assert name in page.read_text()
+    assert "QUESTIONABLE" in line.read_text()
+
+
+def test_a_day_without_contradiction_passes_all_its_checks(files, tmp_path):
+    """Contract: exit code 0, every check made and passed, each with a finite value and its limit."""
+    code, document = ran(files[0], tmp_path / "result.json")
+    assert (code, document["status"], failed(document)) == (0, "delivered", set())
+    assert len(document["checks"]) == len({one["name"] for one in document["checks"]}) == 21
+    assert all(np.isfinite([one["value"], one["limit"]]).all() for one in document["checks"])
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Records and products of a pitch and a roll, in memory."""
+    observed, _ = tools.event(3, manoeuvres=["pitch_high", "roll_high"])
+    return observed, tools.smoothed(observed)[0]
+
+
+def moved(dataset, **changes):
+    """Dataset with other values in some variables."""
+    return dataset.assign({name: dataset[name].copy(data=value) for name, value in changes.items()})
+
+
+def turned(quaternion):
+    """The inverse rotation: scalar and vector part with the wrong sign between them."""
+    return quaternion * [1, -1, -1, -1]
+
+
+def held(values, samples):
+    """The same with some samples that repeat the first of them."""
+    values = values.copy()
+    values[samples] = values[samples][0]
+    return values
+
+
+def spoilt(name, aligned, checked, smoothed):
+    """Products in which one thing is wrong, by the name of the check that has to see it."""
+    value = lambda dataset, of, by: moved(dataset, **{of: by(dataset[of].values)})  # noqa: E731
+    return {
+        "position against velocity": (value(aligned, "velocity_i", lambda v: v * [1, 1, -1]), checked, smoothed),
+        "velocity against gravity": (
+            value(value(aligned, "velocity_i", lambda v: 1.02 * v), "position_i", lambda r: 1.02 * r), checked, smoothed
+        ),
+        "lowest height": (value(aligned, "position_i", lambda r: 0.95 * r), checked, smoothed),
+        "greatest height": (value(aligned, "position_i", lambda r: 1.3 * r), checked, smoothed),
+        "attitude against orbit": (value(aligned, "quaternion", turned), checked, smoothed),
+        "magnetometer against IGRF": (aligned, value(checked, "difference_b", lambda b: b + 4e-6), smoothed),
+        "unchanged readings": (value(aligned, "linear_b", lambda a: held(a, slice(4000, 4300))), checked, smoothed),
+        "star camera over torquers, from one": (
+            aligned,
+            checked,
+            value(value(smoothed, "torque_scale", lambda s: 0.6 * s), "torque_scale_sigma", lambda s: 0.1 * s),
+        ),
+        "angular accelerometer over torquers, from one": (
+            aligned, checked, value(smoothed, "angular_scale", lambda s: -s)
+        ),
+        "star camera against dynamics, rms": (aligned, checked, value(smoothed, "residual_rms", lambda r: 20 * r)),
+        "delay of the accelerometer": (aligned, checked, value(smoothed, "acc_delay", lambda t: t + 1.5)),
+        "delay of the star camera": (aligned, checked, value(smoothed, "sca_delay", lambda t: t - 1.5)),
+    }[name]  # fmt: skip
+
+
+SEEN = (
+    "position against velocity", "velocity against gravity", "lowest height", "greatest height",
+    "attitude against orbit", "magnetometer against IGRF", "unchanged readings", "star camera over torquers, from one",
+    "angular accelerometer over torquers, from one", "star camera against dynamics, rms", "delay of the accelerometer",
+    "delay of the star camera",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_each_check_sees_what_it_is_for_and_passes_without(made, name):
+    """Contract: one product spoilt, the check of that name fails; nothing fails before."""
+    products = [made[1][stage] for stage in ("align", "field", "attitude")]
+    told = [checking.of_product(checks.inputs(*given, **LIMITS)) for given in (products, spoilt(name, *products))]
+    clean, found = ({one.name: one.passed for one in some} for some in told)
+    assert all(clean.values())
+    assert clean[name]
+    assert not found[name]
+
+
+def test_two_orbit_products_are_compared_where_both_are(made):
+    """Analytic: the other product 150 m away; with one product there is no such check."""
+    observed, products = made
+    orbit = observed["GNI1B"]
+    other = orbit.assign(xpos=orbit["xpos"] + 150.0)
+    three = [products[stage] for stage in ("align", "field", "attitude")]
+    alone, both = (checking.of_product(checks.inputs(*three, *given, **LIMITS)) for given in ((), (other,)))
+    assert "orbit products" not in {one.name for one in alone}
+    (found,) = [one for one in both if one.name == "orbit products"]
+    assert found.value == pytest.approx(150.0, rel=1e-6)
+    assert not found.passed
+
+
+def test_an_orbit_product_is_read_in_its_own_frame(made):
+    """Analytic: round trip, Earth-fixed states of GNV1B give the inertial ones of GNI1B."""
+    from gravcal.physics import earth
+
+    orbit, aligned = made[0]["GNI1B"], made[1]["align"]
+    spans = np.stack([aligned["window_start"].values, aligned["window_stop"].values], axis=1)
+    time, position, velocity = orbit_i(orbit, spans)
+    columns = dict(zip(("xpos", "ypos", "zpos"), earth.state_to_fixed(time, position, velocity)[0].T, strict=True))
+    fixed = earth.state_to_fixed(time, position, velocity)[1]
+    columns |= dict(zip(("xvel", "yvel", "zvel"), fixed.T, strict=True))
+    values = {name: ("record", column) for name, column in columns.items()}
+    values |= {"time_second": ("record", time.astype(int)), "time_fraction": ("record", 0 * time)}
+    values |= {"time_tag": ("record", time), "flag": ("record", np.zeros(time.size, np.uint8))}
+    back = orbit_i(xr.Dataset(values, attrs={"product": "GNV1B"}), spans)
+    np.testing.assert_allclose(back[1], position, atol=1e-6)  # m, rounding
+    np.testing.assert_allclose(back[2], velocity, atol=1e-9)  # m/s, rounding
+
+
+def test_a_single_stray_sample_is_no_failure_and_three_seconds_are():
+    """Analytic: pieces of 20 samples of which nine tenths must keep to the limit; what is not finite is endless."""
+    time, size = np.arange(100.0), np.zeros(100)
+    size[[13, 55]] = 1e6, np.nan
+    assert checks._misfit(time, size, 20.0) == 0
+    size[56:58] = 7.0
+    assert checks._misfit(time, size, 20.0) == 7
+    assert np.isnan(checks._misfit(time[:0], size[:0], 20.0))
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-6])
+def test_a_dead_channel_is_an_error(made, value):
+    """Contract: a linear channel that never moves has no noise to weigh it with; no division by zero, no result."""
+    dead = moved(made[0]["ACC1A"], lin_accl_y=np.full(made[0]["ACC1A"].sizes["record"], value))
+    with pytest.raises(EstimationError, match="along y: found the same reading"):
+        tools.chain(made[0] | {"ACC1A": dead})
+
+
+SETTINGS = {"fit_limit": 2.0, "plausible_um": 1000.0}
+AGREE = {"level": 1e-4} | {name: {"p": 0.4} for name in ("manoeuvres", "variants", "catalogue")}
+
+
+def result(chi2=900.0, offset=1e-4, **agreement):
+    """Checks of an invented result that fail."""
+    values = {"manoeuvre_chi2": (("variant", "manoeuvre"), [[chi2, 1000.0]]),
+              "manoeuvre_dof": (("variant", "manoeuvre"), [[1000, 1000]]),
+              "offset": (("variant", "axis"), [[offset, np.nan, 2e-5]])}  # fmt: skip
+    combined = xr.Dataset(values, attrs={"variants": "mtq"})
+    tested = AGREE | {name: {"p": p} for name, p in agreement.items()}
+    return {one.name for one in verdicts.checks(combined, tested, SETTINGS) if not one.passed}
+
+
+def test_results_are_checked_for_fit_agreement_and_size():
+    """Contract: residuals 2.5 times the noise, p below the level of the verdict, and the -30,055 um of the issue."""
+    assert result() == set()
+    assert result(chi2=2500.0) == {"chi2 per degree of freedom, mtq"}
+    assert result(offset=-30055e-6) == {"size of the offset"}
+    assert result(manoeuvres=5e-5) == {"agreement of manoeuvres, p"}
+    assert result(variants=5e-5) == {"agreement of angular accelerations, p"}
+    assert result(catalogue=5e-5) == {"agreement of torquers and catalogue, p"}
+    assert result(variants=None) == set()
+
+
+def test_an_angular_scale_of_its_prior_stays_within_the_total_error_of_acc():
+    """Recovery: 5 % about each axis; acc is off by many sigma and by less than two total ones, and nothing fails."""
+    effects = {"accelerometer.angular_scale": {"x": 0.05, "y": 0.05, "z": 0.05}}
+    observed, truth = tools.event(4, effects, manoeuvres=["pitch_high", "roll_high", "yaw_low"])
+    made = tools.chain(observed)
+    combined = made["combine"]
+    index = combined.attrs["variants"].split().index("acc")
+    wrong = combined["offset"].values[index] - 1e-6 * np.array(truth["offset_um"])
+    sigma, total = (np.sqrt(np.diagonal(combined[name].values[index])) for name in ("covariance", "covariance_total"))
+    assert np.max(np.abs(wrong) / sigma) > 4
+    assert np.max(np.abs(wrong) / total) < 2
+    for test in ("variants", "catalogue"):
+        assert float(combined[f"{test}_chi2"]) < 21.1  # 3 degrees of freedom at 1e-4

@@ -1,0 +1,199 @@
+"""Readings, attitude and orbit that contradict each other: an error or questionable, never delivered."""
+
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from independent import worlds
+
+from flows import engine
+from flows import gradient_torque as flow
+from gravcal.data import catalog, icgem
+from gravcal.data.schemas import validate
+from gravcal.errors import GravcalError
+from gravcal.report import gradient_torque_page
+
+STEP = 2.0
+SHORT = {"duration_s": 4000.0, "step_s": STEP, "field_degree": 12}
+QUICK = {"field_degree": 12, "highest_degree": 4}
+
+
+def run(folder, **settings):
+    """Result document."""
+    chosen = catalog.parameters("gradient_torque").with_settings(QUICK | settings)
+    return flow.document(engine.run(flow.calibrate, flow.source(data=folder), chosen, engine="inline"))
+
+
+@pytest.fixture(scope="module")
+def days(tmp_path_factory):
+    """Folders with a record of two sensors and of one."""
+    folders = {}
+    for sensors in (1, 2):
+        folders[sensors] = tmp_path_factory.mktemp(f"day{sensors}")
+        flow.simulate(folders[sensors], seed=3, truth=None, effects={}, settings=SHORT | {"sensors": sensors})
+    return folders
+
+
+@pytest.fixture
+def copied(days, tmp_path, monkeypatch):
+    """Function from the number of sensors to a copy of its folder; a store of its own, the page left out."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
+    monkeypatch.setattr(gradient_torque_page, "page", lambda *_: "")
+    return lambda sensors: shutil.copytree(days[sensors], tmp_path / "files")
+
+
+def edit(folder, name, change):
+    """Change a variable of the file."""
+    with h5py.File(next(folder.glob("SGRS*")), "r+") as file:
+        values = file[name][...]
+        change(values)
+        file[name][...] = values
+
+
+def opposite(*place):
+    """Change of sign of what stands at a place behind time."""
+
+    def change(values):
+        values[:, *place] *= -1
+
+    return change
+
+
+def times(factor, *place):
+    """Change of unit of what stands at a place behind time."""
+
+    def change(values):
+        values[:, *place] *= factor
+
+    return change
+
+
+def exchanged(first, second):
+    """Two components exchanged."""
+
+    def change(values):
+        values[..., [first, second]] = values[..., [second, first]]
+
+    return change
+
+
+def held(*place):
+    """A tenth of the record frozen."""
+
+    def change(values):
+        start, stop = int(0.45 * len(values)), int(0.55 * len(values))
+        values[start:stop, *place] = values[start, *place]
+
+    return change
+
+
+def zero(*place):
+    """72 s of zero."""
+
+    def change(values):
+        values[700 : 700 + int(72 / STEP), *place] = 0.0
+
+    return change
+
+
+CONTRADICTIONS = {
+    "position x and y": ("position", exchanged(0, 1)),
+    "position frozen": ("position", held(0)),
+    "position zero": ("position", zero(2)),
+    "velocity in km/s": ("velocity", times(1e-3)),
+    "sign of a velocity": ("velocity", opposite(1)),
+    "attitude components": ("q", exchanged(1, 2)),
+    "sign of an attitude": ("q", opposite(3)),
+    "attitude frozen": ("q", held()),
+    "attitude zero": ("q", zero()),
+    "linear x and y": ("linear", exchanged(0, 1)),
+    "linear frozen": ("linear", held(0, 2)),
+    "linear zero": ("linear", zero(0, 1)),
+    "linear in mm": ("linear", times(1e3)),
+    "linear in km": ("linear", times(1e-3)),
+    "sign of linear x": ("linear", opposite(slice(None), 0)),
+    "linear y in km": ("linear", times(1e-3, slice(None), 1)),
+    "place x and y": ("sensor_position", exchanged(0, 1)),
+    "angular x and z": ("angular", exchanged(0, 2)),
+    "angular frozen": ("angular", held(0, 1)),
+    "angular zero": ("angular", zero(0, 0)),
+    "angular in mrad": ("angular", times(1e3)),
+    "sign of angular z": ("angular", opposite(slice(None), 2)),
+}
+OF_TWO = {
+    "linear y and z of both": ("linear", exchanged(1, 2)),
+    "sign of linear y of both": ("linear", opposite(slice(None), 1)),
+    "sign of linear z of one": ("linear", opposite(0, 2)),
+    "angular of one in krad": ("angular", times(1e-3, 1)),
+    "sensors exchanged": ("sensor_position", lambda places: places.__imul__(-1)),
+    "places in mm": ("sensor_position", lambda places: places.__imul__(1e3)),
+}
+CASES = [(name, sensors) for name in CONTRADICTIONS for sensors in (1, 2)] + [(name, 2) for name in OF_TWO]
+
+
+@pytest.mark.parametrize(("name", "sensors"), CASES)
+def test_what_contradicts_itself_is_an_error_or_questionable(copied, name, sensors):
+    """Contract: a drag that rests on such a file is never delivered without a word."""
+    folder = copied(sensors)
+    edit(folder, *(CONTRADICTIONS | OF_TWO)[name])
+    try:
+        document = run(folder)
+    except GravcalError:
+        return
+    validate(document)
+    assert document["status"] == "questionable"
+    failed = [one["name"] for one in document["checks"] if not one["passed"]]
+    assert all(one in document["verdict"]["text"] for one in failed)
+
+
+@pytest.mark.parametrize(("sensors", "checks"), [(1, 12), (2, 15)])
+def test_a_clean_day_keeps_to_every_check(copied, sensors, checks):
+    """Recovery: delivered, every check there and none failed."""
+    document = run(copied(sensors))
+    assert document["status"] == "delivered"
+    assert len(document["checks"]) == checks
+    assert all(one["passed"] for one in document["checks"])
+
+
+NOTHING_CONTRADICTS = {
+    "times of the whole file": (2, "time", lambda time: time.__iadd__(120)),
+    "scale of the angular readings": (2, "angular", times(1.02)),
+    "scale of the linear readings": (2, "linear", times(1.02)),
+    "sign of linear z": (1, "linear", opposite(0, 2)),
+    "linear y and z": (1, "linear", exchanged(1, 2)),
+}
+
+
+@pytest.mark.parametrize("name", NOTHING_CONTRADICTS)
+def test_what_nothing_contradicts_is_delivered(copied, name):
+    """Contract: the cases that the page of the calibration lists by name."""
+    sensors, variable, change = NOTHING_CONTRADICTS[name]
+    folder = copied(sensors)
+    edit(folder, variable, change)
+    assert run(folder)["status"] == "delivered"
+
+
+def test_a_world_of_other_code_keeps_to_every_check(tmp_path, monkeypatch):
+    """Recovery: a day of the independent simulator."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
+    folder = worlds.make("sgrs", 3, tmp_path)
+    document = run(folder / "data", field=str(worlds.FIELDS / "gravcal-60.gfc"), field_degree=60)
+    assert [one["name"] for one in document["checks"] if not one["passed"]] == []
+
+
+def test_attitudes_of_no_norm_are_bridged_as_missing_ones(days):
+    """Contract: rows of zeros are no attitude; the angular readings carry it on."""
+    from gravcal.calibrations.gradient_torque import reading
+    from gravcal.data import sgrs_files
+    from tasks import gradient_torque as tasks
+
+    observed = sgrs_files.read(sgrs_files.find(days[2]))
+    stored = reading.field(icgem.read_field(icgem.shipped(), 12))
+    chosen = catalog.parameters("gradient_torque").with_settings(QUICK).for_stage("gradient")
+    numbers = {"satellite": catalog.satellite("S").settings()}
+    lost = [observed.copy(deep=True) for _ in range(2)]
+    for one, nothing in zip(lost, (0.0, np.nan), strict=True):
+        one["q"].values[700:736] = nothing
+    found = [tasks.gradient(one, stored, **numbers, **chosen) for one in lost]
+    assert np.array_equal(found[0]["rate_b"], found[1]["rate_b"])

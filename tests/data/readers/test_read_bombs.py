@@ -1,0 +1,191 @@
+"""Files that unpack to far more than they hold are refused in one line, and nothing of theirs is kept in memory."""
+
+import gzip
+import io
+import subprocess
+import sys
+import tarfile
+
+import h5py
+import numpy as np
+import pytest
+
+from gravcal.data import inertial_files, memo, sgrs_files, unpacked
+from gravcal.data.archive import inventory
+from gravcal.data.readers import read
+from gravcal.errors import ProductError
+
+NAME = "SCA1B_2023-06-01_C_04.txt"
+
+
+def tarred(path, members):
+    """Archive with members of zeros, {name: size}."""
+    with tarfile.open(path, "w:gz", compresslevel=1) as packed:
+        for name, size in members.items():
+            item = tarfile.TarInfo(name)
+            item.size = size
+            packed.addfile(item, io.BytesIO(bytes(size)))
+    return path
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Limit of 1 MB."""
+    monkeypatch.setenv("GRAVCAL_UNPACKED_LIMIT", "1")
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize("packed", [True, False])
+def test_a_file_above_the_limit_is_refused(tmp_path, packed):
+    """Contract: plain or packed; with the limit, and how to raise it."""
+    path = tmp_path / (NAME + ".gz" * packed)
+    path.write_bytes(gzip.compress(bytes(1_000_001)) if packed else bytes(1_000_001))
+    with pytest.raises(ProductError, match=r"more than 1 MB of content.*GRAVCAL_UNPACKED_LIMIT"):
+        read(path)
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize(
+    ("members", "said"),
+    [
+        ({NAME: 1_000_001}, "more than 1 MB of content"),
+        ({f"{n}.txt": 1_000_000 for n in range(17)}, "more than 16 MB in an archive"),
+        ({f"{n}.txt": 0 for n in range(10_001)}, "more than 10000 members"),
+    ],
+)
+def test_an_archive_above_the_limits_is_refused(tmp_path, members, said):
+    """Contract: by one member, by all together, by their number; when listed and when digests are made."""
+    path = tarred(tmp_path / "x.tgz", members)
+    with pytest.raises(ProductError, match=said):
+        inventory(tmp_path)
+    with pytest.raises(ProductError, match=said):
+        memo.file_digest(path, NAME)
+
+
+@pytest.mark.usefixtures("small")
+def test_a_long_name_of_a_member_is_not_read_whole(tmp_path):
+    """Contract: names and comments of members lie in the archive like files."""
+    with tarfile.open(tmp_path / "x.tgz", "w:gz", format=tarfile.GNU_FORMAT) as packed:
+        packed.addfile(tarfile.TarInfo("a" * 2_000_000))
+    with pytest.raises(ProductError, match="one member"):
+        inventory(tmp_path)
+
+
+@pytest.mark.parametrize("given", ["none", "0", "-1", "inf"])
+def test_a_limit_that_is_none_is_refused(monkeypatch, given):
+    """Contract: the setting is a positive number."""
+    monkeypatch.setenv("GRAVCAL_UNPACKED_LIMIT", given)
+    with pytest.raises(ProductError, match="positive number of MB"):
+        unpacked.limit()
+
+
+def declared(path, name, shape):
+    """Variable that declares far more than it holds."""
+    with h5py.File(path, "w") as file:
+        file.create_dataset(name, shape, "f8", chunks=True, compression="gzip")
+
+
+@pytest.mark.parametrize(
+    ("name", "module"), [("IS1_2022-05-18_T_01.nc", inertial_files), ("SGRS_2022-05-18_S_01.nc", sgrs_files)]
+)
+def test_variables_that_declare_too_much_are_refused(tmp_path, name, module):
+    """Contract: 8 TB declared in a file of some kilobytes."""
+    declared(tmp_path / name, "time", (10**12,))
+    with pytest.raises(ProductError, match="declared variables"):
+        module.read(module.inventory(tmp_path)[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "module"), [("IS1_2022-05-18_T_01.nc", inertial_files), ("SGRS_2022-05-18_S_01.nc", sgrs_files)]
+)
+def test_variables_of_other_files_are_not_followed(tmp_path, name, module):
+    """Contract: a link to another file, and raw data in one."""
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["time"] = np.arange(3.0)
+    with h5py.File(tmp_path / name, "w") as file:
+        file["time"] = h5py.ExternalLink("other.h5", "time")
+    with pytest.raises(ProductError, match="no variable of this file"):
+        module.read(module.inventory(tmp_path)[0])
+    with h5py.File(tmp_path / name, "w") as file:
+        file.create_dataset("time", (3,), "f8", external=[(str(tmp_path / "other.h5"), 0, 24)])
+    with pytest.raises(ProductError, match="no variable of this file"):
+        module.read(module.inventory(tmp_path)[0])
+
+
+READ = """
+import resource, sys
+from pathlib import Path
+from gravcal.data import archive
+from gravcal.data.readers import read
+from gravcal.errors import ProductError
+import polars, xarray
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)
+resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
+try:
+    path = Path(sys.argv[1])
+    archive.inventory(path) if path.name.endswith("tgz") else read(path)
+except ProductError as error:
+    print(len(str(error).splitlines()), error)
+"""
+
+
+@pytest.mark.parametrize("form", ["gz", "tgz"])
+def test_a_bomb_is_refused_within_memory_and_time(tmp_path, form):
+    """Contract: 2 GB of zeros in 2 MB; one line, within 1 GB of memory beyond what the interpreter has."""
+    if form == "gz":
+        path = tmp_path / f"{NAME}.gz"
+        zeros = bytes(2**24)
+        with gzip.open(path, "wb", 1) as packed:
+            for _ in range(128):
+                packed.write(zeros)
+    else:
+        path = tarred(tmp_path / "x.tgz", {NAME: 2**28, "SCA1B_2023-06-01_D_04.txt": 2**28})
+    allowed = 3 * 2**30  # address space: the interpreter with its libraries takes 2
+    done = subprocess.run([sys.executable, "-c", READ, path, str(allowed)], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.startswith("1 ")
+    assert "more than 256 MB" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "header:\n  a: &a [x, x, x, x, x, x, x, x, x]\n"
+        + "".join(f"  {n}: &{n} [{', '.join(9 * ['*' + p])}]\n" for p, n in zip("abcdefgh", "bcdefghi", strict=True))
+        + "  global_attributes:\n    title: *i\n",
+        "header:\n  global_attributes: " + 100_000 * "[" + "\n",
+        "header:\n  dimensions:\n    num_records: " + 9000 * "9" + "\n",
+    ],
+    ids=["aliases of aliases", "deep", "long number"],
+)
+def test_headers_that_grow_are_refused(tmp_path, header):
+    """Contract: aliases that multiply, nesting and digits without end."""
+    path = tmp_path / NAME
+    path.write_text(header + "# End of YAML header\n")
+    with pytest.raises(ProductError, match=NAME):
+        read(path)
+
+
+@pytest.mark.parametrize("product", ["IS1", "ATT", "ORB"])
+def test_a_netcdf_file_with_damaged_structure_is_refused(tmp_path, product):
+    """Contract: bytes put in anywhere, values of text: refused or read, never a trace as of a wrong checksum."""
+    time = 706060800.0 - 43200 + np.arange(2000.0)
+    record = {"IS1": {"volts": np.ones((2000, 6))}, "ATT": {"quaternion": np.ones((2000, 4))}}.get(
+        product, {"position": np.ones((2000, 3)), "velocity": np.ones((2000, 3))}
+    )
+    (path,) = inertial_files.write(tmp_path, product, {"time": time} | record)
+    (file,) = inertial_files.inventory(tmp_path)
+    whole, refused = path.read_bytes(), 0
+    for place in range(0, 9000, 90):
+        path.write_bytes(whole[:place] + b"\x00\xffgravcal\x17" + whole[place:])
+        try:
+            inertial_files.read(file)
+        except ProductError:
+            refused += 1
+    assert refused > 10
+    path.write_bytes(whole)
+    with h5py.File(path, "r+") as content:
+        del content["time"]
+        content["time"] = np.array([b"noon"] * 2000)
+    with pytest.raises(ProductError, match="no readable netCDF file"):
+        inertial_files.read(file)

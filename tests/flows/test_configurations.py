@@ -1,0 +1,320 @@
+"""Configurations: what a what-if leaves alone, what a name stands for, and promotion."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flows import cli, command, engine, prefect_engine
+from gravcal.data import catalog, configurations, housekeeping, journal, location
+from gravcal.errors import CatalogError
+
+SCRIPT = Path(__file__).parent / "run_campaign.py"
+
+
+def gravcal(*arguments):
+    """Exit code of a command run in this process."""
+    sys.argv = ["gravcal", *map(str, arguments)]
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return ended.value.code
+
+
+@pytest.fixture
+def run(fakecal):
+    """Return a function that runs the invented calibration here; it must deliver."""
+
+    def run_(*options, word="run"):
+        inline = () if word == "plan" else ("--engine", "inline")
+        assert gravcal(word, "fakecal", "--data", fakecal, *inline, *options) == 0
+
+    return run_
+
+
+def links(name=None):
+    """Keys that the links of the invented event lead to, by stage."""
+    found = location.links("fake-1", name).glob("*.*")
+    return {link.name.partition(".")[2]: link.readlink().name for link in found}
+
+
+def test_an_experiment_has_links_of_its_own_and_leaves_the_delivery(run):
+    """Contract: the operational links stay; the name is made of the change; what both share is one product."""
+    run()
+    before = links()
+    run("--set", "gain=3")
+    assert links() == before
+    own = links("gain-3.0")
+    assert own["scale.one"] != before["scale.one"]
+    assert own["start"] == before["start"]
+    assert housekeeping.prune(keep_s=-1e9) == []  # nothing of either is without a link
+    run()
+    assert links() == before
+
+
+def test_prune_by_configuration_removes_an_experiment_and_nothing_that_others_need(run, capsys):
+    """Contract: by name or pattern, what only it led to, with its links; never what is operational; pins stay."""
+    run()
+    delivered = links()
+    for gain in (3, 4):
+        run("--set", f"gain={gain}", "--as", f"try-{gain}")
+    first, second = links("try-3"), links("try-4")
+    assert gravcal("products", "pin", second["scale.one"]) == 0
+    assert housekeeping.prune(keep_s=3600, configuration="try-*") == []  # the links are young
+    assert gravcal("products", "prune", "--configuration", "operational") == 2
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(configurations, "operational", lambda _: {"name": "try-3"})
+        dropped = {path.parent.name for path, _ in housekeeping.prune(keep_s=-1e9, configuration="try-*")}
+    assert "try-3" not in dropped  # promoted
+    assert "try-4" in dropped
+    assert gravcal("products", "prune", "--configuration", "try-*", "--older-than-h", "-1", "--remove") == 0
+    assert (links("try-3"), links("try-4"), links()) == ({}, {}, delivered)
+    left = {path.name for path in housekeeping.folders()}
+    assert first["scale.one"] not in left
+    assert left == {*delivered.values(), second["scale.one"]}
+    assert gravcal("products", "unpin", second["scale.one"]) == 0
+
+
+def test_each_configuration_has_its_record_of_runs(run):
+    """Contract: a failed experiment does not turn a delivered event into a failed one."""
+    run()
+    run("--set", "gain=3", "--as", "mine")
+    assert journal.last("fake-1", "fakecal")["stages"]
+    with location.configured("mine"):
+        assert journal.last("fake-1", "fakecal")["configuration"] == "mine"
+    assert {one["configuration"] for one in journal.runs()} == {"operational", "mine"}
+
+
+def test_a_setting_that_changes_nothing_makes_no_experiment(run, fakecal):
+    """Contract: the catalogue's own value is the operational configuration, which no name can take."""
+    run("--set", "gain=2.0")
+    assert configurations.names("fakecal") == []
+    assert not (location.links("fake-1") / "as").exists()
+    assert gravcal("run", "fakecal", "--data", fakecal, "--set", "gain=2.0", "--as", "mine") == 1
+
+
+def test_a_name_alone_runs_a_recorded_experiment_again(run, fakecal, capsys):
+    """Contract: with the same settings; a name that was never run is an error with those that were."""
+    run("--set", "gain=3", "--set", "count=5", "--as", "mine")
+    before = links("mine")
+    capsys.readouterr()
+    run("--as", "mine", "--json", "-")
+    assert json.loads(capsys.readouterr().out)["total"] == 3.0 * 2 * sum(range(8))
+    assert links("mine") == before
+    assert gravcal("run", "fakecal", "--data", fakecal, "--as", "other") == 1
+    assert "there is operational, catalogue, mine" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_name_never_changes_its_meaning(run, fakecal, capsys):
+    """Contract: other settings under the same name are refused until it is forgotten, links and all."""
+    run("--set", "gain=3", "--as", "mine")
+    before = links("mine")
+    again = ("run", "fakecal", "--data", fakecal, "--engine", "inline", "--set", "gain=4", "--as", "mine")
+    assert gravcal(*again) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "stands for gain=3.0, found gain=4.0" in said
+    assert "--forget" in said
+    assert links("mine") == before
+    assert gravcal("settings", "fakecal", "mine", "--forget") == 0
+    assert links("mine") == {}
+    assert gravcal(*again) == 0
+
+
+@pytest.mark.parametrize("name", ["../x", "", ".", "a/b", "-a", "x" * 81])
+def test_a_name_is_a_plain_word(fakecal, name):
+    """Contract: it becomes a folder."""
+    with pytest.raises(CatalogError, match="expected letters"):
+        configurations.chosen("fakecal", {"gain": "3"}, name)
+
+
+def test_operational_and_catalogue_are_no_names_for_experiments(fakecal):
+    """Contract: what they stand for cannot be said anew."""
+    for name in ("operational", "catalogue"):
+        with pytest.raises(CatalogError):
+            configurations.chosen("fakecal", {"gain": "3"}, name)
+    assert configurations.chosen("fakecal", {}, "operational").configuration == "operational"
+
+
+def test_names_made_of_changes_are_stable_readable_and_differ(fakecal):
+    """Contract: in the order of the alphabet; what a folder cannot be called is replaced and told by a digest."""
+    made = lambda **given: configurations.chosen("com_offset", given).configuration  # noqa: E731
+    assert made(noise_order="25") == made(noise_order=25) == "noise_order-25"
+    assert made(noise_order="25", lowpass_hz="0.3") == made(lowpass_hz=0.3, noise_order=25)
+    assert made(lowpass_hz="0.3", noise_order=25) == "lowpass_hz-0.3,noise_order-25"
+    entry = lambda value: json.dumps([{"cause": "torque.dipole_gain", "parameters": {"rod_y": {"value": value}}}])  # noqa: E731
+    one, other = made(model=entry(0.03)), made(model=entry(0.04))
+    assert one.startswith("model-torque.dipole_gain-")
+    assert one != other
+    assert configurations.NAME.fullmatch(made(**{n: e.value * 2 for n, e in floats("com_offset")}))
+
+
+def floats(calibration):
+    """Parameters of a calibration that may be doubled."""
+    entries = catalog.parameters(calibration).entries.items()
+    return [(n, e) for n, e in entries if isinstance(e.value, float) and (e.maximum or 0) >= 2 * e.value > 0]
+
+
+def test_a_plan_compares_with_the_same_configuration(run, fakecal, capsys):
+    """Contract: an experiment with its own last product; one that never was with the operational one; records none."""
+    run()
+    run("--set", "gain=3", "--as", "mine")
+    run("--set", "gain=4", "--as", "other")
+    plan = lambda *given: [one["reasons"] for one in planned(fakecal, capsys, *given)]  # noqa: E731
+    assert plan() == plan("--as", "mine") == plan("--set", "gain=3") == [[], []]
+    assert plan("--set", "gain=5") == [[], ["gain: 2.0 -> 5.0"]]
+    assert configurations.names("fakecal") == ["mine", "other"]
+    (fakecal / "MAG1B_2020-02-01_C_04.txt").write_text("longer")
+    run()
+    assert plan("--as", "mine")[1] == ["input " + start(fakecal) + " changed"]
+
+
+def start(fakecal):
+    """Kind of the first stage."""
+    return next(entry.ref.kind for entry in housekeeping.entries() if entry.ref.kind.endswith("start"))
+
+
+def planned(fakecal, capsys, *given):
+    """Steps of a plan."""
+    capsys.readouterr()
+    assert gravcal("plan", "fakecal", "--data", fakecal, "--json", "-", *given) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_promoted_experiment_is_what_plain_runs_do(run, fakecal, capsys):
+    """Contract: with who, when and why in a journal; a plan shows only what changes; the catalogue can come back."""
+    run()
+    before = links()
+    run("--set", "gain=3", "--as", "mine")
+    assert gravcal("promote", "fakecal", "mine", "--why", "closer to the truth", "--who", "an operator") == 0
+    assert links() == before  # until the next run
+    steps = planned(fakecal, capsys)
+    assert [(one["action"], one["reasons"]) for one in steps] == [("reuse", []), ("reuse", [])]
+    run()
+    assert links()["scale.one"] == links("mine")["scale.one"] != before["scale.one"]
+    last = configurations.promotions("fakecal")[-1]
+    assert (last["name"], last["who"], last["why"]) == ("mine", "an operator", "closer to the truth")
+    assert last["when"].startswith("20")
+    run("--set", "count=5")  # an experiment is made of all that differs from the catalogue
+    assert links("count-5,gain-3.0")
+    run("--set", "gain=2")
+    assert links("catalogue")["scale.one"] == before["scale.one"]
+    assert gravcal("settings", "fakecal", "mine", "--forget") == 1
+    assert gravcal("promote", "fakecal", "catalogue", "--why", "not closer after all") == 0
+    run()
+    assert links() == before
+    assert [one["name"] for one in configurations.promotions("fakecal")] == ["mine", "catalogue"]
+
+
+def test_a_promotion_needs_a_reason_and_an_experiment(run, fakecal):
+    """Contract: wrong usage without --why; an error with an empty one, an unknown name, or what holds already."""
+    run("--set", "gain=3", "--as", "mine")
+    assert gravcal("promote", "fakecal", "mine") == 2
+    for name, why in (("mine", " "), ("other", "x"), ("catalogue", "x"), ("operational", "x")):
+        assert gravcal("promote", "fakecal", name, "--why", why) == 1
+    assert configurations.promotions("fakecal") == []
+
+
+@pytest.mark.parametrize("text", ["[]", "{", '{"settings": 3}', '{"settings": {"gone": 1}}', "\x00\xff"])
+def test_a_broken_record_is_an_error_with_its_place(fakecal, text):
+    """Contract: no trace, nothing run with half of the settings."""
+    path = location.folder() / "configurations" / "fakecal" / "mine.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(text)
+    with pytest.raises(CatalogError, match="mine"):
+        configurations.chosen("fakecal", {}, "mine")
+    path.rename(path.with_name("promotions.jsonl"))
+    with pytest.raises(CatalogError, match=r"promotions|operational"):
+        configurations.chosen("fakecal", {})
+
+
+def test_experiments_are_listed_as_such(run, fakecal, capsys):
+    """Contract: products with their configurations; a product of an experiment is named by its path below latest."""
+    run()
+    run("--set", "gain=3", "--as", "mine")
+    capsys.readouterr()
+    assert gravcal("products", "list", "--as", "mine", "--json", "-") == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert sorted(one["configurations"] for one in listed) == [["mine"], ["mine", "operational"]]
+    stage = next(one["product"] for one in listed if one["configurations"] == ["mine"]).partition("/")[2]
+    assert gravcal("history", f"fake-1/as/mine/{stage}", "--json", "-") == 0
+    key = json.loads(capsys.readouterr().out)["record"]["key"]
+    assert key == links("mine")["scale.one"] != links()["scale.one"]
+    assert housekeeping.resolve(f"fake-1/{stage}").ref.key == links()["scale.one"]
+
+
+@pytest.mark.parametrize("options", [("--workers", "0"), ("--engine", "inline", "--workers", "1")])
+def test_a_campaign_of_an_experiment_leaves_the_delivery(run, fakecal, pipeline, options):
+    """Contract: in this process and in workers of Dask; its settings are recorded."""
+    run()
+    before = links()
+    folder = fakecal / "events" / "1"
+    folder.mkdir(parents=True)
+    (folder / pipeline.raw.name).write_text(pipeline.raw.read_text())
+    known = {"FAKE_CODE": str(pipeline.folder.parent), "FAKE_FLOWS": str(fakecal / "extra")}
+    words = ["campaign", "fakecal", "--data", folder.parent, "--set", "gain=3", *options]
+    subprocess.run([sys.executable, SCRIPT, *map(str, words)], check=True, env=os.environ | known, capture_output=True)
+    assert links() == before
+    assert links("gain-3.0")
+    assert configurations.names("fakecal") == ["gain-3.0"]
+
+
+def test_tasks_of_prefect_point_the_links_of_their_configuration(fakecal, monkeypatch, prefect_home):
+    """Contract: the engine that submits stages to threads of Prefect."""
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home))
+    chosen = command.recorded(command.chosen("fakecal", ["gain=3"]))
+    source = command.source("fakecal", None, fakecal, None, None)
+    used = []
+    monkeypatch.setattr(prefect_engine, "warn", used.append)
+    engine.run(command.flow_module("fakecal").calibrate, source, chosen)
+    assert used == []
+    assert links() == {}
+    assert set(links("gain-3.0")) == {"start", "scale.one"}
+
+
+def test_settings_say_what_they_are_and_what_was_tried(run, capsys):
+    """Contract: value, unit, reason of parameters; recorded configurations; one of either by name."""
+    run("--set", "gain=3", "--as", "mine")
+    assert gravcal("promote", "fakecal", "mine", "--why", "because") == 0
+    capsys.readouterr()
+    assert gravcal("settings", "fakecal", "--json", "-") == 0
+    document = json.loads(capsys.readouterr().out)
+    gain = document["parameters"]["gain"]
+    assert (gain["value"], gain["catalogue"], gain["unit"], gain["reason"]) == (3.0, 2.0, "1", "invented")
+    assert document["configurations"] == {"mine": {"gain": 3.0}}
+    assert document["operational"]["why"] == "because"
+    assert gravcal("settings", "fakecal") == 0
+    assert "invented" in capsys.readouterr().out
+    assert gravcal("settings", "fakecal", "gain") == 0
+    assert "invented" in capsys.readouterr().out
+    assert gravcal("settings", "fakecal", "mine") == 0
+    assert "3.0" in capsys.readouterr().out
+    assert gravcal("settings", "fakecal", "nothing") == 1
+    assert gravcal("settings") == 0
+    assert "com_offset" in capsys.readouterr().out
+
+
+def test_a_comparison_needs_events_of_both(run, fakecal, capsys):
+    """Contract: an error that says what to run; a configuration that was never run is one, too."""
+    run()
+    run("--set", "gain=3", "--as", "mine")
+    assert gravcal("compare", "fakecal", "operational", "mine") == 1  # its flow has no report
+    assert "found 0 events of operational" in " ".join(capsys.readouterr().err.split())
+    assert gravcal("compare", "fakecal", "operational", "other") == 1
+
+
+def test_events_of_the_catalogue_say_whether_their_files_are_at_hand(tmp_path, monkeypatch, capsys):
+    """Contract: name, calibration, date, folder or why not."""
+    monkeypatch.setenv("GRAVCAL_DATA", str(tmp_path))
+    (tmp_path / "ACC1A_2020-02-01_C_04.txt").write_text("")
+    assert gravcal("events", "--json", "-") == 0
+    known = {row["event"]: row for row in json.loads(capsys.readouterr().out)}
+    assert len(known) == len(catalog.names("events"))
+    assert known["grace-c-2020-02-01"] | {"files": ""} == {
+        "event": "grace-c-2020-02-01", "calibration": "com_offset", "date": "2020-02-01", "files": ""}  # fmt: skip
+    assert known["grace-c-2020-02-01"]["files"] == str(tmp_path)
+    assert known["grace-c-2018-07-29"]["files"] == "no data"
+    assert known["taiji-1-2022-08"]["date"] == "unknown"
+    assert gravcal("events", "com_offset") == 0
+    assert "kbr_phase_centre" not in capsys.readouterr().out

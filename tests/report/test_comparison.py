@@ -1,0 +1,95 @@
+"""Two configurations beside each other."""
+
+import numpy as np
+import pytest
+
+from gravcal.data.results import Value, values
+from gravcal.report import comparison
+
+
+def document(calibration="com_offset", **more):
+    """Result document with what a comparison reads."""
+    head = {"calibration": calibration, "status": "delivered", "origin": "simulated"}
+    return head | {"settings": {"noise_order": 20, "configuration": "a"}, "verdict": {"text": "t"}, "checks": []} | more
+
+
+def adopted(offset, sigma):
+    """Block of an adopted offset."""
+    return {"adopted": {"variant": "mtq"}, "variants": {"mtq": {"offset_um": offset, "sigma_um": sigma}}}
+
+
+def test_the_difference_of_nested_solutions_scatters_by_its_sigma():
+    """Recovery: half of the data against all of it, weighed alike: rms of in_sigma is one within 3 standard errors."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(1000):
+        data = rng.normal(size=40)
+        half, whole = (Value("", "x", "m", d.mean(), d.size**-0.5, None) for d in (data[:20], data))
+        found.append(comparison.difference(half, whole)["in_sigma"])
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1, abs=3 / np.sqrt(2000))
+
+
+def test_equal_errors_say_nothing_of_the_difference_in_its_sigma():
+    """Contract: null, never a division by nearly zero; the difference stays, also in sigma of the first."""
+    same = comparison.difference(Value("", "x", "um", 1.0, 2.0, 9.0), Value("", "x", "um", 2.0, 2.001, 9.0))
+    assert (same["difference"], same["sigma"], same["in_sigma"], same["in_sigma_of_first"]) == (1.0, None, None, 0.5)
+    for unknown in (Value("", "x", "um", None, None, None), Value("", "x", "um", 1.0, None, None)):
+        found = comparison.difference(unknown, Value("", "x", "um", 1.0, 2.0, None))
+        assert (found["in_sigma"], found["in_sigma_of_first"]) == (None, None)
+    assert comparison.difference(*[Value("", "x", "um", 0.0, 0.0, None)] * 2)["in_sigma"] is None
+
+
+def test_changed_settings_verdicts_statuses_and_checks_are_named():
+    """Contract: from both documents; the name of the configuration and the text of the verdict are no change."""
+    checks = [{"name": "manoeuvres agree", "value": 1.0, "limit": 2.0, "unit": "1", "passed": True}]
+    first = document(**adopted([1.0, 2.0, None], [0.5, 0.5, None]), verdict={"text": "a", "met": True}, checks=checks)
+    second = first | adopted([1.5, 2.0, 7.0], [0.3, 0.5, 1.0]) | {"status": "questionable"}
+    second |= {"settings": {"noise_order": 25, "configuration": "b"}, "verdict": {"text": "b", "met": False}}
+    second["checks"] = [checks[0] | {"passed": False}]
+    found = comparison.comparison(
+        "com_offset", ("a", "b"), [("grace-c-2020-02-01", first, second)], {"a": [], "b": ["e"]}
+    )
+    (event,) = found["events"]
+    assert event["settings"] == {"noise_order": [20, 25]}
+    assert event["verdict"] == {"met": [True, False]}
+    assert event["checks"] == {"manoeuvres agree": [True, False]}
+    assert event["status"] == ["delivered", "questionable"]
+    x, _, z = event["values"]
+    assert (x["difference"], x["sigma"], x["in_sigma"]) == (0.5, pytest.approx(0.4), pytest.approx(1.25))
+    assert (z["difference"], z["in_sigma"]) == (None, None)
+    page = comparison.page(found)
+    for text in ("noise_order", "+1.25", "undetermined", "check manoeuvres agree", "Only in b: e", "(simulated)"):
+        assert text in page
+
+
+def test_the_values_of_every_calibration_are_named():
+    """Contract: adopted phase centres; k, beta, offset and bias; errors of the methods; nothing of a failed event."""
+    found = values(document("kbr_phase_centre", adopted={"satellites": {"C": {"phase_centre_mm": [1.0, 2.0, None],
+                            "sigma_mm": [0.1, 0.2, None]}}}))  # fmt: skip
+    assert [(one.label, one.value, one.unit) for one in found] == [
+        ("C x", 1.0, "mm"),
+        ("C y", 2.0, "mm"),
+        ("C z", None, "mm"),
+    ]
+    swing = {"k": {"x": {"value": 1.0, "sigma": 0.1}, "y": None}, "beta": {"x": {"value": 2.0, "sigma": 0.1}}}
+    swing["com_to_test_mass_um"] = {"value": [1.0] * 3, "sigma": [2.0] * 3, "sigma_total": [3.0] * 3}
+    found = values(
+        document("inertial_sensor", swing=swing, roll={"bias": {"value": [1.0, None, 2.0], "sigma": [1.0, None, 1.0]}})
+    )
+    assert [one.label for one in found] == [
+        "offset x",
+        "offset y",
+        "offset z",
+        "k x",
+        "beta x",
+        "bias x",
+        "bias y",
+        "bias z",
+    ]
+    drag = {
+        "two_sensor": {"sigma_total_rms": 1e-12, "rms_error": 2e-12},
+        "one_sensor": {"sigma_total_rms": 3e-12, "rms_error": None},
+    }
+    found = values(document("gradient_torque", drag=drag))
+    assert [one.label for one in found] == ["two sensor", "two sensor error", "one sensor"]
+    for name in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque", "other"):
+        assert values({"calibration": name, "status": "failed"}) == []

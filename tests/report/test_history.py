@@ -1,0 +1,76 @@
+"""Results over the years, beside printed values and mass trims."""
+
+import datetime
+
+import pytest
+
+from gravcal.browse import printed
+from gravcal.browse.printed import Point
+from gravcal.report import history
+
+DAY = datetime.datetime(2020, 2, 1, 12)
+
+
+def point(axis="x", mood="good", **changed):
+    """Value of GRACE-C on 2020-02-01."""
+    known = {"satellite": "C", "panel": axis, "unit": "µm", "date": DAY, "value": 106.0, "sigma": 8.0}
+    return Point(**known | {"event": "grace-c-2020-02-01", "mood": mood, "said": ""} | changed)
+
+
+def made(points):
+    """History of GRACE-C with trims and printed values."""
+    trims = [("C", one) for one in printed.trims("C")]
+    return history.history("Offset", [*points, *printed.points("com_offset", "C")], trims, 100.0)
+
+
+def test_the_history_holds_every_printed_event_and_trim():
+    """Published: 20 rows of Table 9 and four trims of Table 4, ours in a row of its own beside that of its day."""
+    rows, html = made([point()])
+    assert sum(row["kind"] == "printed" for row in rows) == 3 * 20
+    assert [row["value"] for row in rows if row["kind"] == "trim"] == [103.0, -30.0, -113.0, -32.0]
+    at = [row["value"] for row in rows if row["quantity"] == "x" and row["event"] == "grace-c-2020-02-01"]
+    assert sorted(at) == [106.0, 107.0]
+    assert "−333.1 ± 0.9" in html
+
+
+def test_rows_are_in_order_of_time_and_plain():
+    """Contract: a trim stands between the events it separates; a row is what JSON can hold."""
+    rows, _ = made([point()])
+    dates = [row["date"] for row in rows]
+    assert dates == sorted(dates)
+    assert all(isinstance(value, (str, float, int, type(None))) for row in rows for value in row.values())
+
+
+@pytest.mark.parametrize("mood", ["questionable", "simulated", "mixed"])
+def test_what_is_no_measured_delivery_has_a_row_and_mark_of_its_own(mood):
+    """Contract: named in its row and in the picture, never one line with what was measured."""
+    rows, html = made([point(), point(mood=mood)])
+    own = [row["kind"] for row in rows if row["event"] == "grace-c-2020-02-01" and row["quantity"] == "x"]
+    assert sorted(own) == sorted(["measured", "printed", mood])
+    assert f'<td class="word ">{history.MARKS[mood][2]}</td>' in html
+    assert html != made([point(), point()])[1]
+
+
+def test_the_page_is_the_same_every_time():
+    """Contract: no random identifiers, no date in the SVG."""
+    assert made([point()])[1] == made([point()])[1]
+
+
+def test_each_unit_has_a_table_and_small_numbers_keep_their_digits():
+    """Contract: scale factors of 1e-5 and offsets of micrometres of one satellite."""
+    scale = point("k x", unit="m s-2 V-1", value=1.2345e-5, sigma=1.2e-9, satellite="T")
+    _, html = history.history("Sensor", [point("offset x", satellite="T"), scale])
+    assert html.count("<table") == 2
+    assert "1.234e-05 ± 1.2e-09" in html
+
+
+def test_marks_differ_and_no_line_joins_values_of_ours():
+    """Contract: measured, questionable, simulated and mixed values each have a mark of their own in the picture."""
+    moods = ("good", "questionable", "simulated", "mixed")
+    rows, _ = history.history("Offset", [point(mood=mood) for mood in moods])
+    panel = history._draw(rows, None).axes[0]
+    assert [one.get_label() for one in panel.containers] == [
+        label for kind, (*_, label) in history.MARKS.items() if kind != "printed"
+    ]
+    assert len({(one.lines[0].get_marker(), one.lines[0].get_color()) for one in panel.containers}) == 4
+    assert {one.lines[0].get_linestyle() for one in panel.containers} == {"None"}
