@@ -48,7 +48,7 @@ def invented(folder) -> tuple[Path, str]:
     """Store with one product of three noisy series and their times; the path of the file, and its key."""
     import xarray as xr
 
-    from gravcal.data import store
+    from gravcal.store import store
 
     os.environ["GRAVCAL_PRODUCTS"] = folder
     wave = np.random.default_rng(1).standard_normal((COUNT, 3))

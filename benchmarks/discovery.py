@@ -140,7 +140,7 @@ def _large(place, plain, before, effects):
 @contextlib.contextmanager
 def _folder():
     """Temporary folder with a product store of its own."""
-    from gravcal.data import memory
+    from gravcal.store import memory
 
     memory.clear()
     with tempfile.TemporaryDirectory() as folder:
@@ -151,7 +151,8 @@ def _folder():
 def _products(folder):
     """Products that discovery looks at, and the settings of its view."""
     from flows import com_offset
-    from gravcal.data import catalog, memory
+    from gravcal import catalog
+    from gravcal.store import memory
     from tasks.stage import read
 
     memory.clear()
@@ -180,7 +181,7 @@ def _outcome(folder, case):
     """What discovery says of a case."""
     from flows import com_offset
     from flows import discover as flow
-    from gravcal.data import catalog
+    from gravcal import catalog
     from tasks.stage import read
 
     truth = cases.written(folder / "final", case)

@@ -15,9 +15,9 @@ import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 
 from benchmarks.inertial_sensor import START, geometry  # noqa: E402
+from gravcal import catalog  # noqa: E402
 from gravcal.calibrations.inertial_sensor import align, detect, offset, scale  # noqa: E402
 from gravcal.calibrations.inertial_sensor import discovery_view as views  # noqa: E402
-from gravcal.data import catalog  # noqa: E402
 from gravcal.discovery import attribution  # noqa: E402
 from gravcal.discovery import inertial_sensor as discovery  # noqa: E402
 from gravcal.discovery.blocks import Block  # noqa: E402

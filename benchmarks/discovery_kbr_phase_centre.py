@@ -16,8 +16,8 @@ single_threaded()
 import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 
+from gravcal import catalog  # noqa: E402
 from gravcal.calibrations.kbr_phase_centre import discovery_view as views  # noqa: E402
-from gravcal.data import catalog  # noqa: E402
 from gravcal.discovery import attribution  # noqa: E402
 from gravcal.discovery import kbr_phase_centre as discovery  # noqa: E402
 from gravcal.discovery.blocks import Block  # noqa: E402

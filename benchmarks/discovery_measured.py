@@ -15,9 +15,9 @@ single_threaded()
 import numpy as np  # noqa: E402
 
 from flows import discover_measured, measured_attitude  # noqa: E402
+from gravcal import catalog  # noqa: E402
 from gravcal.calibrations.attitude_thrusters import noise as noises  # noqa: E402
 from gravcal.calibrations.attitude_thrusters import placebo, series, view  # noqa: E402
-from gravcal.data import catalog  # noqa: E402
 from tasks import common  # noqa: E402
 
 RUNS = (

@@ -11,12 +11,12 @@ import numpy as np
 import xarray as xr
 
 from flows import com_offset
-from gravcal.data import catalog
-from gravcal.data.readers import tables
-from gravcal.data.readers.dataset import TICKS
-from gravcal.data.references import ProductRef
+from gravcal import catalog
+from gravcal.io.readers import tables
+from gravcal.io.readers.dataset import TICKS
 from gravcal.simulation import com_offset as simulation
 from gravcal.simulation import streams
+from gravcal.store.references import ProductRef
 from tasks import stage
 
 

@@ -16,9 +16,10 @@ single_threaded()  # before numpy: processor time of several threads would count
 
 import numpy as np  # noqa: E402
 
+from gravcal import catalog  # noqa: E402
 from gravcal.calibrations.gradient_torque import drag, gradient, reading  # noqa: E402
-from gravcal.data import catalog, icgem  # noqa: E402
-from gravcal.data.fields.generate import EARTH  # noqa: E402
+from gravcal.io import icgem  # noqa: E402
+from gravcal.io.fields.generate import EARTH  # noqa: E402
 from gravcal.physics import gravity_field  # noqa: E402
 from gravcal.physics.constants import EARTH_RADIUS, GM  # noqa: E402
 from gravcal.simulation import gradient_torque as simulation  # noqa: E402
@@ -185,7 +186,7 @@ def as_dataset(columns):
     """Readings as the reader gives them."""
     import xarray as xr
 
-    from gravcal.data.sgrs_files import VARIABLES
+    from gravcal.io.sgrs_files import VARIABLES
 
     return xr.Dataset({n: (dims, columns[n]) for n, (dims, _, _) in VARIABLES.items()}, {"time": columns["time"]})
 

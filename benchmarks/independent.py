@@ -54,7 +54,8 @@ def calibrated(folder: Path, settings: dict) -> dict:
     settings : parameters of the calibration that differ from the catalogue
     """
     from flows import com_offset, engine
-    from gravcal.data import catalog, memory, store
+    from gravcal import catalog
+    from gravcal.store import memory, store
     from tasks import common, stage
 
     memory.clear()

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
+from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import align, bias, detect, offset, offset_fit, scale, swing_fit
 from gravcal.calibrations.inertial_sensor import roll_bins as bins
 from gravcal.calibrations.inertial_sensor import roll_segments as segments
-from gravcal.data import catalog
-from gravcal.methods.noise import NoiseModel
+from gravcal.estimation.noise import NoiseModel
 from gravcal.simulation import inertial_sensor as swings
 from gravcal.simulation import inertial_sensor_roll as rolls
 from gravcal.simulation import inertial_sensor_truth as truths
@@ -176,7 +176,7 @@ def process(folder):
     """Detect, segment and bias of all files of a folder, without the store."""
     from flows.inertial_sensor import _assumed
     from gravcal.calibrations.inertial_sensor import segment
-    from gravcal.data import inertial_files
+    from gravcal.io import inertial_files
 
     settings = catalog.parameters("inertial_sensor")
     days = inertial_files.days(folder)

@@ -21,9 +21,9 @@ from scipy import stats
 from scipy.linalg import cholesky, solve_triangular
 
 from flows.engine import one_thread
+from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre import covariance, pointing_noise, whitened
 from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
-from gravcal.data import catalog
 from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages
 
@@ -35,7 +35,7 @@ import sys
 from flows.engine import single_threaded
 single_threaded()
 from flows import kbr_phase_centre as flow
-from gravcal.data import catalog
+from gravcal import catalog
 from tasks import common
 chosen = catalog.parameters("kbr_phase_centre")
 source = flow.source(data=sys.argv[1])

@@ -12,7 +12,7 @@ single_threaded()
 
 import numpy as np  # noqa: E402
 
-from gravcal.data import catalog  # noqa: E402
+from gravcal import catalog  # noqa: E402
 
 PARTS = ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque")
 DELAY_S = 0.3  # of the accelerometer's tags, a plausible one
@@ -131,7 +131,7 @@ def gradient_torque(runs):
     """S-6, S-8: drag with one sensor by quaternions is the plain reading."""
     from benchmarks import gradient_torque as study
     from gravcal.calibrations.gradient_torque import drag, gradient, reading
-    from gravcal.data import icgem
+    from gravcal.io import icgem
     from gravcal.simulation import gradient_torque as simulation
 
     satellite, field = catalog.satellite("S").settings(), icgem.read_field(icgem.shipped())

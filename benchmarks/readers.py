@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import polars
 
-from gravcal.data.readers import read
-from gravcal.data.writers import write
-from gravcal.methods import timing
+from gravcal.estimation import timing
+from gravcal.io.readers import read
+from gravcal.io.writers import write
 
 RECORDS = 864_000
 START = 738849600

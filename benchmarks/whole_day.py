@@ -18,7 +18,8 @@ from pathlib import Path
 def main() -> None:
     """Print a document with both runs."""
     from flows import com_offset, engine
-    from gravcal.data import catalog, memory
+    from gravcal import catalog
+    from gravcal.store import memory
 
     folder, runs = Path(sys.argv[1]), []
     for _ in range(2):

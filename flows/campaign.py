@@ -12,8 +12,8 @@ import os
 from dataclasses import dataclass, field
 
 from flows import campaign_here, campaign_work, command, engine
-from gravcal.data import explain, journal, location, origin, schemas
 from gravcal.errors import GravcalError, ProductError
+from gravcal.store import explain, journal, location, origin, schemas
 
 #: Status of a campaign: the first of these that any event has.
 ORDER = ("failed", "questionable", "delivered", "no_manoeuvre", "no_data")
@@ -70,7 +70,7 @@ def sources(calibration, satellite, data):
     if data is not None:
         days = _days(calibration, module, data, satellite)
         return [_source(module, None, data=folder, satellite=one, date=date) for folder, one, date in days]
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     own = catalog.events(calibration=calibration)
     names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]

@@ -9,8 +9,8 @@ import traceback
 from dataclasses import dataclass
 
 from flows.engine import left, one_thread, single_threaded
-from gravcal.data import journal, location, results
 from gravcal.errors import GravcalError
+from gravcal.store import journal, location, results
 from tasks import stage
 
 SHOWN = 6  # values of an event that a table shows; all of them are in the summary

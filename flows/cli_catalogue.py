@@ -46,7 +46,7 @@ def series(
 ) -> None:
     """Results of all events over the years, beside the published ones; for com_offset with the mass trims."""
     from flows import command
-    from gravcal.data import location, schemas
+    from gravcal.store import location, schemas
 
     rows, page = command.series(calibration, satellite)
     status = "delivered" if rows else "no_data"
@@ -66,7 +66,8 @@ def save_event(calibration, source, document):
     from datetime import date, timedelta
 
     from flows import command
-    from gravcal.data import catalog, memo
+    from gravcal import catalog
+    from gravcal.store import memo
 
     files = command.flow_module(calibration).level_one_files(source)
     digests = {file.name: memo.file_digest(file.path, file.member) for file in files}

@@ -5,14 +5,15 @@ import contextlib
 
 def calibrations(incomplete: str) -> list[str]:
     """Calibrations that begin so."""
-    from gravcal.data.catalog_events import CALIBRATIONS
+    from gravcal.catalog.event_table import CALIBRATIONS
 
     return _beginning(CALIBRATIONS, incomplete)
 
 
 def events(incomplete: str) -> list[str]:
     """Events of the catalogue and of the store."""
-    from gravcal.data import catalog, location
+    from gravcal import catalog
+    from gravcal.store import location
 
     names = {path.name for path in (location.folder() / "latest").glob("*")}
     with contextlib.suppress(Exception):  # a broken catalogue must not break the shell
@@ -22,7 +23,7 @@ def events(incomplete: str) -> list[str]:
 
 def products(incomplete: str) -> list[str]:
     """Products that the readable links name: EVENT/STAGE."""
-    from gravcal.data import location
+    from gravcal.store import location
 
     latest = location.folder() / "latest"
     links = sorted(link for link in latest.rglob("*") if link.is_symlink())
@@ -31,7 +32,7 @@ def products(incomplete: str) -> list[str]:
 
 def settings(ctx, incomplete: str) -> list[str]:
     """Parameters of the calibration that was named, with an equals sign."""
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     name = _calibration(ctx)
     simulated = ctx.info_name == "simulate"
@@ -43,8 +44,8 @@ def settings(ctx, incomplete: str) -> list[str]:
 
 def configurations(ctx, incomplete: str) -> list[str]:
     """Recorded experiments of the calibration that was named; what else the commands on configurations take."""
-    from gravcal.data import catalog
-    from gravcal.data import configurations as known
+    from gravcal import catalog
+    from gravcal.store import configurations as known
 
     with contextlib.suppress(Exception):
         name = _calibration(ctx)
@@ -72,7 +73,7 @@ def engines(incomplete: str) -> list[str]:
 
 def _calibration(ctx):
     """Calibration that was named before; an option without its value ends the parsing, and its words are left over."""
-    from gravcal.data.catalog_events import CALIBRATIONS
+    from gravcal.catalog.event_table import CALIBRATIONS
 
     return next((word for word in [ctx.params.get("calibration"), *ctx.args] if word in CALIBRATIONS), "")
 

@@ -28,7 +28,8 @@ def settings(
 ) -> None:
     """Show parameters with value, unit and reason, and the configurations that were run."""
     from flows import command
-    from gravcal.data import catalog, configurations
+    from gravcal import catalog
+    from gravcal.store import configurations
 
     if calibration is None:
         found = {one: configurations.operational(one) for one in command.calibrations()}
@@ -58,7 +59,7 @@ def promote(
 ) -> None:
     """Make an experiment the operational configuration, or the catalogue again; later plain runs use its settings."""
     from flows import command
-    from gravcal.data import configurations
+    from gravcal.store import configurations
 
     command.flow_module(calibration)
     made = configurations.promote(calibration, name, why, who)
@@ -111,7 +112,8 @@ def events(calibration: Some = None, json: Json = None) -> None:
 
 def _document(calibration, name):
     """Parameters, operational configuration and experiments, or only what is named."""
-    from gravcal.data import catalog, configurations
+    from gravcal import catalog
+    from gravcal.store import configurations
 
     known = {one: configurations.settings_of(calibration, one) for one in configurations.names(calibration)}
     plain, used = catalog.parameters(calibration), configurations.chosen(calibration, {})
@@ -134,7 +136,7 @@ def _document(calibration, name):
 
 def _say(document):
     """Tables of parameters and configurations."""
-    from gravcal.data import configurations
+    from gravcal.store import configurations
 
     mark = lambda one: "" if one["value"] == one["catalogue"] else f"catalogue: {one['catalogue']}"  # noqa: E731
     rows = [[n, _short(e["value"]), e["unit"] or "", mark(e), e["reason"]] for n, e in document["parameters"].items()]

@@ -23,7 +23,7 @@ def fetch(
     json: Annotated[Path | None, json_option("list")] = None,
 ) -> None:
     """Fetch the daily Level-1 archives of an event or day; what broke off is resumed, what is there is kept."""
-    from gravcal.data import fetch as fetching
+    from gravcal.io import fetch as fetching
 
     archives = _archives(event, satellite, date)
     with _progress() as listener:
@@ -38,7 +38,8 @@ def fetch(
 
 def _archives(event, satellite, date):
     """Archives wanted by event, or by satellite and date."""
-    from gravcal.data import catalog, fetch_layout
+    from gravcal import catalog
+    from gravcal.io import fetch_layout
 
     if (event is None) == (satellite is None or date is None) or (event and (satellite or date)):
         raise typer.BadParameter("give an EVENT of the catalogue, or --satellite and --date")

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from flows import cli_complete, engine
-from gravcal.data import explain
+from gravcal.store import explain
 
 
 def writable(ctx: typer.Context, path: Path | None) -> Path | None:

@@ -179,7 +179,7 @@ def error(problem):
 
 def unexpected(problem):
     """An error that gravcal did not foresee: one line, the trace in a file."""
-    from gravcal.data import location
+    from gravcal.store import location
 
     if os.environ.get("GRAVCAL_DEBUG"):
         raise problem
@@ -250,7 +250,7 @@ def _error(value, sigma, truth):
 
 def _where(ref, configuration):
     """Paths of the files beside a report product."""
-    from gravcal.data import location
+    from gravcal.store import location
 
     link = location.links(ref.event, configuration) / ref.stage
     folder = link if link.resolve() == ref.folder.resolve() else ref.folder

@@ -68,7 +68,7 @@ def progress(title):
     if not sys.stderr.isatty():
         yield None
         return
-    from gravcal.data import store
+    from gravcal.store import store
 
     left, counts = _left(title), {"cached": 0, "made": 0}
     took = {} if left.usual else dict(left.known)
@@ -108,7 +108,8 @@ def waiting(title, usual_s=None):
 
 def _left(title):
     """Time left from the last time here, else from the usual ones."""
-    from gravcal.data import catalog_files, memo
+    from gravcal.catalog import files as catalog_files
+    from gravcal.store import memo
 
     known = memo.recall(f"seconds-{title}")
     return Left(known) if known else Left(catalog_files.read("usual", "seconds")[1].get(title, {}), usual=True)
@@ -121,7 +122,7 @@ def _part(stage):
 
 def _remember(title, took):
     """Keep the seconds of each part for the next time."""
-    from gravcal.data import memo
+    from gravcal.store import memo
 
     if took:
         memo.remember(f"seconds-{title}", took)

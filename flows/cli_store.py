@@ -35,7 +35,7 @@ def list_products(
     json: Json = None,
 ) -> None:
     """List the products of the store."""
-    from gravcal.data import housekeeping
+    from gravcal.store import housekeeping
 
     found = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_)
     document = [_summary(entry) for entry in found]
@@ -49,7 +49,7 @@ def list_products(
 @products.command()
 def show(product: Product, json: Json = None) -> None:
     """Show what one product holds and how it was made."""
-    from gravcal.data import housekeeping
+    from gravcal.store import housekeeping
 
     entry = housekeeping.resolve(product)
     output.write_json(entry.record, json)
@@ -71,7 +71,7 @@ def show(product: Product, json: Json = None) -> None:
 @products.command()
 def verify(json: Json = None) -> None:
     """Compare every product with its record, bytes and content; exit code 1 if one differs."""
-    from gravcal.data import housekeeping
+    from gravcal.store import housekeeping
 
     size = sum(entry.record["bytes"] for entry in housekeeping.entries(newest_only=False))
     with cli_progress.waiting("verifying", size / VERIFIED_BYTES_PER_S):
@@ -97,7 +97,7 @@ def prune(
     json: Json = None,
 ) -> None:
     """Remove what nothing refers to: products no readable link and no pin leads to, directly or as an input."""
-    from gravcal.data import housekeeping, location
+    from gravcal.store import housekeeping, location
 
     if configuration == location.OPERATIONAL:
         raise typer.BadParameter("--configuration: the operational one is delivered; expected an experiment's name")
@@ -120,7 +120,7 @@ def prune(
 @products.command()
 def pin(product: Product, json: Json = None) -> None:
     """Keep a product and all it was made of, whatever else refers to it."""
-    from gravcal.data import housekeeping
+    from gravcal.store import housekeeping
 
     entry = housekeeping.resolve(product)
     housekeeping.pin(entry)
@@ -132,7 +132,7 @@ def pin(product: Product, json: Json = None) -> None:
 @products.command()
 def unpin(product: Product, json: Json = None) -> None:
     """Let a pinned product go like any other."""
-    from gravcal.data import housekeeping
+    from gravcal.store import housekeeping
 
     entry = housekeeping.resolve(product)
     was = housekeeping.unpin(entry)
@@ -147,7 +147,7 @@ def history(
     json: Json = None,
 ) -> None:
     """Print everything a product was made of, down to the raw files."""
-    from gravcal.data import housekeeping, lineage
+    from gravcal.store import housekeeping, lineage
 
     node = lineage.tree(housekeeping.resolve(product))
     output.write_json(node, json)
@@ -159,7 +159,7 @@ def history(
 def rebuild(product: Product, json: Json = None) -> None:
     """Make a product again from its raw files, in a store of its own, and compare."""
     from flows.remake import remake
-    from gravcal.data import housekeeping, lineage
+    from gravcal.store import housekeeping, lineage
 
     entry = housekeeping.resolve(product)
     with cli_progress.waiting("rebuilding", lineage.seconds(entry)):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from flows import models
 from flows.engine import flow
-from gravcal.data import catalog
+from gravcal import catalog
 from tasks import com_offset, common, discovery
 from tasks.stage import read
 
@@ -189,9 +189,10 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import origin, writers
+    from gravcal.io import writers
     from gravcal.simulation import com_offset as simulation
     from gravcal.simulation.injection import by_slug
+    from gravcal.store import origin
 
     origin.check_own(out)
     chosen = catalog.parameters("simulate_com_offset").with_settings(settings or {})

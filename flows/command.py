@@ -11,8 +11,8 @@ from pathlib import Path
 import typer
 
 from flows import cli_progress, engine
-from gravcal.data import location
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
+from gravcal.store import location
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
 
@@ -29,7 +29,7 @@ def flow_module(calibration):
 
 def calibrations():
     """Names of the calibrations that have a flow."""
-    from gravcal.data.catalog_events import CALIBRATIONS
+    from gravcal.catalog.event_table import CALIBRATIONS
 
     return [name for name in CALIBRATIONS if importlib.util.find_spec(f"flows.{name}")]
 
@@ -44,7 +44,7 @@ def chosen(calibration, settings, model=None, name=None):
     model : file of an extended model, or None
     name : of the experiment, or None
     """
-    from gravcal.data import configurations
+    from gravcal.store import configurations
 
     flow_module(calibration)
     given = pairs(settings)
@@ -62,7 +62,7 @@ def chosen(calibration, settings, model=None, name=None):
 
 def recorded(chosen):
     """The same parameters; an experiment is recorded under its name."""
-    from gravcal.data import configurations
+    from gravcal.store import configurations
 
     configurations.record(chosen)
     return chosen
@@ -106,7 +106,7 @@ def check_folder(calibration, data):
 
     The message names the products that there are, and the calibrations that read them.
     """
-    from gravcal.data import archive, inertial_files, sgrs_files
+    from gravcal.io import archive, inertial_files, sgrs_files
 
     files = [file for kind in (archive, inertial_files, sgrs_files) for file in kind.inventory(data)]
     found, wanted = sorted({file.product for file in files}), flow_module(calibration).BEGINS
@@ -161,7 +161,7 @@ def sources(calibration, event, data, satellite, date):
     """The source given, or those of all events of the store that say where their files were."""
     if event is not None or data is not None:
         return [source(calibration, event, data, satellite, date)]
-    from gravcal.data import lineage
+    from gravcal.store import lineage
 
     found = lineage.level_one_folders(calibration)
     if not found:
@@ -240,7 +240,7 @@ def demo(out, seed, engine_name):
 
 def report_files(event, out, name=None):
     """Files of the last report of an event, operational or of an experiment, copied to a folder if one is given."""
-    from gravcal.data import store
+    from gravcal.store import store
 
     links = [*store.links("*/*.report"), *store.links("*/as/*/*.report")]
     own = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
@@ -263,8 +263,9 @@ def report_files(event, out, name=None):
 
 def compare(calibration, first, second, satellite=None):
     """Document with what changes between two configurations, for the events that both have."""
-    from gravcal.data import catalog, configurations, housekeeping
+    from gravcal import catalog
     from gravcal.report import comparison
+    from gravcal.store import configurations, housekeeping
 
     flow_module(calibration)
     plain = not configurations.operational(calibration)["settings"]
@@ -292,7 +293,7 @@ def compare(calibration, first, second, satellite=None):
 
 def events(calibration=None):
     """Events of the catalogue: name, calibration, date, and whether their files are at hand."""
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     rows = []
     for event in catalog.events():
@@ -313,7 +314,8 @@ def status_of(error):
 
 def origin_of(source):
     """Origin of the files of a source, or of an event or folder by its name, that has no result."""
-    from gravcal.data import catalog_events, origin
+    from gravcal.catalog import event_table as catalog_events
+    from gravcal.store import origin
 
     event, folder = [source] * 2 if isinstance(source, str) else (source.event, getattr(source, "folder", None))
     stated = catalog_events.origin(event)
@@ -324,7 +326,7 @@ def origin_of(source):
 def failed(calibration, source, error, configuration=location.OPERATIONAL):
     """Result document of a run that failed."""
     from gravcal import __version__
-    from gravcal.data.schemas import VERSION
+    from gravcal.store.schemas import VERSION
 
     facts = {name: value for name, value in getattr(error, "facts", {}).items() if _is_plain(value)}
     return {

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from flows import measured_attitude, measured_magnetometer, measured_ranging, measured_table
-from gravcal.data import catalog
-from gravcal.data.schemas import VERSION
+from gravcal import catalog
 from gravcal.discovery import attribution, products
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, baseline_of, search
+from gravcal.store.schemas import VERSION
 
 SEED = 20140115  # of the draws of the adequacy test
 #: Share of its size that a cause keeps beside the baseline when the data can still speak of it.

@@ -11,7 +11,7 @@ import numpy as np
 
 from flows import models
 from flows.engine import flow
-from gravcal.data import catalog
+from gravcal import catalog
 from gravcal.errors import CatalogError, ProductError
 from tasks import common, discovery_gradient, gradient_torque
 
@@ -123,7 +123,7 @@ def _numbers(names):
 
 def _files(source, chosen):
     """SGRS file, gravity field, and truth if there is one."""
-    from gravcal.data import icgem, sgrs_files
+    from gravcal.io import icgem, sgrs_files
 
     file = sgrs_files.find(source.folder, source.date)
     fields = sgrs_files.other_file(icgem.located(chosen.field), "GFC", source.date)
@@ -133,7 +133,7 @@ def _files(source, chosen):
 
 def _methods(file, chosen):
     """Methods that the file allows: two sensors need two, the printed one needs places without a zero."""
-    from gravcal.data import sgrs_files
+    from gravcal.io import sgrs_files
 
     places = sgrs_files.sensor_positions(file)
     two = ["two_sensor"] if len(places) == 2 else []
@@ -145,7 +145,7 @@ def source(*, event=None, data=None, satellite=None, date=None):
     """Source of a folder with an SGRS file."""
     if event is not None:
         return common.source_of("gradient_torque", (), event=event)
-    from gravcal.data import sgrs_files
+    from gravcal.io import sgrs_files
 
     file = sgrs_files.find(data, date)
     return common.Source(f"demo-s-{file.date}", satellite or "S", file.date, Path(data))
@@ -153,7 +153,7 @@ def source(*, event=None, data=None, satellite=None, date=None):
 
 def days(data):
     """Folders, satellites and dates of the events below a folder."""
-    from gravcal.data import sgrs_files
+    from gravcal.io import sgrs_files
 
     return [(file.path.parent, "S", file.date) for file in sgrs_files.inventory(data)]
 
@@ -189,9 +189,10 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import icgem, origin, sgrs_files
+    from gravcal.io import icgem, sgrs_files
     from gravcal.simulation import gradient_torque as simulation
     from gravcal.simulation.injection import by_slug
+    from gravcal.store import origin
 
     origin.check_own(out)
     chosen = catalog.parameters("simulate_gradient_torque").with_settings(settings)
@@ -213,7 +214,7 @@ def _nongravitational(chosen, day):
     """Accelerations of an ACT1B file as a function of time, or None."""
     if not chosen.nongravitational:
         return None
-    from gravcal.data import archive, readers
+    from gravcal.io import archive, readers
 
     file = archive.from_name(Path(chosen.nongravitational).expanduser())
     if file.product not in ("ACT1B", "ACC1B"):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from flows import models
 from flows.engine import flow
-from gravcal.data import catalog
+from gravcal import catalog
 from tasks import common, discovery_swing, inertial_sensor
 from tasks.stage import numbers, read
 
@@ -144,7 +144,7 @@ def roll_settings(chosen):
 
 def _days(source):
     """Files of every day of the source."""
-    from gravcal.data import inertial_files
+    from gravcal.io import inertial_files
 
     return inertial_files.days(source.folder, source.date)
 
@@ -193,7 +193,7 @@ def source(*, event=None, data=None, satellite=None, date=None):
     """Source of a catalogue event, or of a folder: one day of it, or all its days."""
     if event is not None:
         return common.source_of("inertial_sensor", (), event=event)
-    from gravcal.data import inertial_files
+    from gravcal.io import inertial_files
 
     days = inertial_files.days(data, date)
     return common.Source(f"taiji-t-{date or min(days)}", satellite or "T", date, Path(data))
@@ -201,7 +201,7 @@ def source(*, event=None, data=None, satellite=None, date=None):
 
 def days(data):
     """Folders and satellites of the events below a folder: all days of one folder are one event."""
-    from gravcal.data import inertial_files
+    from gravcal.io import inertial_files
 
     folders = dict.fromkeys(file.path.parent for file in inertial_files.inventory(data))
     return [(folder, "T", None) for folder in folders]
@@ -234,9 +234,10 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import inertial_files, origin
+    from gravcal.io import inertial_files
     from gravcal.simulation import inertial_sensor_event as simulation
     from gravcal.simulation.injection import by_slug
+    from gravcal.store import origin
 
     origin.check_own(out)
     chosen = catalog.parameters("simulate_inertial_sensor").with_settings(settings)

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from flows import models
 from flows.engine import flow
-from gravcal.data import archive, catalog
+from gravcal import catalog
+from gravcal.io import archive
 from tasks import common, discovery_ranging, kbr_phase_centre
 from tasks.stage import read
 
@@ -253,9 +254,10 @@ def simulate(out, *, seed, truth, effects, settings):
     effects : {"slug.parameter": value}
     settings : {parameter of the simulation: text or value}
     """
-    from gravcal.data import origin, writers
+    from gravcal.io import writers
     from gravcal.simulation import kbr_phase_centre as simulation
     from gravcal.simulation.injection import by_slug
+    from gravcal.store import origin
 
     origin.check_own(out)
     chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings(settings)

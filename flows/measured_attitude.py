@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from gravcal import catalog
 from gravcal.calibrations.attitude_thrusters import series, view
-from gravcal.data import catalog
 from gravcal.physics import earth, magnetic
 from tasks import common
 
@@ -45,7 +45,7 @@ def prepare(data, satellite, date, chosen) -> dict:
 
 def _inputs(source, letter):
     """Arguments of the view, and the files."""
-    from gravcal.data.readers import read
+    from gravcal.io.readers import read
 
     found = [source.file("SCA1B", satellite=letter), source.file("THR1B", satellite=letter)]
     found += [source.file("THR1B", satellite=TWIN[letter]), source.file("GNI1B", "GNV1B", satellite=letter)]

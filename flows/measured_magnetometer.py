@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from gravcal import catalog
 from gravcal.calibrations.magnetometer import series, view
-from gravcal.data import archive, catalog
+from gravcal.io import archive
 from tasks import common
 
 SAID = "the offset does not use the magnetometer; its torques come from the reference field"
@@ -39,7 +40,7 @@ def prepare(data, satellite, date, chosen) -> dict:
 
 def _field(source, letter, generation):
     """Field of one satellite and its files."""
-    from gravcal.data.readers import read
+    from gravcal.io.readers import read
 
     found = [source.file(*products, satellite=letter) for products in (("MAG1B",), ("SCA1B",), ("GNV1B",))]
     per_current = catalog.satellite(letter).dipole_per_current.value

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flows import kbr_phase_centre
+from gravcal import catalog
 from gravcal.calibrations.ranging_check import view
-from gravcal.data import catalog
 from tasks import common
 
 SAID = "phase centres are calibrated by wiggles; routine pointing moves them by less than the orbit errors"
@@ -26,7 +26,7 @@ def prepare(data, satellite, date, chosen) -> dict:
     date : YYYY-MM-DD
     chosen : Parameters
     """
-    from gravcal.data.readers import read
+    from gravcal.io.readers import read
     from tasks import kbr_phase_centre as stages
 
     source = kbr_phase_centre.source(data=data, satellite=satellite or "X", date=date)

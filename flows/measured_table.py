@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from gravcal import catalog
 from gravcal.calibrations.published_table import view
-from gravcal.data import catalog
 
 EVENT = "grace-c-2020-02-01"
 SAID = "the table holds estimates, not readings: what an effect does to them is modelled, no offset is adopted"

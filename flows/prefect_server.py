@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.children import die_with
-from gravcal.data import location
+from gravcal.store import location
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")

@@ -6,8 +6,9 @@ import tempfile
 from pathlib import Path
 
 from flows import engine
-from gravcal.data import archive, inputs, lineage, location, memory, store
 from gravcal.errors import ProductError
+from gravcal.io import archive
+from gravcal.store import inputs, lineage, location, memory, store
 
 
 def remake(entry):
@@ -52,7 +53,7 @@ def _make(key, original, stages, done):
 
 def _compared(record, made):
     """Verdict on one stage."""
-    from gravcal.data import explain
+    from gravcal.store import explain
 
     equal = made.digest == record["digest"]
     anew = store.read_record(made.folder)

@@ -17,7 +17,7 @@ from prefect.states import Completed, Failed
 from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows import campaign, campaign_prefect, command, prefect_server, watch
-from gravcal.data import housekeeping, location, memo
+from gravcal.store import housekeeping, location, memo
 
 REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
 REGISTERED = "GRAVCAL_REGISTERED"  # deployments as gravcal serve registered them, if it started this run

@@ -20,8 +20,8 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows import prefect_server, watch
-from gravcal.data import location, memo
 from gravcal.errors import CatalogError, ProductError
+from gravcal.store import location, memo
 
 
 @dataclass(frozen=True)

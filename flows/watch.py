@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 
-from gravcal.data import archive
+from gravcal.io import archive
 
 
 def digest(folder):

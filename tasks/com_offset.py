@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravcal.calibrations import align_schema
 from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.com_offset import equations_schema, schemas
-from gravcal.data import product
+from gravcal.store import product
 from tasks.stage import lazy, stage
 
 detect_science = lazy("gravcal.calibrations.com_offset.detect")

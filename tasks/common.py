@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from gravcal.data import product, store
 from gravcal.errors import NoDataError, ProductError
+from gravcal.store import product, store
 from tasks.stage import lazy, stage
 
-archive = lazy("gravcal.data.archive")
-readers = lazy("gravcal.data.readers")
+archive = lazy("gravcal.io.archive")
+readers = lazy("gravcal.io.readers")
 
 product.register("ingest", product.ANY)
 
@@ -133,7 +133,7 @@ def days_of(products, data) -> list[tuple[Path, str, str]]:
 
 def _from_catalogue(calibration, event):
     """Source of an event of the catalogue; the folder is that of GRAVCAL_DATA, its own sub-folder first."""
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     entry = catalog.event(event)
     if entry.calibration != calibration:
@@ -162,7 +162,7 @@ def _from_catalogue(calibration, event):
 
 def _at_hand(entry, folder):
     """Whether a folder holds any file of an event of the catalogue."""
-    from gravcal.data import inertial_files
+    from gravcal.io import inertial_files
 
     files = inertial_files if entry.calibration == "inertial_sensor" else archive
     found = files.inventory(folder)
@@ -180,7 +180,7 @@ def _only(folder, found, what, option):
 
 def printed_of(calibration: str, event: str) -> dict[str, list[dict]]:
     """Published values of an event as plain records by section, {} where none was printed."""
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     sections = {}
     for section, records in catalog.published(calibration).items():
@@ -244,7 +244,8 @@ def named(event: str, files) -> dict:
     event : str
     files : LevelOneFile
     """
-    from gravcal.data import catalog_events, origin
+    from gravcal.catalog import event_table as catalog_events
+    from gravcal.store import origin
 
     told = catalog_events.origin(event) or origin.together(origin.of_file(file) for file in files)
     return {"files": [file.name for file in files], "origin": told}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 
-from gravcal.data import product
 from gravcal.discovery.schemas import DISCOVERY
+from gravcal.store import product
 from tasks.stage import lazy, stage
 
 science = lazy("gravcal.discovery.kbr_phase_centre")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.gradient_torque import schemas
-from gravcal.data import product
+from gravcal.store import product
 from tasks.stage import lazy, stage
 
-files = lazy("gravcal.data.sgrs_files")
-field_files = lazy("gravcal.data.icgem")
+files = lazy("gravcal.io.sgrs_files")
+field_files = lazy("gravcal.io.icgem")
 reading_science = lazy("gravcal.calibrations.gradient_torque.reading")
 gradient_science = lazy("gravcal.calibrations.gradient_torque.gradient")
 torque_science = lazy("gravcal.calibrations.gradient_torque.torque")

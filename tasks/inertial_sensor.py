@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.inertial_sensor import schemas
-from gravcal.data import product
+from gravcal.store import product
 from tasks.stage import lazy, stage
 
-files = lazy("gravcal.data.inertial_files")
+files = lazy("gravcal.io.inertial_files")
 detect_science = lazy("gravcal.calibrations.inertial_sensor.detect")
 align_science = lazy("gravcal.calibrations.inertial_sensor.align")
 scale_science = lazy("gravcal.calibrations.inertial_sensor.scale")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravcal.calibrations.checks import CHECKS
 from gravcal.calibrations.kbr_phase_centre import schemas
-from gravcal.data import product
+from gravcal.store import product
 from tasks.stage import lazy, stage
 
 align_science = lazy("gravcal.calibrations.kbr_phase_centre.align")

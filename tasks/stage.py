@@ -34,9 +34,9 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from gravcal.data import explain, fingerprint, inputs, keys, memory, origin, store
-from gravcal.data.references import ProductRef
 from gravcal.errors import EstimationError, GravcalError, ProductError
+from gravcal.store import explain, fingerprint, inputs, keys, memory, origin, store
+from gravcal.store.references import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
 _listeners = contextvars.ContextVar("gravcal_listeners", default=())
@@ -231,7 +231,7 @@ def recipe(call):
 
 def _stated(event):
     """Origin that the catalogue states for an event, "" where it says nothing or knows no such event."""
-    from gravcal.data import catalog_events
+    from gravcal.catalog import event_table as catalog_events
 
     return catalog_events.origin(event)
 
@@ -273,7 +273,7 @@ def is_dataset(value):
 
 def _make(call, key, wanted, modules):
     """Run the body, check what it returns, publish it."""
-    from gravcal.data import product
+    from gravcal.store import product
 
     contents = [item if inputs.is_file(item) else read(item) for item in call.inputs]
     settings = copy.deepcopy(dict(call.settings))

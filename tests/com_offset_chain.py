@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal import catalog
 from gravcal.calibrations.align import align
 from gravcal.calibrations.com_offset import published_solve
 from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS, angular_acceleration
@@ -15,7 +16,6 @@ from gravcal.calibrations.com_offset.equations import equations
 from gravcal.calibrations.com_offset.field import field
 from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.calibrations.com_offset.solve import solve
-from gravcal.data import catalog
 from gravcal.simulation.com_offset import simulate
 
 DAY = 633787200.0  # s, a midnight

@@ -9,7 +9,7 @@ import textwrap
 import pytest
 
 from flows.engine import single_threaded
-from gravcal.data import fingerprint, memory
+from gravcal.store import fingerprint, memory
 
 single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
 os.environ.setdefault("GRAVCAL_TEST_SEED", str(secrets.randbelow(2**31)))
@@ -53,7 +53,7 @@ PIPELINE = {
         ''',
     "stages.py": '''
         """Stages."""
-        from gravcal.data import product
+        from gravcal.store import product
         from tasks.stage import lazy, stage
 
         first = lazy("{name}.first")
@@ -143,7 +143,7 @@ class Pipeline:
 
     def file(self):
         """The Level-1 file the flow starts from."""
-        from gravcal.data.readers import LevelOneFile
+        from gravcal.io.readers import LevelOneFile
 
         return LevelOneFile(self.raw, None, "MAG1B", "C", "2020-02-01", "04")
 

@@ -4,24 +4,28 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from gravcal.data.catalog_events import CALIBRATIONS
+from gravcal.catalog.event_table import CALIBRATIONS
 
 ROOT = Path(__file__).parent.parent
+#: What opens files, and nothing else does.
+FILES = {"gravcal.catalog", "gravcal.io", "gravcal.store"}
 BELOW = {
     "gravcal.physics": set(),
-    "gravcal.methods": {"gravcal.physics"},
-    "gravcal.effects": {"gravcal.methods", "gravcal.physics"},
-    "gravcal.calibrations": {"gravcal.effects", "gravcal.methods", "gravcal.physics"},
-    "gravcal.discovery": {"gravcal.calibrations", "gravcal.effects", "gravcal.methods", "gravcal.physics"},
-    "gravcal.simulation": {"gravcal.effects", "gravcal.methods", "gravcal.physics"},
-    "gravcal.data": {"gravcal.physics"},
-    "gravcal.report": {"gravcal.calibrations", "gravcal.data", "gravcal.methods", "gravcal.physics"},
-    "gravcal.browse": {"gravcal.data", "gravcal.methods", "gravcal.physics"},
+    "gravcal.estimation": {"gravcal.physics"},
+    "gravcal.effects": {"gravcal.estimation", "gravcal.physics"},
+    "gravcal.calibrations": {"gravcal.effects", "gravcal.estimation", "gravcal.physics"},
+    "gravcal.discovery": {"gravcal.calibrations", "gravcal.effects", "gravcal.estimation", "gravcal.physics"},
+    "gravcal.simulation": {"gravcal.effects", "gravcal.estimation", "gravcal.physics"},
+    "gravcal.catalog": {"gravcal.physics", "gravcal.io", "gravcal.store"},
+    "gravcal.io": {"gravcal.physics", "gravcal.catalog", "gravcal.store"},
+    "gravcal.store": {"gravcal.physics", "gravcal.catalog", "gravcal.io"},
+    "gravcal.report": {"gravcal.calibrations", "gravcal.estimation", "gravcal.physics", *FILES},
+    "gravcal.browse": {"gravcal.estimation", "gravcal.physics", *FILES},
 }
 EVERYWHERE = {"gravcal.errors"}
 ABOVE = {"tasks": {"tasks", "gravcal"}, "flows": {"flows", "tasks", "gravcal", "catalog"}}
 PREFECT = ("flows", "tasks")
-XARRAY = ("gravcal.calibrations", "gravcal.data", "gravcal.discovery", "gravcal.report", "gravcal.simulation", "tasks")
+XARRAY = ("gravcal.calibrations", *FILES, "gravcal.discovery", "gravcal.report", "gravcal.simulation", "tasks")
 OURS = ("gravcal", "tasks", "flows", "catalog")
 
 

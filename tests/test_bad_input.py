@@ -13,7 +13,8 @@ from independent import damage, make_event
 
 from flows import cli, engine
 from flows import com_offset as flow
-from gravcal.data import catalog, store
+from gravcal import catalog
+from gravcal.store import store
 from tasks.stage import read
 
 PRODUCTS = ("ACC1A", "SCA1B", "MAG1B", "GNI1B", "GNV1B", "TIM1B", "CLK1B")

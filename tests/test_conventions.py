@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from gravcal.data import catalog, housekeeping, location, product
+from gravcal import catalog
+from gravcal.store import housekeeping, location, product
 
 SMALL = {
     "com_offset": {"manoeuvres": "pitch_high,roll_high"},
@@ -102,7 +103,7 @@ def test_every_unit_of_the_level_one_files_is_known_to_udunits():
     """Contract: all columns of all tables."""
     from cf_units import Unit
 
-    from gravcal.data.readers import tables
+    from gravcal.io.readers import tables
 
     names = [path.stem for path in Path(tables.PRODUCTS).glob("*.toml")]
     assert len(names) > 20

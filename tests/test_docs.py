@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gravcal.data.catalog_events import CALIBRATIONS
+from gravcal.catalog.event_table import CALIBRATIONS
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"

@@ -9,8 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from flows import cli
-from gravcal.data import catalog, store
-from gravcal.data.schemas import validate
+from gravcal import catalog
+from gravcal.store import store
+from gravcal.store.schemas import validate
 from tasks.stage import read
 
 pytestmark = pytest.mark.measured

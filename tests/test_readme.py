@@ -11,7 +11,7 @@ import pytest
 from typer.main import get_command
 
 from flows.cli import app
-from gravcal.data import catalog
+from gravcal import catalog
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -10,8 +10,8 @@ from scipy import stats
 
 from flows import com_offset as flow
 from flows import engine
+from gravcal import catalog
 from gravcal.calibrations.com_offset.combine import combine
-from gravcal.data import catalog
 
 COUNT = 12
 LEVEL = 1e-3  # chance that a correct code fails, over all statistics of the study

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gravcal.data import memory, store
 from gravcal.errors import CatalogError, EstimationError, ProductError
+from gravcal.store import memory, store
 from tasks import stage
 from tasks.stage import numbers, read
 
@@ -192,7 +192,7 @@ def test_a_default_value_is_refused():
 
 def _latest(pipeline, part):
     """Record and folder of the newest product of a stage."""
-    from gravcal.data import location
+    from gravcal.store import location
 
     folder = (location.folder() / "latest" / "fake-1" / f"{pipeline.name}.{part}").resolve()
     return store.read_record(folder), folder

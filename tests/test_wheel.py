@@ -80,7 +80,7 @@ def test_the_installed_command_runs_from_another_folder(installed, tmp_path):
     assert "gravcal run com_offset" in run(gravcal, "--help", cwd=tmp_path)
     where = run(python, "-c", "import gravcal, flows, catalog; print(gravcal.__file__)", cwd=tmp_path)
     assert Path(where.strip()).is_relative_to(installed.parent)
-    asked = "from gravcal.data import catalog; print(catalog.event('grace-c-2020-02-01').date)"
+    asked = "from gravcal import catalog; print(catalog.event('grace-c-2020-02-01').date)"
     assert run(python, "-c", asked, cwd=tmp_path).strip() == "2020-02-01"
     manoeuvres = ("--set", "manoeuvres=pitch_high,roll_high")
     run(gravcal, "simulate", "com_offset", "--out", "day", *manoeuvres, cwd=tmp_path, **store)

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from flows.engine import flow
-from gravcal.data import archive, product
+from gravcal.io import archive
+from gravcal.store import product
 from tasks.common import days_of
 from tasks.stage import read, stage
 

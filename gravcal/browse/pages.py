@@ -10,7 +10,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse
 
 from gravcal.browse import access, graph, plots, store_index, variables
 from gravcal.browse import timeline as years
-from gravcal.data import lineage, location, netcdf
+from gravcal.store import lineage, location, netcdf
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
 NAMES = {"com_offset": "Centre-of-mass offset", "kbr_phase_centre": "KBR phase centre",

@@ -34,7 +34,7 @@ def points(calibration, satellite):
     -------
     points : list of Point
     """
-    from gravcal.data import catalog
+    from gravcal import catalog
     from gravcal.errors import CatalogError
 
     try:
@@ -60,7 +60,7 @@ def levels(calibration):
     -------
     levels : dict, panel -> (value, text)
     """
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     if calibration != "gradient_torque":
         return {}
@@ -72,7 +72,7 @@ def levels(calibration):
 
 def trims(satellite):
     """Mass trims of the catalogue for one satellite, () where it knows none."""
-    from gravcal.data import catalog
+    from gravcal import catalog
     from gravcal.errors import CatalogError
 
     try:

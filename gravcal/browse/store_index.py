@@ -4,8 +4,8 @@ import functools
 import json
 from dataclasses import dataclass
 
-from gravcal.data import explain, housekeeping, journal, location, netcdf, records, store
-from gravcal.data import origin as origins
+from gravcal.store import explain, housekeeping, journal, location, netcdf, records, store
+from gravcal.store import origin as origins
 
 _known = {}  # folder -> record; a product is never changed, so its record is read once
 
@@ -113,7 +113,7 @@ def waiting(rows):
     -------
     names : dict, calibration -> list of str
     """
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     here, missing = {row["event"] for row in rows}, {}
     for event in catalog.events():

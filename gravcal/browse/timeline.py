@@ -5,7 +5,7 @@ import re
 
 from gravcal.browse import plots, printed, store_index
 from gravcal.browse.printed import Point
-from gravcal.data import results
+from gravcal.store import results
 
 SHOWN = {"@date": "datetime", "@value": "printf", "@sigma": "printf"}
 EPOCH = datetime.datetime(2000, 1, 1, 12)
@@ -81,7 +81,7 @@ def figure(calibration, satellite):
 
 def _letters(event):
     """Letters of the satellites in the name of an event; a satellite named in full gives its own."""
-    from gravcal.data import catalog
+    from gravcal import catalog
 
     parts = event.split("-")
     known = (catalog.satellite(name) for name in catalog.names("satellites"))

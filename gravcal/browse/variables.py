@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.data import netcdf
+from gravcal.store import netcdf
 
 TIME_UNITS = "seconds since 2000-01-01 12:00:00"
 UNIX_OF_EPOCH_S = 946728000.0  # 2000-01-01 12:00:00 in seconds past 1970-01-01, both without leap seconds

@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.align_schema import ALIGN
 from gravcal.calibrations.building import build
 from gravcal.errors import EstimationError
-from gravcal.methods import timing
+from gravcal.estimation import timing
 from gravcal.physics import earth, frames
 
 #: Bits of a reader's flag that make a sample unusable; order and repetition are settled here.

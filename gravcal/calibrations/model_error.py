@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from gravcal.methods.estimation import covariance_of_moves
+from gravcal.estimation.least_squares import covariance_of_moves
 
 
 def widened(

@@ -15,8 +15,8 @@ import numpy as np
 from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.problem import Problem
 from gravcal.errors import EstimationError
-from gravcal.methods import chi2_tail
-from gravcal.methods.parallel import parallel
+from gravcal.estimation import chi2_tail
+from gravcal.estimation.parallel import parallel
 
 BANDS = 4
 DRAWS = 199

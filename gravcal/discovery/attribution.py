@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.methods import chi2_tail
+from gravcal.estimation import chi2_tail
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
 SEEN = 1e-4

@@ -14,7 +14,7 @@ from gravcal.calibrations.inertial_sensor.discovery_roll import Roll
 from gravcal.calibrations.inertial_sensor.discovery_view import CHANNELS, PARAMETERS, View, blocks
 from gravcal.discovery import epochs
 from gravcal.discovery.blocks import Block, Candidate
-from gravcal.methods.noise import unwhiten
+from gravcal.estimation.noise import unwhiten
 
 #: Of the reported parameters: 1e-6 rad s-2 V-1, ms, um; and nm s-2.
 SWING = np.array([1e6, 1e6, 1e3, 1e6, 1e6, 1e6]), "1e-6 rad s-2 V-1, ms, um"

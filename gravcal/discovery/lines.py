@@ -15,7 +15,7 @@ from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.rounds import Result
 from gravcal.discovery.trials import SHARES
-from gravcal.methods import chi2_tail
+from gravcal.estimation import chi2_tail
 
 AXES = "xyz"
 PEAKS = 4

@@ -7,7 +7,7 @@ import numpy as np
 from gravcal.discovery import attribution
 from gravcal.discovery.problem import Problem
 from gravcal.discovery.trials import COST, SHARES, Trial
-from gravcal.methods import chi2_tail
+from gravcal.estimation import chi2_tail
 
 #: Candidates, best first, of which all pairs are tried.
 PAIRED = 30

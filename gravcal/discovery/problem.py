@@ -9,7 +9,7 @@ import numpy as np
 
 from gravcal.discovery.blocks import Block, Candidate, basis_of
 from gravcal.discovery.columns import Columns, columns_of, without_rounding
-from gravcal.methods.parallel import parallel
+from gravcal.estimation.parallel import parallel
 
 
 @dataclass(frozen=True)

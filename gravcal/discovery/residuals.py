@@ -8,7 +8,7 @@ import numpy as np
 
 from gravcal.discovery import attribution
 from gravcal.discovery.problem import Problem
-from gravcal.methods.noise import fit_noise, whiten
+from gravcal.estimation.noise import fit_noise, whiten
 
 
 def projected(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> list[np.ndarray]:

@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.discovery import residuals
 from gravcal.discovery.blocks import Block
 from gravcal.discovery.problem import Problem
-from gravcal.methods.parallel import parallel
+from gravcal.estimation.parallel import parallel
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.discovery import attribution, residuals, scan
 from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.problem import Problem, extended, halves
-from gravcal.methods import chi2_tail
+from gravcal.estimation import chi2_tail
 
 #: Share of the family-wise level that each kind of trial may spend.
 SHARES = {"listed": 0.5, "unknown": 0.2, "line": 0.2, "step": 0.1}

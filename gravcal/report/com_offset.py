@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from gravcal.data.schemas import VERSION
 from gravcal.report import com_offset_parts as parts
 from gravcal.report import com_offset_verdict as verdicts
 from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import as_plain
+from gravcal.store.schemas import VERSION
 
 #: Products of which an event has one; of "solve" and "angular_acceleration" it has one for each variant.
 SINGLE = ("combine", "attitude", "field", "survey", "detect", "align", "checks")
@@ -100,7 +100,7 @@ def vcm_line(document, satellite):
     line : str, a comment unless all data were measured; None unless all three components of the adopted variant are
         determined
     """
-    from gravcal.data.vcm import commented, vector_line
+    from gravcal.io.vcm import commented, vector_line
 
     found = vcm_vector(document)
     if found is None:

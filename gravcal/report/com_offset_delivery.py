@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks as checking
-from gravcal.data import product
-from gravcal.data.schemas import validate
 from gravcal.report import com_offset, com_offset_verdict, documents
+from gravcal.store import product
+from gravcal.store.schemas import validate
 
 
 def report(*products, event, satellite, settings, published):

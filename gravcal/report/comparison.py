@@ -8,9 +8,9 @@ add is common. Where the two variances agree to 1 % nothing can be said of the d
 
 import math
 
-from gravcal.data.results import values
-from gravcal.data.schemas import VERSION
 from gravcal.report import pages
+from gravcal.store.results import values
+from gravcal.store.schemas import VERSION
 
 ASSUMPTION = (
     "sigma of the difference: sqrt(|sigma_b^2 - sigma_a^2|), errors by noise, as both solutions share their data and "

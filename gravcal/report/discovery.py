@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 
-from gravcal.data.schemas import VERSION
 from gravcal.report.documents import foreword
 from gravcal.report.pages import table
 from gravcal.report.words import NOT_DETERMINED, plus_minus, probability, signed
+from gravcal.store.schemas import VERSION
 
 MOVED = ("change", "change_in_old_sigma")
 

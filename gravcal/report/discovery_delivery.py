@@ -6,12 +6,12 @@ import json
 
 import xarray as xr
 
-from gravcal.data import product
-from gravcal.data.schemas import validate
 from gravcal.report import discovery as words
 from gravcal.report import discovery_figures as figures
 from gravcal.report import documents, pages
 from gravcal.report.discovery_change import with_calibration
+from gravcal.store import product
+from gravcal.store.schemas import validate
 
 
 def report(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, satellite: str, settings: dict):

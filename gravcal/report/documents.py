@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from gravcal.calibrations import checks as checking
-from gravcal.data import origin as origins
+from gravcal.store import origin as origins
 
 #: Statuses of documents that hold a result.
 WITH_RESULT = ("delivered", "questionable")

@@ -9,10 +9,10 @@ import xarray as xr
 
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.gradient_torque import checks
-from gravcal.data import product
-from gravcal.data.schemas import VERSION, validate
 from gravcal.report import documents
 from gravcal.report.plain import as_plain, number, numbers
+from gravcal.store import product
+from gravcal.store.schemas import VERSION, validate
 
 NAMES = {
     "two_sensor": "two sensors, mounting term kept",

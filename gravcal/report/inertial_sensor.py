@@ -10,10 +10,10 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.inertial_sensor import checks
 from gravcal.calibrations.inertial_sensor.schemas import REPORT
-from gravcal.data import product
-from gravcal.data.schemas import VERSION, validate
 from gravcal.report import documents
 from gravcal.report.plain import AXES, as_plain, estimate, number, numbers
+from gravcal.store import product
+from gravcal.store.schemas import VERSION, validate
 
 #: The two solutions of the offset, in the order of the product.
 OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")

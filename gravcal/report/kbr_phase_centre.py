@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from gravcal.data.schemas import VERSION
 from gravcal.report import kbr_phase_centre_parts as parts
 from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import as_plain, chi_square_test, numbers
+from gravcal.store.schemas import VERSION
 
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
 ESTIMATORS = ("ls", "robust")
@@ -89,7 +89,7 @@ def vector_files(document, date):
     """
     if document["status"] not in WITH_RESULT:
         return {}
-    from gravcal.data.vcm import commented, vector_line
+    from gravcal.io.vcm import commented, vector_line
 
     said = "QUESTIONABLE " if document["status"] == "questionable" else ""
     time, files, lines = float(np.ceil(max(one["stop"] for one in document["manoeuvres"]))), {}, []
@@ -113,7 +113,7 @@ def _vector_text(name, time, letter, vector, event):
     import tempfile
     from pathlib import Path
 
-    from gravcal.data.vcm import write_vector_file
+    from gravcal.io.vcm import write_vector_file
 
     with tempfile.TemporaryDirectory() as folder:
         return write_vector_file(Path(folder) / name, [time], letter, [vector], source=event).read_text()

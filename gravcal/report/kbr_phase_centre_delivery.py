@@ -10,10 +10,10 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre.checks import of_result
 from gravcal.calibrations.kbr_phase_centre.schemas import REPORT
-from gravcal.data import product
-from gravcal.data.schemas import validate
 from gravcal.report import documents, kbr_phase_centre, kbr_phase_centre_page
 from gravcal.report.plain import gps_text
+from gravcal.store import product
+from gravcal.store.schemas import validate
 
 
 def report(*products, event, settings, published, nominal_m):

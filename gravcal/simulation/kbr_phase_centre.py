@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.effects import Context
-from gravcal.methods import crn
-from gravcal.methods.noise import coloured
+from gravcal.estimation import crn
+from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, earth, frames, orbit_environment
 from gravcal.simulation import kbr_phase_centre_pair as pairs
 from gravcal.simulation import sensors

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.methods.noise import coloured
+from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, frames
 from gravcal.simulation import orbit
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.methods.noise import coloured
+from gravcal.estimation.noise import coloured
 from gravcal.physics import frames
 
 

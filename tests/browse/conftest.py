@@ -4,7 +4,7 @@ import pytest
 from invented_store import EVENT, calibration, client, dataset, put
 
 from gravcal.browse import series, store_index, variables
-from gravcal.data import journal
+from gravcal.store import journal
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.browse import app
-from gravcal.data import keys, store
+from gravcal.store import keys, store
 
 TIME = {"units": "seconds since 2000-01-01 12:00:00", "long_name": "GPS time", "units_metadata": "leap_seconds: none"}
 EVENT = "grace-c-2020-03-01"

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from flows import cli
 from gravcal.browse import store_index
-from gravcal.data.schemas import VERSION
+from gravcal.store.schemas import VERSION
 
 STATUS = {"status": "delivered", "verdict": {"text": "Delivered."}, "origin": "measured"}
 TWO = {"value": [1.0, None, 3.0], "sigma": [0.1, None, 0.3]}

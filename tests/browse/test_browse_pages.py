@@ -14,8 +14,8 @@ import pytest
 from invented_store import EVENT, calibration, client
 
 from gravcal.browse import access, app, graph, plots, printed, store_index, timeline
-from gravcal.data import journal, location
 from gravcal.errors import GravcalError
+from gravcal.store import journal, location
 
 
 @pytest.fixture

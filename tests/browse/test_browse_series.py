@@ -9,7 +9,7 @@ from invented_store import TIME
 from numpy.testing import assert_array_equal
 
 from gravcal.browse import series, variables
-from gravcal.data import netcdf
+from gravcal.store import netcdf
 
 
 def overview_of(x, y):

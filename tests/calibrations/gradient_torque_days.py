@@ -3,8 +3,9 @@
 import numpy as np
 import xarray as xr
 
+from gravcal import catalog
 from gravcal.calibrations.gradient_torque import drag, gradient, reading
-from gravcal.data import catalog, icgem
+from gravcal.io import icgem
 from gravcal.simulation import gradient_torque as simulation
 from gravcal.simulation.injection import by_slug
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES
-from gravcal.data import catalog
 from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages
 

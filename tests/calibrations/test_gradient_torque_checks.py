@@ -9,10 +9,11 @@ from independent import worlds
 
 from flows import engine
 from flows import gradient_torque as flow
-from gravcal.data import catalog, icgem
-from gravcal.data.schemas import validate
+from gravcal import catalog
 from gravcal.errors import GravcalError
+from gravcal.io import icgem
 from gravcal.report import gradient_torque_page
+from gravcal.store.schemas import validate
 
 STEP = 2.0
 SHORT = {"duration_s": 4000.0, "step_s": STEP, "field_degree": 12}
@@ -185,7 +186,7 @@ def test_a_world_of_other_code_keeps_to_every_check(tmp_path, monkeypatch):
 def test_attitudes_of_no_norm_are_bridged_as_missing_ones(days):
     """Contract: rows of zeros are no attitude; the angular readings carry it on."""
     from gravcal.calibrations.gradient_torque import reading
-    from gravcal.data import sgrs_files
+    from gravcal.io import sgrs_files
     from tasks import gradient_torque as tasks
 
     observed = sgrs_files.read(sgrs_files.find(days[2]))

@@ -6,8 +6,8 @@ from gradient_torque_days import FIELD, SATELLITE, fly, observed, ratio, solve
 from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 
+from gravcal import catalog
 from gravcal.calibrations.gradient_torque import combine, drag, identifiability, laws, pointing, reading, spline, torque
-from gravcal.data import catalog
 from gravcal.errors import EstimationError
 from gravcal.physics import gravity_field
 from gravcal.physics.sensing import offset_tensor

@@ -4,7 +4,7 @@ import numpy as np
 
 from flows import engine, models
 from flows import gradient_torque as flow
-from gravcal.data import catalog
+from gravcal import catalog
 from tasks.stage import read
 
 BIAS, ERROR = 4e-11, 2e-11  # rad s-2

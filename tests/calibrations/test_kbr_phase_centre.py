@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from benchmarks import kbr_phase_centre as study
+from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre.schemas import SUBSETS
-from gravcal.data import catalog
 from gravcal.errors import EstimationError
 from tasks import kbr_phase_centre as stages
 

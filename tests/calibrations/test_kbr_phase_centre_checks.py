@@ -8,11 +8,13 @@ import pytest
 from kbr_campaign import NOMINAL, process, simulated
 
 from flows import kbr_phase_centre
+from gravcal import catalog
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre import checks
-from gravcal.data import catalog, origin, vcm, writers
 from gravcal.errors import GravcalError
+from gravcal.io import vcm, writers
 from gravcal.simulation import kbr_phase_centre as simulation
+from gravcal.store import origin
 from tasks import kbr_phase_centre as stages
 
 SHORT = (("manoeuvres", "+pitch_a,-pitch_a,+yaw_b,-yaw_b"), ("quiet_s", 900.0))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from kbr_campaign import NOMINAL, process, simulated
 
+from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre import discovery_view
-from gravcal.data import catalog
 from gravcal.discovery.blocks import Block
 from gravcal.discovery.problem import prepare
 

@@ -7,10 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from flows import engine, kbr_phase_centre
-from gravcal.data import catalog, memory, vcm
-from gravcal.data.schemas import validate
+from gravcal import catalog
 from gravcal.errors import NoDataError, ProductError
+from gravcal.io import vcm
 from gravcal.report.kbr_phase_centre import vector_files
+from gravcal.store import memory
+from gravcal.store.schemas import validate
 from tasks.stage import read
 
 QUICK = {"phase_step_s": 1.0}

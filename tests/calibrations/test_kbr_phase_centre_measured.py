@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from flows import discover_measured
+from gravcal import catalog
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre import align, checks, correction, geometry
-from gravcal.data import catalog
-from gravcal.data.readers import read
+from gravcal.io.readers import read
 from tasks import kbr_phase_centre as stages
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data"

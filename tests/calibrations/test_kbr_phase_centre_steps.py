@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from gravcal.calibrations.kbr_phase_centre import align, covariance, pointing, pointing_noise, whitened
 from gravcal.calibrations.kbr_phase_centre.observable import arcs
 from gravcal.errors import EstimationError
-from gravcal.methods import noise as noises
+from gravcal.estimation import noise as noises
 from gravcal.simulation import kbr_phase_centre as simulation
 
 
@@ -99,7 +99,7 @@ def test_star_camera_noise_is_measured_from_the_wiggles():
 
 def test_covariance_is_that_of_drawn_noise():
     """Recovery: pointing noise times a lever, differentiated by the CRN filter; 600 draws, elements within 6 sigma."""
-    from gravcal.methods import crn
+    from gravcal.estimation import crn
 
     rng, step = np.random.default_rng(5), 5.0
     fine = np.arange(0.0, 400.0)

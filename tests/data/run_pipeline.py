@@ -9,7 +9,7 @@ from pathlib import Path
 def main(arguments):
     """Run the flow of the named package on a file."""
     name, raw = arguments
-    from gravcal.data.archive import LevelOneFile
+    from gravcal.io.archive import LevelOneFile
     from tasks.stage import inline, using
 
     made = []

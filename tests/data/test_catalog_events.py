@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from gravcal.data import catalog
+from gravcal import catalog
 from gravcal.errors import CatalogError
 
 EVENT = """calibration = "com_offset"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.data import catalog
-from gravcal.data import catalog_files as files
+from gravcal import catalog
+from gravcal.catalog import files
 from gravcal.errors import CatalogError
 
 DEMO = """

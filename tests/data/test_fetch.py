@@ -15,9 +15,10 @@ import pytest
 from typer.testing import CliRunner
 
 from flows import cli, cli_fetch
-from gravcal.data import catalog, fetch, fetch_http, fetch_layout, fetch_login
-from gravcal.data.fetch_http import Patience
+from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, ProductError
+from gravcal.io import fetch, fetch_http, fetch_layout, fetch_login
+from gravcal.io.fetch_http import Patience
 
 DAY = datetime.date(2020, 2, 1)
 SOON = Patience(attempts=3, wait_s=0.01, longest_wait_s=0.05, connect_s=5.0, stall_s=0.3)

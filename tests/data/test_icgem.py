@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gravcal.data import icgem
-from gravcal.data.fields import generate
 from gravcal.errors import ProductError
+from gravcal.io import icgem
+from gravcal.io.fields import generate
 from gravcal.physics import gravity_field
 
 HEAD = """begin_of_head ====

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gravcal.data import inertial_files as files
 from gravcal.errors import ProductError
+from gravcal.io import inertial_files as files
 
 
 def records(start, count=50):

@@ -3,7 +3,7 @@
 import pytest
 
 from flows import engine
-from gravcal.data import journal
+from gravcal.store import journal
 
 
 def run(pipeline, **changes):

@@ -9,8 +9,10 @@ import pytest
 import xarray as xr
 
 from flows import engine
-from gravcal.data import archive, catalog_events, origin, readers, sgrs_files, store, writers
+from gravcal.catalog import event_table as catalog_events
 from gravcal.errors import CatalogError, ProductError
+from gravcal.io import archive, readers, sgrs_files, writers
+from gravcal.store import origin, store
 from tasks.stage import read
 
 RECORDS = {"time_second": 634219200 + np.arange(3), "time_fraction": np.zeros(3)}

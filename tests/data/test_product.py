@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 
-from gravcal.data import netcdf, product
 from gravcal.errors import ProductError
+from gravcal.store import netcdf, product
 
 SCHEMA = {
     "time": {"dims": "time"},

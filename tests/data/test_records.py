@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flows import command, engine
-from gravcal.data import explain, housekeeping, journal, keys, lineage, memory, product, records, store
 from gravcal.errors import ProductError
+from gravcal.store import explain, housekeeping, journal, keys, lineage, memory, product, records, store
 
 
 def of(folder):

@@ -5,8 +5,8 @@ import json
 import pytest
 from jsonschema_rs import meta
 
-from gravcal.data import schemas
 from gravcal.errors import ProductError
+from gravcal.store import schemas
 
 
 def _head(calibration, **rest):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gravcal.data import sgrs_files
 from gravcal.errors import ProductError
+from gravcal.io import sgrs_files
 
 
 def columns(sensors=2, count=20):

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gravcal.data import disk, housekeeping, keys, location, memo, memory, product, store
 from gravcal.errors import CatalogError, ProductError
+from gravcal.store import disk, housekeeping, keys, location, memo, memory, product, store
 
 RECIPE = {"event": "e", "kind": "test.store", "variant": "", "version": 1, "settings": {}, "inputs": [], "code": ""}
 FACTS = {"seconds": 0.0, "modules": {}, "from": [], "stage": "", "versions": {}}

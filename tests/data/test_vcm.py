@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gravcal.data import vcm
 from gravcal.errors import ProductError
+from gravcal.io import vcm
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2018-05-22"
 OFFSET = [107.2e-6, 3.7e-6, -12.4e-6]

@@ -9,7 +9,7 @@ from independent import make_event
 from typer.testing import CliRunner
 
 from flows import cli
-from gravcal.data.schemas import validate
+from gravcal.store.schemas import validate
 
 #: Slug, and what the second simulator calls it; at twice the signal-to-noise ratio of the study or more.
 LISTED = {

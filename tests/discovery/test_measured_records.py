@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from flows import discover_measured, measured_attitude
+from gravcal import catalog
 from gravcal.calibrations.attitude_thrusters import view
-from gravcal.data import catalog
-from gravcal.data.schemas import validate
+from gravcal.store.schemas import validate
 from tasks import common
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data"

@@ -8,11 +8,11 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from flows import discover_measured
+from gravcal import catalog
 from gravcal.calibrations.attitude_thrusters import series, view
 from gravcal.calibrations.magnetometer import view as magnetometer
 from gravcal.calibrations.published_table import geometry
 from gravcal.calibrations.published_table import view as table
-from gravcal.data import catalog
 
 CHOSEN = catalog.parameters("discover_measured")
 START, HOURS = 443016000.0, 2.0

@@ -10,9 +10,9 @@ from independent import damage
 from typer.testing import CliRunner
 
 from flows import cli, kbr_phase_centre
-from gravcal.data.schemas import validate
 from gravcal.effects.base import Effect, Parameter
 from gravcal.simulation import kbr_phase_centre as simulation
+from gravcal.store.schemas import validate
 
 SHORT = {"phase_step_s": 1.0}
 #: One satellite's four wiggles, far apart: what is of first order in the wiggle looks alike.

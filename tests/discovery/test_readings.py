@@ -4,13 +4,13 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from flows import com_offset, discover
+from gravcal import catalog
 from gravcal.calibrations.com_offset.discovery_event import event
 from gravcal.calibrations.com_offset.discovery_reading import reading
-from gravcal.data import catalog
 from gravcal.discovery import products, readings
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
-from gravcal.methods.noise import whiten
+from gravcal.estimation.noise import whiten
 from tasks.stage import read
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})

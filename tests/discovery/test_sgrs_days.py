@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from flows import cli, gradient_torque
 from gravcal.calibrations.gradient_torque import discovery_series as series
 from gravcal.calibrations.gradient_torque import discovery_view
-from gravcal.data import product
-from gravcal.data.schemas import validate
 from gravcal.physics import frames
+from gravcal.store import product
+from gravcal.store.schemas import validate
 
 HALF_DAY = {"duration_s": "43200"}
 #: Effects that half a day shows at twenty times its errors or more, the field by far the most.

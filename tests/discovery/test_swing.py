@@ -9,7 +9,7 @@ from draws import document_of, enough
 from typer.testing import CliRunner
 
 from flows import cli, inertial_sensor
-from gravcal.data.schemas import validate
+from gravcal.store.schemas import validate
 
 #: A time within the swing of the simulated day, s GPS.
 MIDDLE = 706111700.0

@@ -12,7 +12,7 @@ CALIBRATION = '''
     """An invented calibration on the stages of {name}."""
     from dataclasses import dataclass
     from flows.engine import flow
-    from gravcal.data.archive import LevelOneFile
+    from gravcal.io.archive import LevelOneFile
     from gravcal.errors import CatalogError, EstimationError
     from {name} import stages
     from tasks.stage import read

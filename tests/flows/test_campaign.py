@@ -14,7 +14,7 @@ import pytest
 
 from flows import campaign as campaigns
 from flows import campaign_work, command
-from gravcal.data import fingerprint, housekeeping, inputs
+from gravcal.store import fingerprint, housekeeping, inputs
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from flows import cli
-from gravcal.data import fingerprint, housekeeping
-from gravcal.data.schemas import validate
 from gravcal.errors import EstimationError
+from gravcal.store import fingerprint, housekeeping
+from gravcal.store.schemas import validate
 
 
 def gravcal(*arguments):
@@ -286,7 +286,7 @@ def test_looking_whether_a_document_can_be_written_changes_nothing(fakecal):
 
 def test_the_help_of_a_campaign_names_every_calibration(capsys):
     """Contract: the four of them."""
-    from gravcal.data.catalog_events import CALIBRATIONS
+    from gravcal.catalog.event_table import CALIBRATIONS
 
     assert gravcal("campaign", "--help") == 0
     said = capsys.readouterr().out

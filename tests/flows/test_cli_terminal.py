@@ -12,7 +12,7 @@ import pytest
 from typer.main import get_command
 
 from flows import cli, cli_complete, cli_progress
-from gravcal.data import configurations
+from gravcal.store import configurations
 
 GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
 WITHOUT_DOCUMENT = {"browse", "serve"}  # they go on until they are ended
@@ -193,7 +193,7 @@ def test_the_start_of_an_engine_says_nothing_of_its_speed():
 @pytest.mark.parametrize("calibration", ["com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque"])
 def test_usual_times_name_stages_that_there_are(calibration):
     """Contract: each calibration and its simulation has a time, and each part is a stage, so that it can be done."""
-    from gravcal.data import catalog_files
+    from gravcal.catalog import files as catalog_files
 
     usual = catalog_files.read("usual", "seconds")[1]
     assert usual[f"simulating {calibration}"][f"simulating {calibration}"] > 0
@@ -206,7 +206,7 @@ def test_usual_times_name_stages_that_there_are(calibration):
 def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
     """Contract: on a terminal the next run knows the seconds of each stage that was made."""
     from flows import engine
-    from gravcal.data import memo
+    from gravcal.store import memo
 
     monkeypatch.setattr(sys, "stderr", Terminal())
     with cli_progress.progress("fake") as listener:

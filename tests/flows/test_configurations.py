@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from flows import cli, command, engine, prefect_engine
-from gravcal.data import catalog, configurations, housekeeping, journal, location
+from gravcal import catalog
 from gravcal.errors import CatalogError
+from gravcal.store import configurations, housekeeping, journal, location
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 

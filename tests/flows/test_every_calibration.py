@@ -20,8 +20,8 @@ import tasks
 from flows import campaign, cli_output, cli_store, command, engine
 from flows.remake import remake
 from gravcal.browse import store_index, timeline
-from gravcal.data import fingerprint, housekeeping, location, memory, origin
 from gravcal.errors import GravcalError, ProductError
+from gravcal.store import fingerprint, housekeeping, location, memory, origin
 from tasks import stage
 
 #: Calibration: what makes its simulated event small.
@@ -177,7 +177,7 @@ def test_every_file_of_the_package_that_a_stage_opens_is_in_its_key(name, level_
 
     def observed(call, *rest):
         for module in [one for title, one in list(sys.modules.items()) if title.startswith("gravcal.")]:
-            if module not in (fingerprint, sys.modules["gravcal.data.catalog_files"]):
+            if module not in (fingerprint, sys.modules["gravcal.catalog.files"]):
                 for value in vars(module).values():
                     getattr(value, "cache_clear", lambda: None)()
         opened.clear()
@@ -198,7 +198,7 @@ def test_every_file_of_the_package_that_a_stage_opens_is_in_its_key(name, level_
     assert made(name, level_one)["status"] == "delivered"
     assert forgotten == []
     assert f"gravcal/report/{name}.html" in seen
-    assert f"gravcal/data/schemas/{name}.schema.json" in seen
+    assert f"gravcal/store/schemas/{name}.schema.json" in seen
 
 
 def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_path, monkeypatch):
@@ -242,7 +242,7 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
     assert all("ingest.MAG1B_C" in again[part]["com_offset"] for part in keyed if "/readers/products/" in part)
     assert again["gravcal/physics/IGRF13.shc"] == again["gravcal/physics/IGRF14.shc"]
     assert again["gravcal/physics/IGRF14.shc"] == {"com_offset": ["com_offset.field"]}
-    assert again["gravcal/data/fields/gravcal-60.gfc"] == {"gradient_torque": ["gradient_torque.field"]}
+    assert again["gravcal/io/fields/gravcal-60.gfc"] == {"gradient_torque": ["gradient_torque.field"]}
     assert again["gravcal/report/page.html"] == {name: [f"{name}.report"] for name in SMALL}
     assert again["gravcal/report/kbr_phase_centre.html"] == {"kbr_phase_centre": ["kbr_phase_centre.report"]}
     assert {name for found in again.values() for name in found} == set(SMALL)
@@ -322,7 +322,7 @@ THROUGH_PREFECT = """
 import json, os, sys
 from pathlib import Path
 from flows import command, engine, prefect_server
-from gravcal.data import housekeeping
+from gravcal.store import housekeeping
 found = {}
 with prefect_server.running(prefect_server.begin()) as url:
     os.environ["PREFECT_API_URL"] = url

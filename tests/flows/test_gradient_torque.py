@@ -7,9 +7,10 @@ import pytest
 
 from flows import engine
 from flows import gradient_torque as flow
-from gravcal.data import catalog, sgrs_files, writers
-from gravcal.data.schemas import validate
+from gravcal import catalog
 from gravcal.errors import EstimationError, ProductError
+from gravcal.io import sgrs_files, writers
+from gravcal.store.schemas import validate
 
 SHORT = {"duration_s": "3600", "step_s": "5", "field_degree": "12"}
 SETTINGS = {"field_degree": "12", "highest_degree": "6"}

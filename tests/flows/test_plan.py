@@ -3,8 +3,8 @@
 import pytest
 
 from flows import engine
-from gravcal.data import fingerprint, housekeeping, journal, location
 from gravcal.errors import ProductError
+from gravcal.store import fingerprint, housekeeping, journal, location
 
 
 def plan(pipeline, **changes):

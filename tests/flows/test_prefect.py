@@ -19,7 +19,7 @@ RUNNER = """
 import importlib, json, os, platform, sys, urllib.request
 sys.path.insert(0, sys.argv[1])
 from flows import engine, prefect_server
-from gravcal.data.archive import LevelOneFile
+from gravcal.io.archive import LevelOneFile
 from pathlib import Path
 states, seen, plan = {}, [], []
 drain = prefect_server.drain

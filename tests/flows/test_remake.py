@@ -3,8 +3,8 @@
 import pytest
 
 from flows.remake import remake
-from gravcal.data import housekeeping, lineage
 from gravcal.errors import ProductError
+from gravcal.store import housekeeping, lineage
 
 
 def entry(pipeline, part="join"):

@@ -17,8 +17,8 @@ import requests
 import yaml
 
 from flows import campaign_prefect, prefect_server, serve, watch
-from gravcal.data import memo
 from gravcal.errors import CatalogError
+from gravcal.store import memo
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).parent / "run_campaign.py"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.data import catalog
+from gravcal import catalog
 from gravcal.errors import CatalogError
 
 EVENT = "grace-c-2020-02-01"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.data import catalog
+from gravcal import catalog
 
 SHARED = Path(__file__).parents[3] / "shared"
 pytestmark = [

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.data.schemas import validate
-from gravcal.data.vcm import read_vector_line
 from gravcal.errors import ProductError
+from gravcal.io.vcm import read_vector_line
 from gravcal.report import com_offset, documents
+from gravcal.store.schemas import validate
 
 
 def test_a_delivered_document_fits_its_schema(document):

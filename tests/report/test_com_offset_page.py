@@ -6,7 +6,7 @@ import invented
 import pytest
 import xarray as xr
 
-from gravcal.data import catalog
+from gravcal import catalog
 from gravcal.report import com_offset, documents
 from gravcal.report.com_offset_tables import printed_manoeuvres
 from gravcal.report.words import plus_minus

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gravcal.data.results import Value, values
 from gravcal.report import comparison
+from gravcal.store.results import Value, values
 
 
 def document(calibration="com_offset", **more):

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from flows import cli, discover_measured
-from gravcal.data import catalog
-from gravcal.data.schemas import validate
+from gravcal import catalog
 from gravcal.discovery import products
 from gravcal.report import discovery, discovery_measured
+from gravcal.store.schemas import validate
 
 CHOSEN = catalog.parameters("discover_measured")
 CAUSES = {"attitude": "torque.thruster_firings", "ranging": "ranging.phase_centre", "magnetometer": "magnetometer.bias"}

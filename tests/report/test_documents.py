@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 from gravcal.calibrations import checks
-from gravcal.data import product
 from gravcal.report import documents
+from gravcal.store import product
 
 DOCUMENT = {"status": "delivered", "verdict": {"text": "Delivered: x 1.0 um."}, "settings": {}}
 HEIGHT = checks.at_most("height", 3.0, 2.0, "km")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.data import catalog
+from gravcal import catalog
 from gravcal.effects import catalogue, effect
 from gravcal.errors import CatalogError
 from gravcal.simulation.com_offset import simulate

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from gravcal.data import catalog, icgem
+from gravcal import catalog
 from gravcal.errors import CatalogError
+from gravcal.io import icgem
 from gravcal.physics import frames, kinematics
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.simulation import gradient_torque as simulation

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.data import catalog
+from gravcal import catalog
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import CatalogError
 from gravcal.physics import frames

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gravcal.data import catalog
+from gravcal import catalog
 from gravcal.effects.ranging import EFFECTS
 from gravcal.simulation import kbr_phase_centre as simulation
 

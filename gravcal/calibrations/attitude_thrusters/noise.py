@@ -9,7 +9,7 @@ import numpy as np
 from gravcal.calibrations.attitude_thrusters import response
 from gravcal.calibrations.attitude_thrusters.series import Camera
 from gravcal.errors import EstimationError
-from gravcal.methods.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 
 MARGIN_S = 1.0  # s, of a quiet stretch to the firings at its ends
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 #: Shifts of all firings; multiples of a time that no period of control or orbit shares.
 SHIFTS_S = tuple(sign * k * 97.0 for k in range(1, 11) for sign in (-1, 1))
@@ -41,7 +41,7 @@ def inflation(blocks: list[dict], bases: list, present: list[list[np.ndarray]], 
     columns = [
         less(q, np.concatenate(parts, axis=1)) for q, parts in zip(bases, zip(*present, strict=True), strict=True)
     ]
-    inverse = estimation.stable_inverse(sum(c.T @ c for c in columns))
+    inverse = least_squares.stable_inverse(sum(c.T @ c for c in columns))
     value = inverse @ sum(c.T @ y for c, y in zip(columns, rest, strict=True))
     rest = [y - c @ value for c, y in zip(columns, rest, strict=True)]
     gains, freedom = [], 0
@@ -50,7 +50,7 @@ def inflation(blocks: list[dict], bases: list, present: list[list[np.ndarray]], 
         cross = sum(t.T @ c for t, c in zip(tried, columns, strict=True))
         normal = sum(t.T @ t for t in tried) - cross @ inverse @ cross.T
         right = sum(t.T @ y for t, y in zip(tried, rest, strict=True))
-        gains.append(float(right @ estimation.stable_inverse(normal) @ right))
+        gains.append(float(right @ least_squares.stable_inverse(normal) @ right))
         freedom += right.size
     return max(sum(gains) / freedom, 1.0), np.array(gains)
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.align import QUATERNION, sorted_samples
 from gravcal.errors import EstimationError
-from gravcal.methods import timing
+from gravcal.estimation import timing
 from gravcal.physics import frames
 
 LOW_RATE = 0b11000000  # quality bits of SCA1B: made from low-rate data

@@ -11,7 +11,7 @@ from gravcal.calibrations.attitude_thrusters import drivers, placebo, response
 from gravcal.calibrations.attitude_thrusters import noise as noises
 from gravcal.calibrations.attitude_thrusters.series import Camera, Firings
 from gravcal.effects import Context, catalogue
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 #: Whitened components; with a single camera the second and third are mixtures of pitch and yaw.
 CHANNELS = ("roll", "pitch", "yaw")
@@ -103,7 +103,7 @@ def _share(blocks, bases, columns):
     for block, basis, column in zip(blocks, bases, columns, strict=True):
         clean = placebo.less(basis, column)
         normal, right = normal + clean.T @ clean, right + clean.T @ block["observed"]
-    return estimation.stable_inverse(normal) @ right
+    return least_squares.stable_inverse(normal) @ right
 
 
 def _parts(camera, block_s):

@@ -13,8 +13,8 @@ from gravcal.calibrations.com_offset.attitude_fit import Choice
 from gravcal.calibrations.com_offset.schemas import ATTITUDE
 from gravcal.calibrations.com_offset.star_camera_wave import fit_star_camera_wave, shape
 from gravcal.calibrations.com_offset.windows import Window, field_at, windows
-from gravcal.methods.noise import NoiseModel, fit_noise
-from gravcal.methods.resampling import operator_for
+from gravcal.estimation.noise import NoiseModel, fit_noise
+from gravcal.estimation.resampling import operator_for
 from gravcal.physics import frames
 
 VECTORS = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gravcal.calibrations.com_offset.motion import Arc, Solution, propagator, torque_of, updated
-from gravcal.methods.estimation import covariance
-from gravcal.methods.noise import NoiseModel, whiten
+from gravcal.estimation.least_squares import covariance
+from gravcal.estimation.noise import NoiseModel, whiten
 from gravcal.physics import dynamics, frames
 
 INERTIA_STEP = 1e-4  # relative, of the differences by the principal moments

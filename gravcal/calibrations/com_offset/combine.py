@@ -11,7 +11,7 @@ from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS
 from gravcal.calibrations.com_offset.schemas import COMBINE
 from gravcal.calibrations.com_offset.solve import PRIOR
 from gravcal.calibrations.model_error import widened
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 
 def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
@@ -81,7 +81,7 @@ def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_
 
 def _selected(solved):
     """Rows and errors that the source paper keeps."""
-    covariance = np.array([estimation.covariance(i) for i in solved["information"].values]).reshape(-1, 3, 3)
+    covariance = np.array([least_squares.covariance(i) for i in solved["information"].values]).reshape(-1, 3, 3)
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     mean, error = published.selected(solved["kind"].values, solved["latitude"].values, solved["offset"].values, sigma)
     total = np.diag(np.where(np.isfinite(error), error, np.inf) ** 2)
@@ -113,9 +113,9 @@ def _joint(solved):
         nothing = {"offset": np.full(3, np.nan), "catalogue": np.zeros((catalogue.sum(), 3)), "chi2": 0.0, "dof": 0}
         return nothing | {"covariance": none, "covariance_total": none, "noise": none, "own": none}
     parts = [solved[n].values[seen] for n in ("right", "normal", "information")]
-    scores = [estimation.Score(*part) for part in zip(*parts, strict=True)]
+    scores = [least_squares.Score(*part) for part in zip(*parts, strict=True)]
     shift = solved["mode_shift"].values[seen]
-    joined = estimation.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]), PRIOR)
+    joined = least_squares.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]), PRIOR)
     measured, given = joined.shift[~catalogue], joined.shift[catalogue]
     total = joined.covariance + measured.T @ measured
     return {
@@ -134,8 +134,8 @@ def _parts(scores, own):
 
     With P = (I^-1 + M M')^-1, T = sum P: of the noise T^-1 (sum P I^-1 P) T^-1, of the modes T^-1 (sum P M M' P) T^-1.
     """
-    weight = [estimation.weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
-    total = estimation.stable_inverse(PRIOR + sum(w @ s.information for w, s in zip(weight, scores, strict=True)))
+    weight = [least_squares.weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
+    total = least_squares.stable_inverse(PRIOR + sum(w @ s.information for w, s in zip(weight, scores, strict=True)))
     noise = sum(w @ s.information @ w.T for w, s in zip(weight, scores, strict=True))
     moves = [m @ (w @ s.information).T for w, s, m in zip(weight, scores, own, strict=True)]
     return {"noise": total @ noise @ total.T, "own": total @ sum(m.T @ m for m in moves) @ total.T}
@@ -147,7 +147,7 @@ def _per_manoeuvre(solved):
     covariances = []
     for information, shift in zip(solved["information"].values, solved["mode_shift"].values, strict=True):
         own = shift[~catalogue]
-        covariances.append(estimation.covariance(information + PRIOR) + own.T @ own)
+        covariances.append(least_squares.covariance(information + PRIOR) + own.T @ own)
     return solved["offset"].values, np.array(covariances).reshape(-1, 3, 3)
 
 

@@ -9,7 +9,7 @@ from gravcal.calibrations.align import sorted_samples
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import DETECT
 from gravcal.calibrations.com_offset.waves import Wave, find_waves, regular_edges
-from gravcal.methods.timing import normalised
+from gravcal.estimation.timing import normalised
 
 KINDS = ("roll", "pitch", "yaw")
 

@@ -17,7 +17,7 @@ import xarray as xr
 from gravcal.calibrations.com_offset import discovery_timing, motion
 from gravcal.calibrations.com_offset.discovery_view import View, felt
 from gravcal.effects.entries import determined
-from gravcal.methods.estimation import polynomial
+from gravcal.estimation.least_squares import polynomial
 
 CAUSE = "torque.dipole_lag"
 TRIED_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import noise as linear_noise
-from gravcal.methods import estimation
-from gravcal.methods.detrended_noise import fit_beside, fit_detrended
-from gravcal.methods.lines import without_lines
-from gravcal.methods.noise import NoiseModel
-from gravcal.methods.resampling import lowpass_resampler
+from gravcal.estimation import least_squares
+from gravcal.estimation.detrended_noise import fit_beside, fit_detrended
+from gravcal.estimation.lines import without_lines
+from gravcal.estimation.noise import NoiseModel
+from gravcal.estimation.resampling import lowpass_resampler
 from gravcal.physics import frames
 
 
@@ -80,8 +80,8 @@ def _without_drift(degree):
 
     @functools.cache
     def basis(count, valid):
-        drift = estimation.polynomial(np.arange(count), degree, 0, count)
-        return estimation.orthonormal(drift[np.frombuffer(valid, dtype=bool)])
+        drift = least_squares.polynomial(np.arange(count), degree, 0, count)
+        return least_squares.orthonormal(drift[np.frombuffer(valid, dtype=bool)])
 
     def clean(segment, _):
         valid = np.isfinite(segment).all(axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.calibrations.com_offset.discovery_view import View, times
-from gravcal.methods.noise import unwhiten
+from gravcal.estimation.noise import unwhiten
 
 
 def reading(view: View, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ import xarray as xr
 from gravcal.calibrations.com_offset import motion
 from gravcal.calibrations.com_offset.attitude_fit import slow_torque_response
 from gravcal.calibrations.com_offset.windows import Window, windows
-from gravcal.methods import estimation
-from gravcal.methods.resampling import Resampler, operator_for
+from gravcal.estimation import least_squares
+from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames
 
 
@@ -78,7 +78,7 @@ def offset_of(solved: xr.Dataset) -> np.ndarray:
     solved : Dataset, "com_offset.solve"
     """
     normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
-    return estimation.stable_inverse(normal) @ right
+    return least_squares.stable_inverse(normal) @ right
 
 
 def _scene(aligned, smoothed, index, window, settings):

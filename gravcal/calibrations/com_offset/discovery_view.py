@@ -9,8 +9,8 @@ import numpy as np
 from gravcal.calibrations.com_offset import discovery_noise, motion
 from gravcal.calibrations.com_offset.discovery_scene import Scene, attitude_at, field_at, turned
 from gravcal.effects import Context, catalogue
-from gravcal.methods import estimation
-from gravcal.methods.noise import NoiseModel, whiten
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import NoiseModel, whiten
 from gravcal.physics import frames, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
@@ -215,7 +215,7 @@ def _own(view, settings):
     ):
         if time.size:
             ends = (grid[0], grid[-1]) if channel != "magnetometer" else (time[0], max(time[-1], time[0] + 1))
-            shape = estimation.polynomial(time, degree, *ends)
+            shape = least_squares.polynomial(time, degree, *ends)
             columns.append({channel: np.einsum("nk,ac->nakc", shape, eye).reshape(time.size, 3, -1)})
     columns += [{"attitude": scene.own_attitude}, {"linear": _swung_drag(view.context)}]
     width = float(np.median(np.diff(scene.time)))

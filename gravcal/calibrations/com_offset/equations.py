@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.equations_schema import EQUATIONS
 from gravcal.effects import Context, effect
-from gravcal.methods.resampling import operator_for
+from gravcal.estimation.resampling import operator_for
 
 
 def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **settings) -> xr.Dataset:

@@ -9,9 +9,9 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.equations_schema import QUIET
 from gravcal.calibrations.com_offset.schemas import NOISE
 from gravcal.errors import EstimationError
-from gravcal.methods import estimation
-from gravcal.methods.noise import NoiseModel, fit_noise
-from gravcal.methods.resampling import lowpass_resampler
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import NoiseModel, fit_noise
+from gravcal.estimation.resampling import lowpass_resampler
 
 #: Shortest quiet data from which the noise is measured.
 QUIET_S = 300.0
@@ -154,6 +154,6 @@ def _quiet_piece(time, linear, good, begin, end, settings):
 def _without_drift(grid, reading, degree):
     """Reading of a piece without its drift, fitted where it has values."""
     valid, found = np.isfinite(reading[:, 0]), reading.copy()
-    drift = estimation.polynomial(grid, degree, grid[0], grid[-1])[valid]
-    found[valid] = estimation.without(drift, reading[valid])
+    drift = least_squares.polynomial(grid, degree, grid[0], grid[-1])[valid]
+    found[valid] = least_squares.without(drift, reading[valid])
     return found

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.methods import estimation
-from gravcal.methods.resampling import lowpass_resampler
+from gravcal.estimation import least_squares
+from gravcal.estimation.resampling import lowpass_resampler
 from gravcal.physics import kinematics, sensing
 
 LOWPASS_HZ = 0.166  # Sec. 4.3
@@ -54,7 +54,7 @@ def lowpassed(time, good, columns):
     operator = lowpass_resampler(time, good, time, lowpass_hz=LOWPASS_HZ, half_width_s=half)
     filtered = operator(columns)[operator.valid]
     at = time[operator.valid]
-    return at, estimation.without(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
+    return at, least_squares.without(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
 
 
 def components(kind: int, latitude: float) -> list[int]:
@@ -83,7 +83,7 @@ def solve_one(time, good, linear, rates, solved) -> tuple[np.ndarray, np.ndarray
     _, series = lowpassed(time, good, np.nan_to_num(np.concatenate([reading, *rates], axis=1)))
     A = sensing.published_offset_matrix(series[:, 3:6], series[:, 6:9]).reshape(-1, 3)[:, solved]
     weight, observed = np.tile(WEIGHTS, len(series)), series[:, :3].ravel()
-    inverse = estimation.stable_inverse(A.T @ (weight[:, None] * A))
+    inverse = least_squares.stable_inverse(A.T @ (weight[:, None] * A))
     value = inverse @ A.T @ (weight * observed)
     residual = observed - A @ value
     offset, covariance = np.full(3, np.nan), np.diag(np.full(3, np.inf))

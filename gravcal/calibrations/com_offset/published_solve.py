@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.equations import arrays, reading, samples, where
 from gravcal.calibrations.com_offset.solve import nothing, product
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 
 def solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset) -> xr.Dataset:
@@ -37,7 +37,7 @@ def solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset) -> xr.
         rates = smoothed["rate_b"][inside], angular["rate_dot_b"][inside]
         kept = published.components(int(place["kind"][i]), float(place["latitude"][i]))
         offset[i], formal = published.solve_one(time, ~marked, linear, rates, kept)
-        information[i][np.ix_(kept, kept)] = estimation.stable_inverse(formal[np.ix_(kept, kept)])
+        information[i][np.ix_(kept, kept)] = least_squares.stable_inverse(formal[np.ix_(kept, kept)])
     values = nothing(count) | {"offset": offset, "information": information, "normal": information}
     values["right"] = np.matvec(information, np.nan_to_num(offset))
     return product(values, place | {"mode_shared": [], "mode_catalogue": []}, variant, "published")

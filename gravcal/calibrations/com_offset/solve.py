@@ -9,8 +9,8 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.equations import arrays, of_rotation
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
 from gravcal.calibrations.com_offset.schemas import SOLVE
-from gravcal.methods import estimation
-from gravcal.methods.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2
@@ -77,7 +77,7 @@ def _joint(scores):
     if not seen:
         return np.full(3, np.nan)
     normal = sum(s.normal for s in seen) + PRIOR
-    return estimation.stable_inverse(normal) @ sum(s.right for s in seen)
+    return least_squares.stable_inverse(normal) @ sum(s.right for s in seen)
 
 
 def _block(given, index, settings):
@@ -95,7 +95,7 @@ def _block(given, index, settings):
         "design": still + turning[0],
         "instruments": still + turning[1] if len(driven) else None,
         "modes": turning[1 + len(driven) :],
-        "drift": estimation.polynomial(time, settings["drift_degree"], *time[[0, -1]]),
+        "drift": least_squares.polynomial(time, settings["drift_degree"], *time[[0, -1]]),
     }
 
 
@@ -124,7 +124,7 @@ def _whitened(block, noise):
 
 def _without(drift, columns):
     """Columns without drift."""
-    basis = estimation.orthonormal(drift)
+    basis = least_squares.orthonormal(drift)
     return columns - basis @ (basis.T @ columns)
 
 
@@ -133,7 +133,7 @@ def _score(white):
     if white is None:
         return None
     none = np.zeros((white["reading"].size, 0))
-    return estimation.score(white["reading"], white["design"], none, white["instruments"])
+    return least_squares.score(white["reading"], white["design"], none, white["instruments"])
 
 
 def _residual_noise(blocks, settings):
@@ -153,7 +153,7 @@ def _residual(block, value):
     """Reading minus model with its drift removed, on the resampled grid (n, 3)."""
     residual = block["reading"] - block["design"] @ value
     valid = block["valid"]
-    residual[valid] = estimation.without(block["drift"][valid], residual[valid])
+    residual[valid] = least_squares.without(block["drift"][valid], residual[valid])
     return residual
 
 
@@ -183,11 +183,11 @@ def _values(blocks, whitened, scores, joint, modes):
 def _estimate(white, score, joint):
     """Numbers of one manoeuvre; noise of the columns weakens its equation, modes act on the joint offset."""
     A, Z = white["design"], white["instruments"]
-    gain = estimation.stable_inverse(score.information) @ (A if Z is None else Z).T
+    gain = least_squares.stable_inverse(score.information) @ (A if Z is None else Z).T
     residual = white["reading"] - A @ joint
     extra = 0.0
     if Z is not None:
-        extra = float(np.sum((estimation.without(Z, A) @ joint) ** 2) / max(white["rows"], 1))
+        extra = float(np.sum((least_squares.without(Z, A) @ joint) ** 2) / max(white["rows"], 1))
     return {
         "offset": score.determined(joint, DIRECTION_LIMIT_M),
         "right": score.right / (1 + extra),

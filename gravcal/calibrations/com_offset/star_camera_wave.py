@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.calibrations.com_offset import attitude_fit, motion
-from gravcal.methods.estimation import stable_inverse
-from gravcal.methods.noise import whiten
+from gravcal.estimation.least_squares import stable_inverse
+from gravcal.estimation.noise import whiten
 from gravcal.physics import dynamics
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.align import SURVEY_S
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import SURVEY
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 from gravcal.physics import kinematics
 
 HALF_WIDTH = 2  # star-camera samples either side of the parabola whose slope is the rate
@@ -69,7 +69,7 @@ def _slope(rate, impulse):
     if rate.size < 20 or np.std(impulse) == 0:
         return np.nan, np.nan
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, rate.size), DRIFT_DEGREE)
-    observed, column = (estimation.without(drift, series) for series in (rate, impulse))
+    observed, column = (least_squares.without(drift, series) for series in (rate, impulse))
     square = float(column @ column)
     value = float(column @ observed) / square
     residual = observed - value * column

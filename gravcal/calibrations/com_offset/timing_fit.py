@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.methods.estimation import polynomial, stable_inverse, without
-from gravcal.methods.noise import NoiseModel, whiten
-from gravcal.methods.resampling import Resampler
+from gravcal.estimation.least_squares import polynomial, stable_inverse, without
+from gravcal.estimation.noise import NoiseModel, whiten
+from gravcal.estimation.resampling import Resampler
 
 
 @dataclass(frozen=True)

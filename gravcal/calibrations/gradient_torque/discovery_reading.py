@@ -6,7 +6,7 @@ import numpy as np
 
 from gravcal.calibrations.gradient_torque import discovery_series as series
 from gravcal.calibrations.gradient_torque.discovery_view import View
-from gravcal.methods.noise import unwhiten
+from gravcal.estimation.noise import unwhiten
 from gravcal.physics import sensing
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gravcal.methods import estimation, noise
+from gravcal.estimation import least_squares, noise
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix
 
@@ -107,7 +107,7 @@ def _solve(torque, arm, prior, choices, shared):
         for k in range(3):
             white = noise.whiten(models[k], np.column_stack([torque[:, k], columns[k]]), valid)
             y, A, N = white[:, 0], white[:, 1:4], white[:, 4:]
-            reduced, y_reduced = estimation.without(N, A), estimation.without(N, y)
+            reduced, y_reduced = least_squares.without(N, A), least_squares.without(N, y)
             biased = np.count_nonzero(valid) * _power(models[k], 101) * common[k]
             normal, right = normal + reduced.T @ reduced, right + reduced.T @ y_reduced - biased
             nuisance.append((y, A, N))

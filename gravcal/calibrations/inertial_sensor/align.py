@@ -75,7 +75,7 @@ def on_grid(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarra
 
 def _check_gaps(time, missing, swing, limit):
     """No gap in the swing longer than may be bridged."""
-    from gravcal.methods.noise import runs
+    from gravcal.estimation.noise import runs
 
     inside = (time >= swing[0] - 5) & (time <= swing[1] + 5)
     begin, end = runs(missing & inside)

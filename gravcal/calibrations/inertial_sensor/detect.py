@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build
 from gravcal.calibrations.inertial_sensor import roll_bins, schemas
-from gravcal.methods.noise import runs
+from gravcal.estimation.noise import runs
 
 STEP = 2.0  # s, of the attitude looked at
 SHOWN = 60.0  # s, of the rates kept

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.calibrations.inertial_sensor.discovery_view import View
-from gravcal.methods.noise import unwhiten
+from gravcal.estimation.noise import unwhiten
 
 
 def reading(seen: View, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -16,9 +16,9 @@ from gravcal.calibrations.inertial_sensor import roll_segments
 from gravcal.calibrations.inertial_sensor.bias import ENOUGH, sensor_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
-from gravcal.methods import noise
-from gravcal.methods.detrended_noise import fit_detrended
-from gravcal.methods.lines import without_lines
+from gravcal.estimation import noise
+from gravcal.estimation.detrended_noise import fit_detrended
+from gravcal.estimation.lines import without_lines
 
 CHANNEL, CONSTANT = "roll", "constant"
 PARAMETERS = ("bias_x", "bias_y", "bias_z")

@@ -15,8 +15,8 @@ from scipy.linalg import solve_triangular
 from gravcal.calibrations.inertial_sensor import cleaning, offset, offset_fit, scale, swing_fit, swing_model
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
-from gravcal.methods import estimation, noise
-from gravcal.methods.lines import without_lines
+from gravcal.estimation import least_squares, noise
+from gravcal.estimation.lines import without_lines
 from gravcal.physics import frames, kinematics, sensing
 
 CHANNELS = ("attitude", "linear")
@@ -127,7 +127,7 @@ def _modelled(seen):
     """Linear reading (b, 3) m s-2 of the model: drift and offset, without the noise that the measured one has."""
     record, offset_b = seen.record, seen.start[seen.swing.factors + 1 :]
     felt = np.matvec(np.nan_to_num(seen.tensor), offset_b)
-    trend = estimation.polynomial(record.time, record.degree, record.time[0], record.time[-1])
+    trend = least_squares.polynomial(record.time, record.degree, record.time[0], record.time[-1])
     slow = (seen.k * record.linear_volt - felt)[seen.good]
     return felt + trend @ np.linalg.lstsq(trend[seen.good], slow, rcond=None)[0]
 
@@ -205,7 +205,7 @@ def blocks(seen: View) -> list[dict]:
 def _linear_design(seen, count):
     """Whitened rows of the linear readings: what is left of them, the offset, drifts."""
     record, tensor = seen.record, np.nan_to_num(seen.tensor)
-    trend = estimation.polynomial(record.time, record.degree, record.time[0], record.time[-1])
+    trend = least_squares.polynomial(record.time, record.degree, record.time[0], record.time[-1])
     drift = np.einsum("nk,ac->nakc", trend, np.eye(3)).reshape(record.time.size, 3, -1)
     left = seen.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, seen.start[count:])
     both = np.concatenate([left[:, :, None], tensor, drift], axis=2)

@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import replaced
 from gravcal.calibrations.model_error import widened
-from gravcal.methods.estimation import covariance_of_moves
+from gravcal.estimation.least_squares import covariance_of_moves
 
 #: Values, and the standard deviations that hold every error of theirs: of a swing, of a roll.
 SWING = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}

@@ -14,8 +14,8 @@ from gravcal.calibrations.inertial_sensor import (
 )
 from gravcal.calibrations.inertial_sensor.scale import quiet_blocks
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.methods import estimation
-from gravcal.methods.noise import fit_noise
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import fit_noise
 from gravcal.physics import sensing
 
 CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor nothing in orbit gives
@@ -97,7 +97,7 @@ def _without_polynomial(block, degree):
     good = np.isfinite(block).all(axis=1)
     basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, good.size), degree)
     out = np.full_like(block, np.nan)
-    out[good] = estimation.without(basis[good], block[good])
+    out[good] = least_squares.without(basis[good], block[good])
     return out
 
 
@@ -117,12 +117,12 @@ def _relative(scaled):
 def _shown(record, k, fitted, tensor):
     """Reading and model with the slow part removed, for the figures."""
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
-    trend = estimation.polynomial(record.time, record.degree, record.time[0], record.time[-1])
+    trend = least_squares.polynomial(record.time, record.degree, record.time[0], record.time[-1])
     reading = np.nan_to_num(k * record.linear_volt)
     return {
         "time_bin": record.time,
-        "reading": estimation.without(trend, reading),
-        "model": estimation.without(trend, np.matvec(columns, fitted.value)),
+        "reading": least_squares.without(trend, reading),
+        "model": least_squares.without(trend, np.matvec(columns, fitted.value)),
     }
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gravcal.methods import estimation, kalman, noise
+from gravcal.estimation import kalman, least_squares, noise
 from gravcal.physics import sensing
 
 
@@ -67,7 +67,7 @@ def fit(record: Record, k: np.ndarray, axes: tuple[int, ...] = (0, 1, 2), tensor
     """
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
     good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
-    trend = estimation.polynomial(record.time, record.degree, record.time[0], record.time[-1])
+    trend = least_squares.polynomial(record.time, record.degree, record.time[0], record.time[-1])
     rows, right, blocks = [], [], []
     for axis in range(3):
         whitened = noise.whiten(
@@ -82,12 +82,12 @@ def fit(record: Record, k: np.ndarray, axes: tuple[int, ...] = (0, 1, 2), tensor
 
 def _solve(right, rows, blocks, good, axes):
     """Offset from whitened rows, (3, b), (3, b, 3) and (3, b, d)."""
-    clean = np.array([estimation.without(t, a) for t, a in zip(blocks, rows, strict=True)])
+    clean = np.array([least_squares.without(t, a) for t, a in zip(blocks, rows, strict=True)])
     flat = clean.reshape(-1, 3)
-    covariance = estimation.stable_inverse(flat.T @ flat)
+    covariance = least_squares.stable_inverse(flat.T @ flat)
     value = covariance @ (flat.T @ right.reshape(-1))
     left = right - rows @ value
-    residual = np.array([estimation.without(t, r) for t, r in zip(blocks, left, strict=True)])
+    residual = np.array([least_squares.without(t, r) for t, r in zip(blocks, left, strict=True)])
     dof = len(axes) * (int(np.count_nonzero(good)) - blocks.shape[2]) - 3
     bins, width = blocks.shape[1:]
     design = np.zeros((bins, 3, 3 + 3 * width))

@@ -10,7 +10,7 @@ import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import cleaning
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.methods import crn, kalman
+from gravcal.estimation import crn, kalman
 from gravcal.physics import frames
 from gravcal.physics.sensing import rotation_tensor
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.methods import noise
+from gravcal.estimation import noise
 from gravcal.physics import sensing
 
 MEMORY = 3  # order of the autoregressive noise of a residual, half a minute

@@ -16,7 +16,7 @@ from gravcal.calibrations.inertial_sensor import (
 )
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
-from gravcal.methods import kalman
+from gravcal.estimation import kalman
 from gravcal.physics import frames, gravity
 
 LINEAR = ("k", "k_sigma", "k_sigma_total")

@@ -15,7 +15,7 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from gravcal.calibrations.inertial_sensor import swing_model as model
 from gravcal.errors import EstimationError
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _step(system):
     """Gauss-Newton step and covariance."""
     design = solve_triangular(system.lower, system.design, lower=True)
     observed = solve_triangular(system.lower, system.residual, lower=True)
-    covariance = estimation.stable_inverse(design.T @ design)
+    covariance = least_squares.stable_inverse(design.T @ design)
     return covariance @ (design.T @ observed), covariance
 
 

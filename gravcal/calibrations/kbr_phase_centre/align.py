@@ -9,7 +9,7 @@ from gravcal.calibrations.align import QUATERNION, sorted_samples
 from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.schemas import ALIGN
 from gravcal.errors import EstimationError
-from gravcal.methods import timing
+from gravcal.estimation import timing
 from gravcal.physics import earth, frames
 
 STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")

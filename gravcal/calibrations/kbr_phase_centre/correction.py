@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.methods import estimation, robust
+from gravcal.estimation import least_squares, robust
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def recover(aligned: xr.Dataset, pointed: xr.Dataset, constants: tuple[float, fl
     found = robust.solve(observed, design, constants, 6)
     left = observed - design @ found.value
     used = found.weight > 0
-    sigma = np.sqrt(np.diag(estimation.covariance(found.information)))
+    sigma = np.sqrt(np.diag(least_squares.covariance(found.information)))
     singular = np.linalg.svd(design, compute_uv=False) / np.sqrt(len(design))
     centre, sigma = found.value.reshape(2, 3), sigma.reshape(2, 3)
     return Recovered(centre, sigma, float(np.std(left[used])), float(used.mean()), singular)

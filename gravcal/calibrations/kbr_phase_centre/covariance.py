@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import pointing_noise
-from gravcal.methods import noise as noises
+from gravcal.estimation import noise as noises
 
 FLOOR_HZ = 5e-4  # below it derivatives of the noise are held, so that their covariance keeps an inverse
 SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part

@@ -12,7 +12,7 @@ import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import covariance, pointing_noise
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, factors, white
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 ITERATIONS = 4
 #: Share of its size that a candidate keeps beside the baseline, and singular values of what is kept, that count.
@@ -85,9 +85,9 @@ def _between(basis, matrix):
 
 def _basis(fixed, tried):
     """Orthonormal basis of the baseline and of what the candidates add to it."""
-    first = estimation.orthonormal(fixed)
+    first = least_squares.orthonormal(fixed)
     left = tried - first @ (first.T @ tried)
     size = np.linalg.norm(left, axis=0)
     left = left[:, size > SEEN * np.linalg.norm(tried, axis=0)]
     second, values, _ = np.linalg.svd(left / np.linalg.norm(left, axis=0), full_matrices=False)
-    return estimation.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values[0]]]))
+    return least_squares.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values[0]]]))

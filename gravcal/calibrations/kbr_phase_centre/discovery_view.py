@@ -14,8 +14,8 @@ import xarray as xr
 from gravcal.calibrations.kbr_phase_centre import covariance, whitened
 from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
 from gravcal.effects.base import Context
-from gravcal.methods import crn
-from gravcal.methods.resampling import Resampler
+from gravcal.estimation import crn
+from gravcal.estimation.resampling import Resampler
 from gravcal.physics import constants, frames, orbit_environment
 
 LETTERS = "ab"

@@ -12,7 +12,7 @@ from gravcal.calibrations.kbr_phase_centre.align import READ, interpolated
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, view
 from gravcal.effects import effect
 from gravcal.effects.entries import determined
-from gravcal.methods import crn
+from gravcal.estimation import crn
 from gravcal.physics import frames
 
 

@@ -9,8 +9,8 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre import pointing_noise
 from gravcal.calibrations.kbr_phase_centre.schemas import NOISE
 from gravcal.errors import EstimationError
-from gravcal.methods import estimation
-from gravcal.methods import noise as noises
+from gravcal.estimation import least_squares
+from gravcal.estimation import noise as noises
 
 LEAST_DEGREE = 6  # fewer leave slow orbit errors of a short stretch, which raise the density at 4 mHz up to 80 times
 
@@ -89,10 +89,12 @@ def _stretches(equations, chosen, settings, step):
             if span < least or part.size < 0.7 * span / step:
                 continue
             used = max(int(degree * span / length), min(degree, LEAST_DEGREE))
-            slow = estimation.polynomial(time[part], used, time[part[0]], time[part[-1]])
-            basis = estimation.orthonormal(np.column_stack([slow, column[part]]))
+            slow = least_squares.polynomial(time[part], used, time[part[0]], time[part[-1]])
+            basis = least_squares.orthonormal(np.column_stack([slow, column[part]]))
             piece = np.full(int(round(span / step)) + 1, np.nan)
-            piece[np.rint((time[part] - time[part[0]]) / step).astype(int)] = estimation.without(basis, observed[part])
+            piece[np.rint((time[part] - time[part[0]]) / step).astype(int)] = least_squares.without(
+                basis, observed[part]
+            )
             pieces.append(piece)
             removed += basis.shape[1]
     return pieces, removed

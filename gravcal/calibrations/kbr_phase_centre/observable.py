@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLE, OBSERVABLES, UNITS, of
-from gravcal.methods import crn
+from gravcal.estimation import crn
 
 MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
 

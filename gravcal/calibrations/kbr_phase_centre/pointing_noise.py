@@ -12,8 +12,8 @@ from itertools import product
 import numpy as np
 import xarray as xr
 
-from gravcal.methods import crn, estimation
-from gravcal.methods import noise as noises
+from gravcal.estimation import crn, least_squares
+from gravcal.estimation import noise as noises
 
 CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz; the last one is white
 BINS = 4096  # frequencies between zero and Nyquist
@@ -77,7 +77,7 @@ def residuals(equations: xr.Dataset, degree: int) -> list[tuple[np.ndarray, np.n
     if not detrended:
         return []
     y, A = np.concatenate([d[:, 0] for d in detrended]), np.concatenate([d[:, 1:] for d in detrended])
-    centre = estimation.stable_inverse(A.T @ A) @ (A.T @ y)
+    centre = least_squares.stable_inverse(A.T @ A) @ (A.T @ y)
     pieces = []
     for index, both in zip(indices, detrended, strict=True):
         place = np.rint((time[index] - time[index[0]]) / step).astype(int)
@@ -89,10 +89,10 @@ def residuals(equations: xr.Dataset, degree: int) -> list[tuple[np.ndarray, np.n
 
 
 def _detrended(equations, index, time, segment, degree):
-    slow = estimation.polynomial(time[index], degree, time[index[0]], time[index[-1]])
+    slow = least_squares.polynomial(time[index], degree, time[index[0]], time[index[-1]])
     steps = [segment[index] == s for s in np.unique(segment[index])[1:]]
     both = np.column_stack([equations["observed"].values[index], equations["column"].values[index]])
-    return estimation.without(np.column_stack([slow, *steps]).astype(float), both)
+    return least_squares.without(np.column_stack([slow, *steps]).astype(float), both)
 
 
 def fit(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre.whitened import Arc
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 DEGREE = (15, 13, None)  # polynomial removed from the observations, Remote Sens. 2022, 14, 3395, Sec. 4.1
 
@@ -34,7 +34,7 @@ def arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> list[Arc]:
         observed = equations["observed"].values[index]
         basis = np.zeros((index.size, 0))
         if DEGREE[derivative] is not None:
-            basis = estimation.orthonormal(estimation.polynomial(time[index], DEGREE[derivative], start, stop))
+            basis = least_squares.orthonormal(least_squares.polynomial(time[index], DEGREE[derivative], start, stop))
             observed = observed - basis @ (basis.T @ observed)
         part = column[index]
         if derivative == 0:

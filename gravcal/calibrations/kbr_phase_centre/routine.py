@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre import correction, whitened
 from gravcal.calibrations.kbr_phase_centre.schemas import ROUTINE
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 
 def routine(
@@ -71,10 +71,10 @@ def _estimate(parts):
     """Generalised least squares over the quiet stretches, errors scaled by the residual."""
     A, y = np.concatenate([p.column for p in parts]), np.concatenate([p.observed for p in parts])
     normal = A.T @ A
-    value = estimation.stable_inverse(normal) @ (A.T @ y)
+    value = least_squares.stable_inverse(normal) @ (A.T @ y)
     left = y - A @ value
     freedom = max(y.size - 6 - sum(p.basis.shape[1] for p in parts), 1)
-    return value, np.sqrt(np.diag(estimation.covariance(normal * freedom / (left @ left))))
+    return value, np.sqrt(np.diag(least_squares.covariance(normal * freedom / (left @ left))))
 
 
 def _from_correction(aligned, pointed, constants):

@@ -9,7 +9,7 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre import noise as noises
 from gravcal.calibrations.kbr_phase_centre import published, whitened
 from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES, SOLVE, SUBSETS, of
-from gravcal.methods import estimation, robust
+from gravcal.estimation import least_squares, robust
 
 MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
 X = np.array([True, False, False] * 2)
@@ -96,7 +96,7 @@ def _estimates(chosen, design, reduced, free, given):
     start, constants, band, result = given
     unknowns = design.shape[1] + sum(part.basis.shape[1] for part in chosen)
     normal = design.T @ design
-    value = estimation.stable_inverse(normal) @ (design.T @ reduced)
+    value = least_squares.stable_inverse(normal) @ (design.T @ reduced)
     residual = reduced - design @ value
     variance = residual @ residual / max(reduced.size - unknowns, 1)
     sharp = robust.solve(reduced, design, constants, unknowns)
@@ -109,7 +109,7 @@ def _estimates(chosen, design, reduced, free, given):
     for k, (estimate, inverse) in enumerate(zip((value, sharp.value), inverses, strict=True)):
         full = start.copy()
         full[free] += estimate
-        covariance = estimation.covariance(inverse)[: place.size, : place.size]
+        covariance = least_squares.covariance(inverse)[: place.size, : place.size]
         result["centre"][k] = full[:6]
         result["covariance"][k][np.ix_(place, place)] = covariance
         factor = np.sqrt(1 / shape) * (1.0, sharp.formal_factor)[k]
@@ -159,7 +159,7 @@ def _series(equations, parts, centre, derivative, degree):
     for part in chosen:
         slow = whitened.slow_columns(time[part], equations["segment"].values[part], degree - derivative, derivative)
         both = np.column_stack([equations["observed"].values[part], equations["column"].values[part] @ centre])
-        both = estimation.without(slow, both)
+        both = least_squares.without(slow, both)
         clean.append(both)
         piece = np.full((int(round((time[part[-1]] - time[part[0]]) / step)) + 1, 2), np.nan)
         piece[np.rint((time[part] - time[part[0]]) / step).astype(int)] = both

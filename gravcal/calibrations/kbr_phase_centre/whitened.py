@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import covariance
 from gravcal.errors import EstimationError
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 LONGEST = 4000  # observations of one stretch, whose covariance is held as a matrix; a wiggle of 1000 s at 5 s has 200
 
@@ -67,7 +67,7 @@ def arcs(
         data = np.column_stack([equations["observed"].values[index], equations["column"].values[index], nuisance])
         place = np.rint((time[index] - time[index[0]]) / step).astype(int)
         white = _whiten(data, covariance.matrix(lags, place, lever[index]))
-        basis = estimation.orthonormal(white[:, 7:])
+        basis = least_squares.orthonormal(white[:, 7:])
         clean = white[:, :7] - basis @ (basis.T @ white[:, :7])
         found.append(Arc(index, clean[:, 0], clean[:, 1:], basis))
     return found
@@ -109,7 +109,7 @@ def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative:
     """
     if time.size < 2:
         return np.zeros((time.size, degree + 1))
-    slow = estimation.polynomial(time, degree, time[0], time[-1])
+    slow = least_squares.polynomial(time, degree, time[0], time[-1])
     if derivative:
         return slow
     steps = [segment == s for s in np.unique(segment)[1:]]
@@ -138,7 +138,7 @@ def band_variance(parts: list[Arc], residual: list[np.ndarray], band_hz, step_s:
     for part, left in zip(parts, residual, strict=True):
         frequency = np.fft.rfftfreq(left.size, step_s)
         inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-        taken = np.column_stack([part.basis, estimation.orthonormal(part.column)])
+        taken = np.column_stack([part.basis, least_squares.orthonormal(part.column)])
         power += np.sum(np.abs(np.fft.rfft(left)[inside]) ** 2) / left.size
         expected += inside.sum() - np.sum(np.abs(np.fft.rfft(taken, axis=0)[inside]) ** 2) / left.size
     return power / max(expected, 1.0)

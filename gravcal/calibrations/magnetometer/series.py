@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.align import QUATERNION, sorted_samples
 from gravcal.errors import EstimationError
-from gravcal.methods import timing
+from gravcal.estimation import timing
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from gravcal.calibrations.magnetometer.series import Field
 from gravcal.effects import Context, catalogue
-from gravcal.methods import estimation
+from gravcal.estimation import least_squares
 
 #: Effects that a comparison of two fields can show.
 EFFECTS = (
@@ -65,8 +65,8 @@ def noise_level(difference: np.ndarray, columns: list[np.ndarray], floor: float)
     """
     sigma = np.zeros(3)
     for axis in range(3):
-        basis = estimation.orthonormal(np.concatenate([c[:, axis] for c in columns], axis=1))
-        rest = estimation.without(basis, difference[:, axis])
+        basis = least_squares.orthonormal(np.concatenate([c[:, axis] for c in columns], axis=1))
+        rest = least_squares.without(basis, difference[:, axis])
         sigma[axis] = np.sqrt(rest @ rest / max(rest.size - basis.shape[1], 1))
     return np.maximum(sigma, floor)
 

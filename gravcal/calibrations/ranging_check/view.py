@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.effects import Context, catalogue
-from gravcal.methods import estimation
-from gravcal.methods.noise import fit_noise, whiten
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.physics import orbit_environment
 
 MEAN_S = 60.0
@@ -44,14 +44,14 @@ def view(equations: xr.Dataset, aligned: xr.Dataset, nominal, **settings) -> tup
         observed = observed + extra["antenna_correction"]
     parts = _parts(time, segment, settings["range_block_s"])
     grid = [np.rint((time[p] - time[p[0]]) / MEAN_S).astype(int) for p in parts]
-    own = [estimation.polynomial(time[p], settings["range_degree"], time[p[0]], time[p[-1]]) for p in parts]
-    rest = [estimation.without(o, observed[p]) for o, p in zip(own, parts, strict=True)]
+    own = [least_squares.polynomial(time[p], settings["range_degree"], time[p[0]], time[p[-1]]) for p in parts]
+    rest = [least_squares.without(o, observed[p]) for o, p in zip(own, parts, strict=True)]
     noise = _noises(rest, grid, settings)
     rows = lambda k, values: whiten(noise[k], *_on_grid(grid[k], values))  # noqa: E731
     blocks = [_block(k, time[p], observed[p], own[k], grid[k], rows) for k, p in enumerate(parts)]
     found = [_candidate(slug, time, extra) for slug in EFFECTS]
     for candidate in found:
-        sharp = [estimation.without(own[k], candidate["columns"][p]) for k, p in enumerate(parts)]
+        sharp = [least_squares.without(own[k], candidate["columns"][p]) for k, p in enumerate(parts)]
         candidate["columns"] = [rows(k, c) for k, c in enumerate(sharp)]  # what bias and slow error leave of it
     correction = extra["antenna_correction"]
     facts = {

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal.calibrations.com_offset import attitude_fit, motion, timing_fit, windows
-from gravcal.methods.noise import NoiseModel
+from gravcal.estimation.noise import NoiseModel
 from gravcal.physics import frames
 
 SMALL = {"manoeuvres": ("pitch_high",), "quiet_s": 60.0}

@@ -12,13 +12,13 @@ from independent import make_event
 from independent.damage import MARK
 
 from flows import cli
+from gravcal import catalog
 from gravcal.calibrations import checks as checking
 from gravcal.calibrations.align import orbit_i
 from gravcal.calibrations.com_offset import checks
-from gravcal.data import catalog
-from gravcal.data.schemas import validate
 from gravcal.errors import EstimationError
 from gravcal.report import com_offset_verdict as verdicts
+from gravcal.store.schemas import validate
 
 LIMITS = catalog.parameters("com_offset").for_stage("checks")
 X, Y, VX, VY = 3, 4, 9, 10  # columns of GNI1B

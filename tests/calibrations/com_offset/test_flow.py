@@ -7,7 +7,7 @@ from independent import make_event
 
 from flows import com_offset as flow
 from flows import engine
-from gravcal.data import configurations
+from gravcal.store import configurations
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import pytest
 from independent import worlds
 
 from flows import engine, inertial_sensor
+from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import bias, roll_bins
-from gravcal.data import catalog
-from gravcal.data.schemas import validate
 from gravcal.errors import GravcalError
 from gravcal.report import inertial_sensor as report
 from gravcal.report import inertial_sensor_page
+from gravcal.store.schemas import validate
 
 SHORT = {"roll_s": 10500.0, "roll_disturbed_share": 0.0}
 SWING, ROLL = "2022-05-18", "2022-05-19"

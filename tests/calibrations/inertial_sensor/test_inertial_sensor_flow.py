@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flows import engine, inertial_sensor
-from gravcal.data import catalog
-from gravcal.data.schemas import validate
+from gravcal import catalog
 from gravcal.errors import EstimationError
+from gravcal.store.schemas import validate
 from tasks.stage import read
 
 QUICK = {"roll_s": 10500.0, "roll_disturbed_share": 0.0}
@@ -114,7 +114,7 @@ def test_a_plan_of_what_is_there_loads_no_heavy_library(both, tmp_path, monkeypa
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
     run(both[0])
     code = (
-        "import sys; from flows import engine, inertial_sensor; from gravcal.data import catalog\n"
+        "import sys; from flows import engine, inertial_sensor; from gravcal import catalog\n"
         f"source = inertial_sensor.source(data={str(both[0])!r})\n"
         "steps, _ = engine.plan(inertial_sensor.calibrate, source, catalog.parameters('inertial_sensor'))\n"
         "assert {step.action for step in steps} == {'reuse'}, steps\n"

@@ -6,8 +6,8 @@ import xarray as xr
 
 from flows import engine, models
 from flows import inertial_sensor as flow
+from gravcal import catalog
 from gravcal.calibrations.inertial_sensor.model_error import of_bias
-from gravcal.data import catalog
 
 TURN, ERROR = 0.05, 0.03
 

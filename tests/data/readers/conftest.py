@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gravcal.data.writers import write
+from gravcal.io.writers import write
 
 MEASURED = Path(__file__).parents[4] / "shared" / "data"
 START = 738849600  # 2023-06-01 00:00:00 GPS

@@ -6,10 +6,10 @@ import tarfile
 import pytest
 from numpy.testing import assert_array_equal
 
-from gravcal.data import archive
-from gravcal.data.readers import find, inventory, read
-from gravcal.data.writers import file_name, write
 from gravcal.errors import ProductError
+from gravcal.io import archive
+from gravcal.io.readers import find, inventory, read
+from gravcal.io.writers import file_name, write
 
 
 def _packed(path, members, kind=tarfile.REGTYPE):

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gravcal.calibrations.align import UNUSABLE
-from gravcal.data.readers import checks, read
-from gravcal.data.writers import write
 from gravcal.errors import ProductError
+from gravcal.io.readers import checks, read
+from gravcal.io.writers import write
 
 END = b"# End of YAML header\n"
 

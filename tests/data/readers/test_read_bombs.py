@@ -10,10 +10,11 @@ import h5py
 import numpy as np
 import pytest
 
-from gravcal.data import inertial_files, memo, sgrs_files, unpacked
-from gravcal.data.archive import inventory
-from gravcal.data.readers import read
 from gravcal.errors import ProductError
+from gravcal.io import inertial_files, sgrs_files, unpacked
+from gravcal.io.archive import inventory
+from gravcal.io.readers import read
+from gravcal.store import memo
 
 NAME = "SCA1B_2023-06-01_C_04.txt"
 
@@ -115,8 +116,8 @@ def test_variables_of_other_files_are_not_followed(tmp_path, name, module):
 READ = """
 import resource, sys
 from pathlib import Path
-from gravcal.data import archive
-from gravcal.data.readers import read
+from gravcal.io import archive
+from gravcal.io.readers import read
 from gravcal.errors import ProductError
 import polars, xarray
 resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]),) * 2)

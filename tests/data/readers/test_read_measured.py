@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gravcal.data.readers import find, inventory, read
-from gravcal.data.writers import write
+from gravcal.io.readers import find, inventory, read
+from gravcal.io.writers import write
 
 pytestmark = pytest.mark.measured
 TIGHT = 1e-14  # relative: the text prints 16 digits

@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from gravcal.data.readers import read, tables
-from gravcal.data.writers import write
 from gravcal.errors import ProductError
+from gravcal.io.readers import read, tables
+from gravcal.io.writers import write
 
 START = 738849600
 numbers = arrays.arrays(float, (6, 12), elements=st.floats(width=64))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.data.readers import find, read
-from gravcal.methods import timing
+from gravcal.estimation import timing
+from gravcal.io.readers import find, read
 
 pytestmark = pytest.mark.measured
 DAY = "2023-06-01"

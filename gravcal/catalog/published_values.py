@@ -1,0 +1,151 @@
+"""Published values, as printed, each with its citation; and the mass trims."""
+
+import csv
+import datetime
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from functools import lru_cache
+
+from gravcal.catalog import files
+from gravcal.catalog.satellite_table import satellite as find_satellite
+
+TABLE = ("file", "calibration", "section", "doi", "table", "labels", "value", "sigma", "unit", "direction", "note")
+
+
+@dataclass(frozen=True)
+class Published:
+    """One printed result. A blank of the print is None; ``rounding`` is half the last printed digit."""
+
+    section: str
+    events: tuple[str, ...]
+    labels: Mapping[str, str]
+    value: tuple
+    sigma: tuple
+    rounding: tuple
+    unit: str
+    direction: str
+    source: str
+    note: str
+
+    def __getattr__(self, name):
+        """Label of that name: ``record.variant``."""
+        if name in object.__getattribute__(self, "labels"):
+            return self.labels[name]
+        raise AttributeError(name)
+
+
+@dataclass(frozen=True)
+class Trim:
+    """One move of the trim masses; ``confirmed`` says whether the series of offsets shows it."""
+
+    satellite: str
+    date: datetime.date
+    axis: str
+    trim_um: float
+    confirmed: bool
+    note: str
+    source: str
+
+
+def published(calibration, event=None):
+    """Published values of a calibration, by section.
+
+    Parameters
+    ----------
+    calibration : str, "com_offset" ...
+    event : str or None; only values of this event, and those of no event in particular
+
+    Returns
+    -------
+    sections : dict of section name ("combined", "manoeuvres", "history" ...) to tuple of Published
+    """
+    path, tables = files.read("published", "tables")
+    sections = {}
+    for name, table in tables.items():
+        files.require(table, TABLE, f"{path}: [{name}]", ("events",))
+        if table["calibration"] == calibration:
+            sections.setdefault(table["section"], []).extend(_records(table))
+    if not sections:
+        known = sorted({table["calibration"] for table in tables.values()})
+        raise files.unknown("calibration with published values", calibration, known, where="catalogue")
+    chosen = {key: tuple(r for r in records if _of(r, event)) for key, records in sections.items()}
+    return {key: records for key, records in chosen.items() if records}
+
+
+def trims(satellite=None, confirmed=None):
+    """Mass trims, by date.
+
+    Parameters
+    ----------
+    satellite : str or None, letter or name
+    confirmed : bool or None; only those that the series of offsets does, or does not, show
+
+    Returns
+    -------
+    trims : tuple of Trim
+    """
+    path, content = files.read("published", "trims")
+    wanted = None if satellite is None else find_satellite(satellite).name
+    for table in content["trim"]:
+        files.require(table, tuple(Trim.__dataclass_fields__), f"{path}: [[trim]]")
+    chosen = [Trim(**table) for table in content["trim"]]
+    return tuple(t for t in chosen if wanted in (None, t.satellite) and confirmed in (None, t.confirmed))
+
+
+def _of(record, event):
+    """The record belongs to the event, or to none in particular."""
+    return event is None or not record.events or event in record.events
+
+
+def _records(table):
+    """Records of one CSV file as its entry in tables.toml says."""
+    path = files.find("published", table["file"], suffix="")
+    return _parsed(path, path.read_text(encoding="utf-8"), json.dumps(table))
+
+
+@lru_cache(maxsize=64)
+def _parsed(path, text, table):
+    """Records of the text of a CSV file; a campaign asks for them with every event."""
+    table, rows = json.loads(table), csv.DictReader(io.StringIO(text))
+    missing = [c for c in (*table["labels"], *table["value"], *table["sigma"]) if c not in (rows.fieldnames or [])]
+    if missing:
+        raise files.wrong(path, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
+    return tuple(_record(row, table) for row in rows)
+
+
+def _record(row, table):
+    """One record of one row."""
+    events = tuple(filter(None, row["events"].split(";"))) if "events" in row else tuple(table.get("events", ()))
+    return Published(
+        section=table["section"],
+        events=events,
+        labels={key: row[key] for key in table["labels"]},
+        value=tuple(_number(row[key]) for key in table["value"]),
+        sigma=tuple(_number(row[key]) for key in table["sigma"]),
+        rounding=tuple(_rounding(row[key]) for key in table["value"]),
+        unit=row["unit"] if table["unit"] == "column" else table["unit"],
+        direction=table["direction"],
+        source=f"{table['doi']}, {table['table']}",
+        note=table["note"],
+    )
+
+
+def _number(text):
+    """Float, None for a blank, or the text itself where the print has no number."""
+    if not text:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _rounding(text):
+    """Half the last printed digit, or None."""
+    try:
+        return float(Decimal(5).scaleb(Decimal(text).as_tuple().exponent - 1))
+    except InvalidOperation:
+        return None

@@ -1,1 +1,0 @@
-"""The edge of the library: the only code that opens files."""

@@ -1,0 +1,125 @@
+"""The CRN filter of inter-satellite ranging: low-pass and its first two derivatives, one operator for data and model.
+
+An N-fold self-convolution of a rectangular window in time, built in the frequency domain, sampled where needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from gravcal.estimation.resampling import Resampler
+
+
+@dataclass(frozen=True)
+class Crn:
+    """Constants of the filter; the defaults are those of KBR1B.
+
+    Attributes
+    ----------
+    window_s : s, length of the filter
+    bandwidth_hz : Hz, target pass band
+    convolutions : 1, of the rectangular window with itself
+    exact_hz : Hz, where the gain of the low-pass is exactly one
+    raw_hz : Hz, rate of the samples that the original works on
+    """
+
+    window_s: float = 70.7
+    bandwidth_hz: float = 0.1
+    convolutions: int = 7
+    exact_hz: float = 0.37e-3
+    raw_hz: float = 10.0
+
+
+@lru_cache(maxsize=32)
+def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
+    """Weights for samples at the lags -K..K times the step, later samples last.
+
+    What a process keeps is summed without BLAS, whose sums depend on the number of its threads at the time.
+
+    The response is nil above 0.2 Hz, so that samples up to 1 s apart give the same filter as those of 0.1 s.
+
+    Parameters
+    ----------
+    crn : Crn
+    step_s : s, spacing of the samples
+    derivative : 0, 1 or 2
+
+    Returns
+    -------
+    weights : (2 K + 1,) s**-derivative
+
+    Notes
+    -----
+    F_n = 1/F0 sum_k H_k cos(2 pi k n / N_f), H_k = sum_m [sin(pi (k-m)/N_c) / sin(pi (k-m)/N_f)]^N_c, m = -N_B..N_B;
+    derivatives by n, F0 such that the gain at `exact_hz` is one; J. B. Thomas, JPL Publ. 98-15 (1999), sec. 5.
+    """
+    index, height = _response(crn)
+    half = int(np.floor(crn.window_s / 2 / step_s + 1e-9))
+    lag = step_s * np.arange(-half, half + 1)
+    phase = 2 * np.pi * np.outer(lag, index) / crn.window_s
+    rate = 2 * np.pi * index / crn.window_s
+    wave = (np.cos(phase), rate * np.sin(phase), -(rate**2) * np.cos(phase))[derivative]
+    lowpass = (np.cos(phase) * height).sum(axis=1)
+    lowpass = lowpass / (lowpass @ np.cos(2 * np.pi * crn.exact_hz * lag))
+    if derivative == 0:
+        return lowpass
+    taps = (wave * height).sum(axis=1) * (lowpass[half] / height.sum())
+    return taps - lowpass * taps.sum()  # a constant has no derivative, whatever the step
+
+
+def _response(crn):
+    """Harmonics k (h,) and H_k (h,) of the filter."""
+    count = round(crn.window_s * crn.raw_hz)
+    count += 1 - count % 2
+    index = np.arange(-(count // 2), count // 2 + 1)
+    band = round(crn.bandwidth_hz * crn.window_s)
+    shift = index[:, None] - np.arange(-band, band + 1)
+    below = np.sin(np.pi * shift / count)
+    above = np.sin(np.pi * shift / crn.convolutions)
+    ratio = np.where(shift == 0, count / crn.convolutions, above / np.where(shift == 0, 1.0, below))
+    return index, (ratio**crn.convolutions).sum(axis=1)
+
+
+def gain(crn: Crn, step_s: float, derivative: int, frequency_hz: np.ndarray) -> np.ndarray:
+    """Factor on exp(2 pi i f t), without the i of the first derivative.
+
+    Parameters
+    ----------
+    crn : Crn
+    step_s : s
+    derivative : 0, 1 or 2
+    frequency_hz : (m,) Hz
+    """
+    taps = weights(crn, step_s, derivative)
+    half = taps.size // 2
+    phase = 2 * np.pi * np.outer(frequency_hz, step_s * np.arange(-half, half + 1))
+    return ((np.sin(phase) if derivative == 1 else np.cos(phase)) * taps).sum(axis=1)
+
+
+def operator(crn: Crn, derivative: int, good: np.ndarray, grid: tuple[float, float], at: np.ndarray) -> Resampler:
+    """The filter from an even grid to epochs that lie on it.
+
+    Parameters
+    ----------
+    crn : Crn
+    derivative : 0, 1 or 2
+    good : (n,) bool, samples that may be used
+    grid : s and s, first epoch and step of the grid
+    at : (m,) s, epochs of the result
+
+    Returns
+    -------
+    operator : Resampler; not valid where its window leaves the grid or holds a sample that is not good
+    """
+    first, step = grid
+    taps = weights(crn, step, derivative)
+    place = np.rint((at - first) / step).astype(np.int64) - taps.size // 2
+    inside = (place >= 0) & (place + taps.size <= good.size) & (np.abs((at - first) / step % 1 - 0.5) > 0.499)
+    start = np.where(inside, place, 0)
+    missing = np.concatenate([[0], np.cumsum(~good)])
+    stop = np.minimum(start + taps.size, good.size)
+    valid = inside & (missing[stop] == missing[start])
+    return Resampler(at, start, np.broadcast_to(taps, (at.size, taps.size)), valid)

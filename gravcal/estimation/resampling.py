@@ -1,0 +1,110 @@
+"""One linear operator that low-passes and resamples; data and every model column go through the same one."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Intervals of the kernel's table; a cubic through four values is then exact to 3e-15 of its peak.
+INTERVALS = 16384
+
+
+@dataclass(frozen=True)
+class Resampler:
+    """Banded linear operator from input samples to output epochs.
+
+    Attributes
+    ----------
+    time : (m,) s, output epochs
+    start : (m,) int, first input sample used by each output
+    weights : (m, k) 1, weights of the k inputs from `start` on, summing to one
+    valid : (m,) bool, no missing or flagged input inside the support
+    """
+
+    time: np.ndarray
+    start: np.ndarray
+    weights: np.ndarray
+    valid: np.ndarray
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Apply the operator along the first axis.
+
+        Parameters
+        ----------
+        columns : (n,) or (n, ...) any unit, samples at the input epochs
+
+        Returns
+        -------
+        resampled : (m,) or (m, ...) same unit; NaN where the output is not valid
+        """
+        columns = np.asarray(columns, dtype=float)
+        flat = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
+        out = kernel().applied(self.start, self.weights, self.valid, flat)
+        return out.reshape(self.time.shape + columns.shape[1:])
+
+
+def kernel():
+    """The compiled loops, loaded with the compiler when they are first wanted: what is resampled already needs none."""
+    from gravcal.estimation import resampling_kernel
+
+    return resampling_kernel
+
+
+def lowpass_resampler(
+    time_in: np.ndarray, good: np.ndarray, time_out: np.ndarray, *, lowpass_hz: float, half_width_s: float
+) -> Resampler:
+    """Windowed-sinc low-pass evaluated at arbitrary output epochs.
+
+    Weights follow h(s) = sinc(2 fc s) times a Kaiser window on |s| <= half width, s = t_in - t_out, scaled to unit
+    sum, so a constant passes unchanged. Input epochs may jitter; an output whose support holds a gap (a step longer
+    than 1.5 median steps), a flagged sample or an end of the data is not valid.
+
+    Parameters
+    ----------
+    time_in : (n,) s, strictly increasing
+    good : (n,) bool
+    time_out : (m,) s
+    lowpass_hz : Hz, frequency of half amplitude
+    half_width_s : s, half length of the support
+    """
+    time_in, time_out = (np.array(time, dtype=float, order="C") for time in (time_in, time_out))
+    good = np.array(good, order="C")  # copies: numba compiles once more for each array that is read-only
+    step = float(np.median(np.diff(time_in)))
+    width = int(np.ceil(2 * half_width_s / step)) + 2
+    width = min(width, time_in.size)
+    start, _, valid = kernel().band(time_in, good, time_out, half_width_s, 1.5 * step, width)
+    cubics = _cubics(float(lowpass_hz), float(half_width_s))
+    weights = kernel().weights(time_in, time_out, start, width, float(half_width_s), cubics)
+    return Resampler(time_out, start, weights, valid & (weights != 0).any(axis=1))
+
+
+def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
+    """Low-pass and resampling inside an arc, its support never beyond the ends.
+
+    Parameters
+    ----------
+    time : (n,) s; good : (n,) bool, accelerometer samples of the arc
+    start, stop : s
+    lowpass_hz, half_width_s, step_s : Hz, s, s
+    """
+    begin = np.ceil((start + half_width_s) / step_s) * step_s
+    grid = np.arange(begin, stop - half_width_s, step_s)
+    return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
+
+
+@functools.lru_cache(maxsize=4)
+def _cubics(lowpass_hz, half_width_s):
+    """Kernel h(s) on 0 <= s <= half width, as one cubic for each interval, (INTERVALS, 4)."""
+    from scipy.special import i0
+
+    share = np.arange(INTERVALS + 1) / INTERVALS
+    inner = np.sinc(2 * lowpass_hz * half_width_s * share) * i0(5.0 * np.sqrt(1 - share**2))
+    beyond = inner[-4:] @ [-1.0, 4.0, -6.0, 4.0]  # so that the last cubic goes through the last four values
+    values = np.concatenate([inner[1:2], inner, [beyond]])  # h is even
+    before, here, after, far = values[:-3], values[1:-2], values[2:-1], values[3:]
+    first = after - before / 3 - here / 2 - far / 6
+    second = (before + after) / 2 - here
+    third = (far - before) / 6 + (here - after) / 2
+    return np.stack([here, first, second, third], axis=1)

@@ -1,0 +1,1 @@
+"""Level-1 files, archives, downloads and gravity fields: reading and writing what others made."""

@@ -1,0 +1,159 @@
+"""Gravity fields in the ICGEM format (.gfc): read, write, and the one that ships with the package.
+
+Format: Barthelmes and Foerste 2011, The ICGEM-format. Time-variable models are taken at their reference epoch: the
+static part of a `gfct` line is used, trends and periodic terms (`trnd`, `dot`, `acos`, `asin`) are left out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from gravcal.physics.gravity_field import Field
+from gravcal.store.refusal import refuse
+
+SHIPPED = "gravcal-60.gfc"
+KEYS = {"earth_gravity_constant": "gm", "gravity_constant": "gm", "radius": "radius", "max_degree": "degree"}
+STATIC, VARIABLE = ("gfc", "gfct"), ("trnd", "dot", "acos", "asin")
+
+
+def shipped() -> Path:
+    """Path of the field that ships with the package: see its head for what it is."""
+    return Path(__file__).parent / "fields" / SHIPPED
+
+
+def located(name: str) -> Path:
+    """Path of a field by name: a file of one's own, or the name of the one that ships.
+
+    Parameters
+    ----------
+    name : path, or "gravcal-60"
+
+    Raises
+    ------
+    ProductError : no such file
+    """
+    path = shipped() if name in (SHIPPED, Path(SHIPPED).stem) else Path(name).expanduser()
+    if not path.is_file():
+        refuse(f"gravity field {name}", "no such file", "a .gfc file, or gravcal-60", "Give the path of the file.")
+    return path
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, for the record."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def read_field(path: Path, highest: int | None = None) -> Field:
+    """Field from a .gfc file.
+
+    Parameters
+    ----------
+    path : .gfc file
+    highest : highest degree kept, None for all of the file
+
+    Returns
+    -------
+    field : Field, fully normalised
+
+    Raises
+    ------
+    ProductError : file, line, what was found and what was expected
+    """
+    path = Path(path)
+    lines = path.read_text(encoding="latin-1").splitlines()
+    head, first = _head(lines, path)
+    degree = head["degree"] if highest is None else min(highest, head["degree"])
+    parts = np.zeros((4, degree + 1, degree + 1))
+    seen = np.zeros((degree + 1, degree + 1), dtype=bool)
+    for number, line in enumerate(lines[first:], first + 1):
+        words = line.split()
+        if not words or words[0] in VARIABLE:
+            continue
+        n, m, values = _coefficient(words, head, f"{path.name}, line {number}")
+        if n <= degree:
+            parts[: len(values), n, m] = values
+            seen[n, m] = True
+    if not seen[0, 0]:
+        parts[0, 0, 0] = 1.0
+    if head["norm"] == "unnormalized":
+        parts = parts / _norms(degree)
+    return Field(head["gm"], head["radius"], *parts, name=head["name"] or path.stem)
+
+
+def write_field(path: Path, field: Field, comment: str = "") -> Path:
+    """Write a field as a .gfc file; reading gives the same numbers.
+
+    Parameters
+    ----------
+    path : .gfc file
+    field : Field
+    comment : text put before the head
+    """
+    sigma = [np.zeros_like(field.cosine) if s is None else s for s in (field.cosine_sigma, field.sine_sigma)]
+    head = {
+        "product_type": "gravity_field",
+        "modelname": field.name.replace(" ", "_") or "unnamed",
+        "earth_gravity_constant": f"{field.gm!r}",
+        "radius": f"{field.radius!r}",
+        "max_degree": field.degree,
+        "errors": "formal",
+        "norm": "fully_normalized",
+        "tide_system": "zero_tide",
+    }
+    lines = [comment.strip(), "begin_of_head", *(f"{key:<24}{value}" for key, value in head.items()), "end_of_head"]
+    for n in range(field.degree + 1):
+        for m in range(n + 1):
+            row = (field.cosine[n, m], field.sine[n, m], sigma[0][n, m], sigma[1][n, m])
+            lines.append(f"gfc {n:4d} {m:4d} " + " ".join(f"{float(value)!r}" for value in row))
+    Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
+    return Path(path)
+
+
+def _head(lines, path):
+    """What the head says, and the index of the first line after it."""
+    head = {"norm": "fully_normalized", "name": ""}
+    for index, line in enumerate(lines):
+        words = line.split()
+        if words and words[0] == "end_of_head":
+            missing = [key for key in ("gm", "radius", "degree") if key not in head]
+            if missing:
+                refuse(f"{path.name}, head", f"no {', '.join(missing)}", "gm, radius and degree", "Get the whole file.")
+            return head, index + 1
+        if len(words) > 1 and words[0] in KEYS:
+            head[KEYS[words[0]]] = _number(words[1], f"{path.name}, line {index + 1}")
+        elif len(words) > 1 and words[0] in ("norm", "modelname"):
+            head["norm" if words[0] == "norm" else "name"] = words[1]
+        if "degree" in head:
+            head["degree"] = int(head["degree"])
+    return refuse(f"{path.name}", "no line end_of_head", "a head as in ICGEM files", "Is this a .gfc file?")
+
+
+def _coefficient(words, head, where):
+    """Degree, order and up to four numbers of a line."""
+    if words[0] not in STATIC or len(words) < 5:
+        refuse(where, f"{' '.join(words)[:40]!r}", "gfc, degree, order, C, S", "Remove or repair the line.")
+    n, m = (int(_number(word, where)) for word in words[1:3])
+    if not 0 <= m <= n <= head["degree"]:
+        refuse(where, f"degree {n}, order {m}", f"0 <= order <= degree <= {head['degree']}", "Repair the line.")
+    return n, m, [_number(word, where) for word in words[3:7]]
+
+
+def _number(word, where):
+    """Number of a word; Fortran's D is an exponent too."""
+    try:
+        return float(word.replace("D", "e").replace("d", "e"))
+    except ValueError:
+        return refuse(where, f"{word!r}", "a number", "Repair the line.")
+
+
+def _norms(degree):
+    """Factors from unnormalised functions to fully normalised ones, (n + 1, n + 1)."""
+    from scipy.special import gammaln
+
+    n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
+    inside = m <= n
+    ratio = gammaln(np.where(inside, n - m, 0) + 1) - gammaln(n + m + 1)
+    return np.where(inside, np.sqrt((2.0 - (m == 0)) * (2 * n + 1)) * np.exp(ratio / 2), 1.0)

@@ -1,0 +1,179 @@
+"""Results as vectors in the two forms of the missions: a line of the sequence-of-events file, a VCM1B or VKB1B file.
+
+VCM is the centre of mass in SRF. Its origin is the centre of the proof mass, so the vector is proof mass to CoM.
+"""
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gravcal.store.refusal import refuse
+
+EPOCH = datetime.datetime(2000, 1, 1, 12)
+SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
+HEADER_LINES = 23
+
+
+@dataclass(frozen=True, eq=False)
+class VectorRecord:
+    """One vector in force from ``time`` on: GPS seconds, letter, name ("VCM", "VKB"), (3,) m in SRF, comment."""
+
+    time: float
+    satellite: str
+    name: str
+    vector_b: np.ndarray
+    comment: str
+
+
+def vector_line(time, satellite, vector_b, name="VCM", comment=""):
+    """Line of the sequence-of-events file, ``time GRACEC VCM 3 x y z comment``.
+
+    Parameters
+    ----------
+    time : float, GPS seconds past 2000-01-01 12:00:00, from which the vector holds
+    satellite : str, letter
+    vector_b : (3,) m, for "VCM" proof mass to centre of mass, for "VKB" centre of mass to antenna phase centre
+    name : str, "VCM" or "VKB"
+    comment : str, one line
+
+    Returns
+    -------
+    line : str, without end of line; numbers keep all their digits
+
+    Notes
+    -----
+    Fields are split by blanks; GRACE Level 1B Data Product User Handbook v1.3, section 4.8.
+    """
+    x, y, z = _checked(vector_b, f"{name} line of GRACE-{satellite}")
+    spacecraft = f"GRACE{satellite}"
+    if spacecraft not in SPACECRAFT:
+        refuse(f"{name} line", f"satellite {satellite!r}", "one of A, B, C, D", "Give the letter of the satellite.")
+    text = " ".join(comment.split())
+    return f"{float(time)!r}  {spacecraft} {name}  3  {x!r}  {y!r}  {z!r}  {text}".rstrip()
+
+
+def commented(line, origin):
+    """Line of the sequence-of-events file as a comment that `read_vector_line` refuses: its values were not measured.
+
+    Parameters
+    ----------
+    line : str, of `vector_line`
+    origin : str, "simulated" or "mixed"
+    """
+    return f"# {origin.upper()} data, no line for the sequence-of-events file: {line}"
+
+
+def read_vector_line(line):
+    """Vector of a line of the sequence-of-events file, None for a deleted line (first field ``x``).
+
+    Returns
+    -------
+    record : VectorRecord or None
+
+    Raises
+    ------
+    ProductError : too few fields, unknown spacecraft, not three numbers
+    """
+    fields = line.split(maxsplit=7)
+    if fields and fields[0] == "x":
+        return None
+    where = f"sequence-of-events line {line.strip()!r}"
+    if len(fields) < 7 or fields[3] != "3" or fields[1] not in SPACECRAFT:
+        refuse(where, f"{len(fields)} fields", "time GRACEC VCM 3 x y z comment", "Correct the line.")
+    try:
+        time, vector = float(fields[0]), np.array([float(field) for field in fields[4:7]])
+    except ValueError as error:
+        refuse(where, str(error), "numbers for time, x, y, z", "Correct the line.")
+    return VectorRecord(time, SPACECRAFT[fields[1]], fields[2], vector, "".join(fields[7:]).strip())
+
+
+def write_vector_file(path, time, satellite, vector_b, source=""):
+    """Vector file with the 80-column header of VKB1B; by its path, ``VCM1B_2020-02-01_C_04.txt``, the product is known.
+
+    Parameters
+    ----------
+    path : Path or str
+    time : (n,) whole GPS seconds from which each vector holds
+    satellite : str, letter
+    vector_b : (n, 3) m in SRF
+    source : str, what the vectors come from; stands in the header
+
+    Returns
+    -------
+    path : Path
+
+    Notes
+    -----
+    A record holds length and direction cosines, vector = mag * (cosx, cosy, cosz); formats of VKB1B, release 04.
+    """
+    path, times = Path(path), np.atleast_1d(time)
+    vectors = _checked(np.atleast_2d(vector_b), path, shape=(len(times), 3))
+    if np.any(times != np.rint(times)):
+        refuse(path, "times with fractions", "whole GPS seconds", "Round the time from which the vector holds.")
+    body = "".join(_record(int(t), satellite, v) for t, v in zip(times, vectors, strict=True))
+    path.write_text(_header(path.name, times, satellite, source, len(body)) + body, encoding="ascii")
+    return path
+
+
+def read_vector_file(path):
+    """Vectors of a VCM1B, VKB1B or like file.
+
+    Returns
+    -------
+    time : (n,) GPS seconds from which each vector holds
+    vector_b : (n, 3) m in SRF
+    """
+    from gravcal.io.readers import read
+
+    observed = read(Path(path))
+    cosines = np.stack([observed[name].values for name in ("cosx", "cosy", "cosz")], axis=-1)
+    return observed["time_tag"].values, observed["mag"].values[:, None] * cosines
+
+
+def _checked(vector, where, shape=(3,)):
+    """Finite floats of the right shape; what was not determined cannot be written here."""
+    array = np.array([np.nan if item is None else item for item in np.ravel(vector)], dtype=float)
+    if array.size != np.prod(shape) or not np.all(np.isfinite(array)):
+        found = ", ".join(f"{item:g}" for item in array)
+        refuse(where, f"({found})", f"finite numbers of shape {shape}", "Write determined vectors only.")
+    return array.tolist() if len(shape) == 1 else array.reshape(shape)
+
+
+def _record(time, satellite, vector):
+    """Record of a vector file: time, letter, length, direction cosines, flags."""
+    length = float(np.linalg.norm(vector))
+    cosines = " ".join(repr(float(item)) for item in (vector / length if length > 0 else vector))
+    return f"{time} {satellite} {length!r} {cosines} 00000000\n"
+
+
+def _header(name, times, satellite, source, size):
+    """Header of 80-column lines, as that of VKB1B."""
+    first, last = (f"{t:.6f} ({EPOCH + datetime.timedelta(seconds=int(t))}.00)" for t in (times[0], times[-1]))
+    entries = [
+        ("PRODUCER AGENCY", "none"),
+        ("PRODUCER INSTITUTION", "gravcal"),
+        ("FILE TYPE ipXXXVOF", "9"),
+        ("FILE FORMAT 0=BINARY 1=ASCII", "1"),
+        ("NUMBER OF HEADER RECORDS", str(HEADER_LINES)),
+        ("SOFTWARE VERSION", "gravcal"),
+        ("SOFTWARE BUILD TIME", ""),
+        ("REFERENCE DOCUMENTATION", "vectors in SRF: length, direction cosines"),
+        ("SATELLITE NAME", f"GRACE {satellite}"),
+        ("SENSOR NAME", "Nodef"),
+        ("TIME EPOCH (GPS TIME)", "2000-01-01 12:00:00"),
+        ("TIME FIRST OBS(SEC PAST EPOCH)", first),
+        ("TIME LAST OBS(SEC PAST EPOCH)", last),
+        ("NUMBER OF DATA RECORDS", str(len(times))),
+        ("PRODUCT CREATE START TIME(UTC)", ""),
+        ("PRODUCT CREATE END TIME(UTC)", ""),
+        ("FILESIZE (BYTES)", str(81 * (HEADER_LINES + 1) + size)),
+        ("FILENAME", name),
+        ("PROCESS LEVEL (1A OR 1B)", "VO"),
+        ("INPUT FILE NAME", source),
+    ]
+    entries += [(label, "") for label in ("INPUT FILE CREATION TIME (UTC)", "INPUT FILE SOFTWARE VERSION")]
+    entries += [("INPUT FILE BUILDTIME TAG", "")]
+    lines = [f"{label:<30}: {value}"[:80].ljust(80) for label, value in entries] + ["END OF HEADER".ljust(80)]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,1 @@
+"""Products, their keys and records, and what was run: the store."""

@@ -1,0 +1,265 @@
+"""Configurations of a calibration: the operational one, and experiments that never take its place by themselves.
+
+    configurations/<calibration>/<NAME>.json       an experiment: the settings in which it differs from the catalogue
+    configurations/<calibration>/promotions.jsonl  who made which operational, when and why; the last line holds
+
+The operational configuration is the catalogue as it stands until another is promoted. Settings given to a run are added
+to those of the operational configuration; where that changes anything, the run is an experiment with a name of its own.
+"""
+
+import dataclasses
+import datetime
+import getpass
+import hashlib
+import json
+import re
+import uuid
+
+from gravcal.catalog.event_table import CALIBRATIONS
+from gravcal.catalog.parameter_table import parameters
+from gravcal.errors import CatalogError
+from gravcal.store import location
+from gravcal.store.location import OPERATIONAL
+
+CATALOGUE = "catalogue"  # what is operational before anything is promoted
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._,+-]{0,79}")
+OF_ONE_DAY = {"truth"}  # names a file of one day: no choice of processing
+
+
+def chosen(calibration, given, name=None):
+    """Parameters of a run and the name of its configuration; nothing is recorded.
+
+    Parameters
+    ----------
+    calibration : str
+    given : mapping of name to text or value, as of ``--set`` and ``--model``; {} for none
+    name : of the experiment, or None; without settings that of a recorded one
+
+    Raises
+    ------
+    CatalogError : unknown parameter or name, or a name that stands for other settings
+    """
+    catalogue, used = parameters(calibration), operational(calibration)["settings"]
+    if name not in (None, OPERATIONAL):
+        _check_name(name)
+        if not set(given) - OF_ONE_DAY:
+            recorded = settings_of(calibration, name)
+            return dataclasses.replace(_with(catalogue, recorded | given, name), configuration=name)
+    found = _with(catalogue, used, OPERATIONAL).with_settings(given)
+    changed = changes(found)
+    if changed == used:
+        if name not in (None, OPERATIONAL):
+            raise CatalogError(
+                f"configuration {name} of {calibration}: found the settings of the operational configuration, expected "
+                f"others. Leave --as out, or give --set or --model.",
+                configuration=name,
+            )
+        return found
+    if name == OPERATIONAL:
+        raise CatalogError(
+            f"configuration operational of {calibration}: found --set or --model, expected none; they make an "
+            f"experiment. Give it another name, and make it operational with gravcal promote.",
+            configuration=name,
+        )
+    name = name or _made_of(changed)
+    known = _recorded(calibration, name)
+    if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
+        was = ", ".join(said(known["settings"] if known else {}))
+        raise CatalogError(
+            f"configuration {name} of {calibration}: it stands for {was}, found {', '.join(said(changed))}. Give "
+            f"another name with --as, or forget the old one: gravcal settings {calibration} {name} --forget.",
+            configuration=name,
+        )
+    return dataclasses.replace(found, configuration=name)
+
+
+def changes(chosen):
+    """Settings in which parameters differ from the catalogue, as JSON holds them.
+
+    Parameters
+    ----------
+    chosen : Parameters
+    """
+    before = parameters(chosen.calibration).entries
+    different = {n: e.value for n, e in chosen.entries.items() if e.value != before[n].value and n not in OF_ONE_DAY}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in sorted(different.items())}
+
+
+def record(chosen):
+    """Keep what the experiment of these parameters stands for; the operational configuration needs no record."""
+    name = chosen.configuration
+    if name in (OPERATIONAL, CATALOGUE) or _recorded(chosen.calibration, name) is not None:
+        return
+    path = _path(chosen.calibration, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kept = {"calibration": chosen.calibration, "name": name, "settings": changes(chosen), "recorded": _now()}
+    aside = path.with_name(f".{uuid.uuid4().hex}")
+    aside.write_text(json.dumps(kept, indent=1) + "\n")
+    aside.replace(path)
+
+
+def names(calibration):
+    """Names of the recorded experiments."""
+    return sorted(path.stem for path in _path(calibration, "x").parent.glob("[!.]*.json"))
+
+
+def settings_of(calibration, name):
+    """Settings in which a configuration differs from the catalogue.
+
+    Parameters
+    ----------
+    calibration : str
+    name : of a recorded experiment, "operational", or "catalogue"
+
+    Raises
+    ------
+    CatalogError : no such configuration
+    """
+    if name == CATALOGUE:
+        return {}
+    if name == OPERATIONAL:
+        return operational(calibration)["settings"]
+    _check_name(name)
+    found = _recorded(calibration, name)
+    if found is None:
+        known = ", ".join([OPERATIONAL, CATALOGUE, *names(calibration)])
+        raise CatalogError(
+            f"configuration {name} of {calibration}: it was never run in {location.folder()}; there is {known}. "
+            f"Give one of these, or say with --set or --model what it is.",
+            configuration=name,
+        )
+    return found["settings"]
+
+
+def operational(calibration):
+    """The last promotion: {"name", "settings", "who", "when", "why"}, of the catalogue where there was none."""
+    return ([{"name": CATALOGUE, "settings": {}, "who": "", "when": "", "why": ""}] + promotions(calibration))[-1]
+
+
+def promotions(calibration):
+    """All promotions, the oldest first."""
+    path = _promotions(calibration)
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        found = [json.loads(line) for line in lines]
+    except (OSError, ValueError) as error:
+        raise _broken(path, error) from error
+    if not all(isinstance(one, dict) and _is_settings(one.get("settings")) and "name" in one for one in found):
+        raise _broken(path, "a line without name and settings")
+    return found
+
+
+def promote(calibration, name, why, who=None):
+    """Make a configuration operational; "catalogue" takes back what was promoted.
+
+    Parameters
+    ----------
+    calibration, name : str
+    why, who : for the journal of promotions; who is by default the user of this process
+
+    Returns
+    -------
+    promotion : dict
+    """
+    settings = settings_of(calibration, name)
+    _with(parameters(calibration), settings, name)
+    if not why.strip():
+        raise CatalogError(f"promotion of {name} ({calibration}): found no reason. Say why with --why TEXT.")
+    if operational(calibration)["settings"] == settings:
+        raise CatalogError(f"configuration {name} of {calibration}: its settings are operational already.")
+    line = {"name": name, "settings": settings, "who": who or getpass.getuser(), "when": _now(), "why": why.strip()}
+    path = _promotions(calibration)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a", encoding="utf-8") as journal:
+        journal.write(json.dumps(line) + "\n")
+    return line
+
+
+def forget(calibration, name):
+    """Remove the record of an experiment and its readable links, so that its products may be pruned."""
+    settings_of(calibration, name)
+    if name in (OPERATIONAL, CATALOGUE, operational(calibration)["name"]):
+        raise CatalogError(
+            f"configuration {name} of {calibration}: it is operational or the catalogue, expected an experiment. "
+            f"Promote another one first.",
+            configuration=name,
+        )
+    others = set(CALIBRATIONS) - {calibration}
+    for link in (location.folder() / "latest").glob(f"*/as/{name}/*"):
+        if link.is_symlink() and link.name.partition(".")[0] not in others:
+            link.unlink()
+    _path(calibration, name).unlink()
+
+
+def said(settings):
+    """Settings as short texts: "noise_order=25"; a model by its causes."""
+    return [f"{n}={_causes(v) if n == 'model' and v else v}" for n, v in settings.items()] or ["the catalogue"]
+
+
+def _with(catalogue, settings, name):
+    """Parameters of the catalogue with the settings of a configuration, which an older catalogue may have known."""
+    try:
+        return catalogue.with_settings(settings)
+    except CatalogError as error:
+        raise CatalogError(
+            f"configuration {name} of {catalogue.calibration}: {error} Promote another one, or the catalogue: "
+            f"gravcal promote {catalogue.calibration} {CATALOGUE} --why TEXT.",
+            configuration=name,
+        ) from error
+
+
+def _made_of(changed):
+    """Name made of a change: readable, and the same for the same change."""
+    if not changed:
+        return CATALOGUE
+    digest = hashlib.sha256(json.dumps(changed, sort_keys=True).encode()).hexdigest()[:8]
+    parts = [f"{n}-{_causes(v) if n == 'model' else json.dumps(v).strip(chr(34))}" for n, v in changed.items()]
+    plain = ",".join(parts)
+    clean = re.sub(r"[^A-Za-z0-9._,+-]+", "_", plain)[:60].rstrip("_,")
+    return clean if clean == plain and "model" not in changed else f"{clean}-{digest}"
+
+
+def _causes(model):
+    """Causes of the text of a model."""
+    return "+".join(dict.fromkeys(one["cause"] for one in json.loads(model)))
+
+
+def _check_name(name):
+    """Refuse what cannot be the name of a folder."""
+    if not NAME.fullmatch(name):
+        raise CatalogError(
+            f"--as {name!r}: expected letters, digits and . _ , + -, at most 80, a letter or digit first.", found=name
+        )
+
+
+def _recorded(calibration, name):
+    """Record of an experiment, or None."""
+    path = _path(calibration, name)
+    try:
+        found = json.loads(path.read_bytes()) if path.exists() else None
+    except (OSError, ValueError) as error:
+        raise _broken(path, error) from error
+    if found is not None and not (isinstance(found, dict) and _is_settings(found.get("settings"))):
+        raise _broken(path, "no settings")
+    return found
+
+
+def _is_settings(found):
+    return isinstance(found, dict)
+
+
+def _broken(path, found):
+    return CatalogError(f"{path}: {found}; expected a record as gravcal writes it. Put it back, or remove the file.")
+
+
+def _path(calibration, name):
+    """Place of a record."""
+    return location.folder() / "configurations" / calibration / f"{name}.json"
+
+
+def _promotions(calibration):
+    return location.folder() / "configurations" / calibration / "promotions.jsonl"
+
+
+def _now():
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

@@ -1,0 +1,277 @@
+"""What lies in the store: list it, find one, verify all, remove what nothing refers to."""
+
+import contextlib
+import fnmatch
+import hashlib
+import math
+import re
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from gravcal.errors import ProductError
+from gravcal.store import disk, location, records, store
+
+LABELS = ("gravcal_key", "gravcal_digest", "gravcal_recipe")
+YOUNG_S = 3600.0  # a product younger than this may belong to a run that has not yet linked it
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One product of the store with its record, and the configurations whose readable link leads to it."""
+
+    ref: object
+    record: dict
+    configurations: tuple[str, ...] = ()
+
+    @property
+    def newest(self):
+        """Whether the readable link of the operational configuration leads to it."""
+        return location.OPERATIONAL in self.configurations
+
+
+def entries(event=None, kind=None, newest_only=True, configuration=None):
+    """Products of the store, sorted by name.
+
+    Parameters
+    ----------
+    event, kind : str or None, only these
+    newest_only : bool, only those that a readable link leads to
+    configuration : only those that its links lead to
+
+    Returns
+    -------
+    entries : list of Entry
+    """
+    links, found = linked(), []
+    for folder in folders():
+        names = tuple(sorted(links.get(folder.name, ())))
+        if newest_only and not names or configuration is not None and configuration not in names:
+            continue
+        record = store.read_record(folder)
+        if record is None:
+            continue
+        ref = store.reference(record, folder)
+        if event in (None, ref.event) and kind in (None, ref.kind, ref.stage):
+            found.append(Entry(ref, record, names))
+    return sorted(found, key=lambda entry: (entry.ref.event, entry.record["made"], entry.ref.stage))
+
+
+def folders():
+    """Folders of all products, whole or not."""
+    shelves = (path for path in (location.folder() / "objects").glob("*") if not path.is_symlink())
+    return sorted(path for shelf in shelves for path in shelf.glob("*") if records.KEY.fullmatch(path.name))
+
+
+def linked():
+    """Configurations whose readable links lead to a product, by key: {key: {"operational", NAME}}."""
+    found, latest = {}, location.folder() / "latest"
+    for link, folder in (*store.links("*/*"), *store.links("*/as/*/*")):
+        name = location.OPERATIONAL if link.parent.parent == latest else link.parent.name
+        found.setdefault(folder.name, set()).add(name)
+    return found
+
+
+def linked_keys():
+    """Keys that the readable links lead to, those of experiments too."""
+    return set(linked())
+
+
+def resolve(text):
+    """Product by key, beginning of a key or of its content's digest (as reports print it), ``event/stage``, or path.
+
+    Of products with the same content the one that a readable link leads to is meant.
+
+    Returns
+    -------
+    entry : Entry
+
+    Raises
+    ------
+    ProductError : none, or more than one
+    """
+    everything = entries(newest_only=False)
+    path = Path(text).resolve()  # of the folder, of a readable link to it, or of a file in it
+    objects = (location.folder() / "objects").resolve()
+    named = {one.name for one in (path, path.parent) if one.parent.parent == objects}
+    found = [entry for entry in everything if entry.ref.folder.name in named]
+    folder = store.linked(location.folder() / "latest" / text)  # EVENT/STAGE, or EVENT/as/NAME/STAGE
+    if not found and folder:
+        found = [entry for entry in everything if entry.ref.key == folder.name]
+    if not found and re.fullmatch(r"[0-9a-f]{4,64}", text):
+        found = [entry for entry in everything if entry.ref.key.startswith(text)]
+        equal = [entry for entry in everything if entry.ref.digest.startswith(text)]
+        found = found or [entry for entry in equal if entry.newest] or equal
+    if len(found) == 1:
+        return found[0]
+    raise ProductError(
+        f"product {text!r} in {location.folder()}: found {len(found)}, expected one. "
+        f"Give EVENT/STAGE, more digits of the key, or a path, as gravcal products list shows them.",
+        found=len(found),
+    )
+
+
+def content(entry):
+    """Content of a product, verified."""
+    dataset = store.load(entry.ref)
+    if dataset is None:
+        raise ProductError(f"{entry.ref.name} ({entry.ref.path}): damaged, and set aside. Run its event again.")
+    return dataset
+
+
+def verify():
+    """Compare every product with its record, its bytes and its content; nothing is moved.
+
+    Returns
+    -------
+    problems : list of (folder, str), empty when all is well
+    """
+    found = [(folder, problem) for folder in folders() for problem in _problems(folder)]
+    links = [path for path in (location.folder() / "latest").rglob("*") if path.is_symlink() and not store.linked(path)]
+    links += [path for path in (location.folder() / "objects").glob("*") if path.is_symlink()]
+    return found + [(path, "a link that leads to no product of this store; it is not followed") for path in links]
+
+
+def prune(keep_s=None, remove=False, quota=None, configuration=None):
+    """What nothing refers to: products that no link and no pin leads to, directly or as input, and what was set aside.
+
+    Parameters
+    ----------
+    keep_s : float, s, younger ones stay; by default an hour, with a quota all stay that the quota has room for
+    remove : bool, otherwise they are only named
+    quota : float, bytes of the store; where it has more, the oldest go first, none younger than an hour
+    configuration : pattern of names of experiments; their links that are older do not count, and are removed too
+
+    Returns
+    -------
+    unused : list of (Path, int), folder, link or file, and bytes
+    """
+    keep_s = (YOUNG_S if quota is None else math.inf) if keep_s is None else keep_s
+    dropped = [link for link in _experiments(configuration) if _age_s(link) > keep_s]
+    needed, waiting = set(), [link.readlink().name for link in (set(_roots()) - set(dropped))]
+    while waiting:
+        key = waiting.pop()
+        record = store.read_record(store.folder_of(key)) if key not in needed else None
+        needed.add(key)
+        waiting += [part["key"] for part in (record or {"from": []})["from"] if part.get("key")]
+    unused = [folder for folder in folders() if folder.name not in needed]
+    unused += sorted((location.folder() / "quarantine").glob("*")) + _unlocked()
+    aged = sorted(((_age_s(path), path) for path in unused), reverse=True)
+    gone, left = [(link, 0) for link in dropped], size() if quota is not None else 0
+    for age, path in aged:
+        if age > keep_s or (quota is not None and left > quota and age > YOUNG_S):
+            gone.append((path, _size(path)))
+            left -= gone[-1][1]
+    for path, _ in gone if remove else []:
+        _remove(path)
+    return gone
+
+
+def size():
+    """Bytes of the products of the store and of what was set aside."""
+    return sum(_size(location.folder() / name) for name in ("objects", "quarantine"))
+
+
+def pin(entry):
+    """Keep a product, and all it was made of, whatever else refers to it."""
+    link = _pins() / entry.ref.key
+    try:
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.unlink(missing_ok=True)
+        link.symlink_to(Path("..") / "objects" / entry.ref.key[:2] / entry.ref.key)
+    except OSError as error:
+        raise disk.unwritable(error, f"pin of {entry.ref.name}") from error
+
+
+def unpin(entry):
+    """Let a product go like any other; whether it was pinned."""
+    was = entry.ref.key in pinned()
+    (_pins() / entry.ref.key).unlink(missing_ok=True)
+    return was
+
+
+def pinned():
+    """Keys of the products that are pinned."""
+    return {link.name for link in _pins().glob("*")}
+
+
+def _pins():
+    """Folder with a link to each product that is pinned."""
+    return location.folder() / "pins"
+
+
+def _roots():
+    """Links that keep a product: of all configurations, and pins."""
+    latest = location.folder() / "latest"
+    found = (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*"))
+    return [link for link in found if link.is_symlink()]
+
+
+def _experiments(pattern):
+    """Links of the experiments of a name that no calibration has promoted; none without one."""
+    from gravcal.store import configurations
+
+    if not pattern:
+        return []
+    promoted = {configurations.operational(one)["name"] for one in configurations.CALIBRATIONS}
+    found = [link for link in (location.folder() / "latest").glob("*/as/*/*") if link.is_symlink()]
+    names = {link.parent.name for link in found} - promoted
+    return [link for link in found if link.parent.name in fnmatch.filter(names, pattern)]
+
+
+def _problems(folder):
+    """What is wrong with one product."""
+    from gravcal.store import netcdf, product
+
+    record, reason = records.read(folder)
+    reason = reason or store.doubt(folder, record)
+    if reason:
+        return [reason]
+    image = (folder / "product.nc").read_bytes()
+    if hashlib.sha256(image).hexdigest() != record["sha256"]:
+        return ["bytes of product.nc differ from the record"]
+    content = netcdf.from_bytes(image)
+    own = product.provenance(record["recipe"], record["key"], record["digest"], "")
+    labels = [
+        f"{name} in product.nc differs from the record" for name in LABELS if content.attrs.get(name) != own[name]
+    ]
+    return labels + (["content differs from its digest"] if product.digest(content) != record["digest"] else [])
+
+
+def _unlocked():
+    """Lock files that were left when a process was killed."""
+    return sorted((location.folder() / "locks").glob("*"))
+
+
+def _age_s(path):
+    """Seconds since a change; what went meanwhile is as young as can be, and what is from the future too."""
+    try:
+        return time.time() - path.lstat().st_mtime
+    except OSError:
+        return -1.0
+
+
+def _size(path):
+    """Bytes below a folder, or of a file; what went meanwhile has none."""
+    total = 0
+    for one in path.rglob("*") if path.is_dir() and not path.is_symlink() else [path]:
+        with contextlib.suppress(OSError):
+            total += one.stat().st_size if one.is_file() else 0
+    return total
+
+
+def _remove(path):
+    """Remove a product so that it is gone at once: renamed first, then emptied."""
+    if path.is_symlink() or not path.is_dir():
+        path.unlink(missing_ok=True)
+        return
+    aside = disk.new_aside()
+    try:
+        disk.prepare()
+        path.rename(aside)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise disk.unwritable(error, path.name[:12]) from error
+    shutil.rmtree(aside, ignore_errors=True)

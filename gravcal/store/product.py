@@ -1,0 +1,299 @@
+"""Products: what each kind holds, whether a dataset holds it, and reading and writing them.
+
+A schema is plain data, so a science module can state its own without importing this one:
+
+    FIELD = {
+        "time": {"dims": "time"},
+        "field_b": {"dims": "time xyz", "units": "T", "frame": "b", "long_name": "geomagnetic flux density"},
+    }
+
+and the module of stages makes it known: ``product.register("com_offset.field", FIELD)``. Keys of a variable: ``dims``
+(one text, names separated by blanks), ``units`` (a tuple where variants differ), ``long_name``, ``frame``, ``dtype``
+("f8" if absent; "str" for names), ``optional``. A variable whose dimension is called ``time`` or ``time_...`` and
+that bears its name is GPS time; its attributes are known. Products as returned have the attributes their schema
+states, so a stage's body need not set them.
+"""
+
+import hashlib
+import json
+import re
+
+import numpy as np
+
+from gravcal.errors import ProductError
+from gravcal.store import netcdf
+
+TIME = {
+    "units": "seconds since 2000-01-01 12:00:00",
+    "units_metadata": "leap_seconds: none",
+    "calendar": "standard",
+    "standard_name": "time",
+    "long_name": "GPS time",
+    "time_scale": "GPS",
+}
+ANY = None  # schema of kinds whose variables differ from file to file (ingest): only the general rules hold
+STATED = ("units", "long_name", "frame")
+PROVENANCE = ("Conventions", "title", "source", "history", "gravcal_key", "gravcal_digest", "gravcal_recipe")
+DIGEST = "gravcal_digest"  # also in the encoding of a content that the store gave
+_schemas = {}
+
+
+def register(kind, schema):
+    """Make the schema of a kind known; the same kind may be registered again with the same schema."""
+    if kind in _schemas and _schemas[kind] != schema:
+        raise ProductError(
+            f"product kind {kind}: registered twice with different schemas. Give one of them another name."
+        )
+    _schemas[kind] = schema
+
+
+def schema(kind):
+    """Schema of a kind, or ANY."""
+    if kind not in _schemas:
+        raise ProductError(
+            f"product kind {kind}: no schema is registered (known: {', '.join(sorted(_schemas)) or 'none'}). "
+            f"Call product.register({kind!r}, schema) in the module that holds its stage.",
+            kind=kind,
+        )
+    return _schemas[kind]
+
+
+def check(dataset, kind):
+    """Dataset with the attributes of its kind, after comparing variables, dimensions, types and units.
+
+    Parameters
+    ----------
+    dataset : Dataset, as a stage's body returns it; not changed
+    kind : str
+
+    Returns
+    -------
+    labelled : Dataset, in memory, native byte order, with units, long_name and frame
+
+    Raises
+    ------
+    ProductError : what was found, what the schema says
+    """
+    expected = schema(kind)
+    _check_names(dataset, kind, expected)
+    stated = {name: {} if expected is ANY else expected[name] for name in dataset.variables}
+    labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
+    labelled = _settled(dataset, labels, _own(dataset.attrs))
+    for name, variable in labelled.variables.items():
+        _check_variable(variable, stated[name], f"{kind}, variable {name}")
+        if is_time(name, variable):
+            _check_time(variable.values, f"{kind}, coordinate {name}")
+    return labelled
+
+
+def settled(dataset):
+    """Dataset in the form that writing and reading keep: loaded, native byte order, text as objects, plain attributes.
+
+    Parameters
+    ----------
+    dataset : Dataset
+
+    Returns
+    -------
+    settled : Dataset, new
+    """
+    return _settled(dataset, {name: variable.attrs for name, variable in dataset.variables.items()}, dataset.attrs)
+
+
+def _settled(dataset, labels, attributes):
+    """The same with other attributes: those of each variable by name, and the global ones."""
+    import xarray as xr
+
+    found = {
+        name: (variable.dims, _settled_values(variable.values), _settled_attributes(labels[name]))
+        for name, variable in dataset.variables.items()
+    }
+    coordinates = {name: found.pop(name) for name in sorted(dataset.coords)}
+    return xr.Dataset(found, coordinates, _settled_attributes(attributes))
+
+
+def digest(dataset):
+    """SHA-256 over the content: names, dimensions, types, values and attributes, NaN equal to NaN, provenance left out.
+
+    Parameters
+    ----------
+    dataset : Dataset, settled
+
+    Returns
+    -------
+    digest : str, 64 hexadecimal digits
+    """
+    total = hashlib.sha256()
+    total.update(_attribute_text(_own(dataset.attrs)))
+    for name in sorted(dataset.variables):
+        variable = dataset.variables[name]
+        values = np.ascontiguousarray(variable.values)
+        head = [name, list(variable.dims), list(values.shape), "str" if values.dtype == object else values.dtype.str]
+        total.update(json.dumps(head).encode() + _attribute_text(variable.attrs))
+        total.update(_value_bytes(values))
+    return total.hexdigest()
+
+
+def digest_as_read(dataset):
+    """The same of a content as the store gave it, without computing it again.
+
+    Parameters
+    ----------
+    dataset : Dataset, not changed since; one that no store gave is digested
+    """
+    return dataset.encoding.get(DIGEST) or digest(dataset)
+
+
+def provenance(recipe, key, content_digest, version):
+    """Global attributes that say how a product was made; nothing in them depends on the clock or the machine."""
+    name = ".".join(part for part in (recipe["kind"], recipe["variant"]) if part)
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"{name} of {recipe['event']}",
+        "source": f"gravcal {version}",
+        "history": f"gravcal: {recipe['kind']} version {recipe['version']} from {len(recipe['inputs'])} input(s)",
+        "gravcal_key": key,
+        "gravcal_digest": content_digest,
+        "gravcal_recipe": json.dumps(recipe, sort_keys=True),
+    }
+
+
+def read(path):
+    """Dataset of a product file, times in GPS seconds, with its provenance attributes."""
+    return netcdf.from_bytes(path.read_bytes())
+
+
+def without_provenance(dataset):
+    """The dataset as its stage's body returned it; what other bodies are given."""
+    return dataset.drop_attrs(deep=False).assign_attrs(_own(dataset.attrs))
+
+
+def _own(attributes):
+    """Global attributes without provenance."""
+    return {name: value for name, value in attributes.items() if name not in PROVENANCE}
+
+
+def is_time(name, variable):
+    """Whether this is a coordinate of GPS time: it bears the name of its dimension, ``time`` or ``time_...``."""
+    return variable.dims == (name,) and re.fullmatch(r"time(_\w+)?", name) is not None
+
+
+def _check_names(dataset, kind, expected):
+    """Raise unless the variables are those of the schema."""
+    if expected is ANY:
+        return
+    present = set(dataset.variables)
+    missing = sorted(name for name, stated in expected.items() if name not in present and not stated.get("optional"))
+    extra = sorted(present - set(expected))
+    if missing or extra:
+        raise ProductError(
+            f"{kind}: variables missing: {', '.join(missing) or 'none'}; "
+            f"not in the schema: {', '.join(extra) or 'none'}. "
+            f"Return what the schema says, or change the schema and the version of the stage.",
+            kind=kind,
+            missing=missing,
+            extra=extra,
+        )
+
+
+def _labels(name, variable, stated, where):
+    """Attributes of one variable completed by the schema; those that contradict it are an error."""
+    known = {label: stated[label] for label in STATED if isinstance(stated.get(label), str)}
+    known = TIME | known if is_time(name, variable) else known
+    found = {label: value for label, value in variable.attrs.items() if label not in ("_FillValue", "coordinates")}
+    for label in ("units", "frame"):
+        if label in found and label in known and found[label] != known[label]:
+            raise ProductError(
+                f"{where}: {label} is {found[label]!r}, the schema says {known[label]!r}. Convert before returning it.",
+                where=where,
+            )
+    return known | found | {label: known[label] for label in ("units", "frame") if label in known}
+
+
+def _check_variable(variable, stated, where):
+    """Raise unless dimensions, type and labels of one variable are right."""
+    dims = tuple(stated["dims"].split()) if "dims" in stated else variable.dims
+    kind = "str" if variable.dtype == object else variable.dtype.str.lstrip("<>|=")
+    expected = stated.get("dtype", "f8") if stated else kind
+    if variable.dims != dims or kind != expected:
+        raise ProductError(
+            f"{where}: found {kind} over {variable.dims}, expected {expected} over {dims}. "
+            f"Return it so, or change the schema and the version of the stage.",
+            where=where,
+        )
+    allowed = stated.get("units", ())
+    if isinstance(allowed, tuple) and allowed and variable.attrs.get("units") not in allowed:
+        raise ProductError(
+            f"{where}: units are {variable.attrs.get('units')!r}, the schema allows {', '.join(allowed)}.", where=where
+        )
+    if kind != "str" and "units" not in variable.attrs:
+        raise ProductError(
+            f"{where}: no units. State them in the schema; '1' for a pure number or a flag.", where=where
+        )
+
+
+def _check_time(values, where):
+    """Raise unless times are finite and increase."""
+    steps = np.diff(values)
+    if not np.isfinite(values).all() or (steps <= 0).any():
+        first = (
+            int(np.argmax(~np.isfinite(values))) if not np.isfinite(values).all() else int(np.argmax(steps <= 0)) + 1
+        )
+        raise ProductError(
+            f"{where}: index {first} is {values[first]!r}, expected finite GPS seconds that increase. "
+            f"Sort and remove duplicates first, or call the dimension 'record'.",
+            where=where,
+            index=first,
+        )
+
+
+def _settled_values(values):
+    """Values in a type that netCDF keeps: native numbers, or text as objects."""
+    if values.dtype.kind in "US" or (values.dtype == object and all(isinstance(item, str) for item in values.flat)):
+        return np.array([str(item) for item in values.astype(str).flat], dtype=object).reshape(values.shape)
+    if values.dtype.kind not in "iuf":
+        raise ProductError(
+            f"values of type {values.dtype}: a product holds numbers and text. Make truth values uint8, times GPS "
+            f"seconds (f8), "
+            f"complex numbers two variables.",
+            dtype=str(values.dtype),
+        )
+    return np.asarray(values, dtype=values.dtype.newbyteorder("="), order="C")  # as after reading: BLAS sums by order
+
+
+def _settled_attributes(attributes):
+    """Attributes as str, int, float, list of str or array of numbers."""
+    return {name: _settled_attribute(name, value) for name, value in attributes.items()}
+
+
+def _settled_attribute(name, value):
+    """One attribute in the type it has after reading."""
+    if isinstance(value, (bool, np.bool_)):
+        return int(value)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, (str, int, float)):
+        return value
+    items = np.asarray(value)
+    if items.ndim == 1 and items.size and items.dtype.kind in "iuf":
+        return items.item() if items.size == 1 else items
+    if items.ndim == 1 and items.size and items.dtype.kind in "U":
+        return [str(item) for item in items] if items.size > 1 else str(items[0])
+    raise ProductError(
+        f"attribute {name} = {value!r}: give text, a number or a list of either (a mapping: as JSON text)."
+    )
+
+
+def _attribute_text(attributes):
+    """Attributes as text that does not depend on their order."""
+    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in attributes.items()}
+    return json.dumps(plain, sort_keys=True).encode()
+
+
+def _value_bytes(values):
+    """Bytes of the values, little-endian, with one bit pattern for NaN."""
+    if values.dtype == object:
+        return json.dumps(values.ravel().tolist()).encode()
+    if values.dtype.kind == "f" and np.isnan(values).any():
+        values = np.where(np.isnan(values), values.dtype.type(np.nan), values)
+    return np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"), copy=False)).data

@@ -1,0 +1,359 @@
+"""The store of products: found by key, made at most once, never half.
+
+    objects/ab/<key>/product.nc, meta.json     one product with its record and the files that belong to it
+    latest/<event>/<stage>                     readable link to the newest product of that name
+    latest/<event>/as/<NAME>/<stage>           the same of the experiment of that name
+    tmp/  locks/  quarantine/  memo/           being written; who computes; set aside; what is cheap to remember
+
+A product is written aside, flushed and published by one rename of its folder, so it is there in full or not at all. A
+folder counts when its record is whole (`records`), the file bears the key and digest that the record says, and has the
+recorded size and time of change; otherwise, and at every first read, the digest of the bytes decides. What fails is
+moved to ``quarantine`` and made again. No link is followed but those of ``latest``, and these only as far as they
+lead to a product of this store.
+"""
+
+import contextlib
+import datetime
+import errno
+import fcntl
+import hashlib
+import math
+import os
+import platform
+import shutil
+import uuid
+from pathlib import Path
+
+from gravcal.store import disk, location, memory, records
+from gravcal.store.references import ProductRef
+
+LABEL_BYTES = 64  # of a key or digest as text
+FOREIGN = "product.nc does not bear the key and digest of the record: it is another product"
+
+
+def folder_of(key):
+    """Folder of the product with this key, whether it exists or not."""
+    return location.folder() / "objects" / key[:2] / key
+
+
+def find(key):
+    """Product with this key, or None; one that is not what its record says is set aside.
+
+    Parameters
+    ----------
+    key : str
+
+    Returns
+    -------
+    ref : ProductRef or None
+    """
+    folder = folder_of(key)
+    record, reason = records.read(folder)
+    if record:
+        reason = doubt(folder, record)
+    if reason:
+        if os.path.lexists(folder):  # also a link that leads nowhere
+            set_aside(folder, reason)
+        return None
+    return reference(record, folder)
+
+
+def load(ref):
+    """Content of a product, verified; None if it is damaged, and then it has been set aside.
+
+    Parameters
+    ----------
+    ref : ProductRef
+
+    Returns
+    -------
+    dataset : Dataset, its arrays shared and not to be changed, without provenance attributes; or None
+    """
+    held = memory.recall(ref.path)
+    if held is not None:
+        return held
+    record, reason = records.read(ref.folder)
+    image = _verified_bytes(ref.folder, record) if record else None
+    if image is None:
+        set_aside(ref.folder, reason or "bytes differ from the record")
+        return None
+    from gravcal.store import netcdf, product
+
+    dataset = product.without_provenance(netcdf.from_bytes(image))
+    dataset.encoding[product.DIGEST] = record["digest"]
+    memory.keep(ref.path, dataset)
+    return dataset.copy()
+
+
+def arrays(ref, names):
+    """Some variables of a product as plain arrays {name: array}, verified; None if it is damaged.
+
+    Parameters
+    ----------
+    ref : ProductRef; names : of the variables
+    """
+    record = read_record(ref.folder)
+    image = _verified_bytes(ref.folder, record) if record else None
+    if image is None:
+        return None
+    from gravcal.store import netcdf
+
+    return netcdf.arrays(image, names)
+
+
+def put(key, recipe, made, facts):
+    """Publish a product; if another process was first, its product is returned.
+
+    Parameters
+    ----------
+    key : str
+    recipe : dict, what the key was made of
+    made : tuple of dataset (checked) and mapping of file name to str or bytes
+    facts : dict, joins the record: modules, inputs, stage, seconds
+
+    Returns
+    -------
+    ref : ProductRef
+
+    Raises
+    ------
+    ProductError : disk full or store not writable; the store is as before
+    """
+    dataset, files = made
+    aside = disk.new_aside()
+    try:
+        disk.prepare()
+        aside.mkdir()
+        record = _write_folder(aside, key, recipe, dataset, files) | facts
+        (aside / "meta.json").write_bytes(records.sealed(record))
+        disk.flush(aside)
+        ref = _publish(aside, key)
+    except OSError as error:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise disk.unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
+    if ref.digest == record["digest"]:
+        memory.keep(ref.path, dataset)
+    return ref
+
+
+def point(ref):
+    """Let the readable link of a product's name lead to it; a store that can only be read keeps the old one."""
+    link = location.links(ref.event) / ref.stage
+    target = os.path.relpath(ref.folder, link.parent)
+    with contextlib.suppress(OSError):
+        if link.is_symlink() and str(link.readlink()) == target:
+            return
+        link.parent.mkdir(parents=True, exist_ok=True)
+        aside = link.with_name(f".{link.name}.{uuid.uuid4().hex[:8]}")
+        aside.symlink_to(target)
+        aside.replace(link)
+
+
+def linked(link):
+    """Folder of the product that a readable link leads to; None where it is not one that `point` makes.
+
+    Parameters
+    ----------
+    link : Path below ``latest``
+    """
+    try:
+        target = str(link.readlink())
+    except (OSError, ValueError):
+        return None
+    folder = folder_of(Path(target).name)
+    is_own = records.KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent)
+    return folder if is_own else None
+
+
+def links(pattern="*/*"):
+    """Readable links below ``latest`` with the folders they lead to; what leads elsewhere is left out.
+
+    Returns
+    -------
+    links : list of (Path, Path), sorted
+    """
+    found = [(link, linked(link)) for link in sorted((location.folder() / "latest").glob(pattern))]
+    return [(link, folder) for link, folder in found if folder]
+
+
+def newest_record(event, stage):
+    """Record of the newest product of a name in the configuration that is running, else in the operational one."""
+    for name in (None, location.OPERATIONAL):
+        folder = linked(location.links(event, name) / stage)
+        record = read_record(folder) if folder else None
+        if record is not None:
+            return record
+    return None
+
+
+def last_seconds(ref):
+    """Seconds that the newest product of this name took to compute, of an experiment or else of the operational one.
+
+    Infinite where there is none.
+
+    Parameters
+    ----------
+    ref : ProductRef, made or not
+    """
+    return (newest_record(ref.event, ref.stage) or {}).get("seconds", math.inf)
+
+
+@contextlib.contextmanager
+def lock(key):
+    """Hold the key: others who want to make the same product wait. The kernel releases it when a process dies."""
+    try:
+        disk.prepare()
+        path = location.folder() / "locks" / key
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise disk.unwritable(error, key[:12]) from error
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks: the rename still protects
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+        path.unlink(missing_ok=True)
+    finally:
+        os.close(descriptor)
+
+
+def read_record(folder):
+    """Record of a product folder, or None if there is none that can be believed."""
+    return records.read(folder)[0]
+
+
+def reference(record, folder):
+    """ProductRef of a record."""
+    recipe = record["recipe"]
+    return ProductRef(
+        recipe["event"], recipe["kind"], recipe["variant"], record["key"], record["digest"], folder / "product.nc"
+    )
+
+
+def set_aside(folder, reason):
+    """Move a product folder to quarantine with a note why; one that vanished meanwhile is no error.
+
+    Of a folder that is reached through a link this link is moved, what it leads to is left alone.
+    """
+    if records.KEY.fullmatch(folder.name) and folder.parent.is_symlink():
+        folder = folder.parent
+    memory.drop(folder / "product.nc")
+    target = location.folder() / "quarantine" / f"{folder.name}-{uuid.uuid4().hex[:8]}"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        folder.rename(target)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise disk.unwritable(error, f"{folder.name[:12]} ({reason})") from error
+    with contextlib.suppress(OSError):
+        is_folder = target.is_dir() and not target.is_symlink()
+        why = target / "why.txt" if is_folder else target.with_name(f"{target.name}.txt")
+        why.write_text(reason + "\n")
+
+
+def doubt(folder, record):
+    """Why a folder cannot be taken as it stands, or None; a changed time of change makes the bytes decide."""
+    try:
+        descriptor = os.open(folder / "product.nc", os.O_RDONLY)
+    except OSError:
+        return "product.nc is missing"
+    try:
+        status = os.fstat(descriptor)
+        if status.st_size != record["bytes"]:
+            return f"product.nc has {status.st_size} bytes, the record says {record['bytes']}"
+        if not _bears_labels(record, lambda place: os.pread(descriptor, LABEL_BYTES, place)):
+            return FOREIGN
+    finally:
+        os.close(descriptor)
+    known = status.st_mtime_ns == record["mtime_ns"] or memory.is_trusted(folder, status)
+    if not known and _verified_bytes(folder, record) is None:
+        return "bytes differ from the record"
+    return _doubtful_file(folder, record)
+
+
+def _bears_labels(record, read):
+    """Whether a product file bears the key and the digest of the record as its own, where the record says.
+
+    Parameters
+    ----------
+    record : of the product
+    read : function of a place in the file, returns so many bytes as a label has from there
+    """
+    wanted = (record["key"], record["digest"])
+    places = record["labels_at"]
+    return len(places) == len(wanted) and all(
+        0 <= place < record["bytes"] and read(place) == text.encode()
+        for place, text in zip(places, wanted, strict=True)
+    )
+
+
+def _doubtful_file(folder, record):
+    """Which of the files beside a product is not as recorded, or None; they are read without another check."""
+    for name, digest in record["files"].items():
+        if (folder / name).is_symlink():
+            return f"{name} is a link, which is not followed"
+        try:
+            image = (folder / name).read_bytes()
+        except OSError:
+            return f"{name} is missing"
+        if hashlib.sha256(image).hexdigest() != digest:
+            return f"bytes of {name} differ from the record"
+    return None
+
+
+def _verified_bytes(folder, record):
+    """Bytes of the product file if their SHA-256 is the recorded one, otherwise None."""
+    try:
+        image = (folder / "product.nc").read_bytes()
+    except OSError:
+        return None
+    is_whole = hashlib.sha256(image).hexdigest() == record["sha256"]
+    if not is_whole or not _bears_labels(record, lambda place: image[place : place + LABEL_BYTES]):
+        return None
+    memory.trust(folder, (folder / "product.nc").stat())
+    return image
+
+
+def _write_folder(aside, key, recipe, dataset, files):
+    """Write product and files; their record without the facts of the run."""
+    from gravcal import __version__
+    from gravcal.store import netcdf, product
+
+    content = product.digest(dataset)
+    dataset.encoding[product.DIGEST] = content
+    labels = product.provenance(recipe, key, content, __version__)
+    netcdf.write(dataset.assign_attrs(labels), aside / "product.nc")
+    image = (aside / "product.nc").read_bytes()
+    extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+    for name, text in extra.items():
+        (aside / Path(name).name).write_bytes(text)
+    return {
+        "key": key,
+        "digest": content,
+        "sha256": hashlib.sha256(image).hexdigest(),
+        "bytes": len(image),
+        "mtime_ns": (aside / "product.nc").stat().st_mtime_ns,
+        "labels_at": [image.find(text.encode()) for text in (key, content)],
+        "files": {name: hashlib.sha256(text).hexdigest() for name, text in extra.items()},
+        "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "machine": platform.node(),
+        "recipe": recipe,
+    }
+
+
+def _publish(aside, key):
+    """Rename the finished folder to its place; a product that is there already and whole stays, and is returned."""
+    folder = folder_of(key)
+    if os.path.lexists(folder.parent) and not folder.parent.is_dir():
+        set_aside(folder.parent, "no folder")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        aside.rename(folder)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise
+    ref = find(key)
+    if aside.exists() and ref is None:
+        return _publish(aside, key)
+    shutil.rmtree(aside, ignore_errors=True)
+    return ref

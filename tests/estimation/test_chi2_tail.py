@@ -1,0 +1,28 @@
+"""Probabilities of large values by chance."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from gravcal.estimation import chi2_tail
+
+
+def test_tails_are_those_of_the_distributions():
+    """Reference: scipy.stats, numbers and arrays; a value below zero is certain to be exceeded."""
+    gain = np.array([-1.0, 0.0, 0.3, 7.0, 90.0, 1300.0])
+    for dof in (1, 3, 40):
+        assert_allclose(chi2_tail.log_tail(gain, dof), stats.chi2.logsf(gain, dof), rtol=1e-12, atol=1e-15)
+    assert chi2_tail.log_tail(7.0, 2) == pytest.approx(-3.5)
+    assert chi2_tail.log_tail(1e5, 2) == -np.inf
+    assert_allclose(
+        chi2_tail.log_gamma_tail(gain, 2.5, 4.0), stats.gamma.logsf(gain, 2.5, scale=1.6), rtol=1e-12, atol=1e-15
+    )
+
+
+def test_least_tail_is_the_least_of_all():
+    """Reference: every probability by itself."""
+    rng = np.random.default_rng(1)
+    dof = rng.integers(1, 5, 60)
+    gain = rng.chisquare(3, (60, 4))
+    assert_allclose(chi2_tail.least_log_tail(gain, dof), stats.chi2.logsf(gain, dof[:, None]).min(axis=0), rtol=1e-12)

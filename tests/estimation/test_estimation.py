@@ -1,0 +1,196 @@
+"""Estimating equations, nuisance, instruments, shared and own errors, against dense brute force."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from gravcal.estimation import least_squares
+from gravcal.estimation.least_squares import Score
+
+
+def block(rng, count=60, parameters=3, nuisance=4):
+    """Random design, nuisance and observation of one block, unit white noise on zero truth."""
+    return (
+        rng.standard_normal(count),
+        rng.standard_normal((count, parameters)),
+        rng.standard_normal((count, nuisance)),
+    )
+
+
+def test_projecting_nuisance_out_equals_estimating_it_along():
+    """Analytic: value and covariance of the parameters equal those of the full least squares."""
+    y, A, N = block(np.random.default_rng(1))
+    score = least_squares.score(y, A, N)
+    full = np.concatenate([A, N], axis=1)
+    unknown, inverse = np.linalg.lstsq(full, y, rcond=None)[0], np.linalg.inv(full.T @ full)
+    assert_allclose(score.value, unknown[:3], rtol=1e-10)
+    assert_allclose(least_squares.covariance(score.information), inverse[:3, :3], rtol=1e-10)
+
+
+def test_dependent_and_empty_nuisance_columns_do_no_harm():
+    """Analytic: repeated and zero nuisance columns change nothing, badly scaled ones neither."""
+    y, A, N = block(np.random.default_rng(2))
+    more = np.concatenate([N, 1e9 * N[:, :1], np.zeros((60, 1)), 1e-9 * N[:, 1:2]], axis=1)
+    assert_allclose(least_squares.score(y, A, more).value, least_squares.score(y, A, N).value, rtol=1e-8)
+    assert_allclose(least_squares.without(np.zeros((60, 2)), y), y)
+
+
+def test_blocks_joined_equal_one_large_least_squares():
+    """Analytic: three blocks with nuisance of their own against one stacked design."""
+    rng = np.random.default_rng(3)
+    blocks = [block(rng) for _ in range(3)]
+    joined = least_squares.combine(
+        [least_squares.score(*b) for b in blocks], [np.zeros((0, 3))] * 3, [np.zeros((0, 3))] * 3
+    )
+    N = np.zeros((180, 12))
+    for i, b in enumerate(blocks):
+        N[60 * i : 60 * i + 60, 4 * i : 4 * i + 4] = b[2]
+    full = np.concatenate([np.concatenate([b[1] for b in blocks]), N], axis=1)
+    y = np.concatenate([b[0] for b in blocks])
+    assert_allclose(joined.value, np.linalg.lstsq(full, y, rcond=None)[0][:3], rtol=1e-9)
+    assert_allclose(joined.covariance, np.linalg.inv(full.T @ full)[:3, :3], rtol=1e-9)
+    residual = y - full @ np.linalg.lstsq(full, y, rcond=None)[0]
+    alone = [
+        b[0] - np.concatenate(b[1:], axis=1) @ np.linalg.lstsq(np.concatenate(b[1:], axis=1), b[0], rcond=None)[0]
+        for b in blocks
+    ]
+    assert joined.chi2 == pytest.approx(residual @ residual - sum(r @ r for r in alone), rel=1e-9)
+    assert joined.dof == 6
+
+
+def test_own_and_shared_errors_weight_like_the_dense_covariance():
+    """Analytic: blocks of direct estimates with own errors and one shared error against generalised least squares."""
+    rng = np.random.default_rng(4)
+    designs = [rng.standard_normal((20, 3)) for _ in range(4)]
+    information = [A.T @ A for A in designs]
+    own = [0.3 * rng.standard_normal((2, 3)) for _ in range(4)]
+    estimates = [rng.standard_normal(3) for _ in range(4)]
+    scores = [Score(i @ x, i, i) for i, x in zip(information, estimates, strict=True)]
+    joined = least_squares.combine(scores, own, [np.zeros((0, 3))] * 4)
+    weight = [np.linalg.inv(np.linalg.inv(i) + m.T @ m) for i, m in zip(information, own, strict=True)]
+    total = np.linalg.inv(sum(weight))
+    value = total @ sum(w @ x for w, x in zip(weight, estimates, strict=True))
+    assert_allclose(joined.value, value, rtol=1e-9)
+    assert_allclose(joined.covariance, total, rtol=1e-9)
+    chi2 = sum((x - value) @ w @ (x - value) for w, x in zip(weight, estimates, strict=True))
+    assert (joined.chi2, joined.dof) == (pytest.approx(chi2, rel=1e-9), 9)
+
+
+def test_a_shared_error_moves_the_value_as_weighted_and_is_free_in_the_consistency():
+    """Analytic: the shift is the weighted mean of the blocks' shifts; chi-square is that of the full covariance."""
+    rng = np.random.default_rng(5)
+    information = [A.T @ A for A in rng.standard_normal((3, 20, 3))]
+    shared = [np.array([[0.4, 0.1, -0.2]]) * f for f in (1.0, 2.0, -0.5)]
+    estimates = [rng.standard_normal(3) for _ in range(3)]
+    scores = [Score(i @ x, i, i) for i, x in zip(information, estimates, strict=True)]
+    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 3, shared)
+    total = np.linalg.inv(sum(information))
+    shift = total @ sum(i @ m[0] for i, m in zip(information, shared, strict=True))
+    assert_allclose(joined.shift[0], shift, rtol=1e-9)
+    dense = np.zeros((9, 9))
+    for i, one in enumerate(information):
+        dense[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = np.linalg.inv(one)
+    mode = np.concatenate([m[0] for m in shared])
+    weight = np.linalg.inv(dense + np.outer(mode, mode))
+    x, A = np.concatenate(estimates), np.tile(np.eye(3), (3, 1))
+    best = np.linalg.solve(A.T @ weight @ A, A.T @ weight @ x)
+    assert joined.chi2 == pytest.approx((x - A @ best) @ weight @ (x - A @ best), rel=1e-8)
+
+
+def test_consistency_of_consistent_blocks_is_chi_square():
+    """Recovery: 400 draws with own and shared errors; uniform probabilities (Kolmogorov-Smirnov, 1e-4)."""
+    rng = np.random.default_rng()
+    designs, own = rng.standard_normal((4, 30, 3)), 0.3 * rng.standard_normal((4, 2, 3))
+    shared = 0.2 * rng.standard_normal((4, 1, 3))
+    information = np.swapaxes(designs, 1, 2) @ designs
+    found = []
+    for _ in range(400):
+        common, scores = rng.standard_normal(1), []
+        for A, i, m, s in zip(designs, information, own, shared, strict=True):
+            moved = rng.standard_normal(2) @ m + common @ s
+            scores.append(Score(A.T @ rng.standard_normal(30) + i @ moved, i, i))
+        joined = least_squares.combine(scores, list(own), list(shared))
+        found.append(least_squares.chi2_probability(joined.chi2, joined.dof))
+    assert stats.kstest(found, "uniform").pvalue > 1e-4
+
+
+def test_noise_in_the_regressor_does_not_shrink_an_estimate_with_instruments():
+    """Recovery: 600 draws; least squares is attenuated by a third, instruments are unbiased within four errors."""
+    rng = np.random.default_rng()
+    signal = np.sin(2 * np.pi * np.arange(300) / 24)[:, None]
+    drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, 300), 2)
+    plain, robust = [], []
+    for _ in range(600):
+        noisy = signal + 0.5 * rng.standard_normal((300, 1))
+        y = 2.0 * signal[:, 0] + 0.1 * rng.standard_normal(300)
+        plain.append(least_squares.score(y, noisy, drift).value[0])
+        robust.append(least_squares.score(y, noisy, drift, signal).value[0])
+    assert np.mean(plain) < 1.5
+    assert abs(np.mean(robust) - 2.0) < 4 * np.std(robust) / np.sqrt(600) + 0.005  # second order of the ratio
+
+
+def test_a_direction_without_information_has_infinite_variance():
+    """Analytic: null axes and null combinations are told apart; what is determined keeps its variance."""
+    found = least_squares.covariance(np.diag([4.0, 0.0, 1e12]))
+    assert_allclose(np.diag(found), [0.25, np.inf, 1e-12])
+    A = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
+    tied = least_squares.covariance(A.T @ A)
+    assert_allclose(np.diag(tied), [np.inf, np.inf, 0.25])
+    assert np.isinf(np.diag(least_squares.covariance(np.zeros((3, 3))))).all()
+
+
+def test_badly_scaled_but_regular_information_is_not_called_null():
+    """Analytic: twelve orders between the diagonal elements are units, not a missing direction."""
+    rng = np.random.default_rng(6)
+    A = rng.standard_normal((30, 3)) * np.array([1.0, 1e-6, 1e6])
+    assert_allclose(least_squares.covariance(A.T @ A), np.linalg.inv(A.T @ A), rtol=1e-6)
+    assert_allclose(least_squares.stable_inverse(A.T @ A), np.linalg.inv(A.T @ A), rtol=1e-6)
+
+
+def test_weakening_is_the_woodbury_identity():
+    """Analytic: W I = (I^-1 + M M^T)^-1."""
+    rng = np.random.default_rng(7)
+    A, modes = rng.standard_normal((10, 3)), rng.standard_normal((4, 3))
+    information = A.T @ A
+    expected = np.linalg.inv(np.linalg.inv(information) + modes.T @ modes)
+    assert_allclose(least_squares.weakening(information, modes) @ information, expected, rtol=1e-9)
+    assert_allclose(least_squares.weakening(information, np.zeros((0, 3))), np.eye(3))
+
+
+def test_a_block_that_says_nothing_of_a_component_joins_without_harm():
+    """Analytic: a singular block adds what it knows, and takes part in the degrees of freedom by its rank."""
+    full, part = np.diag([2.0, 3.0, 4.0]), np.diag([5.0, 0.0, 0.0])
+    scores = [Score(full @ [1.0, 2.0, 3.0], full, full), Score(part @ [2.0, 9.0, 9.0], part, part)]
+    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 2, [np.zeros((0, 3))] * 2)
+    assert_allclose(joined.value, [12 / 7, 2.0, 3.0])
+    assert joined.dof == 1
+    assert joined.chi2 == pytest.approx(1.0 / (1 / 2 + 1 / 5))
+
+
+def test_a_noisy_direction_without_information_leaves_the_others_alone():
+    """Analytic: x known to 3 mm only; a noisy Z'A that cancels its prior of 1 mm does not reach y and z."""
+    information = np.diag([1e5, 4e12, 1e11])
+    normal = information.copy()
+    normal[0, 0] = -1e6 + 10.0  # nearly minus the prior
+    normal[1, 0], normal[2, 0] = 3e10, -2e9
+    true = np.array([0.0, 4e-6, 13e-6])
+    block = Score(normal @ true + np.array([3e3, 0.0, 0.0]), normal, information)
+    joined = least_squares.combine([block], [np.zeros((0, 3))], [np.zeros((0, 3))], np.eye(3) / 1e-3**2)
+    assert_allclose(joined.value[1:], true[1:], atol=1e-9)
+    assert np.sqrt(joined.covariance[0, 0]) > 0.9e-3
+
+
+def test_legendre_columns_are_one_u_and_so_on():
+    """Analytic: first three polynomials over an interval; degree -1 gives no column."""
+    time = np.linspace(10.0, 20.0, 5)
+    u = np.array([-1, -0.5, 0, 0.5, 1])
+    expected = np.stack([np.ones(5), u, 1.5 * u**2 - 0.5], axis=1)
+    assert_allclose(least_squares.polynomial(time, 2, 10.0, 20.0), expected, atol=1e-15)
+    assert least_squares.polynomial(time, -1, 10.0, 20.0).shape == (5, 0)
+
+
+def test_chi_square_probability():
+    """Analytic: two degrees of freedom give exp(-chi2 / 2); none give no probability."""
+    assert least_squares.chi2_probability(3.0, 2) == pytest.approx(np.exp(-1.5))
+    assert least_squares.chi2_probability(3.0, 0) is None

@@ -1,0 +1,171 @@
+"""Autoregressive noise: fit, whitening and density against independent evaluations."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import linalg, signal
+
+from gravcal.estimation.noise import NoiseModel, coloured, fit_noise, runs, unwhiten, whiten
+
+AR = np.array([1.2, -0.8, 0.3])  # x_t = sum_j AR_j x_(t-j) + e_t, stable
+VARIANCE = 2.5e-20
+
+
+def simulate(rng, count, coefficients=AR, variance=VARIANCE):
+    """Samples (count,) of the process, started long before."""
+    drive = rng.standard_normal(count + 2000) * np.sqrt(variance)
+    return signal.lfilter([1.0], np.concatenate([[1.0], -coefficients]), drive)[2000:]
+
+
+def autocovariance(count, coefficients=AR, variance=VARIANCE):
+    """Autocovariance (count,) from the impulse response, summed until it has died out."""
+    impulse = signal.lfilter([1.0], np.concatenate([[1.0], -coefficients]), np.eye(1, 6000)[0])
+    return variance * np.array([impulse[: 6000 - k] @ impulse[k:] for k in range(count)])
+
+
+def true_model(step=0.5):
+    """NoiseModel of the process through its own autocovariance (Levinson's recursion written out with solves)."""
+    c = autocovariance(AR.size + 1)
+    reflection, variance = [], [c[0]]
+    for k in range(1, AR.size + 1):
+        row = np.linalg.solve(linalg.toeplitz(c[:k]), c[1 : k + 1])
+        reflection.append(row[-1])
+        variance.append(c[0] - row @ c[1 : k + 1])
+    return NoiseModel(np.array(reflection), np.array(variance), step)
+
+
+def test_prediction_rows_solve_the_normal_equations_of_their_order():
+    """Analytic: row k of the coefficients is the Yule-Walker solution of order k."""
+    c, rows = autocovariance(AR.size + 1), true_model().coefficients
+    for k in range(1, AR.size + 1):
+        assert_allclose(rows[k, :k], np.linalg.solve(linalg.toeplitz(c[:k]), c[1 : k + 1]), rtol=1e-9)  # of solve
+        assert_allclose(rows[k, k:], 0.0)
+    assert_allclose(rows[-1], AR, rtol=1e-9)
+
+
+def test_whitening_is_the_inverse_cholesky_factor_from_the_first_sample_on():
+    """Analytic: one run whitens to L^-1 x with L L^T the dense Toeplitz covariance, start included."""
+    count = 60
+    factor = linalg.cholesky(linalg.toeplitz(autocovariance(count)), lower=True)
+    found = whiten(true_model(), np.eye(count), np.ones(count, dtype=bool))
+    assert_allclose(found @ factor, np.eye(count), atol=1e-8)  # conditioning of the factor
+
+
+def test_every_run_of_valid_samples_is_whitened_by_itself():
+    """Analytic: after a gap whitening begins anew; rows that are not valid come back as zero, whatever they hold."""
+    valid = np.ones(80, dtype=bool)
+    valid[[0, 20, 21, 22, 50, 79]] = False
+    dense = linalg.toeplitz(autocovariance(80))
+    columns = np.where(valid[:, None], np.eye(80), np.nan)
+    found = whiten(true_model(), columns, valid)
+    assert_allclose(found[~valid], 0.0)
+    for begin, end in zip(*runs(valid), strict=True):
+        block = found[begin:end, begin:end]
+        assert_allclose(block @ dense[begin:end, begin:end] @ block.T, np.eye(end - begin), atol=1e-8)
+        assert_allclose(np.delete(found[begin:end], np.arange(begin, end), axis=1)[:, valid[:1].size :], 0, atol=1e-12)
+
+
+def test_whitened_noise_has_unit_variance_with_gaps_too():
+    """Recovery: 400 noise records with a gap whiten to variance one sample by sample (6 sigma, 97 samples)."""
+    rng = np.random.default_rng()
+    valid = np.ones(100, dtype=bool)
+    valid[40:43] = False
+    white = whiten(true_model(), np.stack([simulate(rng, 100) for _ in range(400)], axis=1), valid)[valid]
+    variance = np.mean(white**2, axis=1)
+    assert np.all(np.abs(variance - 1) < 6 * np.sqrt(2 / 400))
+    assert np.mean(white**2) == pytest.approx(1.0, abs=4.5 * np.sqrt(2 / white.size))
+
+
+def test_density_is_that_of_the_process():
+    """Analytic: one-sided density from the autocovariance by direct summation; its integral is the variance."""
+    model, c = true_model(0.5), autocovariance(400)
+    frequency = np.array([0.0, 0.01, 0.2, 0.77, 1.0])
+    lags = np.arange(1, 400)
+    direct = 2 * 0.5 * (c[0] + 2 * np.cos(2 * np.pi * np.outer(frequency, lags) * 0.5) @ c[1:])
+    assert_allclose(model.density(frequency), direct, rtol=1e-6)  # lags cut at 400
+    grid = (np.arange(20000) + 0.5) / 20000
+    assert_allclose(np.mean(model.density(grid)), c[0], rtol=1e-6)
+
+
+def test_burgs_fit_finds_the_process_in_pieces():
+    """Recovery: coefficients and innovation variance from 40 pieces of 360 samples, within five standard errors."""
+    rng = np.random.default_rng()
+    model = fit_noise([simulate(rng, 360) for _ in range(40)], 3, 0.5)
+    count = 40 * 360
+    error = np.sqrt(np.diag(np.linalg.inv(linalg.toeplitz(autocovariance(3)))) * VARIANCE / count)
+    assert np.all(np.abs(model.coefficients[-1] - AR) < 5 * error)
+    assert model.variance[-1] == pytest.approx(VARIANCE, rel=5 * np.sqrt(2 / count))
+
+
+def test_pieces_are_not_joined_over_their_ends():
+    """Recovery: pieces that differ by sign only at random give the same model as if they did not."""
+    rng = np.random.default_rng(3)
+    pieces = [simulate(rng, 200) for _ in range(20)]
+    turned = [p * s for p, s in zip(pieces, rng.choice([-1, 1], 20), strict=True)]
+    one, other = fit_noise(pieces, 5, 0.5), fit_noise(turned, 5, 0.5)
+    assert_allclose(one.reflection, other.reflection, atol=1e-14)  # rounding
+    assert_allclose(one.variance, other.variance, rtol=1e-12)
+
+
+def test_missing_samples_do_not_enter_the_fit():
+    """Analytic: NaN splits a piece into the two on its sides."""
+    series = simulate(np.random.default_rng(4), 500)
+    holed = series.copy()
+    holed[[200, 201]] = np.nan
+    one, other = fit_noise([holed], 4, 0.5), fit_noise([series[:200], series[202:]], 4, 0.5)
+    assert_allclose(one.reflection, other.reflection, rtol=1e-12)
+    assert_allclose(one.variance, other.variance, rtol=1e-12)
+
+
+def test_removed_parameters_raise_the_variance():
+    """Recovery: with a straight line taken from each of 400 short pieces the variance is that of the noise."""
+    rng = np.random.default_rng()
+    line = np.stack([np.ones(40), np.arange(40.0) - 19.5], axis=1)
+    basis = np.linalg.qr(line)[0]
+    pieces = [x - basis @ (basis.T @ x) for x in rng.standard_normal((400, 40))]
+    model = fit_noise(pieces, 0, 1.0, removed=800)
+    assert model.variance[0] == pytest.approx(1.0, abs=5 * np.sqrt(2 / (400 * 38)))
+
+
+def test_the_order_yields_to_short_data_and_stays_stable():
+    """Contract: order at most a tenth of the samples; every reflection coefficient below one in magnitude."""
+    rng = np.random.default_rng(5)
+    assert fit_noise([rng.standard_normal(45)], 20, 1.0).reflection.size == 4
+    sine = np.sin(np.arange(400) / 7) + 1e-6 * rng.standard_normal(400)
+    model = fit_noise([sine], 20, 1.0)
+    assert np.all(np.abs(model.reflection) < 1)
+    assert np.all(np.isfinite(model.density(np.linspace(0, 0.5, 100))))
+
+
+def test_runs_are_where_samples_are_valid():
+    """Analytic: begin and end of runs, at the ends of the array too."""
+    begin, end = runs(np.array([1, 1, 0, 1, 0, 0, 1], dtype=bool))
+    assert_allclose(begin, [0, 3, 6])
+    assert_allclose(end, [2, 4, 7])
+    assert runs(np.zeros(4, dtype=bool))[0].size == 0
+
+
+def test_coloured_noise_has_the_density_asked_for():
+    """Recovery: averaged periodograms in eight bands equal the density, five standard errors."""
+    rng = np.random.default_rng()
+
+    def density(f):
+        return 1e-18 * (1 + (0.5 / f)) * (1 + (f / 2) ** 2)
+
+    frequency, power = signal.welch(coloured(density, 200_000, 0.1, rng), 10.0, nperseg=2000, noverlap=0, detrend=False)
+    for low, high in zip(np.geomspace(0.1, 4.9, 9)[:-1], np.geomspace(0.1, 4.9, 9)[1:], strict=True):
+        band = (frequency >= low) & (frequency < high)
+        ratio = np.mean(power[band] / density(frequency[band]))
+        assert ratio == pytest.approx(1.0, abs=5 / np.sqrt(100 * band.sum()) * 1.3 + 0.01)  # Hann, leakage
+
+
+def test_whitened_rows_give_their_columns_back():
+    """Analytic: round trip with two gaps, one sample alone between them; missing samples are NaN."""
+    noise = NoiseModel(np.array([0.7, -0.3, 0.2]), np.array([1.0, 0.5, 0.45, 0.43]), 1.0)
+    columns = np.cumsum(np.random.default_rng(3).standard_normal((60, 2)), axis=0)
+    valid = np.ones(60, dtype=bool)
+    valid[[10, 12, 13]] = False
+    back = unwhiten(noise, whiten(noise, columns, valid), valid)
+    assert_allclose(back[valid], columns[valid], atol=1e-12)  # rounding
+    assert np.isnan(back[~valid]).all()
+    assert_allclose(unwhiten(noise, whiten(noise, columns[:, 0], valid), valid), back[:, 0])

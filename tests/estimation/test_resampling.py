@@ -1,0 +1,136 @@
+"""The operator that low-passes and resamples data and columns alike."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from gravcal.estimation.resampling import lowpass_resampler
+
+LOWPASS = {"lowpass_hz": 0.8, "half_width_s": 2.0}  # as the centre-of-mass calibration uses it
+
+
+def jittered(rng, count=400, step=0.1, jitter=0.02):
+    """Sampling times (count,) in s, unevenly spaced as a receiver clock makes them."""
+    return np.arange(count) * step + jitter * rng.uniform(-1, 1, count)
+
+
+def everywhere(time):
+    """No sample flagged."""
+    return np.ones(time.size, dtype=bool)
+
+
+def test_a_constant_passes_unchanged():
+    """Analytic: weights sum to one at every output, also with jittered input."""
+    time = jittered(np.random.default_rng(1))
+    operator = lowpass_resampler(time, everywhere(time), np.arange(2.5, 37.0, 0.37), **LOWPASS)
+    assert operator.valid.all()
+    assert_allclose(operator(np.full(time.size, -1.3e-6)), -1.3e-6, rtol=1e-14)  # rounding
+
+
+def test_a_straight_line_passes_unchanged_where_sampling_is_even():
+    """Analytic: symmetric weights keep first moments when outputs fall on inputs."""
+    time = np.arange(400) * 0.1
+    operator = lowpass_resampler(time, everywhere(time), time[50:350:5], **LOWPASS)
+    assert_allclose(operator(3 + 2 * time), 3 + 2 * operator.time, rtol=1e-13)  # rounding
+
+
+def test_the_operator_is_a_matrix():
+    """Analytic: columns together, one by one, and combined linearly give the same numbers."""
+    rng = np.random.default_rng(2)
+    time = jittered(rng)
+    operator = lowpass_resampler(time, everywhere(time), np.arange(3.0, 36.0, 0.5), **LOWPASS)
+    columns = rng.standard_normal((time.size, 3, 4))
+    both = operator(columns)
+    for j in range(4):
+        assert_allclose(both[:, :, j], operator(columns[:, :, j]), rtol=0, atol=0)
+    mixed = columns @ np.array([1.0, -2.0, 0.5, 3.0])
+    assert_allclose(operator(mixed), both @ np.array([1.0, -2.0, 0.5, 3.0]), rtol=1e-13, atol=1e-13)  # rounding
+
+
+@pytest.mark.parametrize("frequency", [0.05, 1 / 12, 0.4, 0.8, 1.5, 2.5, 4.0])
+def test_a_sine_is_weakened_as_the_weights_say(frequency):
+    """Analytic: amplitude and phase equal the transform of the kernel, summed directly over the samples."""
+    time = np.arange(600) * 0.1
+    at = np.array([30.0, 30.05, 30.1])
+    operator = lowpass_resampler(time, everywhere(time), at, **LOWPASS)
+    lag = time - at[:, None]
+    inside = np.abs(lag) <= 2.0
+    kernel = np.sinc(1.6 * lag) * np.i0(5 * np.sqrt(np.clip(1 - (lag / 2) ** 2, 0, None))) * inside
+    gain = np.sum(kernel * np.exp(2j * np.pi * frequency * lag), axis=1) / kernel.sum(axis=1)
+    turning = np.exp(2j * np.pi * frequency * time)
+    found = operator(turning.real) + 1j * operator(turning.imag)
+    assert_allclose(found, gain * np.exp(2j * np.pi * frequency * at), atol=1e-13)  # rounding
+
+
+def test_the_corner_passes_half_and_far_frequencies_nothing():
+    """Analytic: a windowed sinc has half amplitude at its corner; Kaiser with 5 stops below -50 dB."""
+    time = np.arange(600) * 0.1
+    operator = lowpass_resampler(time, everywhere(time), np.array([30.0]), **LOWPASS)
+    gain = {f: operator(np.cos(2 * np.pi * f * (time - 30.0)))[0] for f in (0.05, 0.8, 2.0, 3.3, 5.0)}
+    assert gain[0.05] == pytest.approx(1.0, abs=3e-3)  # ripple of the window
+    assert gain[0.8] == pytest.approx(0.5, abs=0.02)  # Kaiser's window bends it by a percent
+    assert max(abs(gain[f]) for f in (2.0, 3.3, 5.0)) < 3e-3
+
+
+def test_a_gap_marks_every_output_whose_support_it_touches():
+    """Contract: no output within half the support of a missing second is valid, all others are."""
+    time = np.arange(600) * 0.1
+    kept = (time < 30.0) | (time > 31.0)
+    out = np.arange(5.0, 55.0, 0.25)
+    operator = lowpass_resampler(time[kept], everywhere(time[kept]), out, **LOWPASS)
+    touched = (out > 30.0 - 0.1 - 2.0) & (out < 31.0 + 0.1 + 2.0)
+    sure = (out < 27.9 - 1e-9) | (out > 33.1 + 1e-9)
+    assert not operator.valid[touched & (out > 28.05) & (out < 32.95)].any()
+    assert operator.valid[sure].all()
+    assert np.isnan(operator(time[kept])[~operator.valid]).all()
+
+
+def test_a_gap_may_not_be_averaged_over_at_its_edges():
+    """Contract: where an output is valid, its weights lie within 1.5 steps of both ends of the support."""
+    time = np.arange(600) * 0.1
+    kept = (time < 30.0) | (time > 31.0)
+    out = np.arange(5.0, 55.0, 0.013)
+    full = lowpass_resampler(time, everywhere(time), out, **LOWPASS)
+    cut = lowpass_resampler(time[kept], everywhere(time[kept]), out, **LOWPASS)
+    wave = np.sin(2 * np.pi * time / 12)
+    assert_allclose(cut(wave[kept])[cut.valid], full(wave)[cut.valid], atol=5e-3)  # a sample of weight 1e-3 is missing
+
+
+def test_a_flagged_sample_spoils_the_outputs_that_use_it_and_no_other():
+    """Contract: flags are honoured within the support, and a flagged value never reaches a valid output."""
+    time = np.arange(600) * 0.1
+    good = everywhere(time)
+    good[300] = False
+    values = np.sin(time)
+    spoiled = np.where(good, values, 1e9)
+    operator = lowpass_resampler(time, good, np.arange(5.0, 55.0, 0.25), **LOWPASS)
+    near = np.abs(operator.time - time[300]) <= 2.0
+    assert_allclose(operator.valid, ~near)
+    assert_allclose(operator(spoiled)[operator.valid], operator(values)[operator.valid], rtol=0, atol=0)
+
+
+def test_the_ends_of_the_data_are_not_valid():
+    """Contract: an output whose support leaves the data is not valid."""
+    time = 100 + np.arange(300) * 0.1
+    operator = lowpass_resampler(time, everywhere(time), np.arange(95.0, 135.0, 0.5), **LOWPASS)
+    assert not operator.valid[(operator.time < 101.8) | (operator.time > 128.1)].any()
+    assert operator.valid[(operator.time >= 102.0) & (operator.time <= 127.9)].all()
+
+
+def test_fewer_samples_than_the_support_give_no_output():
+    """Contract: short records are refused by flag, not by an exception."""
+    time = np.arange(12) * 0.1
+    operator = lowpass_resampler(time, everywhere(time), np.array([0.2, 0.5, 0.9]), **LOWPASS)
+    assert not operator.valid.any()
+    assert np.isnan(operator(time)).all()
+
+
+def test_what_lies_beyond_the_support_may_be_missing():
+    """Contract: samples that no output uses do not spoil it, on however many columns."""
+    time = np.arange(0, 60, 0.1)
+    good = (time > 10) & (time < 50)
+    operator = lowpass_resampler(time, good, np.arange(15.0, 45.0), lowpass_hz=0.5, half_width_s=2.0)
+    assert operator.valid.all()
+    for width in (1, 3, 20):
+        columns = np.where(good[:, None], np.ones((1, width)), np.nan)
+        np.testing.assert_allclose(operator(columns), 1.0, rtol=1e-13)
