@@ -1,23 +1,22 @@
 """What every test has: a store of its own, and a small invented pipeline for tests of the machinery."""
 
 import importlib
-import os
-import secrets
 import sys
 import textwrap
 
 import pytest
+import seeds
 
 from flows.engine import single_threaded
 from gravcal.store import fingerprint, memory
 
 single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
-os.environ.setdefault("GRAVCAL_TEST_SEED", str(secrets.randbelow(2**31)))
+SEED = seeds.settle()
 
 
 def pytest_report_header():
     """Seed of everything that is hidden at random in this run."""
-    return f"GRAVCAL_TEST_SEED={os.environ['GRAVCAL_TEST_SEED']}"
+    return f"GRAVCAL_TEST_SEED={SEED}"
 
 
 PIPELINE = {

@@ -7,8 +7,8 @@ import tarfile
 from io import BytesIO
 from pathlib import Path
 
-import numpy as np
 import pytest
+import seeds
 from independent import damage, make_event
 
 from flows import cli, engine
@@ -24,7 +24,7 @@ PRODUCTS = ("ACC1A", "SCA1B", "MAG1B", "GNI1B", "GNV1B", "TIM1B", "CLK1B")
 def clean(tmp_path_factory):
     """Folder of one event with a pitch and a roll, its truth, and a store that the tests of this file share."""
     root = tmp_path_factory.mktemp("bad_input")
-    seed = int(np.random.default_rng().integers(1_000_000))
+    seed = seeds.seed("clean")
     kinds = [("pitch", "high"), ("roll", "high")]
     truth = make_event(root / "files", seed, manoeuvres=kinds, field_generation=14)
     return root, truth

@@ -1,10 +1,9 @@
 """Invented truth in, estimate out: a small study in memory, and events of the second simulator through the flow."""
 
-import os
-
 import com_offset_chain as tools
 import numpy as np
 import pytest
+import seeds
 from independent import make_event
 from scipy import stats
 
@@ -18,16 +17,10 @@ LEVEL = 1e-3  # chance that a correct code fails, over all statistics of the stu
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 
 
-def fresh_seed():
-    """A seed drawn at each run; GRAVCAL_TEST_SEED repeats one."""
-    given = os.environ.get("GRAVCAL_TEST_SEED")
-    return int(given) if given else int(np.random.default_rng().integers(1_000_000))
-
-
 @pytest.fixture(scope="module")
 def study():
     """Errors over sigma (n, 4, 3) and consistency of events with inertia and dipole as in the catalogue."""
-    seed, rows, chi2, dof, between = fresh_seed(), [], 0.0, 0, []
+    seed, rows, chi2, dof, between = seeds.seed("study"), [], 0.0, 0, []
     for k in range(COUNT):
         observed, truth = tools.event(seed + k)
         made = tools.chain(observed)
@@ -113,7 +106,7 @@ CASES = {
 @pytest.mark.parametrize("case", sorted(CASES))
 def test_events_of_the_second_simulator_come_back(tmp_path, case):
     """Recovery: random offset to 0.5 mm; every variant within five sigma of the truth, in total error; delays too."""
-    seed = fresh_seed()
+    seed = seeds.seed("events")
     offset = tuple(np.random.default_rng(seed).uniform(-500, 500, 3))
     truth = make_event(tmp_path / "files", seed, offset_um=offset, **(SMALL | CASES[case]))
     document = through_the_flow(tmp_path / "files")

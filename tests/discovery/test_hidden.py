@@ -1,9 +1,8 @@
 """Effects hidden in Level-1 files by the second simulator; the code under test sees files only."""
 
-import os
-
 import numpy as np
 import pytest
+import seeds
 from draws import document_of, enough
 from independent import make_event
 from typer.testing import CliRunner
@@ -27,8 +26,8 @@ UNLISTED = {
 
 @pytest.fixture(scope="module")
 def rng():
-    """Generator of this run, whose seed tests/conftest.py draws and prints; GRAVCAL_TEST_SEED repeats one."""
-    return np.random.default_rng(int(os.environ["GRAVCAL_TEST_SEED"]))
+    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
+    return seeds.generator("test_hidden")
 
 
 def discovered(folder, seed, effects, *options):

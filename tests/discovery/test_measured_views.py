@@ -1,9 +1,8 @@
 """Views of measured data on simulated records: hidden firings, leaks and steps found, clean data silent."""
 
-import secrets
-
 import numpy as np
 import pytest
+import seeds
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
@@ -22,10 +21,8 @@ NOISE = np.array([20e-6, 80e-6, 80e-6])  # rad, as measured with both cameras
 
 @pytest.fixture
 def rng():
-    """A generator with a seed of its own at every run, printed for repetition."""
-    seed = secrets.randbits(32)
-    print(f"seed {seed}")  # noqa: T201 - shown when a test fails
-    return np.random.default_rng(seed)
+    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
+    return seeds.generator("test_measured_views")
 
 
 def flown(rng, epochs, impulse_b):

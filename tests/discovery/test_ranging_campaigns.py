@@ -1,10 +1,10 @@
 """Effects hidden in the Level-1 files of ranging campaigns; the code under test sees files only."""
 
-import os
 from unittest import mock
 
 import numpy as np
 import pytest
+import seeds
 from draws import document_of, enough
 from independent import damage
 from typer.testing import CliRunner
@@ -28,8 +28,8 @@ LISTED = {
 
 @pytest.fixture(scope="module")
 def rng():
-    """Generator of this run, whose seed tests/conftest.py draws and prints; GRAVCAL_TEST_SEED repeats one."""
-    return np.random.default_rng(int(os.environ["GRAVCAL_TEST_SEED"]))
+    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
+    return seeds.generator("test_ranging_campaigns")
 
 
 def written(folder, seed, effects, settings=SHORT):

@@ -1,10 +1,9 @@
 """Effects hidden in the files of a roll of an inertial sensor, alone and beside a swing; files only are seen."""
 
-import os
-
 import netCDF4
 import numpy as np
 import pytest
+import seeds
 from draws import enough
 from test_swing import calibrated, discovered, extended
 
@@ -15,8 +14,8 @@ BIAS = "inertial_sensor.bias/product.nc"
 
 @pytest.fixture(scope="module")
 def rng():
-    """Generator of this run, whose seed tests/conftest.py draws and prints; GRAVCAL_TEST_SEED repeats one."""
-    return np.random.default_rng(int(os.environ["GRAVCAL_TEST_SEED"]))
+    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
+    return seeds.generator("test_roll")
 
 
 def far(finding, hidden):

@@ -1,9 +1,8 @@
 """Discovery in days of S-GRS: effects hidden in simulated files, which is all that the search sees."""
 
-import os
-
 import numpy as np
 import pytest
+import seeds
 from draws import document_of
 from typer.testing import CliRunner
 
@@ -26,8 +25,8 @@ LISTED = {
 
 @pytest.fixture(scope="module")
 def rng():
-    """Generator of this run, whose seed tests/conftest.py draws and prints; GRAVCAL_TEST_SEED repeats one."""
-    return np.random.default_rng(int(os.environ["GRAVCAL_TEST_SEED"]))
+    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
+    return seeds.generator("test_sgrs_days")
 
 
 @pytest.fixture(autouse=True)

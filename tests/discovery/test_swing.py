@@ -1,10 +1,10 @@
 """Effects hidden in the files of a swing of an inertial sensor; the code under test sees files only."""
 
 import json
-import os
 
 import numpy as np
 import pytest
+import seeds
 from draws import document_of, enough
 from typer.testing import CliRunner
 
@@ -22,8 +22,8 @@ LISTED = {
 
 @pytest.fixture(scope="module")
 def rng():
-    """Generator of this run, whose seed tests/conftest.py draws and prints; GRAVCAL_TEST_SEED repeats one."""
-    return np.random.default_rng(int(os.environ["GRAVCAL_TEST_SEED"]))
+    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
+    return seeds.generator("test_swing")
 
 
 def discovered(folder, seed, effects, *options, manoeuvre="swing"):

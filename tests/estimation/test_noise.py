@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import seeds
 from numpy.testing import assert_allclose
 from scipy import linalg, signal
 
@@ -67,7 +68,7 @@ def test_every_run_of_valid_samples_is_whitened_by_itself():
 
 def test_whitened_noise_has_unit_variance_with_gaps_too():
     """Recovery: 400 noise records with a gap whiten to variance one sample by sample (6 sigma, 97 samples)."""
-    rng = np.random.default_rng()
+    rng = seeds.generator("test_whitened_noise_has_unit_variance_with_gaps_too")
     valid = np.ones(100, dtype=bool)
     valid[40:43] = False
     white = whiten(true_model(), np.stack([simulate(rng, 100) for _ in range(400)], axis=1), valid)[valid]
@@ -89,7 +90,7 @@ def test_density_is_that_of_the_process():
 
 def test_burgs_fit_finds_the_process_in_pieces():
     """Recovery: coefficients and innovation variance from 40 pieces of 360 samples, within five standard errors."""
-    rng = np.random.default_rng()
+    rng = seeds.generator("test_burgs_fit_finds_the_process_in_pieces")
     model = fit_noise([simulate(rng, 360) for _ in range(40)], 3, 0.5)
     count = 40 * 360
     error = np.sqrt(np.diag(np.linalg.inv(linalg.toeplitz(autocovariance(3)))) * VARIANCE / count)
@@ -119,7 +120,7 @@ def test_missing_samples_do_not_enter_the_fit():
 
 def test_removed_parameters_raise_the_variance():
     """Recovery: with a straight line taken from each of 400 short pieces the variance is that of the noise."""
-    rng = np.random.default_rng()
+    rng = seeds.generator("test_removed_parameters_raise_the_variance")
     line = np.stack([np.ones(40), np.arange(40.0) - 19.5], axis=1)
     basis = np.linalg.qr(line)[0]
     pieces = [x - basis @ (basis.T @ x) for x in rng.standard_normal((400, 40))]
@@ -147,7 +148,7 @@ def test_runs_are_where_samples_are_valid():
 
 def test_coloured_noise_has_the_density_asked_for():
     """Recovery: averaged periodograms in eight bands equal the density, five standard errors."""
-    rng = np.random.default_rng()
+    rng = seeds.generator("test_coloured_noise_has_the_density_asked_for")
 
     def density(f):
         return 1e-18 * (1 + (0.5 / f)) * (1 + (f / 2) ** 2)

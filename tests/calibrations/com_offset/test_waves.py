@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import seeds
 import xarray as xr
 
 from gravcal.calibrations.com_offset.detect import detect
@@ -47,7 +48,7 @@ def brackets(wave, true):
 @pytest.mark.parametrize("amplitude", [25.0, 60.0, 110.05])
 def test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed(amplitude, polarity):
     """Recovery: 25 random fractions; one wave each, edges within half a second, levels as flown."""
-    rng = np.random.default_rng()
+    rng = seeds.generator("test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed")
     for start in START + rng.uniform(0, 1, 25):
         time, current = record(start, rng=rng, amplitude=amplitude, polarity=polarity)
         (wave,) = find_waves(time, current, 1, SETTINGS)
@@ -71,7 +72,7 @@ def test_an_edge_on_a_sample_is_bracketed(fraction):
 
 def test_the_common_start_lies_in_the_interval_of_all_edges():
     """Recovery: 50 fractions; the interval that all edges leave contains the truth and is no longer than a sample."""
-    rng = np.random.default_rng()
+    rng = seeds.generator("test_the_common_start_lies_in_the_interval_of_all_edges")
     for start in START + rng.uniform(0, 1, 50):
         (wave,) = find_waves(*record(start, rng=rng), 2, SETTINGS)
         lower, upper = regular_edges(wave, 12.0)
@@ -119,7 +120,7 @@ def test_a_long_gap_inside_the_wave_never_joins_what_is_not_seen():
 
 def test_ten_hours_of_control_currents_hold_no_wave():
     """Recovery: limit-cycle currents of the control, twice and ten times as large as measured, are no manoeuvre."""
-    rng = np.random.default_rng()
+    rng = seeds.generator("test_ten_hours_of_control_currents_hold_no_wave")
     time = np.arange(0, 36000, 0.5)
     slow = np.cumsum(rng.standard_normal(time.size)) * 0.05
     control = 8.0 * np.sin(2 * np.pi * time / 5670) + 6 * np.sin(slow) + rng.standard_normal(time.size)
