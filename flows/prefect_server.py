@@ -22,6 +22,7 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from flows.children import die_with
 from gravcal.store import location
@@ -155,15 +156,16 @@ def begin(port=None):
     try:
         gate = (home() / "start.lock").open("w")
         fcntl.flock(gate, fcntl.LOCK_EX)
-        port = free_port(port)
         os.environ[AUTH] = auth_string()
-        known = {
-            "PREFECT_SERVER_API_AUTH_STRING": os.environ[AUTH],
-            "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ",".join(f"http://{name}:{port}" for name in NAMES),
-        }
-        command = [sys.executable, "-m", "flows.prefect_server", str(port), str(os.getpid())]
-        with _log().open("ab") as log:
-            child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=os.environ | known)
+        with listener(port) as door, _log().open("ab") as log:  # handed on as it is: nobody else can take the port
+            port = door.getsockname()[1]
+            known = {
+                "PREFECT_SERVER_API_AUTH_STRING": os.environ[AUTH],
+                "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ",".join(f"http://{name}:{port}" for name in NAMES),
+            }
+            command = [sys.executable, "-m", "flows.prefect_server", str(door.fileno()), str(os.getpid())]
+            channels = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log}
+            child = subprocess.Popen(command, **channels, env=os.environ | known, pass_fds=[door.fileno()])
     except OSError as error:
         raise Unavailable(str(error)) from error
     return Server(f"http://{HOST}:{port}/api", child, gate)
@@ -185,9 +187,17 @@ def early(wanted):
 
 @contextlib.contextmanager
 def running(server):
-    """URL of a server that answers; a child ends with the block."""
+    """URL of a server that answers; a child ends with the block. One that ends before it answers is started again."""
     try:
-        _wait_for(server)
+        for last in (False, False, True):
+            try:
+                _wait_for(server)
+                break
+            except Unavailable:
+                if last or server.child is None or server.child.poll() is None:
+                    raise
+                end(server)
+                server = begin(urlsplit(server.url).port)
         yield server.url
     finally:
         end(server)
@@ -295,7 +305,9 @@ def _wait_for(server):
                 server.gate.close()
             return
         time.sleep(0.05)
-    raise Unavailable(f"{server.url} did not answer within {START_LIMIT_S:.0f} s; see {_log()}")
+    ended = server.child is not None and server.child.poll()
+    what = f"did not answer within {START_LIMIT_S:.0f} s" if ended in (None, False) else f"ended with code {ended}"
+    raise Unavailable(f"{server.url} {what}; see {_log()}")
 
 
 def _log():
@@ -318,23 +330,22 @@ def _keep_short():
         time.sleep(LOG_LOOK_S)
 
 
-def free_port(wanted=None):
-    """A port nobody listens on, the one wanted if possible."""
-    for port in (wanted or 0, 0):
-        with socket.socket() as probe, contextlib.suppress(OSError, OverflowError):
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((HOST, port))
-            return probe.getsockname()[1]
+def listener(wanted=None):
+    """Socket that listens on a port of this machine, the one wanted if nobody else does."""
+    for port in (wanted if wanted in range(1 << 16) else 0, 0):
+        with contextlib.suppress(OSError):
+            return socket.create_server((HOST, port))
     raise OSError(f"no free port on {HOST}")
 
 
-def serve(port, parent):
-    """Be the server, until the parent ends."""
+def serve(door, parent):
+    """Be the server on a socket (file descriptor) that listens, until the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     die_with(parent)
     os.umask(0o077)
     threading.Thread(target=_keep_short, daemon=True).start()
-    os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(port)}
+    door = socket.socket(fileno=door)
+    os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(door.getsockname()[1])}
     import uvicorn
     from prefect.server.api.server import create_app
     from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -343,7 +354,8 @@ def serve(port, parent):
 
     app = create_app()
     app.routes.insert(0, Route("/enter", lambda _: HTMLResponse(ENTER)))
-    uvicorn.run(TrustedHostMiddleware(app, NAMES), host=HOST, port=port, log_level="error", access_log=False)
+    config = uvicorn.Config(TrustedHostMiddleware(app, NAMES), log_level="error", access_log=False)
+    uvicorn.Server(config).run(sockets=[door])
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ import hmac
 import json
 import os
 import signal
-import socket
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -185,7 +184,7 @@ def reports(port=None):
     files = Starlette(routes=[Mount("/", StaticFiles(directory=objects))])
     app = access.guarded(files, token, prefect_server.NAMES)
     pages = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off", ws="none"))
-    with socket.create_server((prefect_server.HOST, prefect_server.free_port(port))) as heard:
+    with prefect_server.listener(port) as heard:
         thread = threading.Thread(target=pages.run, kwargs={"sockets": [heard]}, daemon=True)
         thread.start()
         try:

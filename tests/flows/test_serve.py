@@ -387,9 +387,40 @@ def test_a_port_that_is_taken_is_replaced():
     """Contract: the wanted port if nobody listens there, otherwise another."""
     with serve.reports() as address:
         port = urllib.parse.urlsplit(address).port
-        assert prefect_server.free_port(port) != port
-    assert prefect_server.free_port(port) == port
-    assert prefect_server.free_port(123456) < 65536
+        assert port_of(port) != port
+    assert port_of(port) == port
+    assert port_of(123456) < 65536
+
+
+def port_of(wanted):
+    """Port that a listener gets."""
+    with prefect_server.listener(wanted) as door:
+        return door.getsockname()[1]
+
+
+@pytest.mark.usefixtures("_prefect")
+def test_a_server_that_ends_before_it_answers_is_started_again(monkeypatch):
+    """Contract: twice; then the error says how it ended."""
+    healthy, started = sys.executable, []
+
+    def child(command, **given):
+        started.append(command)
+        command = [healthy, *command[1:]] if len(started) > 1 else [healthy, "-c", "raise SystemExit(7)"]
+        return popen(command, **given)
+
+    popen = prefect_server.subprocess.Popen
+    monkeypatch.setattr(prefect_server.subprocess, "Popen", child)
+    with prefect_server.running(prefect_server.begin()) as url:
+        assert prefect_server.ask(url, "/health") is True
+    assert len(started) == 2
+    monkeypatch.setattr(
+        prefect_server.subprocess, "Popen", lambda _, **given: popen([healthy, "-c", "raise SystemExit(7)"], **given)
+    )
+    with (
+        pytest.raises(prefect_server.Unavailable, match="ended with code 7"),
+        prefect_server.running(prefect_server.begin()),
+    ):
+        pass
 
 
 def test_the_table_of_a_page_begins_with_what_failed():
