@@ -32,7 +32,7 @@ def settings(
     from gravcal.store import configurations
 
     if calibration is None:
-        found = {one: configurations.operational(one) for one in command.calibrations()}
+        found = {one: configurations.operational(one) for one in command.known()}
         output.write_json(found, json)
         if output.to_screen(json):
             rows = [[n, len(catalog.parameters(n).entries), _promoted(o), ", ".join(configurations.names(n))]

@@ -8,8 +8,10 @@ from datetime import datetime
 from pathlib import Path
 
 from flows import models
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
+from gravcal.store import results
 from tasks import com_offset, common, discovery
 from tasks.stage import read
 
@@ -207,3 +209,27 @@ def simulate(out, *, seed, truth, effects, settings):
         Path(truth).parent.mkdir(parents=True, exist_ok=True)
         Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
     return invented
+
+
+CALIBRATION = Calibration(
+    name="com_offset",
+    title="Centre-of-mass offset",
+    quantity="Proof mass to centre of mass, in the SRF",
+    begins=BEGINS,
+    satellites=SATELLITES,
+    inputs=PRODUCTS,
+    flow=calibrate,
+    detect=detect,
+    detected=detected,
+    source=source,
+    days=days,
+    level_one_files=level_one_files,
+    document=document,
+    simulate=simulate,
+    products=com_offset.KINDS,
+    result=results.KINDS["com_offset"],
+    trims=True,
+    band=100.0,  # um, requirement on the offset
+    design="com_offset_session",
+    discovery=Discovery(baseline, scene_settings, again=solved_with_torquers, result=combined),
+)

@@ -2,15 +2,15 @@
 
 import dataclasses
 import difflib
-import importlib
-import importlib.util
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import typer
 
 from flows import cli_progress, engine
+from flows.calibration import known, load
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
 from gravcal.store import location
 
@@ -19,19 +19,17 @@ EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questiona
 
 def flow_module(calibration):
     """Module of a calibration's flow; an unknown name is wrong usage."""
-    if not calibration.isidentifier() or importlib.util.find_spec(f"flows.{calibration}") is None:
-        known = [name for name in calibrations() if name]
-        near = difflib.get_close_matches(calibration, known, 1)
+    return sys.modules[record(calibration).flow.__module__]
+
+
+def record(calibration):
+    """Record of a calibration; an unknown name is wrong usage."""
+    names = known()
+    if calibration not in names:
+        near = difflib.get_close_matches(calibration, names, 1)
         hint = f" Did you mean {near[0]}?" if near else ""
-        raise typer.BadParameter(f"no calibration {calibration!r}; there is {', '.join(known)}.{hint}")
-    return importlib.import_module(f"flows.{calibration}")
-
-
-def calibrations():
-    """Names of the calibrations that have a flow."""
-    from gravcal.catalog.event_table import CALIBRATIONS
-
-    return [name for name in CALIBRATIONS if importlib.util.find_spec(f"flows.{name}")]
+        raise typer.BadParameter(f"no calibration {calibration!r}; there is {', '.join(names)}.{hint}")
+    return load(calibration)
 
 
 def chosen(calibration, settings, model=None, name=None):
@@ -112,7 +110,7 @@ def check_folder(calibration, data):
     found, wanted = sorted({file.product for file in files}), flow_module(calibration).BEGINS
     if set(found) & set(wanted):
         return
-    others = [name for name in calibrations() if set(found) & set(flow_module(name).BEGINS)]
+    others = [name for name in known() if set(found) & set(flow_module(name).BEGINS)]
     reads = f" (files of {' and '.join(others)})" if others else ""
     remedy = f"Run {' or '.join(others)} on it, or give another --data." if others else "Check --data."
     raise (ProductError if found else NoDataError)(
@@ -184,9 +182,11 @@ def _source_again(module, event, folder, satellite, date):
 
 def detect(calibration, source, chosen):
     """Document with the manoeuvres found in the data."""
-    module = flow_module(calibration)
-    with cli_progress.progress(module.detect.flow_name) as listener:
-        return module.detected(engine.run(module.detect, source, chosen, engine="inline", listener=listener))
+    one = record(calibration)
+    if one.detect is None:
+        raise CatalogError(f"{source.event}: {calibration} uses the whole record, there is nothing to detect. Use run.")
+    with cli_progress.progress(one.detect.flow_name) as listener:
+        return one.detected(engine.run(one.detect, source, chosen, engine="inline", listener=listener))
 
 
 def series(calibration, satellite):
@@ -297,7 +297,7 @@ def events(calibration=None):
 
     rows = []
     for event in catalog.events():
-        if calibration in (None, event.calibration) and event.calibration in calibrations():
+        if calibration in (None, event.calibration) and event.calibration in known():
             try:
                 files = str(flow_module(event.calibration).source(event=event.name).folder)
             except GravcalError as error:

@@ -11,7 +11,7 @@ from tasks import discovery_gradient as stages
 def gradient_torque(source, chosen):
     """Causes of what the readings of one day leave unexplained."""
     products = calibration.baseline(source, chosen)
-    scene = calibration.scene_settings(chosen)
+    scene = calibration.scene_settings(source, chosen)
     settings = {"scene": scene, **chosen.for_stage("discovery")}
     first = stages.search(*products, variant="first", **settings)
     extended = stages.extend_by(*products, first, scene=scene, variant="discovered")

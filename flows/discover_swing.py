@@ -11,8 +11,7 @@ from tasks import discovery_swing as stages
 def inertial_sensor(source, chosen):
     """Causes of what the swing and the roll of an inertial sensor leave unexplained."""
     parts = calibration.baseline(source, chosen)
-    views = {"scene": calibration.scene_settings(chosen), "rolling": calibration.roll_settings(chosen)}
-    settings = views | chosen.for_stage("discovery")
+    settings = calibration.views(source, chosen) | chosen.for_stage("discovery")
     found = stages.search(*parts.values(), parts=list(parts), event=source.event, **settings)
     values = chosen.for_report()
     named = {"event": source.event, "satellite": source.satellite}

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from flows import models
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
-from gravcal.errors import CatalogError, ProductError
+from gravcal.errors import ProductError
+from gravcal.store import results
 from tasks import common, discovery_gradient, gradient_torque
 
 result = common.result  # of a report product
@@ -87,7 +89,7 @@ def _of_one(observed, stored, chosen):
 def _without(observed, stored, chosen):
     """(model, variant) -> readings without the effects of that model."""
     products = _of_one(observed, stored, chosen)
-    return functools.partial(_extended, products, scene_settings(chosen))
+    return functools.partial(_extended, products, scene_settings(None, chosen))
 
 
 def _extended(products, scene, model, variant):
@@ -109,7 +111,7 @@ def from_one_sensor(source, chosen, observed):
     return _of_one(observed, gradient_torque.field(fields, event=source.event, variant=""), chosen)
 
 
-def scene_settings(chosen):
+def scene_settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
     """What the view of a day needs beside the products."""
     names = ("elongation", "gap_limit_s", "torque_step_s", "torque_noise_order", "control_hz", "control_damping")
     known = {name: getattr(chosen, name) for name in names} | chosen.for_stage("view")
@@ -158,15 +160,11 @@ def days(data):
     return [(file.path.parent, "S", file.date) for file in sgrs_files.inventory(data)]
 
 
-@flow(name="gradient_torque_detect")
-def detect(source, chosen):  # noqa: ARG001 - as for the other calibrations
-    """A record has no manoeuvres to find: all of it is used."""
-    raise CatalogError(f"{source.event}: gradient_torque uses the whole record, there is nothing to detect. Use run.")
+def level_one_files(source):
+    """The SGRS file of a day."""
+    from gravcal.io import sgrs_files
 
-
-def detected(ref):
-    """Document without manoeuvres; `detect` says why."""
-    return {"event": ref.event, "manoeuvres": []}
+    return [sgrs_files.find(source.folder, source.date)]
 
 
 def document(ref):
@@ -230,3 +228,22 @@ def _nongravitational(chosen, day):
             f"longer file, or --set duration_s={covered:.0f}."
         )
     return lambda time: np.stack([np.interp(time - day, since[known], one[known]) for one in values.T], axis=1)
+
+
+CALIBRATION = Calibration(
+    name="gradient_torque",
+    title="Gradient and torque",
+    quantity="Drag: sigma (rms) with one and with two sensors",
+    begins=BEGINS,
+    satellites=SATELLITES,
+    inputs={"sensors": ("SGRS",)},
+    flow=calibrate,
+    source=source,
+    days=days,
+    level_one_files=level_one_files,
+    document=document,
+    simulate=simulate,
+    products=gradient_torque.KINDS,
+    result=results.KINDS["gradient_torque"],
+    discovery=Discovery(baseline, scene_settings, again=from_one_sensor),
+)

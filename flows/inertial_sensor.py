@@ -8,8 +8,10 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from flows import models
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
+from gravcal.store import results
 from tasks import common, discovery_swing, inertial_sensor
 from tasks.stage import numbers, read
 
@@ -135,6 +137,11 @@ def scene_settings(chosen):
     return {name: known[name] for name in names} | {"inertia": _geometry()["inertia"]}
 
 
+def views(source, chosen):  # noqa: ARG001 - as for the other calibrations
+    """What the views of a swing and of a roll need beside the products."""
+    return {"scene": scene_settings(chosen), "rolling": roll_settings(chosen)}
+
+
 def roll_settings(chosen):
     """What the view of a roll needs beside the products."""
     known = chosen.for_stage("bias")
@@ -253,3 +260,25 @@ def simulate(out, *, seed, truth, effects, settings):
         Path(truth).parent.mkdir(parents=True, exist_ok=True)
         Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
     return invented
+
+
+CALIBRATION = Calibration(
+    name="inertial_sensor",
+    title="Inertial sensor",
+    quantity="Offset, scale factors and bias of the inertial sensor",
+    begins=BEGINS,
+    satellites=SATELLITES,
+    inputs={"sensor": ("IS1",), "attitude": ("ATT",)},
+    flow=calibrate,
+    detect=detect,
+    detected=detected,
+    source=source,
+    days=days,
+    level_one_files=level_one_files,
+    document=document,
+    simulate=simulate,
+    products=inertial_sensor.KINDS,
+    result=results.KINDS["inertial_sensor"],
+    design="inertial_sensor_swing",
+    discovery=Discovery(baseline, views),
+)

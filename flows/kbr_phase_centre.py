@@ -11,9 +11,11 @@ from itertools import product
 from pathlib import Path
 
 from flows import models
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.io import archive
+from gravcal.store import results
 from tasks import common, discovery_ranging, kbr_phase_centre
 from tasks.stage import read
 
@@ -77,7 +79,7 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
 
 def _with_model(source, chosen, aligned):
     """Records without the effects of the model that was given, and the phase centres for each of its errors."""
-    products = _of_range(source, chosen, aligned)
+    products = from_range(source, chosen, aligned)
     extended = functools.partial(_extended, source, chosen, products)
     return models.taken_out(chosen.model, extended, functools.partial(combined, source, chosen))
 
@@ -87,7 +89,7 @@ def _extended(source, chosen, products, model, variant):
     return discovery_ranging.extend(*products, scene=scene_settings(source, chosen), model=model, variant=variant)
 
 
-def _of_range(source, chosen, aligned):
+def from_range(source, chosen, aligned):
     """Products of the range that discovery looks at."""
     pointed, equations, quiet, solved, _ = _solved(source, chosen, aligned, OBSERVABLES[:1])
     return aligned, pointed, equations[0], quiet, solved[0]
@@ -96,10 +98,10 @@ def _of_range(source, chosen, aligned):
 def baseline(source, chosen):
     """Products that discovery looks at: aligned; pointing, observation equations, noise and solution of the range."""
     aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
-    products = _of_range(source, chosen, aligned)
+    products = from_range(source, chosen, aligned)
     if not chosen.model:
         return products
-    return _of_range(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
+    return from_range(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
 
 
 def combined(source, chosen, aligned):
@@ -271,3 +273,25 @@ def simulate(out, *, seed, truth, effects, settings):
         Path(truth).parent.mkdir(parents=True, exist_ok=True)
         Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
     return invented
+
+
+CALIBRATION = Calibration(
+    name="kbr_phase_centre",
+    title="KBR phase centre",
+    quantity="Centre of mass to phase centre, in the SRF",
+    begins=BEGINS,
+    satellites=SATELLITES,
+    inputs={"ranging": RANGING, "orbit": ORBIT, "sca": ("SCA1B",)},
+    flow=calibrate,
+    detect=detect,
+    detected=detected,
+    source=source,
+    days=days,
+    level_one_files=level_one_files,
+    document=document,
+    simulate=simulate,
+    products=kbr_phase_centre.KINDS,
+    result=results.KINDS["kbr_phase_centre"],
+    design="kbr_wiggle",
+    discovery=Discovery(baseline, scene_settings, again=from_range, result=combined),
+)
