@@ -70,6 +70,8 @@ def _judged(test, level):
 def checks(combined, consistency, settings):
     """Checks of the result: fit of every manoeuvre, agreement at the level of the verdict, plausible size.
 
+    A variant that determines no component is not judged: nothing of it is delivered.
+
     Parameters
     ----------
     combined : Dataset, "com_offset.combine"
@@ -83,9 +85,11 @@ def checks(combined, consistency, settings):
     names = combined.attrs["variants"].split()
     fit = [combined[f"manoeuvre_{name}"].values.astype(float) for name in ("chi2", "dof")]
     ratio = np.divide(*fit, out=np.full_like(fit[0], np.nan), where=fit[1] > 0)
+    delivered = np.isfinite(combined["offset"].values).any(axis=1)
     found = [
         at_most(f"chi2 per degree of freedom, {name}", largest(own), settings["fit_limit"], "1")
-        for name, own in zip(names, ratio, strict=True)
+        for name, own, any_delivered in zip(names, ratio, delivered, strict=True)
+        if any_delivered
     ]
     words = {"manoeuvres": "manoeuvres", "variants": "angular accelerations", "catalogue": "torquers and catalogue"}
     tested = {said: consistency[name]["p"] for name, said in words.items()}

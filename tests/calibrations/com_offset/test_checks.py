@@ -225,11 +225,11 @@ SETTINGS = {"fit_limit": 2.0, "plausible_um": 1000.0}
 AGREE = {"level": 1e-4} | {name: {"p": 0.4} for name in ("manoeuvres", "variants", "catalogue")}
 
 
-def result(chi2=900.0, offset=1e-4, **agreement):
+def result(chi2=900.0, offset=1e-4, determined=2e-5, **agreement):
     """Checks of an invented result that fail."""
     values = {"manoeuvre_chi2": (("variant", "manoeuvre"), [[chi2, 1000.0]]),
               "manoeuvre_dof": (("variant", "manoeuvre"), [[1000, 1000]]),
-              "offset": (("variant", "axis"), [[offset, np.nan, 2e-5]])}  # fmt: skip
+              "offset": (("variant", "axis"), [[offset, np.nan, determined]])}  # fmt: skip
     combined = xr.Dataset(values, attrs={"variants": "mtq"})
     tested = AGREE | {name: {"p": p} for name, p in agreement.items()}
     return {one.name for one in verdicts.checks(combined, tested, SETTINGS) if not one.passed}
@@ -239,6 +239,7 @@ def test_results_are_checked_for_fit_agreement_and_size():
     """Contract: residuals 2.5 times the noise, p below the level of the verdict, and the -30,055 um of the issue."""
     assert result() == set()
     assert result(chi2=2500.0) == {"chi2 per degree of freedom, mtq"}
+    assert result(chi2=2500.0, offset=np.nan, determined=np.nan) == set()  # nothing of it is delivered
     assert result(offset=-30055e-6) == {"size of the offset"}
     assert result(manoeuvres=5e-5) == {"agreement of manoeuvres, p"}
     assert result(variants=5e-5) == {"agreement of angular accelerations, p"}
