@@ -10,6 +10,7 @@
     dataset = read(ref)                                          # what a product holds
 
 - Positional arguments are products or Level-1 files, keyword arguments settings; neither has default values.
+- A body that takes ``**settings`` hands all settings on to a science function, whose keywords say what there is.
 - ``reads`` names the kind of each positional argument; the last one repeats for ``*refs``; "a|b" allows both,
   "*.solve" any calibration's, "file" a LevelOneFile, which the body is given as it is.
 - ``event=`` and ``variant=`` may be given to any stage. The event is otherwise that of the inputs, or mission,
@@ -253,14 +254,15 @@ def call_of(called, items, settings):
         if name in given and name not in known:
             del given[name]
     wanted = {name for name, one in known.items() if one.kind is inspect.Parameter.KEYWORD_ONLY}
-    if set(given) != wanted:
-        raise TypeError(
-            f"{called.name}: settings missing {sorted(wanted - set(given))}, unknown {sorted(set(given) - wanted)}"
-        )
+    takes_all = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in known.values())
+    missing, unknown = wanted - set(given), set() if takes_all else set(given) - wanted
+    if missing or unknown:
+        raise TypeError(f"{called.name}: settings missing {sorted(missing)}, unknown {sorted(unknown)}")
     where = f"{called.writes}, setting"
     plain = {name: keys.canonical(value, f"{where} {name}") for name, value in given.items()}
     plain = {
-        name: keys.typed(value, known[name].annotation, f"{where} {name}") for name, value in sorted(plain.items())
+        name: keys.typed(value, known[name].annotation if name in known else None, f"{where} {name}")
+        for name, value in sorted(plain.items())
     }
     return Call(called, tuple(items), plain, event, variant or "")
 

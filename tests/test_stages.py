@@ -179,6 +179,17 @@ def test_a_body_cannot_change_what_others_read(pipeline):
     assert "title" not in again.attrs
 
 
+def test_settings_are_handed_on_as_they_come():
+    """Contract: a body that takes any settings has each of them in its label."""
+
+    @stage.stage(reads=[], writes="any", version=1)
+    def body(**settings):
+        raise AssertionError(settings)
+
+    call = stage.call_of(body, (), {"second": 2, "first": 1.5, "event": "e"})
+    assert list(call.settings.items()) == [("first", 1.5), ("second", 2)]
+
+
 def test_a_default_value_is_refused():
     """Contract: every setting comes from the catalogue."""
     from tasks.stage import stage
