@@ -33,6 +33,13 @@ def align(
     """
     start, stop = float(detected.swing_start[0]), float(detected.swing_stop[0])
     volts, attitude, path = (read(start - margin_s, stop + margin_s) for read in (sensor, tracker, orbit))
+    for name, record in (("voltages", volts), ("attitudes", attitude), ("positions", path)):
+        if record["time"].size < 2 or record["time"][0] > start or record["time"][-1] < stop:
+            raise EstimationError(
+                f"swing from {start:.0f} to {stop:.0f} s: found {name} that do not reach over it, "
+                f"expected them all the time. Check the time tags of the files, or give the missing ones.",
+                samples=int(record["time"].size),
+            )
     first = max(start - margin_s, volts["time"][0], path["time"][0])
     last = min(stop + margin_s, volts["time"][-1], path["time"][-1])
     time = STEP * np.arange(np.ceil(first / STEP), np.floor(last / STEP) + 1)
