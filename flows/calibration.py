@@ -117,6 +117,5 @@ def load(name: str) -> Calibration:
     return found
 
 
-@functools.cache
 def _entry_points():
     return {point.name: point for point in metadata.entry_points(group=GROUP)}

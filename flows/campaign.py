@@ -64,17 +64,17 @@ def sources(calibration, satellite, data):
     -------
     sources : list
     """
-    module = command.flow_module(calibration)
-    letters = [*module.SATELLITES, "".join(module.SATELLITES)]
+    known = command.record(calibration)
+    letters = [*known.satellites, "".join(known.satellites)]
     command.check_satellite(calibration, satellite, letters)
     if data is not None:
-        days = _days(calibration, module, data, satellite)
-        return [_source(module, None, data=folder, satellite=one, date=date) for folder, one, date in days]
+        days = _days(known, data, satellite)
+        return [_source(known, None, data=folder, satellite=one, date=date) for folder, one, date in days]
     from gravcal import catalog
 
     own = catalog.events(calibration=calibration)
     names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
-    return [_source(module, name, data=None, satellite=None, date=None) for name in names]
+    return [_source(known, name, data=None, satellite=None, date=None) for name in names]
 
 
 def run(campaign, sources, listener=None):
@@ -124,7 +124,7 @@ def exit_code(summary):
 
 def failed_last(campaign, sources):
     """Sources of the events whose last run in this configuration failed, and of those that are refused."""
-    flow_name = command.flow_module(campaign.calibration).calibrate.flow_name
+    flow_name = command.record(campaign.calibration).flow.flow_name
     with location.configured(campaign.chosen.configuration):
         return [
             source
@@ -256,22 +256,22 @@ def _on_a_worker(submit, begun, listener, source):
     return row
 
 
-def _source(module, event, **where):
+def _source(calibration, event, **where):
     """Source of one event; where there is none, its reason, to be tabulated like any other failure."""
     try:
-        return module.source(event=event, **where)
+        return calibration.source(event=event, **where)
     except GravcalError as error:
         name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
         return campaign_work.Refused(name, str(error), command.status_of(error))
 
 
-def _days(calibration, module, data, satellite):
+def _days(calibration, data, satellite):
     """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
     if not data.is_dir():
         raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
-    days = [day for day in module.days(data) if satellite is None or set(satellite) & set(day[1])]
+    days = [day for day in calibration.days(data) if satellite is None or set(satellite) & set(day[1])]
     if not days:
-        command.check_folder(calibration, data)
+        command.check_folder(calibration.name, data)
         raise ProductError(
             f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
             f"Give another folder."

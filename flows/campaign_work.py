@@ -1,13 +1,13 @@
 """One event of a campaign, as it runs in a worker process; knows nothing of Prefect."""
 
 import contextlib
-import importlib
 import math
 import os
 import time
 import traceback
 from dataclasses import dataclass
 
+from flows.calibration import load
 from flows.engine import left, one_thread, single_threaded
 from gravcal.errors import GravcalError
 from gravcal.store import journal, location, results
@@ -73,22 +73,22 @@ def reuse(calibration, source, chosen, again=False):
     """
     from flows import command
 
-    module, started = command.flow_module(calibration), time.perf_counter()
+    known, started = load(calibration), time.perf_counter()
     try:
-        rest = left(module.calibrate, source, chosen, again=again)
+        rest = left(known.flow, source, chosen, again=again)
         if rest.failure:
             told = {"event": command.name_of(source), "status": "failed", "error": rest.failure["reason"]}
             return told | {"since": rest.failure["started"]} | _effort(0, len(rest.found), started), 0.0
         if rest.ref is None:
             return None, rest.seconds
-        noted = journal.recorded(module.calibrate.flow_name, rest.ref.event)
+        noted = journal.recorded(known.flow.flow_name, rest.ref.event)
         with location.configured(chosen.configuration), noted as note:
             for call, one in rest.found:
                 note(call, "cached", one)
-        return _row(module, rest.ref, note) | _effort(0, len(rest.found), started), 0.0
+        return _row(known, rest.ref, note) | _effort(0, len(rest.found), started), 0.0
     except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
         event = command.name_of(source)
-        noted = journal.recorded(module.calibrate.flow_name, event)
+        noted = journal.recorded(known.flow.flow_name, event)
         with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
             raise error
         return {"event": event, "status": command.status_of(error), "error": str(error)} | _effort(0, 0, started), 0.0
@@ -111,10 +111,10 @@ def _attempt(calibration, source, chosen):
     if isinstance(source, Refused):
         return {"event": event, "status": source.status, "error": source.error}
     try:
-        module = importlib.import_module(f"flows.{calibration}")
-        with journal.recorded(module.calibrate.flow_name, event) as note, stage.using(stage.inline, note):
-            ref = module.calibrate(source, chosen)
-        return _row(module, ref, note)
+        known = load(calibration)
+        with journal.recorded(known.flow.flow_name, event) as note, stage.using(stage.inline, note):
+            ref = known.flow(source, chosen)
+        return _row(known, ref, note)
     except GravcalError as error:
         return {"event": event, "status": command.status_of(error), "error": str(error)}
     except Exception as error:  # noqa: BLE001 - one event must not stop the others
@@ -123,9 +123,9 @@ def _attempt(calibration, source, chosen):
         return {"event": event, "status": "failed", "error": text}
 
 
-def _row(module, ref, note):
+def _row(known, ref, note):
     """Row of an event that has its report; the document stays in the store."""
-    document = module.result(ref)
+    document = known.document(ref)
     row = {
         "event": ref.event,
         "status": document["status"],
@@ -134,10 +134,10 @@ def _row(module, ref, note):
     }
     verdict = document.get("verdict")
     row["verdict"] = verdict.get("text", "") if isinstance(verdict, dict) else verdict or ""
-    known = results.values(document)
+    values = list(known.result(document))
     parts = ("value", "sigma", "sigma_total", "unit")
-    row["values"] = {one.label: {part: getattr(one, part) for part in parts} for one in known}
-    row["said"] = results.text(known[:SHOWN])
+    row["values"] = {one.label: {part: getattr(one, part) for part in parts} for one in values}
+    row["said"] = results.text(values[:SHOWN])
     if document["status"] == "failed":
         row["error"] = row["verdict"]
     other = [reason for one in note.stages.values() for reason in one.get("other_versions", ())]

@@ -69,7 +69,7 @@ def save_event(calibration, source, document):
     from gravcal import catalog
     from gravcal.store import memo
 
-    files = command.flow_module(calibration).level_one_files(source)
+    files = command.record(calibration).level_one_files(source)
     digests = {file.name: memo.file_digest(file.path, file.member) for file in files}
     first = date(2000, 1, 1) + timedelta(
         days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5

@@ -39,7 +39,7 @@ def settings(
                     for n, o in found.items()]  # fmt: skip
             output.table(["calibration", "parameters", "operational", "experiments"], rows)
         return
-    command.flow_module(calibration)
+    command.record(calibration)
     if forget:
         configurations.forget(calibration, name or "")
         output.say(f"{calibration}: {name} is forgotten; gravcal products prune removes what only it used")
@@ -61,7 +61,7 @@ def promote(
     from flows import command
     from gravcal.store import configurations
 
-    command.flow_module(calibration)
+    command.record(calibration)
     made = configurations.promote(calibration, name, why, who)
     output.write_json(made, json)
     if output.to_screen(json):

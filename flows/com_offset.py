@@ -15,7 +15,7 @@ from gravcal.store import results
 from tasks import com_offset, common, discovery
 from tasks.stage import read
 
-result, document = common.result, common.document  # of a report product
+document = common.document  # of a report product
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 TORQUERS = ("inertia", "dipole_per_current")
 TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")

@@ -4,7 +4,6 @@ import dataclasses
 import difflib
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import typer
@@ -15,11 +14,6 @@ from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
 from gravcal.store import location
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
-
-
-def flow_module(calibration):
-    """Module of a calibration's flow; an unknown name is wrong usage."""
-    return sys.modules[record(calibration).flow.__module__]
 
 
 def record(calibration):
@@ -44,7 +38,7 @@ def chosen(calibration, settings, model=None, name=None):
     """
     from gravcal.store import configurations
 
-    flow_module(calibration)
+    record(calibration)
     given = pairs(settings)
     if model is not None:
         from flows import models
@@ -83,10 +77,10 @@ def source(calibration, event, data, satellite, date):
         raise typer.BadParameter("give an EVENT of the catalogue or a folder with --data, one of the two")
     if event is not None and (satellite or date):
         raise typer.BadParameter("--satellite and --date belong to --data; an EVENT says them itself")
-    module = flow_module(calibration)
-    check_satellite(calibration, satellite, module.SATELLITES)
+    one = record(calibration)
+    check_satellite(calibration, satellite, one.satellites)
     try:
-        return module.source(event=event, data=data, satellite=satellite, date=date)
+        return one.source(event=event, data=data, satellite=satellite, date=date)
     except ProductError:
         if data is not None and data.is_dir():
             check_folder(calibration, data)
@@ -107,10 +101,10 @@ def check_folder(calibration, data):
     from gravcal.io import archive, inertial_files, sgrs_files
 
     files = [file for kind in (archive, inertial_files, sgrs_files) for file in kind.inventory(data)]
-    found, wanted = sorted({file.product for file in files}), flow_module(calibration).BEGINS
+    found, wanted = sorted({file.product for file in files}), record(calibration).begins
     if set(found) & set(wanted):
         return
-    others = [name for name in known() if set(found) & set(flow_module(name).BEGINS)]
+    others = [name for name in known() if set(found) & set(record(name).begins)]
     reads = f" (files of {' and '.join(others)})" if others else ""
     remedy = f"Run {' or '.join(others)} on it, or give another --data." if others else "Check --data."
     raise (ProductError if found else NoDataError)(
@@ -130,10 +124,10 @@ def calibrate(calibration, source, chosen, engine_name, server=None):
     """Result document and report product of one event."""
     if engine_name not in engine.ENGINES:
         raise typer.BadParameter(f"--engine {engine_name}: expected one of {', '.join(engine.ENGINES)}")
-    module = flow_module(calibration)
-    with cli_progress.progress(module.calibrate.flow_name) as listener:
-        ref = engine.run(module.calibrate, source, chosen, engine=engine_name, listener=listener, server=server)
-    return module.document(ref), ref
+    one = record(calibration)
+    with cli_progress.progress(one.flow.flow_name) as listener:
+        ref = engine.run(one.flow, source, chosen, engine=engine_name, listener=listener, server=server)
+    return one.document(ref), ref
 
 
 def discover(calibration, source, chosen, engine_name):
@@ -152,7 +146,7 @@ def discover(calibration, source, chosen, engine_name):
 
 def plan(calibration, source, chosen):
     """Steps of the plan for one event."""
-    return engine.plan(flow_module(calibration).calibrate, source, chosen)[0]
+    return engine.plan(record(calibration).flow, source, chosen)[0]
 
 
 def sources(calibration, event, data, satellite, date):
@@ -166,14 +160,14 @@ def sources(calibration, event, data, satellite, date):
         raise ProductError(
             f"product store {location.folder()}: no event of {calibration} was ever run. Give an EVENT or --data DIR."
         )
-    made = [_source_again(flow_module(calibration), *one) for one in found]
+    made = [_source_again(record(calibration), *one) for one in found]
     return [source for source in made if source is not None]
 
 
-def _source_again(module, event, folder, satellite, date):
+def _source_again(calibration, event, folder, satellite, date):
     """Source of an event of the store; None, with a warning, where its files are no more."""
     try:
-        source = module.source(event=None, data=folder, satellite=satellite, date=date)
+        source = calibration.source(event=None, data=folder, satellite=satellite, date=date)
     except GravcalError as error:
         engine.warn(f"{event} left out: {error}")
         return None
@@ -200,8 +194,8 @@ def series(calibration, satellite):
     from gravcal.browse import printed, timeline
     from gravcal.report.history import history
 
-    module = flow_module(calibration)
-    check_satellite(calibration, satellite, [*module.SATELLITES, "".join(module.SATELLITES)])
+    one = record(calibration)
+    check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
     points = [one for one in timeline.points(calibration) if satellite is None or one.satellite in satellite]
     letters = sorted({one.satellite for one in points})
     if not letters:
@@ -220,9 +214,7 @@ def simulate(calibration, out, seed_truth, effects, settings):
     except ValueError as error:
         raise typer.BadParameter(f"--effect: {error}; expected SLUG.PARAMETER=NUMBER") from error
     with cli_progress.waiting(f"simulating {calibration}"):
-        return flow_module(calibration).simulate(
-            out, seed=seed, truth=truth, effects=strengths, settings=pairs(settings)
-        )
+        return record(calibration).simulate(out, seed=seed, truth=truth, effects=strengths, settings=pairs(settings))
 
 
 def demo(out, seed, engine_name):
@@ -267,7 +259,7 @@ def compare(calibration, first, second, satellite=None):
     from gravcal.report import comparison
     from gravcal.store import configurations, housekeeping
 
-    flow_module(calibration)
+    record(calibration)
     plain = not configurations.operational(calibration)["settings"]
     found = {}
     for name in (first, second):
@@ -299,7 +291,7 @@ def events(calibration=None):
     for event in catalog.events():
         if calibration in (None, event.calibration) and event.calibration in known():
             try:
-                files = str(flow_module(event.calibration).source(event=event.name).folder)
+                files = str(record(event.calibration).source(event=event.name).folder)
             except GravcalError as error:
                 files = "no data" if isinstance(error, NoDataError) else str(error).partition(": ")[2] or str(error)
             date = str(event.date) if event.date else "unknown"

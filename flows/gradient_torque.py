@@ -17,7 +17,6 @@ from gravcal.errors import ProductError
 from gravcal.store import results
 from tasks import common, discovery_gradient, gradient_torque
 
-result = common.result  # of a report product
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 #: What an event begins with, and the satellites it may be of.
 BEGINS, SATELLITES = ("SGRS",), ("S",)

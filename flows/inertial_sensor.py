@@ -15,7 +15,7 @@ from gravcal.store import results
 from tasks import common, discovery_swing, inertial_sensor
 from tasks.stage import numbers, read
 
-result, document = common.result, common.document  # of a report product
+document = common.document  # of a report product
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
 #: What an event begins with, and the satellites it may be of.
 BEGINS, SATELLITES = ("IS1",), ("T",)

@@ -19,7 +19,7 @@ from gravcal.store import results
 from tasks import common, discovery_ranging, kbr_phase_centre
 from tasks.stage import read
 
-result, document = common.result, common.document  # of a report product
+document = common.document  # of a report product
 ORIGIN = datetime(2000, 1, 1, 12)
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
 #: Letters of a pair and of its common products, by any letter that may be given.

@@ -1,16 +1,16 @@
 """An invented calibration that the command line can run, and one Prefect home for all tests."""
 
-import importlib
 import sys
 import textwrap
 
 import pytest
 
-import flows
+from flows import calibration
 
 CALIBRATION = '''
     """An invented calibration on the stages of {name}."""
     from dataclasses import dataclass
+    from flows.calibration import Calibration
     from flows.engine import flow
     from gravcal.io.archive import LevelOneFile
     from gravcal.errors import CatalogError, EstimationError
@@ -51,11 +51,15 @@ CALIBRATION = '''
         status = "no_manoeuvre" if total < 0 else "delivered"
         return {{"schema_version": 1, "status": status, "calibration": "fakecal", "event": ref.event, "total": total}}
 
-    result = document
-
     def simulate(out, *, seed, truth, effects, settings):
         out.mkdir(parents=True)
         (out / "said.json").write_text(str([seed, str(truth), effects, settings]))
+
+    CALIBRATION = Calibration(
+        name="fakecal", title="Invented", quantity="A sum", begins=BEGINS, satellites=SATELLITES, inputs={{}},
+        flow=calibrate, source=source, days=days, level_one_files=lambda source: [], document=document,
+        simulate=simulate, detect=calibrate, detected=detected, products={{}}, result=lambda document: [],
+    )
 '''
 PARAMETERS = """
     [gain]
@@ -77,7 +81,11 @@ PARAMETERS = """
 def fakecal(pipeline, tmp_path, monkeypatch):
     """Return the folder of Level-1 files of an invented calibration that the command line knows."""
     extra = tmp_path / "extra"
-    extra.mkdir()
+    (extra / "fakecal-1.dist-info").mkdir(parents=True)
+    (extra / "fakecal-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: fakecal\nVersion: 1\n")
+    (extra / "fakecal-1.dist-info" / "entry_points.txt").write_text(
+        f"[{calibration.GROUP}]\nfakecal = fakecal:CALIBRATION\n"
+    )
     (extra / "fakecal.py").write_text(
         textwrap.dedent(CALIBRATION.replace("{{", "{").replace("}}", "}")).replace("{name}", pipeline.name)
     )
@@ -85,10 +93,10 @@ def fakecal(pipeline, tmp_path, monkeypatch):
     parameters.mkdir(parents=True)
     (parameters / "fakecal.toml").write_text(textwrap.dedent(PARAMETERS))
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "catalog"))
-    monkeypatch.setattr(flows, "__path__", [*flows.__path__, str(extra)])
-    importlib.invalidate_caches()
+    monkeypatch.syspath_prepend(extra)
     yield tmp_path
-    sys.modules.pop("flows.fakecal", None)
+    sys.modules.pop("fakecal", None)
+    calibration.load.cache_clear()
 
 
 @pytest.fixture(scope="session")

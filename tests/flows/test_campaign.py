@@ -117,7 +117,7 @@ def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
     source, chosen = campaigns.sources("fakecal", None, events)[0], command.chosen("fakecal", None)
     assert campaign_work.reuse("fakecal", source, chosen) == (None, math.inf)
     assert read == []
-    command.flow_module("fakecal").calibrate(source, chosen)
+    command.record("fakecal").flow(source, chosen)
     assert campaign_work.reuse("fakecal", source, chosen)[0]["status"] == "delivered"
     assert read
 

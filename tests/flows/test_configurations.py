@@ -268,7 +268,7 @@ def test_tasks_of_prefect_point_the_links_of_their_configuration(fakecal, monkey
     source = command.source("fakecal", None, fakecal, None, None)
     used = []
     monkeypatch.setattr(prefect_engine, "warn", used.append)
-    engine.run(command.flow_module("fakecal").calibrate, source, chosen)
+    engine.run(command.record("fakecal").flow, source, chosen)
     assert used == []
     assert links() == {}
     assert set(links("gain-3.0")) == {"start", "scale.one"}

@@ -53,7 +53,7 @@ def level_one(tmp_path_factory):
     """Return a folder with one small event of each calibration, and a store for all tests of this module."""
     folder = tmp_path_factory.mktemp("every")
     for name, settings in SMALL.items():
-        command.flow_module(name).simulate(folder / name, seed=1, truth=None, effects={}, settings=settings)
+        command.record(name).simulate(folder / name, seed=1, truth=None, effects={}, settings=settings)
     return folder
 
 
@@ -270,7 +270,7 @@ def test_manoeuvres_and_failures_have_an_origin_too(name, level_one, tmp_path, c
     """Contract: what is detected in files, and the document of a run that failed, have the origin of their files."""
     for path in (level_one / name).iterdir():
         (tmp_path / path.name).symlink_to(path)
-    (day,) = command.flow_module(name).days(tmp_path)
+    (day,) = command.record(name).days(tmp_path)
     source = command.source(name, None, day[0], day[1], day[2])
     document = command.detect(name, source, command.chosen(name, None))
     assert document["origin"] == "simulated"
@@ -315,7 +315,7 @@ def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
         (tree / path.name).symlink_to(path)
     (source,) = campaign.sources("com_offset", None, tmp_path)
     assert source.folder == Path(tmp_path)
-    assert engine.left(command.flow_module("com_offset").calibrate, source, command.chosen("com_offset", None)).ref
+    assert engine.left(command.record("com_offset").flow, source, command.chosen("com_offset", None)).ref
 
 
 THROUGH_PREFECT = """
@@ -327,12 +327,12 @@ found = {}
 with prefect_server.running(prefect_server.begin()) as url:
     os.environ["PREFECT_API_URL"] = url
     for name in sys.argv[2:]:
-        module = command.flow_module(name)
+        module = command.record(name)
         (day,) = module.days(Path(sys.argv[1]) / name)
         source = module.source(data=day[0], satellite=day[1], date=day[2])
         seen = []
         arguments = source, command.chosen(name, None)
-        engine.run(module.calibrate, *arguments, listener=lambda call, state, ref: seen.append(state))
+        engine.run(module.flow, *arguments, listener=lambda call, state, ref: seen.append(state))
         products = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in housekeeping.entries(source.event)}
         found[name] = {"states": seen, "products": products, "prefect": "prefect" in sys.modules}
 print(json.dumps(found))

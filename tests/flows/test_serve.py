@@ -27,9 +27,8 @@ SETTLE_S = 60.0  # the server writes states of tasks down in batches, a second a
 DELIVERED = {"fake-1": "Delivered"}
 EVERYWHERE = """
 import os, sys
-import flows
 sys.path.insert(0, os.environ["FAKE_CODE"])
-flows.__path__.append(os.environ["FAKE_FLOWS"])
+sys.path.insert(0, os.environ["FAKE_FLOWS"])
 """
 
 
