@@ -1,5 +1,7 @@
 """Errors of gravcal: where, what was found against what was expected, what to do; the numbers travel as facts."""
 
+from typing import NoReturn
+
 
 class GravcalError(Exception):
     """Anything gravcal refuses to do; the numbers behind the message are in ``facts``.
@@ -29,3 +31,18 @@ class NoDataError(ProductError):
 
 class EstimationError(GravcalError):
     """The data do not determine what was asked for."""
+
+
+def refuse(where, found, expected, remedy, error=ProductError, **facts) -> NoReturn:
+    """Raise an error that says where, found, expected and remedy, and carries them as facts.
+
+    Parameters
+    ----------
+    where : file, with the line or record number where there is one
+    found, expected : what is there and what should be
+    remedy : what the reader can do
+    error : kind of ProductError
+    **facts : further numbers for tables of failures
+    """
+    message = f"{where}: found {found}; expected {expected}. {remedy}"
+    raise error(message, where=str(where), found=str(found), expected=str(expected), remedy=remedy, **facts)

@@ -7,7 +7,7 @@ from datetime import date, datetime, timedelta
 
 import numpy as np
 
-from gravcal.store.refusal import refuse
+from gravcal.errors import refuse
 
 ORIGIN = datetime(2000, 1, 1, 12)
 MARGIN = 120.0  # s that a file may begin before its day

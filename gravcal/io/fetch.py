@@ -11,10 +11,9 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from gravcal.errors import GravcalError, ProductError
+from gravcal.errors import GravcalError, ProductError, refuse
 from gravcal.io import fetch_http, fetch_layout, unpacked
 from gravcal.io.fetch_http import Patience
-from gravcal.store.refusal import refuse
 
 WHOLE_ATTEMPTS = 3  # whole transfers that may arrive with wrong bytes
 

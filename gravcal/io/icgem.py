@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gravcal.errors import refuse
 from gravcal.physics.gravity_field import Field
-from gravcal.store.refusal import refuse
 
 SHIPPED = "gravcal-60.gfc"
 KEYS = {"earth_gravity_constant": "gm", "gravity_constant": "gm", "radius": "radius", "max_degree": "degree"}

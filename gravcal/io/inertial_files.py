@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.errors import NoDataError
+from gravcal.errors import NoDataError, refuse
 from gravcal.io import epochs, unpacked
 from gravcal.io.archive import LevelOneFile
 from gravcal.store import netcdf, origin
-from gravcal.store.refusal import refuse
 
 NAME = re.compile(r"(?P<product>IS1|ATT|ORB)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>T)_(?P<release>\d{2})\.nc")
 ORIGIN = datetime(2000, 1, 1, 12)

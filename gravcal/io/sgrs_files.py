@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.errors import NoDataError
+from gravcal.errors import NoDataError, refuse
 from gravcal.io import epochs, unpacked
 from gravcal.io.archive import LevelOneFile
 from gravcal.store import netcdf, origin, product
-from gravcal.store.refusal import refuse
 
 NAME = re.compile(r"(?P<product>SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>S)_(?P<release>\d{2})\.nc")
 REPAIR = "Write the file by formats.md, section 6."

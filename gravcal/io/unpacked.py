@@ -9,8 +9,8 @@ import gzip
 import os
 import tarfile
 
+from gravcal.errors import refuse
 from gravcal.store import netcdf
-from gravcal.store.refusal import refuse
 
 MEGABYTE = 1_000_000
 IN_ARCHIVE = 16  # limits that all members of an archive may have together

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.store.refusal import refuse
+from gravcal.errors import refuse
 
 EPOCH = datetime.datetime(2000, 1, 1, 12)
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}

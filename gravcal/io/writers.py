@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.io.readers.checks import KNOWN_TIMES
 from gravcal.io.readers.dataset import TICKS, srf_names
 from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Product, mission_of
 from gravcal.io.readers.tables import product as product_table
 from gravcal.io.written_headers import Origin, header_text
-from gravcal.store.refusal import refuse
 
 GIVE = "Give it, or choose another product."
 

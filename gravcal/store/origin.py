@@ -8,9 +8,9 @@ import zlib
 from collections.abc import Iterable
 from pathlib import Path
 
+from gravcal.errors import refuse
 from gravcal.io import archive, unpacked
 from gravcal.store import netcdf
-from gravcal.store.refusal import refuse
 
 MEASURED, SIMULATED, MIXED = ORIGINS = ("measured", "simulated", "mixed")
 #: Labels in every file that gravcal simulates.

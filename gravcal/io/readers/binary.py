@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from gravcal.errors import refuse
 from gravcal.io.readers.decoding import dtype_of
 from gravcal.io.readers.tables import BITS, Product, reordered
-from gravcal.store.refusal import refuse
 
 TRUNCATED = "The file is cut: fetch it again."
 

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 
+from gravcal.errors import refuse
 from gravcal.io.archive import TOGETHER
 from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Product
-from gravcal.store.refusal import refuse
 
 NOT_FINITE = 1
 NOT_UNIT = 2

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.io.readers import binary, checks, text
 from gravcal.io.readers import header as headers
 from gravcal.io.readers.tables import Product, mission_of, reordered
 from gravcal.io.readers.tables import product as product_table
 from gravcal.store import origin
-from gravcal.store.refusal import refuse
 
 TICKS = {"s": 1_000_000_000, "us": 1_000, "ns": 1}
 MOVED = "columns moved from the accelerometer frame: SRF (x, y, z) = AF (z, x, y)"

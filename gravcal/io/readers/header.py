@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, field
 
-from gravcal.store.refusal import refuse
+from gravcal.errors import refuse
 
 YAML_END = b"# End of YAML header\n"
 LABEL_END = re.compile(rb"END OF HEADER *\r?\n")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 
-from gravcal.store.refusal import refuse
+from gravcal.errors import refuse
 
 PRODUCTS = Path(__file__).with_name("products")
 SI_UNITS = {

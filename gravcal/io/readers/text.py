@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from gravcal.errors import refuse
 from gravcal.io.readers.decoding import Malformed, bits_value, decode, dtype_of
 from gravcal.io.readers.tables import FLOATS, INTEGERS, Product
-from gravcal.store.refusal import refuse
 
 DAMAGED = "The file is damaged or of another layout: fetch it again, or correct the line."
 
