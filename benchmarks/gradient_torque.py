@@ -17,7 +17,7 @@ single_threaded()  # before numpy: processor time of several threads would count
 import numpy as np  # noqa: E402
 
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.gradient_torque import drag, gradient, reading  # noqa: E402
+from gravcal.calibrations.gradient_torque import drag, gradient  # noqa: E402
 from gravcal.io import icgem  # noqa: E402
 from gravcal.io.fields.generate import EARTH  # noqa: E402
 from gravcal.physics import gravity_field  # noqa: E402
@@ -161,7 +161,7 @@ def study(days):
         columns, truth = simulation.simulate(satellite, settings, field, DAY, seed)
         observed = as_dataset(columns)
         modelled = gradient.gradient(
-            observed, reading.field(field), satellite=satellite, **chosen.for_stage("gradient")
+            observed, gradient.field(field), satellite=satellite, **chosen.for_stage("gradient")
         )
         adequacy.append(modelled["attitude_chi2"].values / modelled["attitude_dof"].values)
         for name, kept in rows.items():

@@ -130,7 +130,7 @@ def inertial_sensor(runs):
 def gradient_torque(runs):
     """S-6, S-8: drag with one sensor by quaternions is the plain reading."""
     from benchmarks import gradient_torque as study
-    from gravcal.calibrations.gradient_torque import drag, gradient, reading
+    from gravcal.calibrations.gradient_torque import drag, gradient
     from gravcal.io import icgem
     from gravcal.simulation import gradient_torque as simulation
 
@@ -141,7 +141,7 @@ def gradient_torque(runs):
         columns, truth = simulation.simulate(satellite, settings, field, study.DAY, seed)
         observed = study.as_dataset(columns)
         options = chosen.for_stage("gradient")
-        modelled = gradient.gradient(observed, reading.field(field), satellite=satellite, **options)
+        modelled = gradient.gradient(observed, gradient.field(field), satellite=satellite, **options)
         for name in ("one_sensor_published", "one_sensor", "two_sensor"):
             one = drag.drag(modelled, variant=name, satellite=satellite, **chosen.for_stage("drag"))
             found.setdefault(name, []).append(rms(one["drag_b"].values - truth["drag"]))

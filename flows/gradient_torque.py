@@ -21,17 +21,6 @@ TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the l
 #: What an event begins with, and the satellites it may be of.
 BEGINS, SATELLITES = ("SGRS",), ("S",)
 ORIGIN = datetime(2000, 1, 1, 12)
-GRADIENT = ("attitude_noise", "angular_noise_density", "test_mass", "test_mass_inertia")
-VIEW = (
-    *("inertia", "mass", "centre_of_pressure", "centre_of_pressure_sigma", "test_mass", "test_mass_inertia"),
-    "sensor_position_sigma",
-)
-TORQUE = ("inertia", "test_mass", "test_mass_inertia", "angular_noise_density")
-DRAG = (
-    *("inertia", "mass", "centre_of_pressure", "centre_of_pressure_sigma", "test_mass", "test_mass_inertia"),
-    *("sensor_position_sigma", "linear_noise_density", "angular_noise_density"),
-)
-CHECKS = ("orbit_height", "sensor_position", "linear_noise_density", "angular_noise_density")
 
 
 @flow(name="gradient_torque")
@@ -53,23 +42,21 @@ def calibrate(source, chosen):
         clean = gradient_torque.ingest(truth_file, event=source.event)
         truth = gradient_torque.truth(truth_file, event=source.event, variant="")
         known = [truth, *_solved(clean, stored, chosen, methods, ".clean")[1]]
-    torque = gradient_torque.torque(
-        modelled, observed, stored, satellite=_numbers(TORQUE), **chosen.for_stage("torque")
-    )
+    torque = gradient_torque.torque(modelled, observed, stored, satellite=_satellite(), **chosen.for_stage("torque"))
     shared = {name: getattr(chosen, name) for name in ("single_sensor", "elongation")}
-    settings = chosen.for_stage("combine") | shared | {"methods": methods, "satellite": _numbers(DRAG)}
+    settings = chosen.for_stage("combine") | shared | {"methods": methods, "satellite": _satellite()}
     combined = gradient_torque.combine(modelled, *drags, *known, **settings)
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
-    checked = gradient_torque.checks(modelled, recorded, satellite=_numbers(CHECKS), **chosen.for_stage("checks"))
+    checked = gradient_torque.checks(modelled, recorded, satellite=_satellite(), **chosen.for_stage("checks"))
     return gradient_torque.report(combined, torque, modelled, checked, *drags, event=source.event, settings=values)
 
 
 def _solved(observed, stored, chosen, methods, suffix=""):
     """Gradient and drags of one set of readings."""
-    numbers = {"satellite": _numbers(GRADIENT)}
+    numbers = {"satellite": _satellite()}
     variant = suffix.removeprefix(".")
     modelled = gradient_torque.gradient(observed, stored, variant=variant, **numbers, **chosen.for_stage("gradient"))
-    settings = chosen.for_stage("drag") | {"satellite": _numbers(DRAG)}
+    settings = chosen.for_stage("drag") | {"satellite": _satellite()}
     return modelled, [gradient_torque.drag(modelled, variant=name + suffix, **settings) for name in methods]
 
 
@@ -114,12 +101,12 @@ def scene_settings(source, chosen):  # noqa: ARG001 - as for the other calibrati
     """What the view of a day needs beside the products."""
     names = ("elongation", "gap_limit_s", "torque_step_s", "torque_noise_order", "control_hz", "control_damping")
     known = {name: getattr(chosen, name) for name in names} | chosen.for_stage("view")
-    return known | {"satellite": _numbers(VIEW)}
+    return known | {"satellite": _satellite()}
 
 
-def _numbers(names):
-    """Numbers of the satellite that a stage takes."""
-    return common.settings_of(catalog.satellite("S").settings(), *names)
+def _satellite():
+    """Numbers of the satellite, which every stage takes."""
+    return catalog.satellite("S").settings()
 
 
 def _files(source, chosen):

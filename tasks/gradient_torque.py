@@ -9,12 +9,8 @@ from tasks.stage import lazy, stage
 
 files = lazy("gravcal.io.sgrs_files")
 field_files = lazy("gravcal.io.icgem")
-reading_science = lazy("gravcal.calibrations.gradient_torque.reading")
 gradient_science = lazy("gravcal.calibrations.gradient_torque.gradient")
-torque_science = lazy("gravcal.calibrations.gradient_torque.torque")
-model_error_science = lazy("gravcal.calibrations.gradient_torque.model_error")
 drag_science = lazy("gravcal.calibrations.gradient_torque.drag")
-combine_science = lazy("gravcal.calibrations.gradient_torque.combine")
 checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 report_science = lazy("gravcal.report.gradient_torque")
 
@@ -42,54 +38,39 @@ def ingest(file):
 @stage(reads=["file"], writes="gradient_torque.field", version=1)
 def field(file):
     """Gravity field of a .gfc file."""
-    return reading_science.field(field_files.read_field(file.path))
+    return gradient_science.field(field_files.read_field(file.path))
 
 
 @stage(reads=["file"], writes="gradient_torque.truth", version=1)
 def truth(file):
     """True drag of a simulated day."""
-    return reading_science.truth(files.read(file, truth=True))
+    return gradient_science.truth(files.read(file, truth=True))
 
 
 @stage(reads=["ingest", "gradient_torque.field"], writes="gradient_torque.gradient", version=1)
-def gradient(observed, stored, *, field_degree, knot_step_s, gap_limit_s, single_sensor, elongation, satellite):
+def gradient(observed, stored, **settings):
     """Gravity gradient in b, and rates smoothed over time."""
-    settings = {name: value for name, value in locals().items() if name not in ("observed", "stored")}
     return gradient_science.gradient(observed, stored, **settings)
 
 
 @stage(
     reads=["gradient_torque.gradient", "ingest", "gradient_torque.field"], writes="gradient_torque.torque", version=1
 )
-def torque(modelled, observed, stored, *, lowest_degree, highest_degree, spectrum_step_s, elongation, satellite):
+def torque(modelled, observed, stored, **settings):
     """Gravity-gradient torque by zonal degree."""
-    settings = {name: value for name, value in locals().items() if name not in ("modelled", "observed", "stored")}
-    return torque_science.torque(modelled, observed, stored, **settings)
+    return gradient_science.torque(modelled, observed, stored, **settings)
 
 
 @stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=2)
-def drag(
-    modelled,
-    *,
-    variant,
-    single_sensor,
-    elongation,
-    gravity_sigma_scale,
-    torque_step_s,
-    torque_noise_order,
-    control_hz,
-    control_damping,
-    satellite,
-):
+def drag(modelled, *, variant, **settings):
     """Drag by one method."""
-    settings = {name: value for name, value in locals().items() if name != "modelled"}
-    return drag_science.drag(modelled, **settings)
+    return drag_science.drag(modelled, variant=variant, **settings)
 
 
 @stage(reads=["gradient_torque.drag"], writes="gradient_torque.drag", version=1)
 def drag_model_error(found, *moved):
     """Drag with the errors of an extended model."""
-    return model_error_science.of_drag(found, *moved)
+    return drag_science.with_model_error(found, *moved)
 
 
 @stage(
@@ -97,30 +78,14 @@ def drag_model_error(found, *moved):
     writes="gradient_torque.combine",
     version=1,
 )
-def combine(*products, methods, identifiability_epochs, identifiability_step_s, single_sensor, elongation, satellite):
+def combine(*products, **settings):
     """All methods compared, and what can be told apart."""
-    settings = {name: value for name, value in locals().items() if name != "products"}
-    return combine_science.combine(*products, **settings)
+    return drag_science.combine(*products, **settings)
 
 
 @stage(reads=["gradient_torque.gradient", "ingest"], writes="gradient_torque.checks", version=1)
-def checks(
-    modelled,
-    observed,
-    *,
-    constant_limit_s,
-    norm_limit,
-    jump_limit_rad,
-    velocity_limit_m_s,
-    height_limit_m,
-    pointing_limit_rad,
-    place_limit_m,
-    apart_limit_m_s2,
-    share_limit,
-    satellite,
-):
+def checks(modelled, observed, **settings):
     """Readings, attitude and orbit of a day against each other."""
-    settings = {name: value for name, value in locals().items() if name not in ("modelled", "observed")}
     return checks_science.inputs(modelled, observed, **settings)
 
 

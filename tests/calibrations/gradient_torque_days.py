@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import drag, gradient, reading
+from gravcal.calibrations.gradient_torque import drag, gradient
 from gravcal.io import icgem
 from gravcal.simulation import gradient_torque as simulation
 from gravcal.simulation.injection import by_slug
@@ -32,7 +32,7 @@ def solve(columns, methods=drag.VARIANTS, **settings):
     """Products gradient and drag, by the stages' own functions."""
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": 20} | settings)
     modelled = gradient.gradient(
-        observed(columns), reading.field(FIELD), satellite=SATELLITE, **chosen.for_stage("gradient")
+        observed(columns), gradient.field(FIELD), satellite=SATELLITE, **chosen.for_stage("gradient")
     )
     given = {"satellite": SATELLITE, **chosen.for_stage("drag")}
     return modelled, {name: drag.drag(modelled, variant=name, **given) for name in methods}

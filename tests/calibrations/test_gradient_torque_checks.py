@@ -185,12 +185,12 @@ def test_a_world_of_other_code_keeps_to_every_check(tmp_path, monkeypatch):
 
 def test_attitudes_of_no_norm_are_bridged_as_missing_ones(days):
     """Contract: rows of zeros are no attitude; the angular readings carry it on."""
-    from gravcal.calibrations.gradient_torque import reading
+    from gravcal.calibrations.gradient_torque import gradient
     from gravcal.io import sgrs_files
     from tasks import gradient_torque as tasks
 
     observed = sgrs_files.read(sgrs_files.find(days[2]))
-    stored = reading.field(icgem.read_field(icgem.shipped(), 12))
+    stored = gradient.field(icgem.read_field(icgem.shipped(), 12))
     chosen = catalog.parameters("gradient_torque").with_settings(QUICK).for_stage("gradient")
     numbers = {"satellite": catalog.satellite("S").settings()}
     lost = [observed.copy(deep=True) for _ in range(2)]

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import combine, drag, identifiability, laws, pointing, reading, spline, torque
+from gravcal.calibrations.gradient_torque import attitude, drag, gradient, laws
 from gravcal.errors import EstimationError
 from gravcal.physics import gravity_field
 from gravcal.physics.sensing import offset_tensor
@@ -16,21 +16,21 @@ from gravcal.physics.sensing import offset_tensor
 def test_the_covariance_inside_the_band_is_that_of_the_whole_inverse():
     """Analytic: small system against its dense inverse."""
     rng = np.random.default_rng(0)
-    table = spline.basis(np.arange(0.0, 200.0, 2.0), 10.0)
+    table = attitude.basis(np.arange(0.0, 200.0, 2.0), 10.0)
     operator = rng.standard_normal((100, 3, 3, 3)) * np.array([1, 10, 100])[:, None, None]
-    band, right = spline.normal([(operator, np.ones((100, 3)))], table)
+    band, right = attitude.normal([(operator, np.ones((100, 3)))], table)
     size = band.shape[1]
     dense = sum(np.diag(band[k, : size - k], -k) for k in range(18))
     dense = dense + np.tril(dense, -1).T
-    assert_allclose(spline.solve(band, right), np.linalg.solve(dense, right), rtol=1e-6)
+    assert_allclose(attitude.solve(band, right), np.linalg.solve(dense, right), rtol=1e-6)
     inverse = np.linalg.inv(dense)
     rows = np.zeros((100, 3, size))
     for k in range(100):
-        for d, part in enumerate((table.value, table.first, table.second)):
+        for d, part in enumerate(table.values):
             for j in range(6):
                 at = 3 * (table.start[k] + j)
                 rows[k, :, at : at + 3] += operator[k, d] * part[k, j]
-    found = spline.propagate(operator, table, spline.band_covariance(band))
+    found = attitude.propagate(operator, table, attitude.band_covariance(band))
     assert_allclose(found, rows @ inverse @ np.swapaxes(rows, 1, 2), rtol=1e-6)
 
 
@@ -42,7 +42,7 @@ def test_the_one_sensor_error_is_at_its_bound():
     step = (time[-1]) / int(np.ceil(time[-1] / 10.0))
     knots = np.arange(-5, int(round(time[-1] / step)) + 6) * step
     count = knots.size - 6
-    frame = pointing.orbit_rates(columns["time"], columns["position"], columns["velocity"])
+    frame = attitude.orbit_rates(columns["time"], columns["position"], columns["velocity"])
     start = np.stack([BSpline(knots, np.eye(count)[j], 5)(time) for j in range(count)], axis=1)
     begin = np.linalg.lstsq(start, modelled["angle"].values[0], rcond=None)[0]
 
@@ -50,8 +50,8 @@ def test_the_one_sensor_error_is_at_its_bound():
         angle, first, second = (
             BSpline(knots, coefficients, 5).derivative(k)(time) if k else start @ coefficients for k in range(3)
         )
-        rate, rate_dot = pointing.body_rates(angle, first, second, frame)
-        turn = pointing.R_bo(angle) @ np.swapaxes(pointing.R_bo(modelled["angle"].values[0]), 1, 2)
+        rate, rate_dot = attitude.body_rates(angle, first, second, *frame)
+        turn = attitude.R_bo(angle) @ np.swapaxes(attitude.R_bo(modelled["angle"].values[0]), 1, 2)
         tensor = offset_tensor(rate, rate_dot, turn @ modelled["gradient_b"].values @ np.swapaxes(turn, 1, 2))
         return angle, rate_dot, tensor @ columns["sensor_position"][0]
 
@@ -152,18 +152,18 @@ def test_the_gravity_prior_is_what_the_elements_say():
 
 def sensor(place):
     """Assumed satellite with a cube at a place."""
-    return identifiability.Sensor(
+    return laws.Sensor(
         np.diag([110.0, 580.0, 650.0]), 8e-5 * np.eye(3), 600.0, np.array(place), np.array([0.1, 0.02, 0.03])
     )
 
 
 def test_one_epoch_has_rank_six_of_eight():
     """Published: erratum S-8; at the centre of mass the drag is seen by translation alone."""
-    rank, null = identifiability.single_epoch(sensor([1e-3, 2e-3, -1e-3]))
+    rank, null = laws.single_epoch(sensor([1e-3, 2e-3, -1e-3]))
     assert (rank, len(null)) == (6, 2)
     assert np.abs(null[:, 5:]).max() > 1e-3
     assert np.abs(null[:, 2:5]).max() < 0.01 * np.abs(null[:, :2]).max()
-    rank, null = identifiability.single_epoch(sensor([0.0, 0.0, 0.0]))
+    rank, null = laws.single_epoch(sensor([0.0, 0.0, 0.0]))
     assert rank == 6
     assert np.abs(null[:, 5:]).max() < 1e-12
 
@@ -173,7 +173,7 @@ def test_the_printed_pair_has_rank_five():
     h, q_d = laws.printed_vectors(
         np.diag([110.0, 580.0, 650.0]), 8e-5 * np.eye(3), 600.0, np.array([0.1, 0, 0]), np.array([1e-3, 2e-3, 1e-3])
     )
-    rank, null = identifiability.printed_pair(h, q_d)
+    rank, null = laws.printed_pair(h, q_d)
     p = (q_d - h) / np.linalg.norm(q_d - h) / np.sqrt(2)
     assert rank == 5
     assert_allclose(np.abs(null @ np.concatenate([p, p])), 1, rtol=1e-9)
@@ -183,12 +183,12 @@ def compared():
     """Products of a short record, combined."""
     columns, truth = fly(1)
     modelled, found = solve(columns)
-    known = reading.truth(observed(columns).assign(drag=(("time", "axis"), truth["drag"])))
+    known = gradient.truth(observed(columns).assign(drag=(("time", "axis"), truth["drag"])))
     chosen = catalog.parameters("gradient_torque")
     settings = {"single_sensor": 1, "elongation": 1.0, "satellite": SATELLITE, "methods": list(found)}
     drags = list(found.values())
     return (
-        combine.combine(modelled, *drags, known, *drags, **settings, **chosen.for_stage("combine")),
+        drag.combine(modelled, *drags, known, *drags, **settings, **chosen.for_stage("combine")),
         columns,
         modelled,
     )
@@ -213,14 +213,14 @@ def test_degree_one_is_empty_and_the_sum_of_degrees_is_the_whole():
     """Analytic: erratum S-9; torque is linear in the field; a cube has no part in it."""
     _, columns, modelled = compared()
     chosen = catalog.parameters("gradient_torque").with_settings({"highest_degree": 8})
-    found = torque.torque(
-        modelled, observed(columns), reading.field(FIELD), satellite=SATELLITE, **chosen.for_stage("torque")
+    found = gradient.torque(
+        modelled, observed(columns), gradient.field(FIELD), satellite=SATELLITE, **chosen.for_stage("torque")
     )
     assert np.all(found["amplitude"].values[0] == 0)
     assert np.all(found["test_mass_rms"].values == 0)
     assert np.all(found["rms"].values[1:] > 0)
     longer = chosen.with_settings({"elongation": 2.0}).for_stage("torque")
-    other = torque.torque(modelled, observed(columns), reading.field(FIELD), satellite=SATELLITE, **longer)
+    other = gradient.torque(modelled, observed(columns), gradient.field(FIELD), satellite=SATELLITE, **longer)
     assert np.all(other["test_mass_rms"].values[1:, 1] > 0)
     parts = [gravity_field.gradient_e(gravity_field.zonal(FIELD, n), columns["position"][:5]) for n in range(2, 9)]
     zonals = gravity_field.Field(
@@ -233,7 +233,7 @@ def test_degree_one_is_empty_and_the_sum_of_degrees_is_the_whole():
 def test_a_sine_shows_its_amplitude():
     """Analytic: amplitude 2 in the line of its frequency."""
     time = np.arange(1000.0)
-    frequency, amplitude = torque.amplitude_spectrum(2 * np.sin(2 * np.pi * 0.05 * time)[:, None], 1.0)
+    frequency, amplitude = gradient.amplitude_spectrum(2 * np.sin(2 * np.pi * 0.05 * time)[:, None], 1.0)
     assert_allclose(amplitude.max(), 2, rtol=1e-3)
     assert_allclose(frequency[np.argmax(amplitude)], 0.05)
 
@@ -269,4 +269,4 @@ def test_what_a_method_cannot_do_is_refused():
 def test_readings_of_infinite_size_solve_no_equations():
     """Contract: an error that stages turn into one of the input; a trace of scipy before."""
     with pytest.raises(np.linalg.LinAlgError, match="infinite"):
-        spline.solve(np.ones((18, 6)), np.array([0, 0, np.inf, 0, 0, 0]))
+        attitude.solve(np.ones((18, 6)), np.array([0, 0, np.inf, 0, 0, 0]))

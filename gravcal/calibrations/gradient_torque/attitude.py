@@ -1,45 +1,256 @@
-"""Attitude over time from star camera and angular accelerations together: angles, rates and their covariance."""
+"""Attitude over time from star camera and angular accelerations together: angles, rates and their covariance.
+
+Three small angles from the orbit frame are splines of degree five in time. Least squares over the record has banded
+normal equations, and what is needed of the inverse lies inside the band.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from gravcal.calibrations.gradient_torque import pointing, spline
 from gravcal.errors import EstimationError
+from gravcal.physics import frames, kinematics
 from gravcal.physics.frames import cross_matrix
 
 ITERATIONS = 3  # Gauss-Newton; angles of 1e-2 rad make the second one exact to 1e-4 of the first
 ANGLE_PRIOR = 0.1  # rad, keeps splines in gaps from floating away; 1e-10 of the weight of data
+NODE_STEP = 10.0  # s; 1e-2 rad of orbit, a polynomial of degree six over seven nodes is exact to rounding
+DEGREE = 5  # second derivatives are cubic
+ACTIVE = DEGREE + 1  # splines that differ from zero at an epoch
+WIDTH = 3 * ACTIVE
 
 
-@dataclass(frozen=True)
-class Frame:
-    """Orbit frame at the epochs.
+def orbit_frame(position_i, velocity_i):
+    """Rotation (n, 3, 3) from i to the orbit frame: z to nadir, y against the orbit normal, x forward.
 
+    Parameters
+    ----------
+    position_i, velocity_i : (n, 3) m, m s-1
+    """
+    z = -position_i / np.linalg.norm(position_i, axis=1, keepdims=True)
+    y = np.cross(velocity_i, position_i)
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def orbit_rates(time, position_i, velocity_i):
+    """Rate of the orbit frame and its derivative, from the orbit alone.
+
+    Parameters
+    ----------
+    time : (n,) s, gaps allowed
+    position_i, velocity_i : (n, 3) m, m s-1
+
+    Returns
+    -------
+    rate_o, rate_dot_o : (n, 3) rad s-1, rad s-2, of o with respect to i
+    """
+    since = time - time[0]
+    every = max(1, int(NODE_STEP / np.median(np.diff(time))))
+    kept = np.unique(np.append(np.arange(0, time.size, every), time.size - 1))
+    path = CubicHermiteSpline(since[kept], position_i[kept], velocity_i[kept])
+    speed = CubicSpline(since[kept], velocity_i[kept])
+    nodes = np.linspace(0, since[-1], max(8, int(np.ceil(since[-1] / NODE_STEP)) + 1))
+    q = frames.quaternion_from_R_bi(orbit_frame(path(nodes), speed(nodes)))
+    rates = kinematics.rates_from_attitude(nodes, frames.continuous(q), half_width=3, degree=6)
+    return tuple(CubicSpline(nodes, rate)(since) for rate in rates)
+
+
+def angles(quaternion, R_oi):
+    """Angles (n, 3) rad from the orbit frame to the body, R_bo = R1(roll) R2(pitch) R3(yaw).
+
+    Parameters
+    ----------
+    quaternion : (n, 4) scalar first, b to i
     R_oi : (n, 3, 3)
-    rates_o : (rate_o, rate_dot_o), each (n, 3) rad s-1, rad s-2
     """
+    R = frames.R_bi_from_quaternion(quaternion) @ np.swapaxes(R_oi, -1, -2)
+    roll, pitch = np.arctan2(R[:, 1, 2], R[:, 2, 2]), -np.arcsin(np.clip(R[:, 0, 2], -1, 1))
+    return np.stack([roll, pitch, np.arctan2(R[:, 0, 1], R[:, 0, 0])], axis=1)
 
-    R_oi: np.ndarray
-    rates_o: tuple
+
+def R_bo(angle):
+    """Rotation (n, 3, 3) from orbit to body components of angles (n, 3) rad."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angle.T), np.sin(angle.T)
+    rows = [
+        [cy * cz, cy * sz, -sy],
+        [sx * sy * cz - cx * sz, sx * sy * sz + cx * cz, sx * cy],
+        [cx * sy * cz + sx * sz, cx * sy * sz - sx * cz, cx * cy],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def axes(angle):
+    """Axes (n, 3, 3) in b, as columns, about which the three angles (n, 3) rad turn."""
+    cx, sx, cy, sy = np.cos(angle[:, 0]), np.sin(angle[:, 0]), np.cos(angle[:, 1]), np.sin(angle[:, 1])
+    one, zero = np.ones_like(cx), np.zeros_like(cx)
+    rows = [[one, zero, -sy], [zero, cx, sx * cy], [zero, -sx, cx * cy]]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def body_rates(angle, angle_dot, angle_ddot, rate_o, rate_dot_o):
+    """Rate and angular acceleration of the body with respect to inertial space.
+
+    Parameters
+    ----------
+    angle, angle_dot, angle_ddot : (n, 3) rad, rad s-1, rad s-2
+    rate_o, rate_dot_o : (n, 3) rad s-1, rad s-2, of the orbit frame
+
+    Returns
+    -------
+    rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2
+
+    Notes
+    -----
+    w = E phi' + R_bo w_o; w' = E phi'' + E' phi' - (E phi') x (R_bo w_o) + R_bo w_o'.
+    """
+    E, R = axes(angle), R_bo(angle)
+    carried = np.matvec(R, rate_o)
+    relative = np.matvec(E, angle_dot)
+    first = np.zeros_like(angle)
+    first[:, 0] = angle_dot[:, 0]
+    second = first + E[:, :, 1] * angle_dot[:, 1:2]
+    axes_dot = -np.cross(first, E[:, :, 1]) * angle_dot[:, 1:2] - np.cross(second, E[:, :, 2]) * angle_dot[:, 2:3]
+    rate_dot = np.matvec(E, angle_ddot) + axes_dot - np.cross(relative, carried) + np.matvec(R, rate_dot_o)
+    return relative + carried, rate_dot
 
 
 @dataclass(frozen=True)
-class Measured:
-    """What is seen of the attitude.
+class Basis:
+    """Splines of degree five with even knots, at the epochs.
 
-    time : (n,) s
-    quaternion : (n, 4), NaN where not usable
-    angular_b : (n, 3) rad s-2, test mass relative to satellite, NaN where not usable
-    angle_sigma : (3,) rad, of each attitude
-    angular_sigma : (n, 3) rad s-2, of each sample
+    values : (3, n, 6) active splines and their first and second derivatives
+    start : (n,) index of the first active spline
+    order : (n,) number of an epoch within its knot interval
+    count : number of splines
     """
 
-    time: np.ndarray
-    quaternion: np.ndarray
-    angular_b: np.ndarray
-    angle_sigma: np.ndarray
-    angular_sigma: np.ndarray
+    values: np.ndarray
+    start: np.ndarray
+    order: np.ndarray
+    count: int
+
+
+def basis(time, knot_step):
+    """Basis of the epochs (n,) s with knots every `knot_step` s."""
+    pieces = max(1, int(np.ceil((time[-1] - time[0]) / knot_step)))
+    unit = (time - time[0]) / (time[-1] - time[0]) * pieces
+    start = np.minimum(unit.astype(int), pieces - 1)
+    step = (time[-1] - time[0]) / pieces
+    shape = BSpline.basis_element(np.arange(DEGREE + 2), extrapolate=False)
+    at = (unit - start)[:, None] + np.arange(DEGREE, -1, -1)
+    values = [np.nan_to_num(shape.derivative(k)(at) if k else shape(at)) / step**k for k in range(3)]
+    order = np.arange(time.size) - np.searchsorted(start, start)
+    return Basis(np.array(values), start, order, pieces + DEGREE)
+
+
+def _by_interval(table, rows):
+    """Rows (n, ...) of the epochs put by knot interval, (pieces, most epochs in one, ...), zero where there is none."""
+    placed = np.zeros((table.count - DEGREE, table.order.max() + 1, *rows.shape[1:]))
+    placed[table.start, table.order] = rows
+    return placed
+
+
+def _design(operator, table):
+    """Derivative (pieces, epochs, 3, 18) of observed vectors by the active splines of their knot interval."""
+    by_spline = np.einsum("ndri,dnj->nrji", operator, table.values)
+    return _by_interval(table, by_spline.reshape(len(operator), 3, WIDTH))
+
+
+def normal(blocks, table):
+    """Banded normal matrix and right side.
+
+    Parameters
+    ----------
+    blocks : list of (operator (n, 3, 3, 3), residual (n, 3)), divided by their standard deviations; operator[:, d] is
+        the derivative of the observed vector by the d-th derivative of the angles
+    table : Basis
+
+    Returns
+    -------
+    band : (18, 3 count) lower band
+    right : (3 count,)
+    """
+    band, right = np.zeros((WIDTH, 3 * table.count)), np.zeros(3 * table.count)
+    last = 3 * (table.count - ACTIVE) + 1
+    for operator, residual in blocks:
+        rows = _design(operator, table).reshape(table.count - DEGREE, -1, WIDTH)
+        squares = np.swapaxes(rows, 1, 2) @ rows
+        products = np.einsum("pki,pk->pi", rows, _by_interval(table, residual).reshape(len(rows), -1))
+        for i in range(WIDTH):
+            right[i : i + last : 3] += products[:, i]
+            for j in range(i + 1):
+                band[i - j, j : j + last : 3] += squares[:, i, j]
+    return band, right
+
+
+def solve(band, right):
+    """Solution (m,) of the banded system, band (18, m), right (m,)."""
+    if not np.isfinite(right).all():
+        raise np.linalg.LinAlgError("readings of infinite size")
+    return cho_solve_banded((cholesky_banded(band, lower=True, check_finite=False), True), right, check_finite=False)
+
+
+def band_covariance(band):
+    """Inverse of the normal matrix inside its band.
+
+    Parameters
+    ----------
+    band : (18, 3 count) lower band
+
+    Returns
+    -------
+    diagonal, upper : (b, 18, 18) blocks of the inverse on the diagonal, and right of it
+
+    Notes
+    -----
+    Blocks of six splines make the matrix block-tridiagonal; Z_kk = D_k^-1 + U_k Z_(k+1)(k+1) U_k^T with
+    D_k the Schur complements and U_k = D_k^-1 A_k(k+1).
+    """
+    size = band.shape[1]
+    count = -(-size // WIDTH)
+    padded = np.zeros((WIDTH, (count + 1) * WIDTH))
+    padded[:, :size] = band
+    padded[0, size:] = 1.0  # the last block is filled up with ones
+    i, j = np.arange(WIDTH)[:, None], np.arange(WIDTH)[None, :]
+    origin = WIDTH * np.arange(count)[:, None, None]
+    lower = np.where(i >= j, padded[np.abs(i - j), origin + np.minimum(i, j)], 0)
+    A = lower + np.swapaxes(np.tril(lower, -1), 1, 2)
+    offset = WIDTH + j - i
+    B = np.where(offset < WIDTH, padded[np.minimum(offset, WIDTH - 1), origin + i], 0)[: count - 1]
+    inverse, right, upper = np.empty_like(A), np.empty_like(B), np.zeros_like(A)
+    schur = A[0]
+    for k in range(count):
+        inverse[k] = np.linalg.inv(schur)
+        if k + 1 < count:
+            right[k] = inverse[k] @ B[k]
+            schur = A[k + 1] - B[k].T @ right[k]
+    for k in range(count - 2, -1, -1):
+        upper[k] = -right[k] @ inverse[k + 1]
+        inverse[k] = inverse[k] - upper[k] @ right[k].T
+    return inverse, upper
+
+
+def propagate(operator, table, covariance):
+    """Covariance (n, 3, 3) of linear functions of the angles and their derivatives at each epoch.
+
+    Parameters
+    ----------
+    operator : (n, 3, 3, 3), as for normal
+    table : Basis
+    covariance : (diagonal, upper), band_covariance
+    """
+    diagonal, upper = covariance
+    unknown = 3 * np.arange(table.count - DEGREE)[:, None] + np.arange(WIDTH)
+    row = np.minimum(unknown[:, :, None], unknown[:, None, :])
+    column = np.maximum(unknown[:, :, None], unknown[:, None, :])
+    at = (row // WIDTH, row % WIDTH, column % WIDTH)
+    C = np.where(row // WIDTH == column // WIDTH, diagonal[at], upper[at])
+    rows = _design(operator, table)
+    half = rows.reshape(len(rows), -1, WIDTH) @ C
+    return (half.reshape(rows.shape) @ np.swapaxes(rows, -1, -2))[table.start, table.order]
 
 
 @dataclass(frozen=True)
@@ -62,21 +273,29 @@ class Attitude:
     rate_b: np.ndarray
     rate_dot_b: np.ndarray
     operators: tuple
-    table: spline.Basis
+    table: Basis
     covariance: tuple
     chi2: float
     dof: int
 
+    def covariance_of(self, by_angle, by_rate, by_rate_dot):
+        """Covariance (n, 3, 3) of what changes so (n, 3, 3) with small rotation in b, rate and its derivative."""
+        parts = zip((by_angle, by_rate, by_rate_dot), self.operators, strict=True)
+        return propagate(sum(by[:, None] @ operator for by, operator in parts), self.table, self.covariance)
 
-def smooth(measured, frame, knot_step, free_test_mass):
+
+def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, angular_sigma, knot_step):
     """Least squares for the angles as splines, from attitudes and angular accelerations.
 
     Parameters
     ----------
-    measured : Measured
-    frame : Frame
-    knot_step : s, distance of the knots of splines of degree five
+    time : (n,) s
+    quaternion : (n, 4), b to i, NaN where not usable
+    angular_b : (n, 3) rad s-2, test mass relative to satellite, NaN where not usable
+    orbit : R_oi (n, 3, 3), rate_o and rate_dot_o (n, 3) rad s-1, rad s-2
     free_test_mass : callable, (R_bi, rate_b) -> (n, 3) rad s-2, angular acceleration of the free test mass
+    angle_sigma, angular_sigma : (3,) rad of each attitude, rad s-2 of each sample
+    knot_step : s, distance of the knots
 
     Returns
     -------
@@ -86,74 +305,51 @@ def smooth(measured, frame, knot_step, free_test_mass):
     -----
     al_TM/B = al_TM - w_B'; equations.md, section 8.5. The rates come out consistent with the attitude.
     """
-    table = spline.basis(measured.time, knot_step)
-    seen = pointing.angles(_filled(measured.quaternion), frame.R_oi)
-    coefficients = np.zeros((table.count, 3))
-    for _ in range(ITERATIONS):
-        state = _state(table, coefficients, frame)
-        residuals = _residuals(measured, seen, state, free_test_mass)
-        operators = _operators(state, frame)
-        blocks = _weighted(measured, operators, residuals)
-        band, right = spline.normal(blocks, table)
-        band[0] += 1 / ANGLE_PRIOR**2
-        step = spline.solve(band, right - coefficients.ravel() / ANGLE_PRIOR**2)
-        coefficients = coefficients + step.reshape(-1, 3)
-    state = _state(table, coefficients, frame)
-    blocks = _weighted(measured, operators, _residuals(measured, seen, state, free_test_mass))
-    chi2, dof = _adequacy(blocks, table.count)
-    return Attitude(*state[:2], *state[3:], operators, table, spline.band_covariance(band), chi2, dof)
-
-
-def _filled(quaternion):
-    """Unit quaternions, the identity where not usable."""
-    good = np.isfinite(quaternion).all(axis=1)
-    if good.sum() < 10:
+    table = basis(time, knot_step)
+    R_oi, *rates_o = orbit
+    usable = np.isfinite(quaternion).all(axis=1)
+    if usable.sum() < 10:
         raise EstimationError(
-            f"star camera: found {good.sum()} usable attitudes, expected at least 10. Check the file."
+            f"star camera: found {usable.sum()} usable attitudes, expected at least 10. Check the file."
         )
-    unit = np.where(good[:, None], quaternion, [1.0, 0, 0, 0])
-    return unit / np.linalg.norm(unit, axis=1, keepdims=True)
+    unit = np.where(usable[:, None], quaternion, [1.0, 0, 0, 0])
+    measured = angles(unit / np.linalg.norm(unit, axis=1, keepdims=True), R_oi)
+    coefficients = np.zeros((table.count, 3))
+    for iteration in range(ITERATIONS + 1):
+        active = coefficients[table.start[:, None] + np.arange(ACTIVE)]
+        angle, angle_dot, angle_ddot = np.einsum("dnk,nki->dni", table.values, active)
+        rate_b, rate_dot_b = body_rates(angle, angle_dot, angle_ddot, *rates_o)
+        R_bi = R_bo(angle) @ R_oi
+        angle_residual = (measured - angle + np.pi) % (2 * np.pi) - np.pi
+        angle_residual[~usable] = np.nan
+        angular_residual = angular_b - (free_test_mass(R_bi, rate_b) - rate_dot_b)
+        if iteration < ITERATIONS:  # the derivatives of the last step hold for its result
+            operators = _operators(angle, rates_o)
+        by_angle = np.zeros_like(operators[0])
+        by_angle[:, 0] = np.eye(3)
+        blocks = [_whitened(by_angle, angle_residual, angle_sigma)]
+        blocks.append(_whitened(-operators[2], angular_residual, angular_sigma))
+        if iteration < ITERATIONS:
+            band, right = normal(blocks, table)
+            band[0] += 1 / ANGLE_PRIOR**2
+            step = solve(band, right - coefficients.ravel() / ANGLE_PRIOR**2)
+            coefficients = coefficients + step.reshape(-1, 3)
+    chi2 = sum(float(np.sum(residual**2)) for _, residual in blocks)
+    rows = sum(int(np.count_nonzero(np.any(operator != 0, axis=(1, 3)))) for operator, _ in blocks)
+    smoothed = (angle, angle_dot, R_bi, rate_b, rate_dot_b)
+    return Attitude(*smoothed, operators, table, band_covariance(band), chi2, rows - 3 * table.count)
 
 
-def _state(table, coefficients, frame):
-    """Angles, their rates, R_bi, rate and angular acceleration of the body."""
-    active = coefficients[table.start[:, None] + np.arange(spline.ACTIVE)]
-    angle, dot, ddot = (np.einsum("nk,nki->ni", part, active) for part in (table.value, table.first, table.second))
-    rate, rate_dot = pointing.body_rates(angle, dot, ddot, frame.rates_o)
-    return angle, dot, ddot, pointing.R_bo(angle) @ frame.R_oi, rate, rate_dot
-
-
-def _residuals(measured, seen, state, free_test_mass):
-    """Angles and angular accelerations, measured minus modelled, zero where not usable."""
-    difference = seen - state[0]
-    difference = (difference + np.pi) % (2 * np.pi) - np.pi
-    difference[~np.isfinite(measured.quaternion).all(axis=1)] = np.nan
-    return difference, measured.angular_b - (free_test_mass(state[3], state[4]) - state[5])
-
-
-def _operators(state, frame):
+def _operators(angle, rates_o):
     """Derivative of small rotation, rate and angular acceleration by the angles and their derivatives."""
-    E, R = pointing.axes(state[0]), pointing.R_bo(state[0])
-    w, wd = (cross_matrix(np.matvec(R, part)) @ E for part in frame.rates_o)
-    nought = np.zeros_like(E)
-    parts = ((E, nought, nought), (w, E, nought), (wd, w, E))
+    E, R = axes(angle), R_bo(angle)
+    w, wd = (cross_matrix(np.matvec(R, part)) @ E for part in rates_o)
+    zero = np.zeros_like(E)
+    parts = ((E, zero, zero), (w, E, zero), (wd, w, E))
     return tuple(np.stack(part, axis=1) for part in parts)
 
 
-def _weighted(measured, operators, residuals):
-    """Observation blocks over their standard deviations, zero where not usable."""
-    by_angle = np.zeros_like(operators[0])
-    by_angle[:, 0] = np.eye(3)
-    sigmas = (measured.angle_sigma, measured.angular_sigma)
-    blocks = []
-    for operator, residual, sigma in zip((by_angle, -operators[2]), residuals, sigmas, strict=True):
-        weight = np.where(np.isfinite(residual), 1 / np.broadcast_to(sigma, residual.shape), 0.0)
-        blocks.append((operator * weight[:, None, :, None], np.nan_to_num(residual) * weight))
-    return blocks
-
-
-def _adequacy(blocks, splines):
-    """Chi-square of all observations and its degrees of freedom."""
-    chi2 = sum(float(np.sum(residual**2)) for _, residual in blocks)
-    count = sum(int(np.count_nonzero(np.any(operator != 0, axis=(1, 3)))) for operator, _ in blocks)
-    return chi2, count - 3 * splines
+def _whitened(operator, residual, sigma):
+    """Observations over their standard deviations, zero where not usable."""
+    weight = np.where(np.isfinite(residual), 1 / sigma, 0.0)
+    return operator * weight[:, None, :, None], np.nan_to_num(residual) * weight

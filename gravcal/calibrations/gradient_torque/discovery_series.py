@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.gradient_torque import laws, pointing
-from gravcal.calibrations.gradient_torque.gradient import bridged, cube_side
+from gravcal.calibrations.gradient_torque import attitude as smoothing
+from gravcal.calibrations.gradient_torque import laws
+from gravcal.calibrations.gradient_torque.gradient import orbit
 from gravcal.effects import Context
 from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, sensing
 
@@ -44,9 +45,8 @@ def attitude(modelled: xr.Dataset, observed: xr.Dataset, gap_limit_s: float) -> 
     modelled, observed : Dataset, "gradient_torque.gradient", "ingest"
     gap_limit_s : s, of the orbit
     """
-    time = observed["time"].values
-    position, velocity = (bridged(time, observed[name].values, gap_limit_s) for name in ("position", "velocity"))
-    return pointing.R_bo(modelled["angle"].values[METHOD]) @ pointing.orbit_frame(position, velocity), position
+    position, velocity = orbit(observed, gap_limit_s)
+    return smoothing.R_bo(modelled["angle"].values[METHOD]) @ smoothing.orbit_frame(position, velocity), position
 
 
 def tesseral(time: np.ndarray, R_bi: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -99,7 +99,7 @@ def angular(about: Context, modelled: xr.Dataset, satellite: dict, elongation: f
     modelled : Dataset, "gradient_torque.gradient"
     satellite : test_mass, test_mass_inertia; elongation : 1, of the test masses
     """
-    inertia = laws.box_inertia(satellite["test_mass"], cube_side(satellite), elongation)
+    inertia = laws.box_inertia(satellite, elongation)
     free = laws.free_mass_angular_acceleration(inertia, about.gradient_b, about.rate_b)
     return modelled["angular_b"].values.mean(axis=1) - (free - about.rate_dot_b)
 

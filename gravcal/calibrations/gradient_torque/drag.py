@@ -1,20 +1,24 @@
-"""Stage drag: non-gravitational acceleration from two sensors, from one as printed, and from one as it should be."""
+"""Stages drag and combine: drag from two sensors, from one as printed and as it should be; what tells them apart."""
 
 from __future__ import annotations
 
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
+from gravcal.calibrations.building import build, replaced
 from gravcal.calibrations.gradient_torque import laws
-from gravcal.calibrations.gradient_torque.gradient import METHODS, cube_side
-from gravcal.calibrations.gradient_torque.schemas import DRAG
-from gravcal.calibrations.gradient_torque.torque_balance import balance
+from gravcal.calibrations.gradient_torque.gradient import METHODS, amplitude_spectrum
+from gravcal.calibrations.gradient_torque.schemas import COMBINE, DRAG
+from gravcal.calibrations.model_error import widened
 from gravcal.errors import EstimationError
+from gravcal.estimation import least_squares, noise
+from gravcal.physics.dynamics import gravity_gradient_torque
+from gravcal.physics.frames import cross_matrix
 from gravcal.physics.sensing import offset_tensor
 
 VARIANTS = ("two_sensor", "one_sensor_published", "one_sensor")
 SOURCES = ("sensor noise", "attitude and rates", "gravity prior", "places")
+ROUNDS = 3  # noise model and solution in turn
 
 
 def drag(
@@ -55,77 +59,71 @@ def drag(
     `torque_gain`.
     """
     method = variant.removesuffix(".clean")
-    place, reading, count = used(modelled, method, single_sensor)
-    tensor = _tensor(modelled, "two_sensor" if method == "two_sensor" else "one_sensor")
-    parts = _covariances(modelled, (place, tensor, count, gravity_sigma_scale), satellite)
+    sensors = [0, 1] if method == "two_sensor" else [single_sensor - 1]
+    if modelled.sizes["sensor"] < len(sensors):
+        raise EstimationError("two_sensor: found one sensor in the file, expected two. Use the one-sensor method.")
+    motion = METHODS.index("two_sensor" if method == "two_sensor" else "one_sensor")
+    linear, places = modelled["linear_b"].values[:, sensors], modelled["sensor_position_b"].values[sensors]
+    place, reading = places.mean(axis=0), linear.mean(axis=1)
+    rates = (modelled[name].values[motion] for name in ("rate_b", "rate_dot_b"))
+    tensor = offset_tensor(*rates, modelled["gradient_b"].values)
+    step = float(np.median(np.diff(modelled["time"].values)))
+    white = np.diag(np.array(satellite["linear_noise_density"]) ** 2) / (2 * step * len(sensors))
+    by_motion = modelled["motion_covariance"].values[motion]
+    variance = gravity_sigma_scale**2 * modelled["gradient_variance"].values
+    by_gravity = gravity_covariance(variance, modelled["up_b"].values, place)
+    by_place = np.diag(np.sum(np.array(satellite["sensor_position_sigma"])[: len(sensors)] ** 2, axis=0))
+    by_place = tensor @ (by_place / len(sensors) ** 2) @ np.swapaxes(tensor, 1, 2)
+    parts = [np.broadcast_to(white, by_motion.shape), by_motion, by_gravity, by_place]
     if method == "one_sensor_published":
-        values = _published(modelled, (place, reading), (single_sensor, elongation, satellite))
         parts = parts[:1] + [0 * part for part in parts[1:]]
+        angular = modelled["angular_b"].values[:, single_sensor - 1]
+        drag_b = _published(reading, angular, place, laws.box_inertia(satellite, elongation), satellite)
     else:
-        values = {"drag_b": laws.drag_from_one(reading, tensor, place)}
+        drag_b = laws.drag_from(linear, tensor, places)
     held = sum(parts[:3])
-    values |= {
+    values = {
         "time": modelled["time"].values,
+        "drag_b": drag_b,
         "bare_b": -reading,
         "covariance": held,
         "covariance_total": held + parts[3],
         "budget": np.stack([np.sqrt(np.mean(np.diagonal(part, axis1=1, axis2=2), axis=0)) for part in parts]),
     }
     if method == "one_sensor" and control_hz > 0:
-        choices = (torque_step_s, torque_noise_order, control_hz, control_damping)
-        values |= balance(modelled, values, choices, satellite, place)
+        torque = uncontrolled_torque(
+            modelled, "one_sensor", np.array(satellite["inertia"]), control_hz, control_damping
+        )
+        width = max(1, round(torque_step_s / step))
+        value, covariance, rest = balance(
+            torque, drag_b, place, satellite, width=width, step=torque_step_s, order=torque_noise_order
+        )
+        rows = cross_matrix(value * satellite["mass"]) / np.maximum(rest, 1e-30)[:, None]
+        gain = np.linalg.eigvals(held[len(held) // 2] @ rows.T @ rows).real.max()  # with the rest as white noise
+        values |= {"pressure": value, "pressure_covariance": covariance, "torque_residual": rest, "torque_gain": gain}
+        values["pressure_prior_sigma"] = np.array(satellite["centre_of_pressure_sigma"])
     return build(DRAG, values, title=f"Drag, {variant}", sources=", ".join(SOURCES))
 
 
-def used(modelled, method, single_sensor):
-    """Place, reading and number of the sensors that a method uses; two are one in the middle.
-
-    Parameters
-    ----------
-    modelled : Dataset, "gradient_torque.gradient"
-    method : one of VARIANTS
-    single_sensor : 1 or 2
-    """
-    linear, places = modelled["linear_b"].values, modelled["sensor_position_b"].values
-    if method == "two_sensor":
-        if len(places) < 2:
-            raise EstimationError("two_sensor: found one sensor in the file, expected two. Use the one-sensor method.")
-        return places.mean(axis=0), linear.mean(axis=1), 2
-    return places[single_sensor - 1], linear[:, single_sensor - 1], 1
+def _published(reading, angular, place, test_mass_inertia, satellite):
+    """The printed algorithm, with the catalogue's centre of pressure."""
+    if np.any(np.abs(place) < 1e-9):
+        raise EstimationError(
+            f"one_sensor_published: found sensor_position {place.tolist()} m, expected no zero component: the printed "
+            f"H = -I (1/Dx, 1/Dy, 1/Dz) divides by each. Use the one-sensor method."
+        )
+    body = satellite["inertia"], test_mass_inertia, satellite["mass"], satellite["centre_of_pressure"]
+    return laws.printed_drag(reading, angular, *laws.printed_vectors(*body, place))[0]
 
 
-def _tensor(modelled, method):
-    """T = M - G with the rates of a method."""
-    index = METHODS.index(method)
-    rates = (modelled[name].values[index] for name in ("rate_b", "rate_dot_b"))
-    return offset_tensor(*rates, modelled["gradient_b"].values)
-
-
-def _covariances(modelled, use, satellite):
-    """Covariance of the drag from each source, (n, 3, 3) each."""
-    place, tensor, count, scale = use
-    step = float(np.median(np.diff(modelled["time"].values)))
-    white = np.diag(np.array(satellite["linear_noise_density"]) ** 2) / (2 * step * count)
-    motion = modelled["motion_covariance"].values[METHODS.index("two_sensor" if count == 2 else "one_sensor")]
-    variance = scale**2 * modelled["gradient_variance"].values
-    gravity = gravity_covariance(variance, modelled["up_b"].values, place)
-    sigma = np.array(satellite["sensor_position_sigma"])
-    places = np.diag(np.sum(sigma[:count] ** 2, axis=0)) / count**2
-    return [np.broadcast_to(white, motion.shape), motion, gravity, tensor @ places @ np.swapaxes(tensor, 1, 2)]
-
-
-def gravity_covariance(variance, up_b, place):
-    """Covariance of dG r for errors of the field that are alike in all directions.
+def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Covariance (n, 3, 3) m2 s-4 of dG r for errors of the field that are alike in all directions.
 
     Parameters
     ----------
     variance : (3,) s-4, of radial-radial, radial-tangential and tangential shear (gravity_field.error_covariance)
     up_b : (n, 3) unit vectors away from the Earth
     place : (3,) m
-
-    Returns
-    -------
-    covariance : (n, 3, 3) m2 s-4
     """
     rr, rt, tt = variance
     along = (up_b @ place)[:, None, None]
@@ -138,17 +136,195 @@ def gravity_covariance(variance, up_b, place):
     return radial + plane + along * (rt - rr / 2) * (mixed + np.swapaxes(mixed, 1, 2))
 
 
-def _published(modelled, use, choices):
-    """The printed algorithm, with the catalogue's centre of pressure."""
-    place, reading = use
-    single_sensor, elongation, satellite = choices
-    if np.any(np.abs(place) < 1e-9):
+def uncontrolled_torque(
+    modelled: xr.Dataset, method: str, inertia: np.ndarray, control_hz: float, damping: float
+) -> np.ndarray:
+    """Torque (n, 3) N m that gravity gradient and control leave.
+
+    Parameters
+    ----------
+    modelled : Dataset, "gradient_torque.gradient"
+    method : of METHODS, whose motion is taken
+    inertia : (3, 3) kg m2
+    control_hz, damping : Hz, 1, law of the attitude control
+
+    Notes
+    -----
+    I_B w' + w x I_B w - vex(I_B G - G I_B) = x_cp x m a_drag + control + rest; S-GRS paper, eq. 12 with the bracket
+    where it belongs (erratum S-4). Control is -I_B (W^2 angle + 2 D W angle'): angles are fed back, so gains fitted to
+    them would be biased by the rest, which the angles follow.
+    """
+    W, use = 2 * np.pi * control_hz, METHODS.index(method)
+    angle, angle_dot, w, wd = (modelled[name].values[use] for name in ("angle", "angle_dot", "rate_b", "rate_dot_b"))
+    fed_back = np.matvec(inertia, W**2 * angle + 2 * damping * W * angle_dot)
+    gradient = gravity_gradient_torque(inertia, modelled["gradient_b"].values)
+    return np.matvec(inertia, wd) + np.cross(w, np.matvec(inertia, w)) - gradient + fed_back
+
+
+def balance(torque, drag_b, place, satellite, *, width, step, order):
+    """Centre of pressure from the torque balance.
+
+    Parameters
+    ----------
+    torque, drag_b : (n, 3) N m, m s-2, uncontrolled_torque and the drag
+    place : (3,) m, of the test mass whose readings gave drag and angular acceleration
+    satellite : inertia, mass, centre_of_pressure with sigma, angular_noise_density
+    width, step : samples and s of a mean; noise of the regressor must stay far below its signal
+    order : of the noise model
+
+    Returns
+    -------
+    pressure : (3,) m; its covariance (3, 3) m2; rest : (3,) N m, rms of the torque that is left
+
+    Notes
+    -----
+    The rest is coloured noise, measured on the residual, beside an unknown constant torque. An error d of the angular
+    acceleration changes the drag by r x d and the torque by I_B d; what both have in common is taken off the normal
+    equations, or least squares would be biased.
+    """
+    inertia, mass = np.array(satellite["inertia"]), satellite["mass"]
+    whole = len(torque) // width * width
+    torque, drag_b = (series[:whole].reshape(-1, width, 3).mean(axis=1) for series in (torque, drag_b))
+    prior, prior_sigma = (np.array(satellite[f"centre_of_pressure{tail}"]) for tail in ("", "_sigma"))
+    arm = -mass * cross_matrix(drag_b)
+    angular = np.sqrt(np.array(satellite["angular_noise_density"]) ** 2 / (2 * step))
+    arm_error = np.stack([-mass * cross_matrix(column) for column in (cross_matrix(np.asarray(place)) * angular).T])
+    torque_error = (inertia * angular).T
+    valid = np.isfinite(torque).all(axis=1) & np.isfinite(arm).all(axis=(1, 2))
+    impulse = np.zeros((101, 1))
+    impulse[50] = 1.0
+    value = prior
+    columns = [np.column_stack([torque[:, k], arm[:, k], np.ones(len(torque))]) for k in range(3)]
+    models = [noise.NoiseModel(np.zeros(0), np.array([max(np.var(torque[:, k]), 1e-30)]), step) for k in range(3)]
+    for _ in range(ROUNDS):
+        normal, right = np.diag(1 / prior_sigma**2), prior / prior_sigma**2
+        common = np.einsum("jki,jk->ki", arm_error, torque_error - arm_error @ value)
+        whitened = []
+        for k in range(3):
+            white = noise.whiten(models[k], columns[k], valid)
+            y, A, N = white[:, 0], white[:, 1:4], white[:, 4:]
+            reduced, y_reduced = least_squares.without(N, A), least_squares.without(N, y)
+            power = float(np.sum(noise.whiten(models[k], impulse, np.ones(101, dtype=bool)) ** 2))
+            biased = np.count_nonzero(valid) * power * common[k]
+            normal, right = normal + reduced.T @ reduced, right + reduced.T @ y_reduced - biased
+            whitened.append((y, A, N))
+        value = np.linalg.solve(normal, right)
+        constant = [np.linalg.lstsq(N, y - A @ value, rcond=None)[0] for y, A, N in whitened]
+        left = np.stack([torque[:, k] - columns[k][:, 1:] @ np.append(value, constant[k]) for k in range(3)], axis=1)
+        left[~valid] = np.nan
+        models = [noise.fit_noise([left[:, k]], order, step, removed=2) for k in range(3)]
+    return value, np.linalg.inv(normal), np.sqrt(np.nanmean(left**2, axis=0))
+
+
+def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Drag with covariances that hold the errors of the effects that were taken out of the readings before.
+
+    Parameters
+    ----------
+    found : Dataset, "gradient_torque.drag"
+    moved : Dataset, "gradient_torque.drag", one for each direction of the model's errors
+
+    Returns
+    -------
+    found : Dataset, "gradient_torque.drag"
+    """
+    held = {"drag_b": ("covariance", "covariance_total"), "pressure": ("pressure_covariance",)}
+    return replaced(found, widened(found, moved, {name: held[name] for name in held if name in found}))
+
+
+def combine(
+    *products: xr.Dataset,
+    methods: tuple,
+    identifiability_epochs: int,
+    identifiability_step_s: float,
+    single_sensor: int,
+    elongation: float,
+    satellite: dict,
+) -> xr.Dataset:
+    """Errors, spectra and identifiability of all methods in one product.
+
+    Parameters
+    ----------
+    products : Dataset, "gradient_torque.gradient", then "gradient_torque.drag" of each of `methods`, then, if there is
+        one, "gradient_torque.truth" and the drags from readings without noise in the order of `methods`
+    methods : names
+    identifiability_epochs, identifiability_step_s : size of the joint system shown
+    single_sensor, elongation, satellite : as for the other stages
+
+    Returns
+    -------
+    combined : Dataset, "gradient_torque.combine"
+    """
+    modelled, drags, rest = products[0], products[1 : 1 + len(methods)], products[1 + len(methods) :]
+    truth = rest[0]["drag_b"].values if rest else np.full(drags[0]["drag_b"].shape, np.nan)
+    if rest and not np.array_equal(rest[0]["time"].values, drags[0]["time"].values):
         raise EstimationError(
-            f"one_sensor_published: found sensor_position {place.tolist()} m, expected no zero component: the printed "
-            f"H = -I (1/Dx, 1/Dy, 1/Dz) divides by each. Use the one-sensor method."
+            f"truth: found {len(truth)} epochs, expected the {drags[0].sizes['time']} of the readings. "
+            f"Give the truth of this record.",
         )
-    test_mass = laws.box_inertia(satellite["test_mass"], cube_side(satellite), elongation)
-    h, q_d = laws.printed_vectors(
-        satellite["inertia"], test_mass, satellite["mass"], satellite["centre_of_pressure"], place
+    step = float(np.median(np.diff(modelled["time"].values)))
+    error = np.stack([one["drag_b"].values - truth for one in drags])
+    clean = np.stack([one["drag_b"].values - truth for one in rest[1:]]) if rest[1:] else np.full_like(error, np.nan)
+    bare = np.stack([one["bare_b"].values - one["drag_b"].values for one in drags])
+    held, total = (
+        np.stack([np.diagonal(one[name].values, axis1=1, axis2=2) for one in drags])
+        for name in ("covariance", "covariance_total")
     )
-    return {"drag_b": laws.printed_drag(reading, modelled["angular_b"].values[:, single_sensor - 1], h, q_d)[0]}
+    values = {
+        "method": np.array(methods),
+        "error_rms": _rms(error),
+        "error_rms_axis": _rms(error, axis=1),
+        "clean_error_rms": _rms(clean),
+        "bare_error_rms": _rms(bare + error),
+        "correction_rms": _rms(bare),
+        "sigma_rms": np.sqrt(held.mean(axis=(1, 2))),
+        "sigma_total_rms": np.sqrt(total.mean(axis=(1, 2))),
+        "error_over_sigma": _rms(error / np.sqrt(held)),
+    }
+    values["frequency"], drag_amplitude = amplitude_spectrum(drags[0]["drag_b"].values, step)
+    values["drag_amplitude"] = drag_amplitude.T
+    for name, series in (("error", error), ("clean_error", clean), ("bare", bare)):
+        values[f"{name}_amplitude"] = np.moveaxis(amplitude_spectrum(series, step)[1], 1, 2)
+    place, pressure = modelled["sensor_position_b"].values[single_sensor - 1], np.array(satellite["centre_of_pressure"])
+    test_mass = laws.box_inertia(satellite, elongation)
+    sensor = laws.Sensor(np.array(satellite["inertia"]), test_mass, satellite["mass"], place, pressure)
+    shifted = np.where(np.abs(place) < 1e-9, 1e-3, place)  # the printed form cannot have zeros
+    vectors = laws.printed_vectors(sensor.inertia, test_mass, sensor.mass, pressure, shifted)
+    values["single_rank"], values["null_space"] = laws.single_epoch(sensor)
+    values["printed_rank"], values["printed_null"] = laws.printed_pair(*vectors)
+    one_sensor = drags[list(methods).index("one_sensor")]
+    steps = laws.joint(sensor, _arc(modelled, one_sensor, identifiability_epochs, identifiability_step_s, satellite))
+    known, ranks, sizes, sigmas = zip(*steps, strict=True)
+    values |= {"step": np.array(known), "step_rank": ranks, "step_unknowns": sizes, "step_sigma": sigmas}
+    return build(COMBINE, values | {"unknown": np.array(laws.UNKNOWNS)}, title="Drag by all methods")
+
+
+def _rms(values, axis=(1, 2)):
+    """Root mean square of what is there, NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0) ** 2
+    return np.sqrt(np.where(count > 0, total.sum(axis=axis), np.nan) / np.maximum(count, 1))
+
+
+def _arc(modelled, found, epochs, spacing, satellite):
+    """Motion and standard deviations at a few epochs in the middle of the record."""
+    time, drag_b = modelled["time"].values, found["drag_b"].values
+    step = float(np.median(np.diff(time)))
+    every = max(1, min(round(spacing / step), time.size // (2 * epochs)))
+    at = time.size // 4 + every * np.arange(epochs)
+    band = 1 / np.sqrt(2 * step)
+    place = modelled["sensor_position_b"].values[0]
+    spread = np.sqrt(np.mean(np.diagonal(modelled["motion_covariance"].values[0], axis1=1, axis2=2)))
+    sigma = {
+        "linear": np.array(satellite["linear_noise_density"]) * band,
+        "angular": np.array(satellite["angular_noise_density"]) * band,
+        "place": np.array(satellite["sensor_position_sigma"])[0],
+        "gradient": float(np.sqrt(modelled["gradient_variance"].values.max())),
+        "motion": max(spread / np.linalg.norm(place), 1e-13),
+        "pressure": np.array(satellite["centre_of_pressure_sigma"]),
+        "torque": float(found["torque_residual"].values.max()) if "torque_residual" in found else 1e-6,
+    }
+    rates = (modelled[name].values[0][at] for name in ("rate_b", "rate_dot_b"))
+    drag_b = np.where(np.isfinite(drag_b[at]), drag_b[at], np.nanmean(drag_b, axis=0))
+    return laws.Motion(*rates, drag_b, modelled["gradient_b"].values[at], sigma)

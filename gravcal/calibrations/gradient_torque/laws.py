@@ -1,73 +1,51 @@
-"""What the sensors of S-GRS feel: corrected equations (equations.md, section 8.5) and the printed ones (13-16).
+"""What the sensors of S-GRS feel: corrected equations (equations.md, 8.5), the printed ones (13-16), and their rank.
 
 Sign: the files hold the motion of a test mass relative to the satellite, minus what an accelerometer reads.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix, quaternion_product
+from gravcal.physics.sensing import offset_tensor
+
+#: Independent elements of a symmetric tensor without trace; zz is -xx - yy.
+ELEMENTS = np.array(
+    [
+        [[1, 0, 0], [0, 0, 0], [0, 0, -1]],
+        [[0, 0, 0], [0, 1, 0], [0, 0, -1]],
+        [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
+        [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
+        [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
+    ],
+    dtype=float,
+)
+UNKNOWNS = ("G_xx", "G_yy", "G_xy", "G_xz", "G_yz", "drag_x", "drag_y", "drag_z")
+GRADIENT_SCALE, DRAG_SCALE = 1e-6, 1e-7  # s-2, m s-2; unknowns of one size, so that a rank means something
+TOLERANCE = 1e-9  # singular values below this share of the largest count as zero
 
 
-def relative_acceleration(drag_b, tensor_b, com_to_test_mass_b):
-    """Acceleration of a test mass relative to the satellite.
+def drag_from(linear_b, tensor_b, com_to_test_mass_b):
+    """Drag from one sensor or several, whose gravity gradient and motion are modelled.
 
     Parameters
     ----------
+    linear_b : (..., k, 3) m s-2, relative accelerations
+    tensor_b : (..., 3, 3) s-2, T = M - G (sensing.offset_tensor)
+    com_to_test_mass_b : (k, 3) m
+
+    Returns
+    -------
     drag_b : (..., 3) m s-2, non-gravitational acceleration of the CoM
-    tensor_b : (..., 3, 3) s-2, T = M - G of the offset (sensing.offset_tensor)
-    com_to_test_mass_b : (3,) m
-
-    Returns
-    -------
-    linear_b : (..., 3) m s-2
 
     Notes
     -----
-    a_TM/B = (G - M) r - a_drag; S-GRS paper, eqs. 4-6 with the rate terms where they belong (erratum S-2).
+    a_TM/B = (G - M) r - a_drag, so a_drag = -mean(a_k) + (G - M) mean(r_k); S-GRS paper, eqs. 4-6 with the rate terms
+    where they belong (erratum S-2) and eq. 10, which lacks the second term (erratum S-3).
     """
-    return -np.matvec(tensor_b, com_to_test_mass_b) - drag_b
-
-
-def drag_from_one(linear_b, tensor_b, com_to_test_mass_b):
-    """Drag from one sensor whose gravity gradient is modelled.
-
-    Parameters
-    ----------
-    linear_b : (..., 3) m s-2, relative acceleration
-    tensor_b : (..., 3, 3) s-2, T = M - G
-    com_to_test_mass_b : (3,) m
-
-    Returns
-    -------
-    drag_b : (..., 3) m s-2
-
-    Notes
-    -----
-    a_drag = -a_TM/B + (G - M) r; equations.md, section 8.5.
-    """
-    return -linear_b - np.matvec(tensor_b, com_to_test_mass_b)
-
-
-def drag_from_two(linear_b, tensor_b, com_to_test_mass_b):
-    """Drag from two sensors, with the term of their mounting.
-
-    Parameters
-    ----------
-    linear_b : (..., 2, 3) m s-2, relative accelerations
-    tensor_b : (..., 3, 3) s-2, T = M - G
-    com_to_test_mass_b : (2, 3) m
-
-    Returns
-    -------
-    drag_b : (..., 3) m s-2
-
-    Notes
-    -----
-    a_drag = -1/2 sum_k a_k + 1/2 (G - M)(r_1 + r_2); S-GRS paper, eq. 10, which lacks the second term (erratum S-3).
-    """
-    middle = np.mean(com_to_test_mass_b, axis=0)
-    return -np.mean(linear_b, axis=-2) - np.matvec(tensor_b, middle)
+    return -np.mean(linear_b, axis=-2) - np.matvec(tensor_b, np.mean(com_to_test_mass_b, axis=0))
 
 
 def free_mass_angular_acceleration(inertia, gradient_b, rate_b):
@@ -93,39 +71,32 @@ def free_mass_angular_acceleration(inertia, gradient_b, rate_b):
 
 
 def gradient_angular_acceleration(test_mass_inertia, inertia, gradient_b):
-    """Relative angular acceleration of test mass and satellite from the gravity gradient alone.
+    """Relative angular acceleration (..., 3) rad s-2 of test mass and satellite from the gravity gradient alone.
 
     Parameters
     ----------
     test_mass_inertia, inertia : (3, 3) kg m2
     gradient_b : (..., 3, 3) s-2
 
-    Returns
-    -------
-    angular_b : (..., 3) rad s-2
-
     Notes
     -----
     I_TM^-1 vex(I_TM G - G I_TM) - I_B^-1 vex(I_B G - G I_B); S-GRS paper, eqs. 7-9.
     """
-    parts = (np.asarray(J, float) for J in (test_mass_inertia, inertia))
-    test_mass, body = (np.matvec(np.linalg.inv(J), gravity_gradient_torque(J, gradient_b)) for J in parts)
-    return test_mass - body
+    at_rest = np.zeros(3)
+    test_mass = free_mass_angular_acceleration(test_mass_inertia, gradient_b, at_rest)
+    return test_mass - free_mass_angular_acceleration(inertia, gradient_b, at_rest)
 
 
-def box_inertia(mass, side, elongation):
-    """Inertia of a homogeneous box of the volume of a cube, longer along x.
+def box_inertia(satellite, elongation):
+    """Inertia (3, 3) kg m2 of a homogeneous box with the mass and volume of a catalogued cube, longer along x.
 
     Parameters
     ----------
-    mass : kg
-    side : m, of the cube
+    satellite : test_mass kg, test_mass_inertia (3, 3) kg m2
     elongation : 1, length along x over the other two; 1 is the cube
-
-    Returns
-    -------
-    inertia : (3, 3) kg m2
     """
+    mass = satellite["test_mass"]
+    side = np.sqrt(6 * np.trace(np.array(satellite["test_mass_inertia"])) / 3 / mass)
     across = side * elongation ** (-1 / 3)
     x, y, z = np.array([elongation * across, across, across]) ** 2
     return mass / 12 * np.diag([y + z, x + z, x + y])
@@ -178,8 +149,7 @@ def printed_drag(linear_b, angular_b, h, q_d):
 
     Parameters
     ----------
-    linear_b : (n, 3) m s-2
-    angular_b : (n, 3) rad s-2
+    linear_b, angular_b : (n, 3) m s-2, rad s-2
     h, q_d : (3,) m-1, printed_vectors
 
     Returns
@@ -192,18 +162,172 @@ def printed_drag(linear_b, angular_b, h, q_d):
     a = (q_H^-1 q_drag - 1)^-1 [a_TM/B - q_H^-1 al_TM/B]; S-GRS paper, eq. 16 with the other terms zero. A quaternion
     product is not a cross product (erratum S-6).
     """
-    n = len(linear_b)
-    inverse = _inverse(_pure(h))
-    left = quaternion_product(inverse, _pure(q_d)) - np.array([1.0, 0, 0, 0])
-    right = _pure(linear_b) - quaternion_product(np.broadcast_to(inverse, (n, 4)), _pure(angular_b))
-    result = quaternion_product(np.broadcast_to(_inverse(left), (n, 4)), right)
-    return result[:, 1:], result[:, 0]
-
-
-def _pure(vector):
-    v = np.asarray(vector, float)
-    return np.concatenate([np.zeros((*v.shape[:-1], 1)), v], axis=-1)
+    h, q_d, linear, angular = (np.insert(np.asarray(v, float), 0, 0.0, axis=-1) for v in (h, q_d, linear_b, angular_b))
+    inverse = _inverse(h)
+    left = quaternion_product(inverse, q_d) - np.array([1.0, 0, 0, 0])
+    right = linear - quaternion_product(np.broadcast_to(inverse, linear.shape), angular)
+    drag = quaternion_product(np.broadcast_to(_inverse(left), linear.shape), right)
+    return drag[:, 1:], drag[:, 0]
 
 
 def _inverse(quaternion):
     return quaternion * np.array([1.0, -1, -1, -1]) / np.sum(quaternion**2)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One sensor on a satellite.
+
+    inertia, test_mass_inertia : (3, 3) kg m2
+    mass : kg
+    place, pressure : (3,) m, test mass and centre of pressure from the CoM
+    """
+
+    inertia: np.ndarray
+    test_mass_inertia: np.ndarray
+    mass: float
+    place: np.ndarray
+    pressure: np.ndarray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A few epochs and how well they are known.
+
+    rate_b, rate_dot_b, drag_b : (n, 3) rad s-1, rad s-2, m s-2
+    gradient_b : (n, 3, 3) s-2
+    sigma : standard deviations of linear (3,) m s-2 and angular (3,) rad s-2 readings, place (3,) m, gradient s-2,
+        angular acceleration "motion" rad s-2, centre of pressure (3,) m, change of the torque from epoch to epoch N m
+    """
+
+    rate_b: np.ndarray
+    rate_dot_b: np.ndarray
+    drag_b: np.ndarray
+    gradient_b: np.ndarray
+    sigma: dict[str, np.ndarray | float]
+
+
+def single_epoch(sensor):
+    """Rank and null space of six readings for five elements of the tensor and three of the drag.
+
+    Parameters
+    ----------
+    sensor : Sensor
+
+    Returns
+    -------
+    rank : int
+    null_space : (k, 8) combinations of UNKNOWNS in units of 1e-6 s-2 and 1e-7 m s-2 that change no reading
+
+    Notes
+    -----
+    equations.md, erratum S-8: eight unknowns, rank six; the diagonal of the tensor enters no torque.
+    """
+    by_drag = sensor.mass * (np.linalg.inv(sensor.inertia) @ cross_matrix(sensor.pressure)).T
+    by_element = gradient_angular_acceleration(sensor.test_mass_inertia, sensor.inertia, ELEMENTS)
+    linear = np.concatenate([ELEMENTS @ sensor.place, -np.eye(3)]).T
+    angular = np.concatenate([by_element, -by_drag]).T
+    scale = np.array([GRADIENT_SCALE] * 5 + [DRAG_SCALE] * 3)
+    return _rank_and_null(np.concatenate([linear, angular]) * scale)
+
+
+def printed_pair(h, q_d):
+    """Rank and null vector of the printed pair a = Dg - a_drag, al = h x Dg - q_d x a_drag.
+
+    Parameters
+    ----------
+    h, q_d : (3,) m-1, printed_vectors
+
+    Returns
+    -------
+    rank : int
+    null : (6,) unit vector of (Dg, drag); along q_d - h in both halves (erratum S-6)
+    """
+    top = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
+    below = np.concatenate([cross_matrix(h), -cross_matrix(q_d)], axis=1) / np.linalg.norm(h)
+    rank, null = _rank_and_null(np.concatenate([top, below]))
+    return rank, null[0]
+
+
+def joint(sensor, motion):
+    """Rank and errors of several epochs together, with one piece of knowledge after the other.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    motion : Motion
+
+    Returns
+    -------
+    steps : list of (what is known, rank, unknowns, sigma of the drag in the middle (3,), NaN if not determined)
+
+    Notes
+    -----
+    Unknowns of each epoch: drag, five elements of G, angular acceleration, torque beside gradient and drag; of all
+    epochs: centre of pressure and place of the test mass. Equations: reading, angular reading, torque balance.
+    """
+    count, sigma = len(motion.drag_b), motion.sigma
+    size = 14 * count + 6
+
+    def held(start, weights, every_epoch=True):
+        """Rows that hold neighbouring unknowns, of every epoch or those that all share."""
+        unknowns = start + np.arange(len(weights)) + (14 * np.arange(count)[:, None] if every_epoch else 14 * count)
+        rows = np.zeros((unknowns.size, size))
+        rows[np.arange(unknowns.size), unknowns.ravel()] = np.resize(weights, unknowns.size)
+        return rows
+
+    torque = held(11, np.full(3, 1 / sigma["torque"]))
+    knowledge = {
+        "readings and torque balance": _readings(sensor, motion),
+        "place of the test mass": held(3, 1 / np.asarray(sigma["place"]), every_epoch=False),
+        "gravity field": held(3, np.full(5, 1 / sigma["gradient"])),
+        "smooth rotation, star camera": held(8, np.full(3, 1 / sigma["motion"])),
+        "centre of pressure": held(0, 1 / np.asarray(sigma["pressure"]), every_epoch=False),
+        "slow torque": torque[3:] - torque[:-3],
+        "place of the test mass to 1 um": held(3, np.full(3, 1e6), every_epoch=False),
+    }
+    scale = np.concatenate([np.tile([1e-7] * 3 + [1e-6] * 5 + [1e-8] * 3 + [1e-5] * 3, count), [0.1] * 3 + [1e-3] * 3])
+    drag = slice(14 * (count // 2), 14 * (count // 2) + 3)
+    steps, rows = [], np.zeros((0, size))
+    for name, added in knowledge.items():
+        rows = np.concatenate([rows, added * scale])
+        rank, null = _rank_and_null(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+        _, singular, right = np.linalg.svd(rows, full_matrices=False)
+        kept = singular > 1e-13 * singular[0]
+        covariance = (right[kept].T / singular[kept] ** 2) @ right[kept]
+        undetermined = np.abs(null[:, drag]).max(axis=0, initial=0.0) > 1e-6
+        drag_sigma = np.sqrt(np.diag(covariance)[drag]) * scale[drag]
+        steps.append((name, rank, size, np.where(undetermined, np.nan, drag_sigma)))
+    return steps
+
+
+def _readings(sensor, motion):
+    """Rows of the three equations of all epochs, whitened; 9 rows an epoch."""
+    count, J = len(motion.drag_b), sensor.inertia
+    tensor = offset_tensor(motion.rate_b, motion.rate_dot_b, motion.gradient_b)
+    block = np.zeros((9, 14))
+    block[:3, :3], block[:3, 3:8] = -np.eye(3), (ELEMENTS @ sensor.place).T
+    block[:3, 8:11] = cross_matrix(sensor.place)
+    block[3:6, 3:8] = free_mass_angular_acceleration(sensor.test_mass_inertia, ELEMENTS, np.zeros(3)).T
+    block[3:6, 8:11] = -np.eye(3)
+    block[6:, :3], block[6:, 3:8] = (
+        -sensor.mass * cross_matrix(sensor.pressure),
+        -gravity_gradient_torque(J, ELEMENTS).T,
+    )
+    block[6:, 8:11], block[6:, 11:14] = J, -np.eye(3)
+    rows = np.zeros((count, 9, 14 * count + 6))
+    for k in range(count):
+        rows[k, :, 14 * k : 14 * k + 14] = block
+        rows[k, 6:, -6:-3] = sensor.mass * cross_matrix(motion.drag_b[k])
+        rows[k, :3, -3:] = -tensor[k]
+    exact = 1e-3 * np.asarray(motion.sigma["angular"]) * np.diag(J)  # the balance is an identity
+    weight = 1 / np.concatenate([motion.sigma["linear"], motion.sigma["angular"], exact])
+    return (rows * weight[:, None]).reshape(9 * count, -1)
+
+
+def _rank_and_null(matrix):
+    """Numerical rank and an orthonormal basis of the null space, as rows; rows of the matrix of one size."""
+    matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
+    _, singular, right = np.linalg.svd(matrix)
+    rank = int(np.count_nonzero(singular > TOLERANCE * singular[0]))
+    return rank, right[rank:]

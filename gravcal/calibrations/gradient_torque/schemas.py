@@ -1,155 +1,97 @@
 """What the products of this calibration hold: dimensions, units, frames."""
 
-_GPS = {"time": {"dims": "time"}}
-_B = {"units": "m s-2", "frame": "b"}
+
+def _variable(dims, units, long_name, frame=None, **more):
+    """Entry of a schema; unit and frame are left out where there is none."""
+    labels = {"units": units, "frame": frame} | more
+    return {"dims": dims, "long_name": long_name} | {name: label for name, label in labels.items() if label is not None}
+
+
+_TIME = {"time": {"dims": "time"}}
+_AMPLITUDE = "method axis frequency"
 
 FIELD = {
-    "cosine": {"dims": "degree order", "units": "1", "long_name": "C, fully normalised"},
-    "sine": {"dims": "degree order", "units": "1", "long_name": "S, fully normalised"},
-    "cosine_sigma": {"dims": "degree order", "units": "1", "long_name": "standard deviation of C"},
-    "sine_sigma": {"dims": "degree order", "units": "1", "long_name": "standard deviation of S"},
-    "gm": {"dims": "", "units": "m3 s-2", "long_name": "gravitational constant times mass"},
-    "radius": {"dims": "", "units": "m", "long_name": "reference radius"},
+    "cosine": _variable("degree order", "1", "C, fully normalised"),
+    "sine": _variable("degree order", "1", "S, fully normalised"),
+    "cosine_sigma": _variable("degree order", "1", "standard deviation of C"),
+    "sine_sigma": _variable("degree order", "1", "standard deviation of S"),
+    "gm": _variable("", "m3 s-2", "gravitational constant times mass"),
+    "radius": _variable("", "m", "reference radius"),
 }
 
-TRUTH = {
-    **_GPS,
-    "drag_b": {"dims": "time axis", **_B, "long_name": "non-gravitational acceleration of the centre of mass, true"},
+TRUTH = _TIME | {
+    "drag_b": _variable("time axis", "m s-2", "non-gravitational acceleration of the centre of mass, true", "b"),
 }
 
-GRADIENT = {
-    **_GPS,
-    "linear_b": {"dims": "time sensor axis", **_B, "long_name": "test mass relative to the satellite"},
-    "angular_b": {
-        "dims": "time sensor axis",
-        "units": "rad s-2",
-        "frame": "b",
-        "long_name": "test mass relative to the satellite, angular",
-    },
-    "sensor_position_b": {"dims": "sensor axis", "units": "m", "frame": "b", "long_name": "CoM to test mass"},
-    "gradient_b": {"dims": "time axis axis_2", "units": "s-2", "frame": "b", "long_name": "gravity gradient, model"},
-    "gradient_variance": {
-        "dims": "element",
-        "units": "s-4",
-        "long_name": "of radial-radial, radial-tangential, tangential shear",
-    },
-    "up_b": {"dims": "time axis", "units": "1", "frame": "b", "long_name": "direction away from the Earth"},
-    "angle": {"dims": "method time axis", "units": "rad", "long_name": "roll, pitch, yaw from the orbit frame"},
-    "angle_dot": {"dims": "method time axis", "units": "rad s-1", "long_name": "derivative of the angles"},
-    "rate_b": {"dims": "method time axis", "units": "rad s-1", "frame": "b", "long_name": "rate, smoothed"},
-    "rate_dot_b": {
-        "dims": "method time axis",
-        "units": "rad s-2",
-        "frame": "b",
-        "long_name": "angular acceleration, smoothed",
-    },
-    "motion_covariance": {
-        "dims": "method time axis axis_2",
-        "units": "m2 s-4",
-        "frame": "b",
-        "long_name": "of T r, from attitude and rates",
-    },
-    "attitude_chi2": {"dims": "method", "units": "1", "long_name": "star camera and angular accelerations"},
-    "attitude_dof": {"dims": "method", "units": "1", "long_name": "degrees of freedom", "dtype": "i8"},
+GRADIENT = _TIME | {
+    "linear_b": _variable("time sensor axis", "m s-2", "test mass relative to the satellite", "b"),
+    "angular_b": _variable("time sensor axis", "rad s-2", "test mass relative to the satellite, angular", "b"),
+    "sensor_position_b": _variable("sensor axis", "m", "CoM to test mass", "b"),
+    "gradient_b": _variable("time axis axis_2", "s-2", "gravity gradient, model", "b"),
+    "gradient_variance": _variable("element", "s-4", "of radial-radial, radial-tangential, tangential shear"),
+    "up_b": _variable("time axis", "1", "direction away from the Earth", "b"),
+    "angle": _variable("method time axis", "rad", "roll, pitch, yaw from the orbit frame"),
+    "angle_dot": _variable("method time axis", "rad s-1", "derivative of the angles"),
+    "rate_b": _variable("method time axis", "rad s-1", "rate, smoothed", "b"),
+    "rate_dot_b": _variable("method time axis", "rad s-2", "angular acceleration, smoothed", "b"),
+    "motion_covariance": _variable("method time axis axis_2", "m2 s-4", "of T r, from attitude and rates", "b"),
+    "attitude_chi2": _variable("method", "1", "star camera and angular accelerations"),
+    "attitude_dof": _variable("method", "1", "degrees of freedom", dtype="i8"),
 }
 
 TORQUE = {
-    "degree": {"dims": "degree", "units": "1", "long_name": "zonal degree", "dtype": "i4"},
-    "frequency": {"dims": "frequency", "units": "Hz", "long_name": "frequency"},
-    "amplitude": {
-        "dims": "degree axis frequency",
-        "units": "rad s-2",
-        "frame": "b",
-        "long_name": "angular acceleration of test mass relative to satellite, amplitude spectrum",
-    },
-    "rms": {"dims": "degree axis", "units": "rad s-2", "frame": "b", "long_name": "the same, rms over the record"},
-    "test_mass_rms": {
-        "dims": "degree axis",
-        "units": "rad s-2",
-        "frame": "b",
-        "long_name": "part of the test mass, rms",
-    },
-    "sensitivity": {
-        "dims": "axis",
-        "units": "rad s-2",
-        "frame": "b",
-        "long_name": "angular noise of the sensor in one spectral line",
-    },
+    "degree": _variable("degree", "1", "zonal degree", dtype="i4"),
+    "frequency": _variable("frequency", "Hz", "frequency"),
+    "amplitude": _variable(
+        "degree axis frequency",
+        "rad s-2",
+        "angular acceleration of test mass relative to satellite, amplitude spectrum",
+        "b",
+    ),
+    "rms": _variable("degree axis", "rad s-2", "the same, rms over the record", "b"),
+    "test_mass_rms": _variable("degree axis", "rad s-2", "part of the test mass, rms", "b"),
+    "sensitivity": _variable("axis", "rad s-2", "angular noise of the sensor in one spectral line", "b"),
 }
 
-DRAG = {
-    **_GPS,
-    "drag_b": {"dims": "time axis", **_B, "long_name": "non-gravitational acceleration of the centre of mass"},
-    "covariance": {"dims": "time axis axis_2", "units": "m2 s-4", "frame": "b", "long_name": "places held"},
-    "covariance_total": {
-        "dims": "time axis axis_2",
-        "units": "m2 s-4",
-        "frame": "b",
-        "long_name": "with the error of the test masses' places",
-    },
-    "budget": {
-        "dims": "source axis",
-        "units": "m s-2",
-        "frame": "b",
-        "long_name": "rms: sensor noise, attitude and rates, gravity prior, places",
-    },
-    "bare_b": {"dims": "time axis", **_B, "long_name": "minus the reading, nothing removed"},
-    "pressure": {"dims": "axis", "units": "m", "frame": "b", "optional": True, "long_name": "centre of pressure"},
-    "pressure_covariance": {
-        "dims": "axis axis_2",
-        "units": "m2",
-        "frame": "b",
-        "optional": True,
-        "long_name": "its covariance",
-    },
-    "pressure_prior_sigma": {
-        "dims": "axis",
-        "units": "m",
-        "frame": "b",
-        "optional": True,
-        "long_name": "its standard deviation before",
-    },
-    "torque_residual": {
-        "dims": "axis",
-        "units": "N m",
-        "frame": "b",
-        "optional": True,
-        "long_name": "torque not explained, rms",
-    },
-    "torque_gain": {
-        "dims": "",
-        "units": "1",
-        "optional": True,
-        "long_name": "largest share of the drag's information that the torque balance adds",
-    },
+DRAG = _TIME | {
+    "drag_b": _variable("time axis", "m s-2", "non-gravitational acceleration of the centre of mass", "b"),
+    "covariance": _variable("time axis axis_2", "m2 s-4", "places held", "b"),
+    "covariance_total": _variable("time axis axis_2", "m2 s-4", "with the error of the test masses' places", "b"),
+    "budget": _variable("source axis", "m s-2", "rms: sensor noise, attitude and rates, gravity prior, places", "b"),
+    "bare_b": _variable("time axis", "m s-2", "minus the reading, nothing removed", "b"),
+    "pressure": _variable("axis", "m", "centre of pressure", "b", optional=True),
+    "pressure_covariance": _variable("axis axis_2", "m2", "its covariance", "b", optional=True),
+    "pressure_prior_sigma": _variable("axis", "m", "its standard deviation before", "b", optional=True),
+    "torque_residual": _variable("axis", "N m", "torque not explained, rms", "b", optional=True),
+    "torque_gain": _variable(
+        "", "1", "largest share of the drag's information that the torque balance adds", optional=True
+    ),
 }
 
 COMBINE = {
-    "method": {"dims": "method", "long_name": "method", "dtype": "str"},
-    "error_rms": {"dims": "method", "units": "m s-2", "long_name": "against the truth, all axes; NaN without truth"},
-    "error_rms_axis": {"dims": "method axis", "units": "m s-2", "frame": "b", "long_name": "against the truth"},
-    "clean_error_rms": {"dims": "method", "units": "m s-2", "long_name": "the same from readings without noise"},
-    "bare_error_rms": {"dims": "method", "units": "m s-2", "long_name": "of minus the reading"},
-    "correction_rms": {"dims": "method", "units": "m s-2", "long_name": "of the solution against minus the reading"},
-    "sigma_rms": {"dims": "method", "units": "m s-2", "long_name": "standard deviation, places held"},
-    "sigma_total_rms": {"dims": "method", "units": "m s-2", "long_name": "with the error of the places"},
-    "error_over_sigma": {"dims": "method", "units": "1", "long_name": "rms; NaN without truth"},
-    "frequency": {"dims": "frequency", "units": "Hz", "long_name": "frequency"},
-    "drag_amplitude": {"dims": "axis frequency", **_B, "long_name": "amplitude spectrum of the drag"},
-    "error_amplitude": {"dims": "method axis frequency", **_B, "long_name": "amplitude spectrum of the error"},
-    "clean_error_amplitude": {"dims": "method axis frequency", **_B, "long_name": "the same, without noise"},
-    "bare_amplitude": {"dims": "method axis frequency", **_B, "long_name": "of minus the reading less the solution"},
-    "step": {"dims": "step", "long_name": "what is known", "dtype": "str"},
-    "step_rank": {"dims": "step", "units": "1", "long_name": "rank of the joint system", "dtype": "i4"},
-    "step_unknowns": {"dims": "step", "units": "1", "long_name": "unknowns", "dtype": "i4"},
-    "step_sigma": {"dims": "step axis", **_B, "long_name": "of the drag in the middle; NaN where not determined"},
-    "unknown": {"dims": "unknown", "long_name": "unknowns of one epoch", "dtype": "str"},
-    "null_space": {"dims": "null unknown", "units": "1", "long_name": "combinations that one epoch does not see"},
-    "single_rank": {"dims": "", "units": "1", "long_name": "rank of one epoch, tensor and drag", "dtype": "i4"},
-    "printed_rank": {"dims": "", "units": "1", "long_name": "rank of the printed pair of equations", "dtype": "i4"},
-    "printed_null": {"dims": "printed_unknown", "units": "1", "long_name": "what the printed pair does not see"},
+    "method": _variable("method", None, "method", dtype="str"),
+    "error_rms": _variable("method", "m s-2", "against the truth, all axes; NaN without truth"),
+    "error_rms_axis": _variable("method axis", "m s-2", "against the truth", "b"),
+    "clean_error_rms": _variable("method", "m s-2", "the same from readings without noise"),
+    "bare_error_rms": _variable("method", "m s-2", "of minus the reading"),
+    "correction_rms": _variable("method", "m s-2", "of the solution against minus the reading"),
+    "sigma_rms": _variable("method", "m s-2", "standard deviation, places held"),
+    "sigma_total_rms": _variable("method", "m s-2", "with the error of the places"),
+    "error_over_sigma": _variable("method", "1", "rms; NaN without truth"),
+    "frequency": _variable("frequency", "Hz", "frequency"),
+    "drag_amplitude": _variable("axis frequency", "m s-2", "amplitude spectrum of the drag", "b"),
+    "error_amplitude": _variable(_AMPLITUDE, "m s-2", "amplitude spectrum of the error", "b"),
+    "clean_error_amplitude": _variable(_AMPLITUDE, "m s-2", "the same, without noise", "b"),
+    "bare_amplitude": _variable(_AMPLITUDE, "m s-2", "of minus the reading less the solution", "b"),
+    "step": _variable("step", None, "what is known", dtype="str"),
+    "step_rank": _variable("step", "1", "rank of the joint system", dtype="i4"),
+    "step_unknowns": _variable("step", "1", "unknowns", dtype="i4"),
+    "step_sigma": _variable("step axis", "m s-2", "of the drag in the middle; NaN where not determined", "b"),
+    "unknown": _variable("unknown", None, "unknowns of one epoch", dtype="str"),
+    "null_space": _variable("null unknown", "1", "combinations that one epoch does not see"),
+    "single_rank": _variable("", "1", "rank of one epoch, tensor and drag", dtype="i4"),
+    "printed_rank": _variable("", "1", "rank of the printed pair of equations", dtype="i4"),
+    "printed_null": _variable("printed_unknown", "1", "what the printed pair does not see"),
 }
 
-REPORT = {
-    "delivered": {"dims": "", "units": "1", "long_name": "1 where the result could be formed", "dtype": "i1"},
-}
+REPORT = {"delivered": _variable("", "1", "1 where the result could be formed", dtype="i1")}
