@@ -16,8 +16,9 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.tables import say
+from flows.calibration import known
 
-CALIBRATIONS = ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque")
+CALIBRATIONS = known()
 HEAD = """# Seconds that the parts of a first run take: an invented event of each calibration, an empty store, kernels
 # compiled on the way. Only the time left that a terminal shows is judged by them. Written by
 # `python -m benchmarks.first_run`; the times of one stage for several satellites are added up.

@@ -61,7 +61,7 @@ class Calibration:
     result : document -> values that series, time lines, comparisons and campaigns show
     page : module that declares the page of the report
     printed : {section of the published values: function of a record -> rows of the time line}
-    levels : {panel: (name of a published scalar, text)}, drawn as lines
+    levels : {panel: published scalar, m s-2, drawn as a line: the printed order of magnitude}
     trims : True if a time line shows the mass trims of its satellite
     band : limit that a time line draws about zero, or None
     design : name of the design of an event found in data, None if it has none
@@ -88,7 +88,7 @@ class Calibration:
     detected: Callable | None = None
     page: Any = None
     printed: Mapping[str, Callable] = field(default_factory=dict)
-    levels: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    levels: Mapping[str, str] = field(default_factory=dict)
     trims: bool = False
     band: float | None = None
     design: str | None = None
@@ -114,7 +114,20 @@ def load(name: str) -> Calibration:
     found = _entry_points()[name].load()
     if not isinstance(found, Calibration) or found.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {found!r:.80}, expected the Calibration {name!r}")
+    if found.catalogue:
+        from gravcal.catalog import files
+
+        files.add_root(found.catalogue)
+    if found.schema:
+        from gravcal.store import schemas
+
+        schemas.add(name, found.schema)
     return found
+
+
+def load_all() -> dict[str, Calibration]:
+    """Records of all installed calibrations by name."""
+    return {name: load(name) for name in known()}
 
 
 def _entry_points():

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from flows import cli_output as output
+from flows.calibration import load_all
 
 HOST = "address to listen on; the token in the address printed is asked for everywhere"
 
@@ -21,7 +22,7 @@ def browse(
         raise typer.BadParameter(
             f"browse needs {error.name}, which is not installed; pip install 'gravcal[browse]'"
         ) from error
-    app.serve(app.bound(host, port), host, _said)
+    app.serve(load_all(), app.bound(host, port), host, _said)
 
 
 def _said(text):

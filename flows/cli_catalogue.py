@@ -69,11 +69,14 @@ def save_event(calibration, source, document):
     from gravcal import catalog
     from gravcal.store import memo
 
-    files = command.record(calibration).level_one_files(source)
+    known = command.record(calibration)
+    files = known.level_one_files(source)
     digests = {file.name: memo.file_digest(file.path, file.member) for file in files}
     first = date(2000, 1, 1) + timedelta(
         days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5
     )
     day, letters = date.fromisoformat(source.date) if source.date else first, tuple(source.satellite)
-    text = catalog.event_text(calibration, letters, day, document["manoeuvres"], digests, document["origin"])
+    text = catalog.event_text(
+        calibration, known.design, letters, day, document["manoeuvres"], digests, document["origin"]
+    )
     return catalog.save_event(source.event, text).name

@@ -2,12 +2,12 @@
 
 import contextlib
 
+from flows.calibration import known
+
 
 def calibrations(incomplete: str) -> list[str]:
     """Calibrations that begin so."""
-    from gravcal.catalog.event_table import CALIBRATIONS
-
-    return _beginning(CALIBRATIONS, incomplete)
+    return _beginning(known(), incomplete)
 
 
 def events(incomplete: str) -> list[str]:
@@ -73,9 +73,7 @@ def engines(incomplete: str) -> list[str]:
 
 def _calibration(ctx):
     """Calibration that was named before; an option without its value ends the parsing, and its words are left over."""
-    from gravcal.catalog.event_table import CALIBRATIONS
-
-    return next((word for word in [ctx.params.get("calibration"), *ctx.args] if word in CALIBRATIONS), "")
+    return next((word for word in [ctx.params.get("calibration"), *ctx.args] if word in known()), "")
 
 
 def _beginning(names, incomplete):

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from flows import cli_complete, engine
+from flows.calibration import known
 from gravcal.store import explain
 
 
@@ -46,7 +47,7 @@ LETTERS = "C|D|CD|A|B|AB|T|S"
 EVENT = "event of the catalogue, such as grace-c-2020-02-01"
 FOLDER = "folder with Level-1 files or daily archives"
 MODEL = "extended model, as gravcal discover writes it"
-KINDS = "com_offset, kbr_phase_centre, inertial_sensor or gradient_torque"
+KINDS = ", ".join(known())
 OTHER = "another value of a parameter"
 HISTORY = "Prefect keeps a history of runs"
 Calibration = Annotated[

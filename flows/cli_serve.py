@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from flows import cli_output as output
+from flows.cli_options import KINDS
 
 FOLDER = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
 
@@ -15,7 +16,7 @@ QUOTA = "and of the rest the oldest, until the store has less"
 
 
 def serve(
-    calibration: Annotated[str, typer.Argument(metavar="[CALIBRATION]", help="com_offset")] = "com_offset",
+    calibration: Annotated[str, typer.Argument(metavar="[CALIBRATION]", help=KINDS)] = "com_offset",
     cron: Annotated[
         str, typer.Option("--cron", metavar="'M H D M W'", help="when to reprocess all, UTC")
     ] = "0 3 * * *",

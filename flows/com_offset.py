@@ -11,6 +11,7 @@ from flows import models
 from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
+from gravcal.browse import printed
 from gravcal.store import results
 from tasks import com_offset, common, discovery
 from tasks.stage import read
@@ -211,6 +212,12 @@ def simulate(out, *, seed, truth, effects, settings):
     return invented
 
 
+def values(document):
+    """Adopted offset."""
+    adopted = (document.get("variants") or {}).get((document.get("adopted") or {}).get("variant"))
+    return results.vector("", "", "um", adopted, ("offset_um", "sigma_um", "sigma_total_um")) if adopted else ()
+
+
 CALIBRATION = Calibration(
     name="com_offset",
     title="Centre-of-mass offset",
@@ -227,7 +234,8 @@ CALIBRATION = Calibration(
     document=document,
     simulate=simulate,
     products=com_offset.KINDS,
-    result=results.KINDS["com_offset"],
+    result=values,
+    printed={"history": printed.vector("µm")},
     trims=True,
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",

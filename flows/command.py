@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from flows import cli_progress, engine
-from flows.calibration import known, load
+from flows.calibration import known, load, load_all
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
 from gravcal.store import location
 
@@ -196,14 +196,13 @@ def series(calibration, satellite):
 
     one = record(calibration)
     check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
-    points = [one for one in timeline.points(calibration) if satellite is None or one.satellite in satellite]
-    letters = sorted({one.satellite for one in points})
+    points = [point for point in timeline.points(one) if satellite is None or point.satellite in satellite]
+    letters = sorted({point.satellite for point in points})
     if not letters:
         return [], None
-    points += [one for letter in letters for one in printed.points(calibration, letter)]
-    is_offset = calibration == "com_offset"
-    trims = [(letter, one) for letter in letters for one in (printed.trims(letter) if is_offset else ())]
-    return history(timeline.TITLES[calibration], points, trims, 100.0 if is_offset else None)
+    points += [point for letter in letters for point in printed.points(one, letter)]
+    trims = [(letter, trim) for letter in letters if one.trims for trim in printed.trims(letter)]
+    return history(one.quantity, points, trims, one.band)
 
 
 def simulate(calibration, out, seed_truth, effects, settings):
@@ -259,7 +258,7 @@ def compare(calibration, first, second, satellite=None):
     from gravcal.report import comparison
     from gravcal.store import configurations, housekeeping
 
-    record(calibration)
+    one = record(calibration)
     plain = not configurations.operational(calibration)["settings"]
     found = {}
     for name in (first, second):
@@ -280,18 +279,18 @@ def compare(calibration, first, second, satellite=None):
         )
     alone = {first: sorted(own.keys() - other.keys()), second: sorted(other.keys() - own.keys())}
     pairs = [(event, own[event], other[event]) for event in shared]
-    return comparison.comparison(calibration, (first, second), pairs, alone)
+    return comparison.comparison(one, (first, second), pairs, alone)
 
 
 def events(calibration=None):
     """Events of the catalogue: name, calibration, date, and whether their files are at hand."""
     from gravcal import catalog
 
-    rows = []
-    for event in catalog.events():
-        if calibration in (None, event.calibration) and event.calibration in known():
+    rows, installed = [], load_all()
+    for event in catalog.events(calibration=calibration):
+        if event.calibration in installed:
             try:
-                files = str(record(event.calibration).source(event=event.name).folder)
+                files = str(installed[event.calibration].source(event=event.name).folder)
             except GravcalError as error:
                 files = "no data" if isinstance(error, NoDataError) else str(error).partition(": ")[2] or str(error)
             date = str(event.date) if event.date else "unknown"

@@ -216,6 +216,15 @@ def _nongravitational(chosen, day):
     return lambda time: np.stack([np.interp(time - day, since[known], one[known]) for one in values.T], axis=1)
 
 
+def values(document):
+    """Total sigma of each solution for the drag, and its error where the truth is known."""
+    for name, one in (document.get("drag") or {}).items():
+        label = name.replace("_", " ")
+        yield results.Value("", label, "m s-2", one.get("sigma_total_rms"), None, None)
+        if one.get("rms_error") is not None:
+            yield results.Value("", f"{label} error", "m s-2", one["rms_error"], None, None)
+
+
 CALIBRATION = Calibration(
     name="gradient_torque",
     title="Gradient and torque",
@@ -230,6 +239,11 @@ CALIBRATION = Calibration(
     document=document,
     simulate=simulate,
     products=gradient_torque.KINDS,
-    result=results.KINDS["gradient_torque"],
+    result=values,
+    levels={
+        "two sensor": "drag_error_order_two_accelerometers",
+        "one sensor": "drag_error_order_single_accelerometer",
+        "one sensor published": "drag_error_order_single_accelerometer",
+    },
     discovery=Discovery(baseline, scene_settings, again=from_one_sensor),
 )

@@ -262,6 +262,37 @@ def simulate(out, *, seed, truth, effects, settings):
     return invented
 
 
+def values(document):
+    """Offset and scale factors from the swing, bias from the roll."""
+    swing, roll = document.get("swing") or {}, document.get("roll") or {}
+    if swing.get("adopted"):
+        yield from results.vector("", "offset", "um", swing["adopted"])
+    for name, unit in (("k", "m s-2 V-1"), ("beta", "rad s-2 V-1")):
+        for axis, one in (swing.get(name) or {}).items():
+            if one:
+                yield results.Value("", f"{name} {axis}", unit, one["value"], one["sigma"], one.get("sigma_total"))
+    if roll.get("bias"):
+        yield from results.vector("", "bias", "m s-2", roll["bias"])
+
+
+def printed_offset(one):
+    """Row of one printed component of the offset."""
+    yield f"offset {one.component}", "µm", one.value[0], one.sigma[0], ""
+
+
+def printed_bias(one):
+    """Row of one printed component of the bias."""
+    yield f"bias {one.component}", "m s-2", one.value[0], one.sigma[0], ""
+
+
+def printed_factor(one):
+    """Row of a printed linear scale factor: of the orbit, else of the ground."""
+    _, ground, orbit = one.value
+    value = ground if orbit is None else orbit
+    if one.factor.startswith("k_") and value is not None:
+        yield one.factor.replace("_", " "), "m s-2 V-1", value, one.sigma[0], "on ground, " if orbit is None else ""
+
+
 CALIBRATION = Calibration(
     name="inertial_sensor",
     title="Inertial sensor",
@@ -278,7 +309,8 @@ CALIBRATION = Calibration(
     document=document,
     simulate=simulate,
     products=inertial_sensor.KINDS,
-    result=results.KINDS["inertial_sensor"],
+    result=values,
+    printed={"com_offset": printed_offset, "scale_factors": printed_factor, "bias": printed_bias},
     design="inertial_sensor_swing",
     discovery=Discovery(baseline, views),
 )

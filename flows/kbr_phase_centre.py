@@ -14,6 +14,7 @@ from flows import models
 from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
+from gravcal.browse import printed
 from gravcal.io import archive
 from gravcal.store import results
 from tasks import common, discovery_ranging, kbr_phase_centre
@@ -275,6 +276,12 @@ def simulate(out, *, seed, truth, effects, settings):
     return invented
 
 
+def values(document):
+    """Adopted phase centre of each satellite."""
+    for letter, block in ((document.get("adopted") or {}).get("satellites") or {}).items():
+        yield from results.vector(letter, "", "mm", block, ("phase_centre_mm", "sigma_mm", "sigma_total_mm"))
+
+
 CALIBRATION = Calibration(
     name="kbr_phase_centre",
     title="KBR phase centre",
@@ -291,7 +298,8 @@ CALIBRATION = Calibration(
     document=document,
     simulate=simulate,
     products=kbr_phase_centre.KINDS,
-    result=results.KINDS["kbr_phase_centre"],
+    result=values,
+    printed={"vkb1b": printed.vector("mm")},
     design="kbr_wiggle",
     discovery=Discovery(baseline, scene_settings, again=from_range, result=combined),
 )

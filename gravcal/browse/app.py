@@ -17,11 +17,12 @@ STATIC = {"browse.css": "text/css", "browse.js": "text/javascript"}
 LONG = {"Cache-Control": "public, max-age=31536000, immutable"}
 
 
-def application(token="", hosts=LOCAL):
+def application(calibrations, token="", hosts=LOCAL):
     """The pages as an ASGI application.
 
     Parameters
     ----------
+    calibrations : {name: flows.calibration.Calibration}
     token : str, empty where none is asked for
     hosts : names under which the server may be addressed
     """
@@ -39,7 +40,9 @@ def application(token="", hosts=LOCAL):
         Route("/static/{name}", static),
     ]
     handlers = {404: pages.not_found, 500: pages.broken}
-    return access.guarded(Starlette(routes=routes, exception_handlers=handlers), token, hosts)
+    application = Starlette(routes=routes, exception_handlers=handlers)
+    application.state.calibrations = calibrations
+    return access.guarded(application, token, hosts)
 
 
 def static(request):
@@ -85,11 +88,12 @@ def bound(host, port):
     return listening
 
 
-def serve(listening, host, say):
+def serve(calibrations, listening, host, say):
     """Answer until the process is ended.
 
     Parameters
     ----------
+    calibrations : {name: flows.calibration.Calibration}
     listening : socket
     host : str, as the user gave it
     say : function that prints a line
@@ -103,5 +107,5 @@ def serve(listening, host, say):
     token = secrets.token_urlsafe(24)  # on loopback, too: other users of this machine can ask
     hosts = (*LOCAL, shown) if access.is_loopback(host) else ("*",)
     say(f"http://{shown}:{port}/?token={token}")
-    settings = uvicorn.Config(application(token, hosts), log_level="warning", lifespan="off", ws="none")
+    settings = uvicorn.Config(application(calibrations, token, hosts), log_level="warning", lifespan="off", ws="none")
     uvicorn.Server(settings).run(sockets=[listening])

@@ -13,8 +13,6 @@ from gravcal.browse import timeline as years
 from gravcal.store import lineage, location, netcdf
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
-NAMES = {"com_offset": "Centre-of-mass offset", "kbr_phase_centre": "KBR phase centre",
-         "inertial_sensor": "Inertial sensor", "gradient_torque": "Gradient and torque"}  # fmt: skip
 
 
 def page(body):
@@ -31,7 +29,7 @@ def page(body):
 def home(request):
     """Calibrations with their state, and all events."""
     rows = store_index.results()
-    counts = {name: [row for row in rows if row["calibration"] == name] for name in NAMES}
+    counts = {name: [row for row in rows if row["calibration"] == name] for name in request.app.state.calibrations}
     return _filled("home.html", request, rows=rows, counts=counts, waiting=store_index.waiting(rows))
 
 
@@ -39,18 +37,20 @@ def home(request):
 def timeline(request):
     """Results of a calibration over the years."""
     name = request.path_params["calibration"]
-    if name not in NAMES:
+    calibration = request.app.state.calibrations.get(name)
+    if calibration is None:
         return not_found(request, None)
-    points = years.points(name)
+    points = years.points(calibration)
     letters = sorted({point.satellite for point in points})
-    return _filled("timeline.html", request, name=name, title=years.TITLES[name], letters=letters, points=points)
+    return _filled("timeline.html", request, calibration=calibration, letters=letters, points=points)
 
 
 @page
 def timeline_figure(request):
     """Figure of one satellite over the years."""
-    name, satellite = request.path_params["calibration"], request.path_params["satellite"]
-    drawn = years.figure(name, satellite) if name in NAMES else None
+    calibration = request.app.state.calibrations.get(request.path_params["calibration"])
+    satellite = request.path_params["satellite"]
+    drawn = years.figure(calibration, satellite) if calibration else None
     return JSONResponse(drawn) if drawn else JSONResponse({"error": "found no result"}, 404)
 
 
@@ -184,7 +184,12 @@ def _filled(template, request, status=200, **content):
     """Page of a template."""
     from gravcal import __version__
 
-    known = {"names": NAMES, "store": str(location.folder()), "version": __version__, "path": request.url.path}
+    known = {
+        "names": {name: one.title for name, one in request.app.state.calibrations.items()},
+        "store": str(location.folder()),
+        "version": __version__,
+        "path": request.url.path,
+    }
     return HTMLResponse(_environment().get_template(template).render(query=str(request.url.query), **known, **content),
                         status)  # fmt: skip
 

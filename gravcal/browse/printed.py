@@ -28,7 +28,8 @@ def points(calibration, satellite):
 
     Parameters
     ----------
-    calibration, satellite : str
+    calibration : flows.calibration.Calibration
+    satellite : str
 
     Returns
     -------
@@ -41,8 +42,8 @@ def points(calibration, satellite):
         name = catalog.satellite(satellite).name
     except CatalogError:
         return []
-    sections, found = catalog.published(calibration), []
-    for section, values in SECTIONS[calibration].items():
+    sections, found = catalog.published(calibration.name) if calibration.printed else {}, []
+    for section, values in calibration.printed.items():
         for one in sections.get(section, ()):
             date = _date(one, name)
             rows = values(one) if date else ()
@@ -62,12 +63,13 @@ def levels(calibration):
     """
     from gravcal import catalog
 
-    if calibration != "gradient_torque":
+    if not calibration.levels:
         return {}
-    known = {one.name: one for one in catalog.published(calibration)["scalars"]}
-    two, one = (known[f"drag_error_order_{name}_accelerometer{'s' * (name == 'two')}"] for name in ("two", "single"))
-    return {panel: (value.value[0], f"printed: order of {value.value[0]:.0e} m s-2")
-            for panel, value in (("two sensor", two), ("one sensor", one), ("one sensor published", one))}  # fmt: skip
+    scalars = {one.name: one.value[0] for one in catalog.published(calibration.name)["scalars"]}
+    return {
+        panel: (scalars[name], f"printed: order of {scalars[name]:.0e} m s-2")
+        for panel, name in calibration.levels.items()
+    }
 
 
 def trims(satellite):
@@ -90,7 +92,7 @@ def _date(one, name):
     return datetime.datetime.fromisoformat(found.group() + ("" if found.group(1) else "-01")) if found else None
 
 
-def _vector(unit):
+def vector(unit):
     """Function that gives the rows of a vector: panel, unit, value, sigma, remark."""
 
     def rows(one):
@@ -101,30 +103,3 @@ def _vector(unit):
             yield axis, unit, one.value[number] * factor, sigma, ""
 
     return rows
-
-
-def _offset(one):
-    """Row of one component of the offset of the inertial sensor."""
-    yield f"offset {one.component}", "µm", one.value[0], one.sigma[0], ""
-
-
-def _bias(one):
-    """Row of one component of the bias of the inertial sensor."""
-    yield f"bias {one.component}", "m s-2", one.value[0], one.sigma[0], ""
-
-
-def _factor(one):
-    """Row of a linear scale factor: of the orbit, else of the ground."""
-    _, ground, orbit = one.value
-    value = ground if orbit is None else orbit
-    if one.factor.startswith("k_") and value is not None:
-        yield one.factor.replace("_", " "), "m s-2 V-1", value, one.sigma[0], "on ground, " if orbit is None else ""
-
-
-#: Sections of the printed values that a time line shows, and how their rows are read.
-SECTIONS = {
-    "com_offset": {"history": _vector("µm")},
-    "kbr_phase_centre": {"vkb1b": _vector("mm")},
-    "inertial_sensor": {"com_offset": _offset, "scale_factors": _factor, "bias": _bias},
-    "gradient_torque": {},
-}

@@ -5,7 +5,6 @@ import re
 
 from gravcal.browse import plots, printed, store_index
 from gravcal.browse.printed import Point
-from gravcal.store import results
 
 SHOWN = {"@date": "datetime", "@value": "printf", "@sigma": "printf"}
 EPOCH = datetime.datetime(2000, 1, 1, 12)
@@ -14,16 +13,14 @@ MOODS = {"good": ("#009E73", "circle"), "bad": ("#D55E00", "triangle"), "plain":
          "questionable": ("#000000", "x"), "simulated": ("#7b52ab", "diamond"),
          "mixed": ("#7b52ab", "diamond_cross")}  # fmt: skip
 RESULTS = ("delivered", "questionable")
-TITLES = {
-    "com_offset": "Proof mass to centre of mass, in the SRF",
-    "kbr_phase_centre": "Centre of mass to phase centre, in the SRF",
-    "inertial_sensor": "Offset, scale factors and bias of the inertial sensor",
-    "gradient_torque": "Drag: sigma (rms) with one and with two sensors",
-}
 
 
 def points(calibration):
     """Values of all reports of a calibration.
+
+    Parameters
+    ----------
+    calibration : flows.calibration.Calibration
 
     Returns
     -------
@@ -31,12 +28,12 @@ def points(calibration):
     """
     found = []
     for row in store_index.results():
-        if row["calibration"] != calibration or (row["document"] or {}).get("status") not in RESULTS:
+        if row["calibration"] != calibration.name or (row["document"] or {}).get("status") not in RESULTS:
             continue
         mood = "questionable" if row["document"]["status"] == "questionable" else row["mood"]
         mood = mood if row["origin"] == "measured" else row["origin"]
         date = _date(row["document"], row["event"])
-        for one in results.values(row["document"] | {"calibration": calibration}):
+        for one in calibration.result(row["document"]):
             if one.value is not None:
                 place = one.satellite or _letters(row["event"]), one.name, one.unit.replace("um", "µm")
                 sigma = one.sigma_total or one.sigma
@@ -49,7 +46,8 @@ def figure(calibration, satellite):
 
     Parameters
     ----------
-    calibration, satellite : str
+    calibration : flows.calibration.Calibration
+    satellite : str
 
     Returns
     -------
@@ -62,7 +60,7 @@ def figure(calibration, satellite):
     if not own:
         return None
     said, levels = printed.points(calibration, satellite), printed.levels(calibration)
-    trimmed = printed.trims(satellite) if calibration == "com_offset" else []
+    trimmed = printed.trims(satellite) if calibration.trims else []
     panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
     drawn, shared = [], {}
     for panel, unit in panels:

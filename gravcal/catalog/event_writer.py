@@ -8,20 +8,15 @@ from gravcal.catalog.event_table import event
 from gravcal.catalog.satellite_table import satellite
 from gravcal.errors import CatalogError
 
-DESIGNS = {
-    "com_offset": "com_offset_session",
-    "kbr_phase_centre": "kbr_wiggle",
-    "inertial_sensor": "inertial_sensor_swing",
-}
 RELEASES = {"GRACE": "02", "GRACE-FO": "04"}
 
 
-def event_text(calibration, satellites, date, found, sha256, origin="measured"):
+def event_text(calibration, design, satellites, date, found, sha256, origin="measured"):
     """TOML text of an event found in data.
 
     Parameters
     ----------
-    calibration : str
+    calibration, design : str, its name and the entry of designs/ that plans such an event
     satellites : sequence of str, letters or names
     date : datetime.date
     found : sequence of Manoeuvre, or of mappings with kind, start, stop (GPS seconds)
@@ -41,7 +36,7 @@ def event_text(calibration, satellites, date, found, sha256, origin="measured"):
         f"date = {date.isoformat()}",
         'date_status = "printed"',
         f'source = "found in the {"" if origin == "measured" else f"{origin} "}Level-1 files below"',
-        f'design = "{DESIGNS[calibration]}"',
+        f'design = "{design}"',
         f'release = "{RELEASES.get(members[0].mission, "01")}"',
     ]
     empty = [] if rows else ["found = []"]

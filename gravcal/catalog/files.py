@@ -10,10 +10,11 @@ from pathlib import Path
 from gravcal.errors import CatalogError
 
 ENVIRONMENT = "GRAVCAL_CATALOG"
+_added = []  # folders of calibrations of other packages
 
 
 def roots():
-    """Folders searched, in order: the user's own, then the one of the package.
+    """Folders searched, in order: the user's own, the one of the package, those of other packages.
 
     Returns
     -------
@@ -22,14 +23,20 @@ def roots():
     shipped = _shipped()
     own = os.environ.get(ENVIRONMENT)
     if not own:
-        return [shipped]
+        return [shipped, *_added]
     if not Path(own).is_dir():
         raise CatalogError(
             f"{ENVIRONMENT}: found {own!r}, expected a folder with satellites/, events/ or parameters/. "
             f"Create it, or unset {ENVIRONMENT}.",
             folder=own,
         )
-    return [Path(own), shipped]
+    return [Path(own), shipped, *_added]
+
+
+def add_root(folder):
+    """Search one more folder, after those of the user and of the package."""
+    if folder not in _added:
+        _added.append(folder)
 
 
 @lru_cache(maxsize=1)

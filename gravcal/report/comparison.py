@@ -9,7 +9,6 @@ add is common. Where the two variances agree to 1 % nothing can be said of the d
 import math
 
 from gravcal.report import pages
-from gravcal.store.results import values
 from gravcal.store.schemas import VERSION
 
 ASSUMPTION = (
@@ -24,24 +23,24 @@ def comparison(calibration, names, pairs, alone):
 
     Parameters
     ----------
-    calibration : str
+    calibration : flows.calibration.Calibration
     names : of the two configurations
     pairs : list of (event, document of the first, document of the second)
     alone : {name: events that only this configuration has}
     """
     return {
         "schema_version": VERSION,
-        "calibration": calibration,
+        "calibration": calibration.name,
         "configurations": list(names),
         "assumption": ASSUMPTION,
-        "events": [_event(*one) for one in pairs],
+        "events": [_event(calibration, *one) for one in pairs],
         "only_in": alone,
     }
 
 
-def _event(event, first, second):
+def _event(calibration, event, first, second):
     """What changes in one event."""
-    own, other = ({one.label: one for one in values(document)} for document in (first, second))
+    own, other = ({one.label: one for one in calibration.result(document)} for document in (first, second))
     labels = [name for name in dict.fromkeys([*own, *other]) if name in own and name in other]
     return {
         "event": event,

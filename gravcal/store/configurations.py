@@ -15,7 +15,6 @@ import json
 import re
 import uuid
 
-from gravcal.catalog.event_table import CALIBRATIONS
 from gravcal.catalog.parameter_table import parameters
 from gravcal.errors import CatalogError
 from gravcal.store import location
@@ -149,6 +148,12 @@ def promotions(calibration):
     return found
 
 
+def promoted():
+    """Names of the operational configurations of all calibrations that ever had a promotion."""
+    journals = (location.folder() / "configurations").glob("*/promotions.jsonl")
+    return {operational(path.parent.name)["name"] for path in journals}
+
+
 def promote(calibration, name, why, who=None):
     """Make a configuration operational; "catalogue" takes back what was promoted.
 
@@ -184,7 +189,8 @@ def forget(calibration, name):
             f"Promote another one first.",
             configuration=name,
         )
-    others = set(CALIBRATIONS) - {calibration}
+    recorded = (location.folder() / "configurations").glob(f"*/{name}.json")
+    others = {path.parent.name for path in recorded} - {calibration}
     for link in (location.folder() / "latest").glob(f"*/as/{name}/*"):
         if link.is_symlink() and link.name.partition(".")[0] not in others:
             link.unlink()

@@ -214,9 +214,8 @@ def _experiments(pattern):
 
     if not pattern:
         return []
-    promoted = {configurations.operational(one)["name"] for one in configurations.CALIBRATIONS}
     found = [link for link in (location.folder() / "latest").glob("*/as/*/*") if link.is_symlink()]
-    names = {link.parent.name for link in found} - promoted
+    names = {link.parent.name for link in found} - configurations.promoted()
     return [link for link in found if link.parent.name in fnmatch.filter(names, pattern)]
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from flows.calibration import load_all
 from gravcal.browse import app
 from gravcal.store import keys, store
 
@@ -77,7 +78,7 @@ def server(token="", hosts=app.LOCAL):
     import uvicorn
 
     listening = app.bound("127.0.0.1", 0)
-    settings = uvicorn.Config(app.application(token, hosts), log_level="warning", lifespan="off", ws="none")
+    settings = uvicorn.Config(app.application(load_all(), token, hosts), log_level="warning", lifespan="off", ws="none")
     running = uvicorn.Server(settings)
     thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()

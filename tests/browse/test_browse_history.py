@@ -16,7 +16,7 @@ PHASE = {letter: {"phase_centre_mm": [1445.0, 0.1, None], "sigma_mm": [0.1, 0.2,
 DOCUMENTS = {
     "com_offset": ("grace-c-2020-03-01", result("grace-c-2020-03-01", [10.0, None, -5.0])),
     "kbr_phase_centre": ("grace-cd-2020-09-10", {"adopted": {"satellites": PHASE}}),
-    "inertial_sensor": ("taiji-t-2019-09-20", {"swing": {"com_to_test_mass_um": TWO, "k": {"x": None}}, "roll": {}}),
+    "inertial_sensor": ("taiji-t-2019-09-20", {"swing": {"adopted": TWO, "k": {"x": None}}, "roll": {}}),
     "gradient_torque": ("demo-s-2020-01-01", {"drag": {"two_sensor": {"sigma_total_rms": 1e-13}}}),
 }
 EXPECTED = {"com_offset": 2, "kbr_phase_centre": 4, "inertial_sensor": 2, "gradient_torque": 1}

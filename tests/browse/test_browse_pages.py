@@ -13,6 +13,7 @@ import invented_store
 import pytest
 from invented_store import EVENT, calibration, client
 
+from flows.calibration import load
 from gravcal.browse import access, app, graph, plots, printed, store_index, timeline
 from gravcal.errors import GravcalError
 from gravcal.store import journal, location
@@ -68,7 +69,7 @@ def test_simulated_events_have_a_mark_and_a_banner_of_their_own(ask, shop):
     for path in (f"/event/{event}", f"/product/{made['align'].key}"):
         assert '<p class="origin">SIMULATED data</p>' in ask(path).text
     assert 'class="origin"' not in ask(f"/event/{EVENT}").text + ask(f"/product/{shop['again']['align'].key}").text
-    moods = {point.event: point.mood for point in timeline.points("com_offset")}
+    moods = {point.event: point.mood for point in timeline.points(load("com_offset"))}
     assert (moods[event], moods[EVENT]) == ("simulated", "good")
     assert '"value":"diamond"' in ask("/timeline/com_offset/C.json").text
     assert '<span class="mark simulated">simulated</span>' in ask("/timeline/com_offset").text
@@ -231,15 +232,15 @@ def test_what_counts_as_loopback(host, local):
 
 def test_printed_values_come_in_our_units():
     """Published: Table 7 of 10.3390/rs14143395 prints 1443.7 mm, -370.6 um, 145.0 um for C on 2020-09-17."""
-    points = printed.points("kbr_phase_centre", "C")
+    points = printed.points(load("kbr_phase_centre"), "C")
     assert [round(point.value, 6) for point in points] == [1443.7, -0.3706, 0.145]  # mm
     assert {point.date.date().isoformat() for point in points} == {"2020-09-17"}
-    assert printed.points("kbr_phase_centre", "Z") == []
+    assert printed.points(load("kbr_phase_centre"), "Z") == []
 
 
 def test_printed_values_of_the_inertial_sensor_come_by_panel():
     """Published: offset, scale factors and bias of Taiji-1, a factor that was not calibrated in orbit from ground."""
-    found = {point.panel: point for point in printed.points("inertial_sensor", "T")}
+    found = {point.panel: point for point in printed.points(load("inertial_sensor"), "T")}
     assert [found[f"offset {axis}"].value for axis in "xyz"] == [-140.02, 627.75, -896.46]  # um
     assert (found["k x"].value, found["k x"].sigma) == (5.43e-4, 3.73e-6)  # m s-2 V-1
     assert (found["k y"].value, found["k y"].sigma, found["k y"].said[:9]) == (2.7e-4, None, "on ground")
@@ -249,15 +250,15 @@ def test_printed_values_of_the_inertial_sensor_come_by_panel():
 
 def test_printed_orders_of_the_drag_are_levels():
     """Published: 1e-13 m s-2 with two sensors and with one."""
-    assert {panel: value for panel, (value, _) in printed.levels("gradient_torque").items()} == {
+    assert {panel: value for panel, (value, _) in printed.levels(load("gradient_torque")).items()} == {
         "two sensor": 1e-13, "one sensor": 1e-13, "one sensor published": 1e-13}  # fmt: skip
-    assert printed.levels("com_offset") == {}
-    assert printed.points("gradient_torque", "S") == []
+    assert printed.levels(load("com_offset")) == {}
+    assert printed.points(load("gradient_torque"), "S") == []
 
 
 def test_the_time_line_shows_value_error_and_verdict(ask, shop):
     """Contract: the adopted offset with its total error at the date of its first manoeuvre."""
-    points = [point for point in timeline.points("com_offset") if point.event == EVENT]
+    points = [point for point in timeline.points(load("com_offset")) if point.event == EVENT]
     assert [(point.panel, point.value, point.sigma) for point in points] == [
         ("x", 10.0, 8.0),
         ("y", 0.0, 9.0),
@@ -276,7 +277,7 @@ def test_a_questionable_result_has_a_mark_of_its_own(ask, store_folder):
     invented_store.put(f"{event}/com_offset.report", invented_store.dataset(10), files=files)
     (row,) = [row for row in store_index.results() if row["event"] == event]
     assert (row["state"], row["mood"]) == ("questionable", "bad")
-    assert {point.mood for point in timeline.points("com_offset") if point.event == event} == {"questionable"}
+    assert {point.mood for point in timeline.points(load("com_offset")) if point.event == event} == {"questionable"}
     assert ask("/timeline/com_offset/D.json").status_code == 200
     assert "questionable</span>" in ask("/timeline/com_offset").text
 
@@ -342,8 +343,8 @@ def test_an_experiment_is_shown_as_such_beside_the_operational_result(shop, ask)
     assert row["report"].ref.key == shop["again"]["report"].key
     assert row["run"]["configuration"] == "operational"
     assert row["experiments"] == ["gain-9"]
-    assert {point.value for point in timeline.points("com_offset") if point.event == EVENT} == {10.0, 0.0, -5.0}
-    assert not [point for point in timeline.points("com_offset") if point.event == "grace-c-2023-03-01"]
+    assert {point.value for point in timeline.points(load("com_offset")) if point.event == EVENT} == {10.0, 0.0, -5.0}
+    assert not [point for point in timeline.points(load("com_offset")) if point.event == "grace-c-2023-03-01"]
     (tried,) = (row for row in store_index.results("gain-9") if row["event"] == EVENT)
     assert tried["report"].ref.key == own["report"].key
     home = ask("/").text

@@ -112,7 +112,7 @@ def test_found_manoeuvres_and_digests_are_kept_in_the_users_catalogue(own_folder
     found = [{"kind": "pitch", "start": 700000000.1234567, "stop": 700000180.1}, catalog.Manoeuvre("yaw", 1.0, 2.0)]
     digest = "0" * 64
     digests = {"ACC1A_2024-02-01_C_04.txt": digest}
-    text = catalog.event_text("com_offset", ["C"], datetime.date(2024, 2, 1), found, digests)
+    text = catalog.event_text("com_offset", "com_offset_session", ["C"], datetime.date(2024, 2, 1), found, digests)
     saved = catalog.save_event("grace-c-2024-02-01", text)
     assert saved.found == (catalog.Manoeuvre("pitch", 700000000.1234567, 700000180.1), found[1])
     assert saved.raw_files[0].sha256 == digest
@@ -130,7 +130,7 @@ def test_without_an_own_catalogue_nothing_is_written(monkeypatch):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('"com_offset"\ns', '"com"\ns'), "calibration: found 'com', expected one of com_offset"),
+        (('"com_offset"\ns', "1\ns"), "calibration: found 1, expected its name"),
         (('["grace-c"]', '"grace-c"'), "satellites: found 'grace-c', expected a list"),
         (('["grace-c"]', '["grace-z"]'), "no satellite named 'grace-z'"),
         (("2030-01-01", '"soon"'), "date: found 'soon', expected a date"),
@@ -154,9 +154,9 @@ def test_a_saved_event_of_a_pair_keeps_whose_manoeuvre_it_was(tmp_path, monkeypa
     (tmp_path / "events").mkdir()
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path))
     found = [{"kind": "+pitch", "start": 6.5e8, "stop": 6.5e8 + 3780.0, "satellite": "D"}]
-    text = catalog.event_text("kbr_phase_centre", ("C", "D"), datetime.date(2020, 8, 7), found, {})
+    text = catalog.event_text("kbr_phase_centre", "kbr_wiggle", ("C", "D"), datetime.date(2020, 8, 7), found, {})
     assert 'source = "found in the Level-1 files below"' in text
-    args = ("kbr_phase_centre", ("C", "D"), datetime.date(2020, 8, 7), found, {}, "simulated")
+    args = ("kbr_phase_centre", "kbr_wiggle", ("C", "D"), datetime.date(2020, 8, 7), found, {}, "simulated")
     assert 'source = "found in the simulated Level-1 files below"' in catalog.event_text(*args)
     saved = catalog.save_event("grace-cd-2020-08-07", text)
     assert [(one.satellite, one.kind) for one in saved.found] == [("D", "+pitch")]

@@ -89,28 +89,28 @@ GOOD = {"com_offset": COM, "kbr_phase_centre": KBR, "inertial_sensor": SENSOR, "
 GOOD["discovery"] = DISCOVERY
 
 
-@pytest.mark.parametrize("name", schemas.DOCUMENTS)
+@pytest.mark.parametrize("name", schemas.names())
 def test_a_good_document_passes_before_and_after_it_is_written(name):
     """Contract: documents of the shape of contract.md are accepted."""
     schemas.validate(GOOD[name])
     schemas.validate(json.loads(json.dumps(GOOD[name], allow_nan=False)), name)
 
 
-@pytest.mark.parametrize("name", [*schemas.DOCUMENTS, "common"])
+@pytest.mark.parametrize("name", [*schemas.names(), "common"])
 def test_the_schema_files_are_valid_schemas(name):
     """Contract: JSON Schema 2020-12."""
     meta.validate(schemas.schema(name))
 
 
 @pytest.mark.parametrize("status", ["no_manoeuvre", "no_data", "failed"])
-@pytest.mark.parametrize("name", schemas.DOCUMENTS)
+@pytest.mark.parametrize("name", schemas.names())
 def test_without_a_result_only_the_head_is_asked_for(name, status):
     """Contract: nothing to calibrate is a document too."""
     calibration = "com_offset" if name == "discovery" else name
     schemas.validate({**_head(calibration), "status": status}, name)
 
 
-@pytest.mark.parametrize("name", schemas.DOCUMENTS)
+@pytest.mark.parametrize("name", schemas.names())
 def test_a_delivered_document_has_all_its_parts(name):
     """Contract: each part of the head and of the result is asked for."""
     for key in ("schema_version", "status", "calibration", "event", "origin", "configuration", "checks", "provenance"):

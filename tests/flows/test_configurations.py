@@ -66,7 +66,7 @@ def test_prune_by_configuration_removes_an_experiment_and_nothing_that_others_ne
     assert housekeeping.prune(keep_s=3600, configuration="try-*") == []  # the links are young
     assert gravcal("products", "prune", "--configuration", "operational") == 2
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(configurations, "operational", lambda _: {"name": "try-3"})
+        patch.setattr(configurations, "promoted", lambda: {"try-3"})
         dropped = {path.parent.name for path, _ in housekeeping.prune(keep_s=-1e9, configuration="try-*")}
     assert "try-3" not in dropped  # promoted
     assert "try-4" in dropped

@@ -262,7 +262,7 @@ def test_a_simulated_event_says_so_wherever_it_is_shown(name, level_one):
     assert {kind for kind, origin in told.items() if origin != "simulated"} <= {"gradient_torque.field"}
     (shown,) = [one for one in store_index.results() if (one["event"], one["calibration"]) == (row["event"], name)]
     assert shown["origin"] == "simulated"
-    assert {point.mood for point in timeline.points(name)} == {"simulated"}
+    assert {point.mood for point in timeline.points(command.record(name))} == {"simulated"}
 
 
 @pytest.mark.parametrize("name", ["com_offset", "kbr_phase_centre", "inertial_sensor"])

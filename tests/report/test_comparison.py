@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from flows.calibration import known, load
 from gravcal.report import comparison
-from gravcal.store.results import Value, values
+from gravcal.store.results import Value
 
 
 def document(calibration="com_offset", **more):
@@ -46,7 +47,7 @@ def test_changed_settings_verdicts_statuses_and_checks_are_named():
     second |= {"settings": {"noise_order": 25, "configuration": "b"}, "verdict": {"text": "b", "met": False}}
     second["checks"] = [checks[0] | {"passed": False}]
     found = comparison.comparison(
-        "com_offset", ("a", "b"), [("grace-c-2020-02-01", first, second)], {"a": [], "b": ["e"]}
+        load("com_offset"), ("a", "b"), [("grace-c-2020-02-01", first, second)], {"a": [], "b": ["e"]}
     )
     (event,) = found["events"]
     assert event["settings"] == {"noise_order": [20, 25]}
@@ -61,6 +62,11 @@ def test_changed_settings_verdicts_statuses_and_checks_are_named():
         assert text in page
 
 
+def values(document):
+    """Values that a document hands on, as its calibration says."""
+    return list(load(document["calibration"]).result(document))
+
+
 def test_the_values_of_every_calibration_are_named():
     """Contract: adopted phase centres; k, beta, offset and bias; errors of the methods; nothing of a failed event."""
     found = values(document("kbr_phase_centre", adopted={"satellites": {"C": {"phase_centre_mm": [1.0, 2.0, None],
@@ -71,7 +77,7 @@ def test_the_values_of_every_calibration_are_named():
         ("C z", None, "mm"),
     ]
     swing = {"k": {"x": {"value": 1.0, "sigma": 0.1}, "y": None}, "beta": {"x": {"value": 2.0, "sigma": 0.1}}}
-    swing["com_to_test_mass_um"] = {"value": [1.0] * 3, "sigma": [2.0] * 3, "sigma_total": [3.0] * 3}
+    swing["adopted"] = {"value": [1.0] * 3, "sigma": [2.0] * 3, "sigma_total": [3.0] * 3}
     found = values(
         document("inertial_sensor", swing=swing, roll={"bias": {"value": [1.0, None, 2.0], "sigma": [1.0, None, 1.0]}})
     )
@@ -91,5 +97,5 @@ def test_the_values_of_every_calibration_are_named():
     }
     found = values(document("gradient_torque", drag=drag))
     assert [one.label for one in found] == ["two sensor", "two sensor error", "one sensor"]
-    for name in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque", "other"):
+    for name in known():
         assert values({"calibration": name, "status": "failed"}) == []

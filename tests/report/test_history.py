@@ -4,6 +4,7 @@ import datetime
 
 import pytest
 
+from flows.calibration import load
 from gravcal.browse import printed
 from gravcal.browse.printed import Point
 from gravcal.report import history
@@ -20,7 +21,7 @@ def point(axis="x", mood="good", **changed):
 def made(points):
     """History of GRACE-C with trims and printed values."""
     trims = [("C", one) for one in printed.trims("C")]
-    return history.history("Offset", [*points, *printed.points("com_offset", "C")], trims, 100.0)
+    return history.history("Offset", [*points, *printed.points(load("com_offset"), "C")], trims, 100.0)
 
 
 def test_the_history_holds_every_printed_event_and_trim():

@@ -9,12 +9,25 @@ from importlib import resources
 from gravcal.errors import ProductError
 
 VERSION = "1.0"
-DOCUMENTS = ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque", "discovery")
 TRIPLES = (
     ("offset_um", "sigma_um", "covariance_um2"),
     ("phase_centre_mm", "sigma_mm", "covariance_mm2"),
     ("value", "sigma", "covariance"),
 )
+
+
+_added = {}  # name: path of the schema of a calibration of another package
+
+
+def names():
+    """Names of all documents that have a schema."""
+    shipped = (path.name.removesuffix(".schema.json") for path in resources.files(__name__).iterdir())
+    return sorted({name for name in shipped if "." not in name and not name.startswith("_")} - {"common"} | set(_added))
+
+
+def add(name, path):
+    """Make the schema of a calibration of another package known."""
+    _added[name] = path
 
 
 def schema(name):
@@ -24,8 +37,8 @@ def schema(name):
     -------
     schema : dict
     """
-    text = (resources.files(__name__) / f"{name}.schema.json").read_text(encoding="utf-8")
-    return json.loads(text)
+    path = _added.get(name) or resources.files(__name__) / f"{name}.schema.json"
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def validate(document, name=None):
@@ -34,15 +47,15 @@ def validate(document, name=None):
     Parameters
     ----------
     document : dict, as it would be written
-    name : str or None, one of `DOCUMENTS`; None: the document's own calibration, or "discovery" by its keys
+    name : str or None, one of `names()`; None: the document's own calibration, or "discovery" by its keys
 
     Raises
     ------
     ProductError : where in the document, what was found, what was expected
     """
     name = name or ("discovery" if "adequate_before" in document else document.get("calibration"))
-    if name not in DOCUMENTS:
-        raise _wrong("calibration", name, f"one of {', '.join(DOCUMENTS[:-1])}")
+    if name not in names():
+        raise _wrong("calibration", name, f"one of {', '.join(names())}")
     blocks = []
     for path, item in _walk(document, ()):
         if isinstance(item, float) and not math.isfinite(item):
@@ -57,7 +70,7 @@ def validate(document, name=None):
         _check_triples(*block)
 
 
-@functools.lru_cache(maxsize=len(DOCUMENTS))
+@functools.cache
 def _validator(name):
     """Schema with the shared definitions in place, and its validator, compiled."""
     from jsonschema_rs import Draft202012Validator
