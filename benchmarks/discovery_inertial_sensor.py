@@ -16,8 +16,8 @@ from scipy import stats  # noqa: E402
 
 from benchmarks.inertial_sensor import START, geometry  # noqa: E402
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.inertial_sensor import align, detect, offset, scale  # noqa: E402
 from gravcal.calibrations.inertial_sensor import discovery_view as views  # noqa: E402
+from gravcal.calibrations.inertial_sensor import offset, records, scale  # noqa: E402
 from gravcal.discovery import attribution  # noqa: E402
 from gravcal.discovery import inertial_sensor as discovery  # noqa: E402
 from gravcal.discovery.blocks import Block  # noqa: E402
@@ -43,9 +43,9 @@ def products(seed, effects=None):
     rng = np.random.default_rng(seed)
     truth = truths.draw(catalog.satellite("T").settings(), chosen, rng)
     record = swings.swing(chosen, START, truth, rng, hiding.hidden(effects, START))
-    found = detect.detect(lambda: record["ATT"], **settings.for_stage("detect"))
+    found = records.detect(lambda: record["ATT"], **settings.for_stage("detect"))
     readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
-    aligned = align.align(found, *readers, **settings.for_stage("align"))
+    aligned = records.align(found, *readers, **settings.for_stage("align"))
     scaled = scale.scale(aligned, geometry=geometry(), **settings.for_stage("scale"))
     return truth, (aligned, scaled, offset.offset(aligned, scaled, **settings.for_stage("offset")))
 

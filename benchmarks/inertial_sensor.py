@@ -8,15 +8,15 @@ kept) and processed: wall time, processor time and largest memory.
 import resource
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.inertial_sensor import align, bias, detect, offset, offset_fit, scale, swing_fit
-from gravcal.calibrations.inertial_sensor import roll_bins as bins
-from gravcal.calibrations.inertial_sensor import roll_segments as segments
+from gravcal.calibrations.inertial_sensor import bias, bins, offset, records, scale
+from gravcal.calibrations.inertial_sensor import swing as fits
 from gravcal.estimation.noise import NoiseModel
 from gravcal.simulation import inertial_sensor as swings
 from gravcal.simulation import inertial_sensor_roll as rolls
@@ -40,9 +40,9 @@ def swing(seed, chosen, settings):
     rng = np.random.default_rng(seed)
     truth = truths.draw(catalog.satellite("T").settings(), chosen, rng)
     record = swings.swing(chosen, START, truth, rng)
-    found = detect.detect(lambda: record["ATT"], **settings.for_stage("detect"))
+    found = records.detect(lambda: record["ATT"], **settings.for_stage("detect"))
     readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
-    aligned = align.align(found, *readers, **settings.for_stage("align"))
+    aligned = records.align(found, *readers, **settings.for_stage("align"))
     scaled = scale.scale(aligned, geometry=geometry(), **settings.for_stage("scale"))
     return truth, aligned, scaled, offset.offset(aligned, scaled, **settings.for_stage("offset"))
 
@@ -69,13 +69,11 @@ def bound(seed, chosen, settings):
     volt = chosen.voltage_noise_v_rthz**2 / (2 * step)
     still = scale.prepare(aligned, step, settings.quiet_margin_s, truth.inertia)
     known = np.array([2.0, 2.0, 6.0]) * volt, np.full(3, chosen.tracker_noise_rad**2)
-    still = type(still)(**(still.__dict__ | {"voltage_variance": known[0], "tracker_variance": known[1]}))
-    fitted = swing_fit.fit(still, truth.beta[:2])
+    fitted = fits.fit(replace(still, voltage_variance=known[0], tracker_variance=known[1]), truth.beta[:2])
     record = offset.prepare(aligned, scaled, settings.quiet_margin_s, settings.drift_degree, 0)
     parasitic = chosen.acceleration_noise_m_s2_rthz**2 / (2 * step) / truth.k**2
     noise = tuple(NoiseModel(np.zeros(0), np.array([v]), step) for v in np.array([6.0, 1.0, 2.0]) * volt + parasitic)
-    record = type(record)(**(record.__dict__ | {"noise": noise}))
-    moved = offset_fit.fit(record, truth.k)
+    moved = offset.fit(replace(record, noise=noise), truth.k)
     return np.sqrt(np.concatenate([np.diag(fitted.covariance)[:3], np.diag(moved.covariance)]))
 
 
@@ -86,15 +84,15 @@ def roll(seed, chosen, settings):
     flown = rolls.draw_roll(chosen, START, rng)
     record = rolls.span(chosen, flown, (flown.start, flown.stop), truth, rng)
     reduced = bins.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
-    limits = {"step_s": settings.step_s, "segment_s": settings.segment_s}
-    limits |= {"uniformity": settings.uniformity_limit, "share": settings.share_limit}
-    model = segments.Model(settings.trend_degree, settings.amplitude_degree, settings.amplitude_harmonics)
+    limits = bias.Limits(settings.step_s, settings.segment_s, settings.uniformity_limit, settings.share_limit)
+    model = bias.Model(settings.trend_degree, settings.amplitude_degree, settings.amplitude_harmonics)
     used = truth.offset + OFFSET_SIGMA * rng.standard_normal(3)
     zero, held = np.zeros((3, 3)), np.diag(OFFSET_SIGMA**2)
     out = []
     for place, covariance in ((truth.offset, zero), (used, held)):
-        solved = segments.solve(reduced, truth.k, place, model, limits)
-        found = bias.estimates(solved, bias.Sensor(truth.k, 0 * truth.k, place, covariance, covariance))
+        sensor = bias.Sensor(truth.k, 0 * truth.k, place, covariance, covariance)
+        solved = bias.solve(reduced, sensor, model, limits)
+        found = bias.estimates(solved, sensor)
         inside = solved.time[:, None] + settings.segment_s * np.linspace(-0.5, 0.5, 101)  # of all segments, see sigma
         drift = np.array([np.interp(inside, flown.knot, column).mean() for column in flown.drift.T])
         true = truth.bias + drift - np.array([0.0, chosen.radiation_m_s2, 0.0])
@@ -175,15 +173,14 @@ def study_long(folder):
 def process(folder):
     """Detect, segment and bias of all files of a folder, without the store."""
     from flows.inertial_sensor import _assumed
-    from gravcal.calibrations.inertial_sensor import segment
     from gravcal.io import inertial_files
 
     settings = catalog.parameters("inertial_sensor")
     days = inertial_files.days(folder)
     started, spent = time.perf_counter(), time.process_time()
-    found = detect.detect(*(inertial_files.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
+    found = records.detect(*(inertial_files.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
     files = [one for d in days.values() for one in d.values()]
-    reduced = segment.segment(found, inertial_files.loaders(files), **settings.for_stage("segment"))
+    reduced = records.segment(found, inertial_files.loaders(files), **settings.for_stage("segment"))
     solved = bias.bias(reduced, assumed=_assumed(settings), **settings.for_stage("bias"))
     wall, processor = time.perf_counter() - started, time.process_time() - spent
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

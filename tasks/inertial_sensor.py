@@ -8,13 +8,10 @@ from gravcal.store import product
 from tasks.stage import lazy, stage
 
 files = lazy("gravcal.io.inertial_files")
-detect_science = lazy("gravcal.calibrations.inertial_sensor.detect")
-align_science = lazy("gravcal.calibrations.inertial_sensor.align")
-scale_science = lazy("gravcal.calibrations.inertial_sensor.scale")
-model_error_science = lazy("gravcal.calibrations.inertial_sensor.model_error")
-offset_science = lazy("gravcal.calibrations.inertial_sensor.offset")
-segment_science = lazy("gravcal.calibrations.inertial_sensor.segment")
-bias_science = lazy("gravcal.calibrations.inertial_sensor.bias")
+records = lazy("gravcal.calibrations.inertial_sensor.records")
+scales = lazy("gravcal.calibrations.inertial_sensor.scale")
+offsets = lazy("gravcal.calibrations.inertial_sensor.offset")
+biases = lazy("gravcal.calibrations.inertial_sensor.bias")
 checks_science = lazy("gravcal.calibrations.inertial_sensor.checks")
 report_science = lazy("gravcal.report.inertial_sensor")
 
@@ -33,55 +30,45 @@ for _kind, _schema in KINDS.items():
 
 
 @stage(reads=["file"], writes="inertial_sensor.detect", version=1)
-def detect(*attitudes, swing_rate_dot_rad_s2, swing_minimum_s, roll_rate_rad_s, segment_s):
+def detect(*attitudes, **settings):
     """Swings and rolls in the attitude."""
-    return detect_science.detect(
-        *(files.loader(one) for one in attitudes),
-        swing_rate_dot_rad_s2=swing_rate_dot_rad_s2,
-        swing_minimum_s=swing_minimum_s,
-        roll_rate_rad_s=roll_rate_rad_s,
-        segment_s=segment_s,
-    )
+    return records.detect(*(files.loader(one) for one in attitudes), **settings)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.align", version=1)
-def align(detected, *observed, margin_s, spike_sigma, gap_limit_s):
+def align(detected, *observed, **settings):
     """Record round the swing."""
-    return align_science.align(
-        detected, *files.between(observed), margin_s=margin_s, spike_sigma=spike_sigma, gap_limit_s=gap_limit_s
-    )
+    return records.align(detected, *files.between(observed), **settings)
 
 
 @stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=1)
-def scale(aligned, *, method, bin_s, quiet_margin_s, first_beta, arm_x_mm, k_y, k_y_sigma, geometry):
+def scale(aligned, **settings):
     """Angular and linear scale factors, tracker delay."""
-    settings = {name: value for name, value in locals().items() if name != "aligned"}
-    return scale_science.scale(aligned, **settings)
+    return scales.scale(aligned, **settings)
 
 
 @stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=3)
-def offset(aligned, scaled, *, method, quiet_margin_s, drift_degree, noise_order):
+def offset(aligned, scaled, **settings):
     """Centre of mass to test mass."""
-    settings = {name: value for name, value in locals().items() if name not in ("aligned", "scaled")}
-    return offset_science.offset(aligned, scaled, **settings)
+    return offsets.offset(aligned, scaled, **settings)
 
 
 @stage(reads=["inertial_sensor.scale"], writes="inertial_sensor.scale", version=1)
 def scale_model_error(scaled, *moved):
     """Scale factors with the errors of an extended model."""
-    return model_error_science.of_scale(scaled, *moved)
+    return scales.scale_model_error(scaled, *moved)
 
 
 @stage(reads=["inertial_sensor.offset"], writes="inertial_sensor.offset", version=2)
 def offset_model_error(found, *moved):
     """Offset with the errors of an extended model."""
-    return model_error_science.of_offset(found, *moved)
+    return offsets.offset_model_error(found, *moved)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)
-def segment(detected, *observed, step_s, workers):
+def segment(detected, *observed, **settings):
     """Roll reduced to bins, day by day."""
-    return segment_science.segment(detected, files.loaders(observed), step_s=step_s, workers=workers)
+    return records.segment(detected, files.loaders(observed), **settings)
 
 
 @stage(
@@ -89,48 +76,20 @@ def segment(detected, *observed, step_s, workers):
     writes="inertial_sensor.bias",
     version=4,
 )
-def bias(
-    segmented,
-    *swing,
-    method,
-    segment_s,
-    uniformity_limit,
-    share_limit,
-    trend_degree,
-    amplitude_degree,
-    amplitude_harmonics,
-    k_z_before,
-    assumed,
-):
+def bias(segmented, *swing, **settings):
     """Bias of every segment and their robust mean."""
-    settings = {name: value for name, value in locals().items() if name not in ("segmented", "swing")}
-    return bias_science.bias(segmented, *swing, **settings)
+    return biases.bias(segmented, *swing, **settings)
 
 
 @stage(reads=["inertial_sensor.bias"], writes="inertial_sensor.bias", version=1)
 def bias_model_error(found, *moved):
     """Bias with the errors of an extended model."""
-    return model_error_science.of_bias(found, *moved)
+    return biases.bias_model_error(found, *moved)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.checks", version=1)
-def checks(
-    detected,
-    *observed,
-    margin_s,
-    constant_limit_s,
-    norm_limit,
-    jump_limit_rad,
-    velocity_limit_m_s,
-    height_limit_m,
-    pointing_limit_rad,
-    expected_beta,
-    factor_limit,
-    orbit_height,
-    inertia,
-):
+def checks(detected, *observed, **settings):
     """Voltages, attitude and orbit of the manoeuvres against each other."""
-    settings = {name: value for name, value in locals().items() if name not in ("detected", "observed")}
     return checks_science.inputs(detected, files.loaders(observed), **settings)
 
 

@@ -91,7 +91,7 @@ def filtering(aligned):
     ----------
     aligned : Dataset, "inertial_sensor.align"
     """
-    from gravcal.calibrations.inertial_sensor.published_swing import filtered_readouts
+    from gravcal.calibrations.inertial_sensor.scale import filtered_readouts
 
     step, before, after = filtered_readouts(aligned)
     figure, panels = grid(1, 3, 2.2, sharey=True, margins=WIDE | {"wspace": 0.1})

@@ -18,13 +18,13 @@ def actuation(published):
     ----------
     published : {section: records}
     """
-    from gravcal.calibrations.inertial_sensor.linear_factors import COEFFICIENTS, VOLTAGES
+    from gravcal.calibrations.inertial_sensor.scale import electrodes
 
     rows = []
-    for record, used in zip(published.get("actuation", ()), COEFFICIENTS, strict=False):
+    for record, used in zip(published.get("actuation", ()), electrodes.READOUT, strict=False):
         same = np.array_equal(np.array(record["value"], dtype=float), used)
         rows.append([record["labels"]["scale_factor"], *(f"{c:g}" for c in used), "as printed" if same else "differs"])
-    heads = ["factor", *(f"{name[0]}{name[2:]}" for name in VOLTAGES), ""]
+    heads = ["factor", *(f"{name[0]}{name[2:]}" for name in electrodes.VOLTAGES), ""]
     return table("Combinations of the electrode voltages (Table 3).", heads, rows, words=(0, 7))
 
 

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
-from gravcal.calibrations.inertial_sensor import roll_segments, schemas
-from gravcal.calibrations.inertial_sensor.robust_mean import robust_mean
+from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.inertial_sensor import schemas
+from gravcal.calibrations.model_error import widened_sigmas
 from gravcal.errors import EstimationError
+from gravcal.estimation import noise
+from gravcal.physics import sensing
 
-ENOUGH = 3  # segments, of which a mean and its scatter can be told
+ENOUGH = 3  # segments that a mean and its scatter need
 SEPARABLE = (1, 0, 1)  # about y the direction cosines are constant: b_y and the constant acceleration are one sum (T-9)
+MEMORY = 3  # order of the autoregressive noise of a residual, half a minute
+LIMIT = 3.0  # standard deviations from the neighbours beyond which a segment is drawn in
+NEIGHBOURS = 5  # segments of the running median
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,68 @@ class Sensor:
     covariance_total: np.ndarray
 
 
-def sensor_of(swing: tuple[xr.Dataset, ...], assumed: dict) -> Sensor:
+@dataclass(frozen=True)
+class Model:
+    """What stands in a segment beside the bias.
+
+    Attributes
+    ----------
+    trend_degree : of the polynomial; its mean over the segment is the constant
+    amplitude_degree : of the polynomials by which non-gravitational accelerations change (published: 1)
+    harmonics : of the revolution by which they change beside (published: 0)
+    with_offset : keep the term of the offset (published: may be dropped; erratum T-10 says no)
+    """
+
+    trend_degree: int
+    amplitude_degree: int
+    harmonics: int = 0
+    with_offset: bool = True
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Length of bins and segments, s; largest scatter of the roll rate and least share of samples of a segment, 1."""
+
+    step_s: float
+    segment_s: float
+    uniformity: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Constants of all segments.
+
+    Attributes
+    ----------
+    time : (s,) s, middles; used : (s,) bool; uniformity : (s,)
+    constant, sigma : (s, 3) m s-2, of k V with the offset term taken off; minus the bias for x and z; the noise is
+        taken as the residual shows it, correlated or not
+    volt : (s, 3) V, the same before scaling, offset term included
+    offset_slope : (s, 3, 3) s-2, mean tensor: change of k V by the offset
+    amplitude : (s, 2, 2) m s-2, non-gravitational acceleration along x and z of o, as x and as z sees it
+    """
+
+    time: np.ndarray
+    used: np.ndarray
+    uniformity: np.ndarray
+    constant: np.ndarray
+    sigma: np.ndarray
+    volt: np.ndarray
+    offset_slope: np.ndarray
+    amplitude: np.ndarray
+
+
+@dataclass(frozen=True)
+class RobustMean:
+    """Mean, its sigma and the standard deviation of the slow wander."""
+
+    value: float
+    sigma: float
+    wander: float
+
+
+def sensor_of(swing: tuple[xr.Dataset, ...], assumed: Mapping) -> Sensor:
     """Scale factors and offset of the swing, or assumed ones where there is none.
 
     Parameters
@@ -43,15 +110,16 @@ def sensor_of(swing: tuple[xr.Dataset, ...], assumed: dict) -> Sensor:
     assumed : {"k", "k_sigma" m s-2 V-1; "offset_um", "offset_sigma_um" um}
     """
     if not swing:
-        size = 1e-6 * np.array(assumed["offset_sigma_um"])
+        covariance = np.diag((1e-6 * np.array(assumed["offset_sigma_um"])) ** 2)
         k, k_sigma = np.array(assumed["k"]), np.array(assumed["k_sigma"])
-        return Sensor(k, k_sigma, 1e-6 * np.array(assumed["offset_um"]), np.diag(size**2), np.diag(size**2))
+        return Sensor(k, k_sigma, 1e-6 * np.array(assumed["offset_um"]), covariance, covariance)
     scaled, found = swing
-    arm = int(scaled.chosen_arm)
-    k, k_sigma = scaled.k.values[arm], scaled.k_sigma_total.values[arm]
-    choice = int(found.adopted)
-    both = (found[name].values[choice] for name in ("covariance", "covariance_total"))
-    return Sensor(k, k_sigma, found.offset.values[choice], *both)
+    arm, choice = int(scaled.chosen_arm), int(found.adopted)
+    return Sensor(
+        scaled.k.values[arm],
+        scaled.k_sigma_total.values[arm],
+        *(found[name].values[choice] for name in ("offset", "covariance", "covariance_total")),
+    )
 
 
 def bias(
@@ -89,41 +157,214 @@ def bias(
     """
     sensor = sensor_of(swing, assumed)
     bins = {name: segmented[name].values for name in segmented.variables}
-    step = roll_segments.bin_length(bins["time"], segment_s)
-    limits = {"step_s": step, "segment_s": segment_s, "uniformity": uniformity_limit, "share": share_limit}
-    printed = method == "published"
-    changes = (1, 0) if printed else (amplitude_degree, amplitude_harmonics)
-    model = roll_segments.Model(trend_degree, *changes, not printed)
-    solved = roll_segments.solve(bins, sensor.k, sensor.offset, model, limits)
+    limits = Limits(bin_length(bins["time"], segment_s), segment_s, uniformity_limit, share_limit)
+    if method == "published":
+        model = Model(trend_degree, amplitude_degree=1, harmonics=0, with_offset=False)
+    else:
+        model = Model(trend_degree, amplitude_degree, amplitude_harmonics)
+    solved = solve(bins, sensor, model, limits)
+    values = {
+        "time_segment": solved.time,
+        "segment_bias": -solved.constant,
+        "segment_sigma": solved.sigma,
+        "used": solved.used,
+        "uniformity": solved.uniformity,
+        "separable": SEPARABLE,
+    }
     facts = {"method": method, "factors_from": "swing" if swing else "assumed"}
-    few = _too_few(solved, limits)
-    if not few:
-        values = estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, limits)
-        return build(schemas.BIAS, values | _segments(solved), **facts)
-    if not swing:
-        raise EstimationError(f"roll: {few}", segments=int(solved.used.size))
-    return build(schemas.BIAS, _undetermined() | _segments(solved), not_determined=few, **facts)
-
-
-def _too_few(solved, limits):
-    """Why the segments do not suffice; empty if they do."""
     usable = int(np.count_nonzero(solved.used))
     if usable >= ENOUGH:
-        return ""
-    return (
+        values |= estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, limits)
+        return build(schemas.BIAS, values, **facts)
+    few = (
         f"found {usable} usable of {solved.used.size} segments, expected {ENOUGH}. Raise uniformity_limit "
-        f"({limits['uniformity']:g}), lower share_limit ({limits['share']:g}), or give a longer roll."
+        f"({uniformity_limit:g}), lower share_limit ({share_limit:g}), or give a longer roll."
     )
+    if not swing:
+        raise EstimationError(f"roll: {few}", segments=int(solved.used.size))
+    unknown = [name for name, stated in schemas.BIAS.items() if stated["dims"] == "axis"]
+    nothing = dict.fromkeys(unknown, np.full(3, np.nan)) | {"amplitude": np.full((2, 2), np.nan)}
+    nothing |= {"frequency": np.zeros(0), "density": np.zeros((3, 0))}
+    return build(schemas.BIAS, nothing | values, not_determined=few, **facts)
 
 
-def _undetermined():
-    """Values of a roll that tells no bias."""
-    own = [name for name, stated in schemas.BIAS.items() if stated["dims"] == "axis"]
-    unknown = dict.fromkeys(own, np.full(3, np.nan)) | {"separable": SEPARABLE, "amplitude": np.full((2, 2), np.nan)}
-    return unknown | {"frequency": np.zeros(0), "density": np.zeros((3, 0))}
+def bin_length(time: np.ndarray, segment_s: float) -> float:
+    """Length s of the bins (b,) of a roll; that of a segment where there is one bin only."""
+    return float(np.median(np.diff(time[:1000]))) if time.size > 1 else segment_s
 
 
-def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
+def cut(time: np.ndarray, step_s: float, segment_s: float) -> list[slice]:
+    """Slices of segments that hold no gap.
+
+    Parameters
+    ----------
+    time : (b,) s, middles of bins; step_s : s; segment_s : s, length wanted
+    """
+    length = int(round(segment_s / step_s))
+    breaks = np.flatnonzero(np.diff(time) > 1.5 * step_s) + 1
+    bounds = [0, *breaks.tolist(), time.size]
+    return [
+        slice(first, first + length)
+        for a, b in zip(bounds[:-1], bounds[1:], strict=True)
+        for first in range(a, b - length + 1, length)
+    ]
+
+
+def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
+    """Tensor of the offset in the bins of a segment; the rate of rolling changes as its straight line (b, 3, 3) s-2.
+
+    Parameters
+    ----------
+    rate_b : (b, 3) rad s-1; gradient_b : (b, 3, 3) s-2; step_s : s
+    """
+    u = step_s * np.arange(rate_b.shape[0])
+    u = u - u.mean()
+    slope = (u @ (rate_b - rate_b.mean(axis=0))) / (u @ u)
+    return sensing.offset_tensor(rate_b, np.broadcast_to(slope, rate_b.shape), gradient_b)
+
+
+def orbital_phase(gradient_b: np.ndarray, step_s: float) -> np.ndarray:
+    """Angle along the orbit since the first bin (b,) rad, from the gravity gradient (b, 3, 3): |G| = sqrt(6) n^2."""
+    motion = np.sqrt(np.linalg.norm(gradient_b, axis=(1, 2)) / np.sqrt(6))
+    return step_s * np.cumsum(motion)
+
+
+def design(axis: int, R_bo: np.ndarray, model: Model, phase: np.ndarray | None = None) -> np.ndarray:
+    """Columns (b, p) that are fitted to one axis of a segment, the constant first; arguments as of `solve_axis`."""
+    trend = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(R_bo)), model.trend_degree)
+    change = _changes(len(R_bo), model, phase)
+    turning = () if axis == 1 else (0, 2)
+    return np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
+
+
+def _changes(count, model, phase):
+    """How non-gravitational accelerations may change over a segment of so many bins (b, c)."""
+    change = np.polynomial.legendre.legvander(np.linspace(-1, 1, count), model.amplitude_degree)
+    waves = [wave(n * phase)[:, None] for n in range(1, model.harmonics + 1) for wave in (np.cos, np.sin)]
+    return np.concatenate([change, *waves], axis=1)
+
+
+def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, phase: np.ndarray | None = None):
+    """Constants of readouts of one axis over a segment.
+
+    Parameters
+    ----------
+    axis : 0 x, 1 y, 2 z; readings : (b, m) any units
+    R_bo : (b, 3, 3); model : Model; phase : (b,) rad along the orbit, for harmonics
+
+    Returns
+    -------
+    constant, sigma : (m,) units of the readings; residual : (b, m)
+    amplitude : (t, m) units, mean of a_J over the segment of each direction that turns; none about y
+
+    Notes
+    -----
+    k V = -b + trend + sum_J c_iJ (a_J t + a_0J); Remote Sens. 2023, 15, 3817, eqs. 14 and 15 with direction cosines
+    (erratum T-3); a_J may hold one and two cycles per revolution beside, as drag does. About y the cosine with y is
+    constant: nothing is fitted, the constant holds b and a_0 (T-9).
+    """
+    columns = design(axis, R_bo, model, phase)
+    basis, triangle = np.linalg.qr(columns)
+    first = np.linalg.solve(triangle.T, np.eye(triangle.shape[0])[0])  # weights of the constant along the basis
+    share = basis.T @ readings
+    residual = readings - basis @ share
+    variance = np.einsum("bm,bm->m", residual, residual) / (columns.shape[0] - columns.shape[1])
+    mean = _changes(len(R_bo), model, phase).mean(axis=0)
+    coefficient = np.linalg.solve(triangle, share)[model.trend_degree + 1 :]
+    amplitude = np.einsum("c,jcm->jm", mean, coefficient.reshape(-1, mean.size, readings.shape[1]))
+    return first @ share, np.sqrt(variance * (first @ first)), residual, amplitude
+
+
+def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, limits: Limits) -> Segments:
+    """Constants of every segment; NaN where bins are missing.
+
+    Parameters
+    ----------
+    bins : of `bins.reduced`, several spans joined
+    sensor : Sensor; model : Model; limits : Limits
+    """
+    parts = cut(bins["time"], limits.step_s, limits.segment_s)
+    used = np.zeros(len(parts), dtype=bool)
+    uniformity, constant, sigma, volt, slope, amplitude = (
+        np.full((len(parts), *shape), np.nan) for shape in ((), (3,), (3,), (3,), (3, 3), (2, 2))
+    )
+    residuals = []
+    for s, part in enumerate(parts):
+        one = {name: values[part] for name, values in bins.items()}
+        rate, linear_volt = one["rate_b"], one["linear_volt"]
+        if not all(np.isfinite(values).all() for values in (linear_volt, one["R_bo"], rate)):
+            continue
+        uniformity[s] = np.std(rate[:, 1]) / np.abs(np.mean(rate[:, 1]))
+        used[s] = uniformity[s] <= limits.uniformity and one["share"].min() >= limits.share
+        tensor = offset_terms(rate, one["gradient_b"], limits.step_s)
+        offset_term = np.matvec(tensor, sensor.offset) if model.with_offset else 0.0
+        readings = np.stack([sensor.k * linear_volt - offset_term, linear_volt], axis=2)
+        phase = orbital_phase(one["gradient_b"], limits.step_s)
+        residual = np.empty_like(linear_volt)
+        for axis in range(3):
+            fitted, error, left, amplitudes = solve_axis(axis, readings[:, axis], one["R_bo"], model, phase)
+            (constant[s, axis], volt[s, axis]), sigma[s, axis], residual[:, axis] = fitted, error[0], left[:, 0]
+            if axis != 1:
+                amplitude[s, axis // 2] = amplitudes[:, 0]
+        slope[s] = tensor.mean(axis=0)
+        if used[s]:
+            residuals.append(residual)
+    if residuals:
+        sigma *= redness(np.array(residuals), limits.step_s)
+    time = np.array([np.mean(bins["time"][part]) for part in parts])
+    return Segments(time, used, uniformity, constant, sigma, volt, slope, amplitude)
+
+
+def redness(residual: np.ndarray, step_s: float) -> np.ndarray:
+    """Ratio (3,) by which noise below a few cycles of the roll exceeds white noise of the same variance, at least one.
+
+    Parameters
+    ----------
+    residual : (s, b, 3) m s-2, of the segments used; step_s : s
+    """
+    slow = np.linspace(0, 4 / (residual.shape[1] * step_s), 9)
+    models = [noise.fit_noise(list(residual[:, :, axis]), MEMORY, step_s) for axis in range(3)]
+    white = np.maximum(2 * step_s * np.mean(residual**2, axis=(0, 1)), 1e-300)
+    return np.sqrt(np.maximum([m.density(slow).mean() for m in models] / white, 1.0))
+
+
+def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = ()) -> RobustMean:
+    """Mean over the time covered, of values that stand out from their neighbours no more than a limit.
+
+    Its error comes from the error of every value; what the values scatter beyond it is a slow wander, which a mean over
+    the time covered rightly contains. So a value is judged by its neighbours: judged by the mean of all, wander would
+    count as outlying, and the result be no mean of it. Where values are missing the wander is not seen, and its error
+    is added.
+
+    Parameters
+    ----------
+    values : (n,) any unit, in order of time
+    sigma : (n,) standard deviation of each, same unit
+    missing : lengths of the runs of values left out between them
+
+    Returns
+    -------
+    mean : RobustMean; sigma is NaN for fewer than three values
+
+    Notes
+    -----
+    Runs of r values left out of N add wander^2 sum r^2 / N^2, neighbours being alike.
+    """
+    from scipy.ndimage import median_filter
+
+    if values.size < 3:
+        return RobustMean(float(np.mean(values)) if values.size else np.nan, np.nan, np.nan)
+    white = np.sqrt(np.mean(sigma**2))
+    local = median_filter(values, size=min(NEIGHBOURS, values.size), mode="mirror")
+    left = values - local
+    limit = LIMIT * max(1.4826 * np.median(np.abs(left)), white, 1e-300)
+    drawn = local + np.minimum(1.0, limit / np.maximum(np.abs(left), 1e-300)) * left
+    wander = np.sqrt(max(np.var(drawn, ddof=1) - white**2, 0.0))
+    unobserved = wander * np.linalg.norm(missing) / (values.size + sum(missing))
+    return RobustMean(float(drawn.mean()), float(np.hypot(white / np.sqrt(values.size), unobserved)), float(wander))
+
+
+def estimates(solved: Segments, sensor: Sensor) -> dict:
     """Joined bias and the parts of its error.
 
     Parameters
@@ -138,25 +379,21 @@ def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
     used = solved.used
     edges = np.flatnonzero(np.diff(np.concatenate([[1], used, [1]]).astype(int)))
     lost = (edges[1::2] - edges[::2]).tolist()
-    means = [robust_mean(-solved.constant[used, axis], solved.sigma[used, axis], lost) for axis in range(3)]
-    volts = [
-        robust_mean(-solved.volt[used, axis], solved.sigma[used, axis] / sensor.k[axis], lost) for axis in range(3)
-    ]
+    sigma = solved.sigma[used]
+    means = [robust_mean(-solved.constant[used, axis], sigma[:, axis], lost) for axis in range(3)]
+    volts = [robust_mean(-solved.volt[used, axis], sigma[:, axis] / sensor.k[axis], lost) for axis in range(3)]
     slope = solved.offset_slope[used].mean(axis=0)
-    value = np.array([m.value for m in means])
-    statistical = np.array([m.sigma for m in means])
+    value, statistical = (np.array([getattr(m, name) for m in means]) for name in ("value", "sigma"))
     common, wider = (
         np.sqrt(np.diag(slope @ matrix @ slope.T)) for matrix in (sensor.covariance, sensor.covariance_total)
     )
-    sigma = np.hypot(statistical, common)
     factor = np.abs(value) * sensor.k_sigma / sensor.k
     return {
         "bias": value,
-        "bias_sigma": sigma,
+        "bias_sigma": np.hypot(statistical, common),
         "bias_sigma_total": np.hypot(np.hypot(statistical, wider), factor),
         "bias_volt": [m.value for m in volts],
         "bias_volt_sigma": [m.sigma for m in volts],
-        "separable": SEPARABLE,
         "statistical_sigma": statistical,
         "offset_sigma": common,
         "factor_sigma": factor,
@@ -166,22 +403,14 @@ def estimates(solved: roll_segments.Segments, sensor: Sensor) -> dict:
     }
 
 
-def _segments(solved):
-    return {
-        "time_segment": solved.time,
-        "segment_bias": -solved.constant.reshape(-1, 3),
-        "segment_sigma": solved.sigma.reshape(-1, 3),
-        "used": solved.used,
-        "uniformity": solved.uniformity,
-    }
-
-
-def spectra(bins: dict, solved: roll_segments.Segments, sensor: Sensor, k_z_before: float, limits: dict) -> dict:
+def spectra(
+    bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_z_before: float, limits: Limits
+) -> dict:
     """Amplitude spectra of the z axis: with the old factor, with the new one, and with motion and drag taken off too.
 
     Parameters
     ----------
-    bins : of roll_bins; solved : Segments; sensor : Sensor; k_z_before : m s-2 V-1; limits : as for solve
+    bins : of `bins.reduced`; solved : Segments; sensor : Sensor; k_z_before : m s-2 V-1; limits : Limits
 
     Notes
     -----
@@ -190,22 +419,27 @@ def spectra(bins: dict, solved: roll_segments.Segments, sensor: Sensor, k_z_befo
     """
     from scipy.signal import welch
 
-    parts = roll_segments.cut(bins["time"], limits["step_s"], limits["segment_s"])
-    kept = [part for part, used in zip(parts, solved.used, strict=True) if used]
-    raw = np.array([bins["linear_volt"][part, 2] for part in kept])
-    left = np.array([_residual(bins, part, sensor, limits["step_s"]) for part in kept])
-    spectrum = {"fs": 1 / limits["step_s"], "nperseg": raw.shape[1], "noverlap": 0, "average": "median"}
-    frequency, volts = welch(raw.ravel(), detrend="linear", **spectrum)
-    _, rest = welch(left.ravel(), **spectrum)
-    density = np.sqrt([volts, rest])
-    shown = np.array([k_z_before * density[0], sensor.k[2] * density[0], density[1]])
-    return {"frequency": frequency[2:], "density": shown[:, 2:]}
+    parts, step = cut(bins["time"], limits.step_s, limits.segment_s), limits.step_s
+    raw, left = [], []
+    for part in (part for part, used in zip(parts, solved.used, strict=True) if used):
+        volt, gradient, R_bo = (bins[name][part] for name in ("linear_volt", "gradient_b", "R_bo"))
+        tensor = offset_terms(bins["rate_b"][part], gradient, step)
+        reading = sensor.k[2] * volt[:, 2] - (tensor @ sensor.offset)[:, 2]
+        raw.append(volt[:, 2])
+        left.append(solve_axis(2, reading[:, None], R_bo, Model(3, 1, 2), orbital_phase(gradient, step))[2][:, 0])
+    spectrum = {"fs": 1 / step, "nperseg": raw[0].size, "noverlap": 0, "average": "median"}
+    frequency, volts = welch(np.concatenate(raw), detrend="linear", **spectrum)
+    _, rest = welch(np.concatenate(left), **spectrum)
+    density = np.sqrt([k_z_before**2 * volts, sensor.k[2] ** 2 * volts, rest])
+    return {"frequency": frequency[2:], "density": density[:, 2:]}
 
 
-def _residual(bins, part, sensor, step_s):
-    """Z reading of a segment without everything that is modelled."""
-    one = {name: values[part] for name, values in bins.items()}
-    tensor = roll_segments.offset_terms(one["rate_b"], one["gradient_b"], step_s)
-    reading = sensor.k[2] * one["linear_volt"][:, 2] - (tensor @ sensor.offset)[:, 2]
-    phase = roll_segments.orbital_phase(one["gradient_b"], step_s)
-    return roll_segments.solve_axis(2, reading[:, None], one["R_bo"], roll_segments.Model(3, 1, 2), phase)[2][:, 0]
+def bias_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Bias with errors that hold those of the effects that were taken out of the bins before.
+
+    Parameters
+    ----------
+    found : Dataset, "inertial_sensor.bias"
+    moved : Dataset, "inertial_sensor.bias", one for each direction of the model's errors
+    """
+    return replaced(found, widened_sigmas(found, moved, {"bias": ("bias_sigma", "bias_sigma_total")}))

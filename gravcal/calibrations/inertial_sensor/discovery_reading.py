@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gravcal.calibrations.inertial_sensor.discovery_view import View
+from gravcal.calibrations.inertial_sensor.swing import FACTORS
 from gravcal.estimation.noise import unwhiten
 
 
@@ -26,5 +27,5 @@ def reading(seen: View, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     """
     parts = rows.reshape(3, seen.record.time.size, -1)
     columns = [seen.k[a] * unwhiten(seen.record.noise[a], parts[a], seen.good) for a in range(3)]
-    model = np.matvec(np.nan_to_num(seen.tensor), seen.start[seen.swing.factors + 1 :])
+    model = np.matvec(np.nan_to_num(seen.tensor), seen.start[FACTORS + 1 :])
     return seen.record.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.inertial_sensor import roll_segments
+from gravcal.calibrations.inertial_sensor import bias as roll_segments
 from gravcal.calibrations.inertial_sensor.bias import ENOUGH, sensor_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context

@@ -12,10 +12,11 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import solve_triangular
 
-from gravcal.calibrations.inertial_sensor import cleaning, offset, offset_fit, scale, swing_fit, swing_model
+from gravcal.calibrations.inertial_sensor import bins, offset, scale
+from gravcal.calibrations.inertial_sensor import swing as swings
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
-from gravcal.estimation import least_squares, noise
+from gravcal.estimation import noise
 from gravcal.estimation.lines import without_lines
 from gravcal.physics import frames, kinematics, sensing
 
@@ -32,22 +33,22 @@ class View:
 
     Attributes
     ----------
-    swing : swing_model.Swing; motion : predicted; unknowns : of the fit
+    swing : swing.Swing; motion : predicted; unknowns : of the fit
     lower : (r, r) rad, Cholesky factor of the attitude; valid : (3 b,) rows that there are
     residual, design : (r,) rad, (r, p), of the attitude about the solution
-    record : offset_fit.Record; k : (3,) m s-2 V-1; tensor : (b, 3, 3) s-2; good : (b,) bins of the linear readings
+    record : offset.Record; k : (3,) m s-2 V-1; tensor : (b, 3, 3) s-2; good : (b,) bins of the linear readings
     start : (6,) rad s-2 V-1, s, m, the solution
     quiet : {channel: quiet samples an axis}
     """
 
-    swing: swing_model.Swing
-    motion: swing_model.Prediction
-    unknowns: swing_model.Unknowns
+    swing: swings.Swing
+    motion: swings.Motion
+    unknowns: swings.Unknowns
     lower: np.ndarray
     valid: np.ndarray
     residual: np.ndarray
     design: np.ndarray
-    record: offset_fit.Record
+    record: offset.Record
     k: np.ndarray
     tensor: np.ndarray
     good: np.ndarray
@@ -65,20 +66,20 @@ def view(aligned: xr.Dataset, scaled: xr.Dataset, moved: xr.Dataset, **settings)
     """
     bin_s, margin = settings["bin_s"], settings["quiet_margin_s"]
     swing = scale.prepare(aligned, bin_s, margin, np.array(settings["inertia"]))
-    fitted = swing_fit.fit(swing, scaled["batch_value"].values[: swing.factors])
-    shares = swing_model.noise_map(swing, fitted.motion)
-    system = swing_fit._system(swing, fitted.unknowns, fitted.motion, shares, cleaned=True)
+    fitted = swings.fit(swing, scaled["batch_value"].values[: swings.FACTORS])
+    maps = swings.noise_map(swing, fitted.motion)
+    system = swings.linear_system(swing, fitted.unknowns, fitted.motion, maps)
     record = offset.prepare(aligned, scaled, margin, settings["drift_degree"], settings["noise_order"])
     k = scaled["k"].values[int(scaled["chosen_arm"])]
-    turn = _turn(record, fitted.unknowns.factors[list(swing.owner)] * np.sqrt(swing.voltage_variance))
+    turn = _turn(record, fitted.unknowns.factors[swings.OWNER] * np.sqrt(swing.voltage_variance))
     record = replace(record, rate_dot_b=turn, noise=_quiet_noise(aligned, bin_s, margin, settings["noise_order"]))
     tensor = sensing.offset_tensor(record.rate_b, turn, record.gradient_b)
     good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(tensor).all(axis=(1, 2))
     place = moved["offset"].values[0]
     start = np.concatenate([fitted.unknowns.factors, [fitted.unknowns.delay], np.nan_to_num(place)])
-    bins = sum(len(b) for b in scale.quiet_blocks(aligned, aligned["volts"].values, bin_s, margin))
+    quiet = sum(len(b) for b in scale.quiet_blocks(aligned, aligned["volts"].values, bin_s, margin))
     about = (swing, fitted.motion, fitted.unknowns, system.lower, system.valid, system.residual, system.design)
-    return View(*about, record, k, tensor, good, start, dict.fromkeys(CHANNELS, float(bins)))
+    return View(*about, record, k, tensor, good, start, dict.fromkeys(CHANNELS, float(quiet)))
 
 
 def context(seen: View, *, fine: bool) -> Context:
@@ -107,10 +108,8 @@ def context(seen: View, *, fine: bool) -> Context:
 
 def _quiet_noise(aligned, bin_s, margin, order):
     """Noise of the linear readouts beside the swing; sharp lines, which a tone leaves there too, are no noise."""
-    readout = electrodes.readouts(aligned["volts"].values)[:, :3]
-    pieces = [offset._without_polynomial(b, 3) for b in scale.quiet_blocks(aligned, readout, bin_s, margin)]
-    pieces, _ = without_lines(pieces, bin_s)
-    return tuple(offset._noise([b[:, axis] for b in pieces], order, bin_s) for axis in range(3))
+    pieces, _ = without_lines(offset.quiet_readouts(aligned, bin_s, margin), bin_s)
+    return offset.noise_models(pieces, order, bin_s)
 
 
 def _turn(record, noise_b):
@@ -125,9 +124,9 @@ def _turn(record, noise_b):
 
 def _modelled(seen):
     """Linear reading (b, 3) m s-2 of the model: drift and offset, without the noise that the measured one has."""
-    record, offset_b = seen.record, seen.start[seen.swing.factors + 1 :]
+    record, offset_b = seen.record, seen.start[swings.FACTORS + 1 :]
     felt = np.matvec(np.nan_to_num(seen.tensor), offset_b)
-    trend = least_squares.polynomial(record.time, record.degree, record.time[0], record.time[-1])
+    trend = record.trend
     slow = (seen.k * record.linear_volt - felt)[seen.good]
     return felt + trend @ np.linalg.lstsq(trend[seen.good], slow, rcond=None)[0]
 
@@ -141,7 +140,7 @@ def attitude_rows(seen: View, angle_b: np.ndarray) -> np.ndarray:
     angle_b : (m, 3, q)
     """
     swing = seen.swing
-    mean, _ = cleaning.bin_means(swing.time_att, angle_b, swing.edges)
+    mean, _ = bins.bin_means(swing.time_att, angle_b, swing.edges)
     rows = mean.reshape(seen.valid.size, -1)[seen.valid]
     return solve_triangular(seen.lower, np.nan_to_num(rows), lower=True)
 
@@ -159,7 +158,7 @@ def turned(seen: View, rate_dot_b: np.ndarray) -> np.ndarray:
     rate = kinematics.running_integral(swing.time, rate_dot_b)
     angle = kinematics.angle_from_rate_change(swing.time, R_bi, rate)
     shown = np.clip(swing.time_att - seen.unknowns.delay, swing.time[0], swing.time[-1])
-    return swing_model._at(swing.time, angle, shown)
+    return swings.interpolated(swing.time, angle, shown)
 
 
 def linear_rows(seen: View, reading: np.ndarray) -> np.ndarray:
@@ -184,7 +183,7 @@ def blocks(seen: View) -> list[dict]:
     ----------
     seen : View
     """
-    count = seen.swing.factors + 1
+    count = swings.FACTORS + 1
     attitude = solve_triangular(seen.lower, np.column_stack([seen.residual, seen.design]), lower=True)
     linear = _linear_design(seen, count)
     more, width = attitude.shape[1] - 1 - count, linear.shape[1] - 4
@@ -205,7 +204,7 @@ def blocks(seen: View) -> list[dict]:
 def _linear_design(seen, count):
     """Whitened rows of the linear readings: what is left of them, the offset, drifts."""
     record, tensor = seen.record, np.nan_to_num(seen.tensor)
-    trend = least_squares.polynomial(record.time, record.degree, record.time[0], record.time[-1])
+    trend = record.trend
     drift = np.einsum("nk,ac->nakc", trend, np.eye(3)).reshape(record.time.size, 3, -1)
     left = seen.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, seen.start[count:])
     both = np.concatenate([left[:, :, None], tensor, drift], axis=2)

@@ -11,6 +11,7 @@ import xarray as xr
 from gravcal.calibrations.inertial_sensor import discovery_candidates as listed
 from gravcal.calibrations.inertial_sensor import discovery_roll as rolls
 from gravcal.calibrations.inertial_sensor.discovery_view import View, context, view
+from gravcal.calibrations.inertial_sensor.swing import OWNER
 from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
@@ -138,7 +139,7 @@ def _shapes(seen, entry, channel, time):
 
 def _per_factor(seen, added):
     """Combinations of voltages (n, 6) that read linear and angular accelerations."""
-    beta = seen.unknowns.factors[list(seen.swing.owner)]
+    beta = seen.unknowns.factors[OWNER]
     return added / np.concatenate([seen.k, beta])
 
 

@@ -1,24 +1,76 @@
-"""Stage `offset`: from the centre of mass to the test mass, by the common-mode voltages of a swing."""
+"""Stage `offset`: from the centre of mass to the test mass, by the common-mode voltages of a swing.
+
+The angular acceleration is the sensor's own, with the voltage noise that the star tracker shows taken out of it. The
+vector points from the centre of mass to the test mass (the published design matrix says so, erratum T-2).
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
-from gravcal.calibrations.inertial_sensor import (
-    cleaning,
-    offset_fit,
-    published_swing,
-    schemas,
-)
-from gravcal.calibrations.inertial_sensor.scale import quiet_blocks
+from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.inertial_sensor import bins, schemas
+from gravcal.calibrations.inertial_sensor.scale import published_offset_matrix, quiet_blocks
+from gravcal.calibrations.model_error import widened
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.estimation import least_squares
-from gravcal.estimation.noise import fit_noise
+from gravcal.estimation import kalman, least_squares
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import sensing
 
 CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor nothing in orbit gives
+#: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
+#: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
+FACTORS = {
+    "beta_x": ([1, 0, 0], [0, 0, 1]),
+    "beta_y": ([0, 1, 1], [1, 0, 0]),
+    "ratio_x": ([0, 0, 0], [0, 0, 1]),
+    "ratio_y": ([0, 0, 0], [1, 0, 0]),
+    "k_y": ([0, 0, 0], [0, 1, 0]),
+}
+
+
+@dataclass(frozen=True)
+class Record:
+    """Bin means of a swing.
+
+    Attributes
+    ----------
+    time : (b,) s; linear_volt : (b, 3) V, linear readouts
+    rate_b, rate_dot_b : (b, 3) rad s-1, rad s-2; gradient_b : (b, 3, 3) s-2
+    noise : three NoiseModel of linear_volt, V
+    degree : of the polynomial that stands for bias, drag and radiation
+    """
+
+    time: np.ndarray
+    linear_volt: np.ndarray
+    rate_b: np.ndarray
+    rate_dot_b: np.ndarray
+    gradient_b: np.ndarray
+    noise: tuple[NoiseModel, NoiseModel, NoiseModel]
+    degree: int
+
+    @property
+    def trend(self) -> np.ndarray:
+        """(b, degree + 1) columns of bias, drag and radiation."""
+        return least_squares.polynomial(self.time, self.degree, self.time[0], self.time[-1])
+
+
+@dataclass(frozen=True)
+class Offset:
+    """Offset (3,) m with covariance (3, 3) m2, scale factors held; chi2, dof.
+
+    `observed` (3 b,) and `design` (3 b, p) are the whitened rows in order of time, polynomials included.
+    """
+
+    value: np.ndarray
+    covariance: np.ndarray
+    chi2: float
+    dof: int
+    observed: np.ndarray
+    design: np.ndarray
 
 
 def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, drift_degree, noise_order) -> xr.Dataset:
@@ -30,7 +82,7 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     method : "gravcal" or "published"
     quiet_margin_s : s kept clear of the swing where the noise is measured
     drift_degree : of the polynomial that stands for bias, drag and radiation
-    noise_order : of the autoregressive noise
+    noise_order : of the autoregressive noise, at most
 
     Returns
     -------
@@ -38,13 +90,15 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     """
     record = prepare(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
     k = scaled.k.values[int(scaled.chosen_arm)]
-    tensor = published_swing.offset_matrix if method == "published" else sensing.offset_tensor
-    relative = _relative(scaled)
-    fits = [offset_fit.fit(record, k, axes, tensor) for axes in CHOICES]
-    moved = [offset_fit.shifts(record, k, axes, relative) for axes in CHOICES]
-    shift = np.array([[one[name] for name in relative] for one in moved])
+    tensor = published_offset_matrix if method == "published" else sensing.offset_tensor
+    beta, ratio = scaled.beta_sigma.values / scaled.beta.values, scaled.ratio_relative_sigma.values
+    relative = np.array([*beta[:2], *ratio[:2], scaled.k_sigma.values[0, 1] / scaled.k.values[0, 1]])
+    fits = [fit(record, k, axes, tensor) for axes in CHOICES]
+    shift = np.array([shifts(record, k, axes) * relative[:, None] for axes in CHOICES])
     covariance = np.array([one.covariance for one in fits])
     total = covariance + np.einsum("cqi,cqj->cij", shift, shift)
+    run, rows = _filtered(fits[0]), np.arange(record.time.size) * 3 + 2
+    columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
     values = {
         "offset": [one.value for one in fits],
         "covariance": covariance,
@@ -54,80 +108,140 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
         "chi2": fits[0].chi2,
         "dof": fits[0].dof,
         "noise_density": [np.sqrt(2 * n.step_s * n.variance[-1]) for n in record.noise],
+        "time_bin": record.time,
+        "reading": least_squares.without(record.trend, np.nan_to_num(k * record.linear_volt)),
+        "model": least_squares.without(record.trend, np.matvec(columns, fits[0].value)),
+        "filter_value": run.value[rows, :3],
+        "filter_sigma": run.sigma[rows, :3],
     }
-    values |= _shown(record, k, fits[0], tensor) | _history(fits[0], record.time)
-    return build(schemas.OFFSET, values, causes=" ".join(relative), direction="com_to_test_mass", method=method)
+    return build(schemas.OFFSET, values, causes=" ".join(FACTORS), direction="com_to_test_mass", method=method)
 
 
-def prepare(aligned, scaled, quiet_margin_s: float, degree: int, order: int) -> offset_fit.Record:
+def prepare(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, degree: int, order: int) -> Record:
     """Bin means of the linear readouts and the motion, with the noise of the quiet data.
 
     Parameters
     ----------
     aligned : Dataset, "inertial_sensor.align"; scaled : Dataset, "inertial_sensor.scale"
-    quiet_margin_s : s; degree : of the polynomial; order : of the noise
+    quiet_margin_s : s; degree : of the polynomial; order : of the noise, at most
     """
     time_bin = scaled.time_bin.values
     step = float(time_bin[1] - time_bin[0])
-    readout = electrodes.readouts(aligned.volts.values)[:, :3]
-    blocks = [_without_polynomial(block, 3) for block in quiet_blocks(aligned, readout, step, quiet_margin_s)]
-    noise = tuple(_noise([b[:, axis] for b in blocks], order, step) for axis in range(3))
     edges = np.append(time_bin - step / 2, time_bin[-1] + step / 2)
-    return offset_fit.Record(
+    readout = electrodes.readouts(aligned.volts.values)[:, :3]
+    return Record(
         time=time_bin,
-        linear_volt=cleaning.bin_means(aligned.time.values, readout, edges)[0],
+        linear_volt=bins.bin_means(aligned.time.values, readout, edges)[0],
         rate_b=scaled.rate_b.values,
         rate_dot_b=scaled.rate_dot_b.values,
         gradient_b=scaled.gradient_b.values,
-        noise=noise,
+        noise=noise_models(quiet_readouts(aligned, step, quiet_margin_s), order, step),
         degree=degree,
     )
 
 
-def _noise(blocks, order, step):
-    """Noise of the order that the data ask for (Schwarz); white noise without the colour of its detrending."""
-    models = [fit_noise(blocks, k, step, removed=4 * len(blocks)) for k in range(order + 1)]
-    count = sum(int(np.count_nonzero(np.isfinite(block))) for block in blocks)
-    cost = [count * np.log(model.variance[-1]) + k * np.log(max(count, 2)) for k, model in enumerate(models)]
-    return models[int(np.argmin(cost))]
+def quiet_readouts(aligned: xr.Dataset, step_s: float, margin_s: float) -> list[np.ndarray]:
+    """Linear readouts (n, 3) V before and after the swing with a cubic taken off, NaN rows kept.
+
+    Parameters
+    ----------
+    aligned : Dataset, "inertial_sensor.align"; step_s : s, of the bins; margin_s : s kept clear of the swing
+    """
+    blocks = quiet_blocks(aligned, electrodes.readouts(aligned.volts.values)[:, :3], step_s, margin_s)
+    for block in blocks:
+        good = np.isfinite(block).all(axis=1)
+        basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, good.size), 3)
+        block[good] = least_squares.without(basis[good], block[good])
+        block[~good] = np.nan
+    return blocks
 
 
-def _without_polynomial(block, degree):
-    """Columns with a polynomial of the index taken off, NaN rows kept."""
-    good = np.isfinite(block).all(axis=1)
-    basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, good.size), degree)
-    out = np.full_like(block, np.nan)
-    out[good] = least_squares.without(basis[good], block[good])
-    return out
+def noise_models(blocks: list[np.ndarray], order: int, step_s: float) -> tuple[NoiseModel, NoiseModel, NoiseModel]:
+    """Noise of each axis of the order that the data ask for (Schwarz); white noise without the colour of detrending.
+
+    Parameters
+    ----------
+    blocks : of `quiet_readouts`; order : at most; step_s : s
+    """
+    chosen = []
+    for axis in range(3):
+        rows = [block[:, axis] for block in blocks]
+        models = [fit_noise(rows, k, step_s, removed=4 * len(rows)) for k in range(order + 1)]
+        count = sum(int(np.count_nonzero(np.isfinite(one))) for one in rows)
+        cost = [count * np.log(model.variance[-1]) + k * np.log(max(count, 2)) for k, model in enumerate(models)]
+        chosen.append(models[int(np.argmin(cost))])
+    return tuple(chosen)
 
 
-def _relative(scaled):
-    """Relative errors that the offset inherits."""
-    beta = scaled.beta_sigma.values / scaled.beta.values
-    ratio = scaled.ratio_relative_sigma.values
-    return {
-        "beta_x": beta[0],
-        "beta_y": beta[1],
-        "ratio_x": ratio[0],
-        "ratio_y": ratio[1],
-        "k_y": float(scaled.k_sigma[0, 1] / scaled.k[0, 1]),
-    }
+def fit(record: Record, k: np.ndarray, axes: tuple[int, ...] = CHOICES[0], tensor=sensing.offset_tensor) -> Offset:
+    """Least squares for the offset.
 
+    Parameters
+    ----------
+    record : Record
+    k : (3,) m s-2 V-1
+    axes : linear axes used
+    tensor : (rate, rate_dot, gradient) -> (b, 3, 3) s-2
 
-def _shown(record, k, fitted, tensor):
-    """Reading and model with the slow part removed, for the figures."""
+    Notes
+    -----
+    k V = -b + a_ng + (M - G) p; Remote Sens. 2023, 15, 3817, eq. 12 with the gravity gradient it drops.
+    """
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
-    trend = least_squares.polynomial(record.time, record.degree, record.time[0], record.time[-1])
-    reading = np.nan_to_num(k * record.linear_volt)
-    return {
-        "time_bin": record.time,
-        "reading": least_squares.without(trend, reading),
-        "model": least_squares.without(trend, np.matvec(columns, fitted.value)),
-    }
+    good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
+    trend = record.trend
+    count, width = trend.shape
+    whitened = np.zeros((3, count, 4 + width))  # reading, offset, trend of each axis
+    for axis in axes:
+        rows = np.c_[record.linear_volt[:, axis], columns[:, axis] / k[axis], trend]
+        whitened[axis] = whiten(record.noise[axis], rows, good)
+    reading, place, trends = np.split(whitened, [1, 4], axis=2)
+    clean = np.concatenate([least_squares.without(t, a) for t, a in zip(trends, place, strict=True)])
+    covariance = least_squares.stable_inverse(clean.T @ clean)
+    value = covariance @ (clean.T @ reading.reshape(-1))
+    left = reading[:, :, 0] - place @ value
+    residual = np.array([least_squares.without(t, r) for t, r in zip(trends, left, strict=True)])
+    design = np.zeros((count, 3, 3 + 3 * width))
+    design[:, :, :3] = place.transpose(1, 0, 2)
+    for axis in range(3):
+        design[:, axis, 3 + axis * width : 3 + (axis + 1) * width] = trends[axis]
+    return Offset(
+        value,
+        covariance,
+        chi2=float(np.sum(residual**2)),
+        dof=len(axes) * (int(np.count_nonzero(good)) - width) - 3,
+        observed=reading[:, :, 0].T.reshape(-1),
+        design=design.reshape(3 * count, -1),
+    )
 
 
-def _history(fitted, time):
-    """Kalman estimates after each bin."""
-    run = offset_fit.filtered(fitted)
-    rows = np.arange(time.size) * 3 + 2
-    return {"filter_value": run.value[rows, :3], "filter_sigma": run.sigma[rows, :3]}
+def _filtered(fitted):
+    """The same offset by the Kalman filter, polynomials in its state."""
+    used = fitted.design[:, np.any(fitted.design != 0, axis=0)]
+    start = kalman.free_start(used, 1.0)
+    return kalman.filter_constants(fitted.observed, used, np.zeros(used.shape[1]), start, 1.0)
+
+
+def shifts(record: Record, k: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+    """Derivative (5, 3) m of the offset by the relative size of each of FACTORS.
+
+    Parameters
+    ----------
+    record : Record; k : (3,) m s-2 V-1; axes : linear axes used
+    """
+    middle, change = fit(record, k, axes).value, []
+    for turn, push in FACTORS.values():
+        scaled = replace(record, rate_dot_b=record.rate_dot_b * (1 + 1e-4 * np.array(turn)))
+        change.append(fit(scaled, k * (1 + 1e-4 * np.array(push)), axes).value - middle)
+    return 1e4 * np.array(change)
+
+
+def offset_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Offset with covariances that hold the errors of the effects that were taken out of the record before.
+
+    Parameters
+    ----------
+    found : Dataset, "inertial_sensor.offset"
+    moved : Dataset, "inertial_sensor.offset", one for each direction of the model's errors
+    """
+    return replaced(found, widened(found, moved, {"offset": ("covariance", "covariance_total")}))

@@ -1,26 +1,25 @@
-"""Stage `scale`: angular and linear scale factors and the tracker delay from a swing."""
+"""Stage `scale`: angular and linear scale factors and the tracker delay from a swing, also as the paper prints them."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
-from gravcal.calibrations.inertial_sensor import (
-    cleaning,
-    linear_factors,
-    published_swing,
-    schemas,
-    swing_fit,
-    swing_model,
-)
+from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.inertial_sensor import bins, schemas, swing
+from gravcal.calibrations.model_error import widened, widened_sigmas
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
-from gravcal.estimation import kalman
+from gravcal.estimation import crn, kalman
 from gravcal.physics import frames, gravity
+from gravcal.physics.sensing import rotation_tensor
 
-LINEAR = ("k", "k_sigma", "k_sigma_total")
 EDGE = 5.0  # s fitted before the first and after the last reversal
+ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every ratio of Table 4 follows the second
+CAUSES = ("beta", "mass", "inertia", "arm")  # of the errors of k_x and k_z
+FILTER = crn.Crn(window_s=30.0, bandwidth_hz=0.1, convolutions=5)  # of the published method
 
 
 def scale(
@@ -43,54 +42,53 @@ def scale(
     -------
     scaled : Dataset, "inertial_sensor.scale"
     """
-    swing = prepare(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
-    fitted = swing_fit.fit(swing, np.array(first_beta, dtype=float))
-    values = _estimates(swing, fitted) | _motion(swing, fitted) | _history(swing, fitted)
-    if method == "published":
-        values |= published_swing.estimates(aligned, bin_s)
-    tied = linear_factors.linear_factors(
-        values["beta"], values["beta_sigma"], geometry, (k_y, k_y_sigma), method == "published"
-    )
-    values |= {name: tied[name] for name in (*LINEAR, "ratio_relative_sigma", "k_budget")}
-    arm = int(np.argmin(np.abs(np.array(linear_factors.ARMS_X) - arm_x_mm * 1e-3)))
-    values |= {"arm_x": linear_factors.ARMS_X, "chosen_arm": arm}
-    causes = " ".join(linear_factors.CAUSES)
-    return build(schemas.SCALE, values, method=method, estimated="beta_x beta_y delay", causes=causes)
+    prepared = prepare(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
+    fitted = swing.fit(prepared, np.array(first_beta, dtype=float))
+    printed = method == "published"
+    values = _estimates(prepared, fitted) | _motion(prepared, fitted) | _history(fitted)
+    if printed:
+        values |= published_factors(aligned, bin_s)
+    values |= linear_factors(values["beta"], values["beta_sigma"], geometry, (k_y, k_y_sigma), printed)
+    values |= {"arm_x": ARMS_X, "chosen_arm": np.argmin(np.abs(np.array(ARMS_X) - arm_x_mm * 1e-3))}
+    return build(schemas.SCALE, values, method=method, estimated="beta_x beta_y delay", causes=" ".join(CAUSES))
 
 
-def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: np.ndarray) -> swing_model.Swing:
+def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: np.ndarray) -> swing.Swing:
     """Swing with its noise measured in the quiet data either side.
 
     Parameters
     ----------
     aligned : Dataset, "inertial_sensor.align"
     bin_s, quiet_margin_s : s; inertia : (3,) kg m2 of the test mass
+
+    Raises
+    ------
+    EstimationError : no quiet data
     """
     start, stop = float(aligned.start), float(aligned.stop)
-    time, time_att = aligned.time.values, aligned.time_att.values
+    time, time_att, quaternion = aligned.time.values, aligned.time_att.values, aligned.quaternion.values
     readout = electrodes.readouts(aligned.volts.values)[:, 3:]
     edges = start - EDGE + bin_s * np.arange(np.floor((stop - start + 2 * EDGE) / bin_s) + 1)
     part = (time >= edges[0] - 1) & (time <= edges[-1] + 1)
-    seen = (time_att >= edges[0] - 1) & (time_att <= edges[-1] + 1)
+    part_att = (time_att >= edges[0] - 1) & (time_att <= edges[-1] + 1)
     blocks = quiet_blocks(aligned, readout, bin_s, quiet_margin_s)
-    variance = cleaning.scatter_about_polynomial(blocks, 3)
+    variance = bins.scatter_about_polynomial(blocks, 3)
     if not np.all(variance > 0):
         raise EstimationError(
             f"swing from {start:.0f} s: found {sum(len(b) for b in blocks)} quiet bins beside it, expected at least "
             f"300 s either side to measure the noise. Give a longer record, or lower quiet_margin_s.",
         )
-    calm = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
-    return swing_model.Swing(
+    quiet = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
+    return swing.Swing(
         time=time[part],
         angular_volt=readout[part],
-        time_att=time_att[seen],
-        quaternion=aligned.quaternion.values[seen],
+        time_att=time_att[part_att],
+        quaternion=quaternion[part_att],
         edges=edges,
         position_i=aligned.position_i.values[part],
         inertia=inertia,
         voltage_variance=variance,
-        tracker_variance=tracker_variance(time_att, aligned.quaternion.values, calm),
-        owner=(0, 1, 1),
+        tracker_variance=_tracker_variance(time_att, quaternion, quiet),
     )
 
 
@@ -104,71 +102,186 @@ def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s
     time = aligned.time.values
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
     spans = ((time[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, time[-1]))
-    spans = [span for span in spans if span[1] - span[0] > 20 * bin_s]
-    edges = [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans]
-    return [cleaning.bin_means(time, values, one)[0] for one in edges]
+    edges = [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
+    return [bins.bin_means(time, values, one)[0] for one in edges]
 
 
-def tracker_variance(time: np.ndarray, quaternion: np.ndarray, calm: np.ndarray) -> np.ndarray:
-    """Noise of one attitude sample (3,) rad2, from third differences of the angle while nothing turns fast.
-
-    Parameters
-    ----------
-    time : (n,) s; quaternion : (n, 4); calm : (n,) bool
-    """
+def _tracker_variance(time, quaternion, quiet):
+    """Noise of one attitude sample (3,) rad2, from third differences of the angle while nothing turns fast."""
     turn = frames.attitude_error(quaternion[1:], quaternion[:-1])
     even = np.abs(np.diff(time) - np.median(np.diff(time))) < 1e-3
-    turn[~(even & calm[1:] & calm[:-1])] = np.nan
-    return cleaning.scatter_of_third_differences(np.nancumsum(turn, axis=0) + 0 * turn)
+    turn[~(even & quiet[1:] & quiet[:-1])] = np.nan
+    return bins.scatter_of_third_differences(np.nancumsum(turn, axis=0) + 0 * turn)
 
 
-def _estimates(swing, fitted):
-    """Factors, delay and their errors."""
+def _estimates(prepared, fitted):
+    """Factors, delay, their errors and the noise."""
     sigma = np.sqrt(np.diag(fitted.covariance))
-    owner = list(swing.owner)
     return {
-        "beta": fitted.unknowns.factors[owner],
-        "beta_sigma": sigma[owner],
+        "beta": fitted.unknowns.factors[swing.OWNER],
+        "beta_sigma": sigma[swing.OWNER],
         "delay": fitted.unknowns.delay,
-        "delay_sigma": sigma[swing.factors],
+        "delay_sigma": sigma[swing.FACTORS],
         "covariance": fitted.covariance[:3, :3],
-        "tracker_sigma": np.sqrt(swing.tracker_variance),
-        "voltage_density": np.sqrt(2 * (swing.edges[1] - swing.edges[0]) * swing.voltage_variance),
+        "tracker_sigma": np.sqrt(prepared.tracker_variance),
+        "voltage_density": np.sqrt(2 * (prepared.edges[1] - prepared.edges[0]) * prepared.voltage_variance),
         "chi2": fitted.chi2,
         "dof": fitted.dof,
     }
 
 
-def _motion(swing, fitted):
+def _motion(prepared, fitted):
     """Bin means of the motion, and the measured angle for the figures."""
-    motion, edges = fitted.motion, swing.edges
-    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
-    gradient = gravity.rotate_tensor(R_bi, gravity.gradient_i(swing.position_i))
-    mean = lambda values: cleaning.bin_means(swing.time, values, edges)[0]  # noqa: E731
-    beta = fitted.unknowns.factors[list(swing.owner)]
-    rate = mean(motion.rate_b)
+    motion, edges = fitted.motion, prepared.edges
+    gradient = gravity.rotate_tensor(
+        frames.R_bi_from_quaternion(motion.quaternion), gravity.gradient_i(prepared.position_i)
+    )
+    rate, rate_dot, gradient, volt = (
+        bins.bin_means(prepared.time, values, edges)[0]
+        for values in (motion.rate_b, motion.rate_dot_b, gradient, prepared.angular_volt)
+    )
     angle = np.cumsum(rate - rate.mean(axis=0), axis=0) * (edges[1] - edges[0])
     return {
-        "time_bin": swing.middle,
+        "time_bin": prepared.middle,
         "residual_b": fitted.residual,
         "angle_b": angle - angle.mean(axis=0) + np.nan_to_num(fitted.residual),
         "rate_b": rate,
-        "rate_dot_b": mean(motion.rate_dot_b) - beta * fitted.voltage_noise,
-        "gradient_b": mean(gradient),
-        "angular_volt": mean(swing.angular_volt),
+        "rate_dot_b": rate_dot - fitted.unknowns.factors[swing.OWNER] * fitted.voltage_noise,
+        "gradient_b": gradient,
+        "angular_volt": volt,
     }
 
 
-def _history(swing, fitted):
+def _history(fitted):
     """Kalman estimates after each bin and the batch values they end at."""
     start = kalman.free_start(fitted.design, 1.0)
-    zero = np.zeros(fitted.design.shape[1])
-    run = kalman.filter_constants(fitted.observed, fitted.design, zero, start, 1.0)
-    last = np.cumsum(np.where(fitted.count > 0, 3, 0)) - 1
-    shown = np.maximum(last, 0)
-    wanted = slice(0, swing.factors + 1)
+    run = kalman.filter_constants(fitted.observed, fitted.design, np.zeros(len(start)), start, 1.0)
+    last = np.maximum(np.cumsum(np.where(fitted.count > 0, 3, 0)) - 1, 0)
     return {
-        "filter_value": run.value[shown, wanted],
-        "filter_sigma": run.sigma[shown, wanted],
+        "filter_value": run.value[last, : swing.FACTORS + 1],
+        "filter_sigma": run.sigma[last, : swing.FACTORS + 1],
         "batch_value": np.append(fitted.unknowns.factors, fitted.unknowns.delay),
     }
+
+
+def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float], printed: bool) -> dict:
+    """Linear factors and their errors for both arms about x.
+
+    Parameters
+    ----------
+    beta, beta_sigma : (3,) rad s-2 V-1
+    geometry : {"mass", "inertia" (3,), "arm" (3,), and each with "_sigma"}; the arm about x is replaced by both
+    k_y : value and sigma, m s-2 V-1, not tied to any angular factor
+    printed : use eqs. 8-10 as printed
+
+    Returns
+    -------
+    factors : {"k", "k_sigma", "k_sigma_total" (2, 3) m s-2 V-1; "ratio_relative_sigma" (3,) of J/(M l);
+        "k_budget" (4, 3) 1, relative errors of k by CAUSES, NaN for y}
+
+    Notes
+    -----
+    k_x = beta_y J_y/(M l), k_z = beta_x J_x/(M l); errata T-4 to T-6.
+    """
+    form = electrodes.published_linear_over_angular if printed else electrodes.linear_over_angular
+    arms = [np.array([arm, *geometry["arm"][1:]]) for arm in ARMS_X]
+    ratio = [form(geometry["mass"], geometry["inertia"], arm) for arm in arms]
+    mass, inertia, arm = (np.array(geometry[f"{n}_sigma"]) / geometry[n] for n in ("mass", "inertia", "arm"))
+    relative = electrodes.ratio_relative_sigma(mass, inertia, arm)
+    k = np.array([[one[1] * beta[1], k_y[0], one[0] * beta[0]] for one in ratio])
+    share = np.array([beta_sigma[1] / beta[1], k_y[1] / k_y[0], beta_sigma[0] / beta[0]])
+    return {
+        "k": k,
+        "k_sigma": k * share,
+        "k_sigma_total": k * np.hypot(share, [relative[1], 0.0, relative[0]]),
+        "ratio_relative_sigma": relative,
+        "k_budget": [[one[1], np.nan, one[0]] for one in (beta_sigma / beta, np.full(3, mass), inertia, arm)],
+    }
+
+
+def scale_model_error(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Scale factors with errors that hold those of the effects that were taken out of the record before.
+
+    Parameters
+    ----------
+    scaled : Dataset, "inertial_sensor.scale"
+    moved : Dataset, "inertial_sensor.scale", one for each direction of the model's errors
+    """
+    sigmas = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}
+    covariance = widened(scaled, moved, {"batch_value": ("covariance",)})
+    return replaced(scaled, covariance | widened_sigmas(scaled, moved, sigmas))
+
+
+def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
+    """Beta as the paper finds it: angular acceleration of the star tracker against noisy voltages, Kalman filter.
+
+    Parameters
+    ----------
+    aligned : Dataset, "inertial_sensor.align"; bin_s : s
+
+    Returns
+    -------
+    values : {"beta", "beta_sigma" (3,) rad s-2 V-1}; sigma is the scatter of the estimate after convergence
+
+    Notes
+    -----
+    y = (wd_x, wd_y), H = (V_z1 - V_z2, V_x2 - V_x3), one filter each; Remote Sens. 2023, 15, 3817, eqs. 18-23.
+    """
+    first, last = float(aligned.start) - 5.0, float(aligned.stop) + 5.0
+    reach = FILTER.window_s / 2 + 3 * bin_s
+    edges = first - reach + bin_s * np.arange(np.floor((last - first + 2 * reach) / bin_s) + 1)
+    middle = (edges[1:] + edges[:-1]) / 2
+    volt = bins.bin_means(aligned.time.values, electrodes.readouts(aligned.volts.values)[:, 3:], edges)[0]
+    attitude = bins.mean_attitude(aligned.time_att.values, aligned.quaternion.values, edges)
+    good = np.isfinite(attitude).all(axis=1)
+    attitude = np.where(good[:, None], attitude, [1.0, 0.0, 0.0, 0.0])
+    rate_dot = np.full((middle.size, 3), np.nan)
+    rate_dot[1:-1] = np.diff(frames.attitude_error(attitude[1:], attitude[:-1]) / bin_s, axis=0) / bin_s
+    inside = (middle >= first) & (middle <= last)
+    operator = crn.operator(FILTER, 0, np.ones(middle.size, dtype=bool), (middle[0], bin_s), middle[inside])
+    filtered = [operator(np.nan_to_num(values)) for values in (rate_dot, volt)]
+    line = np.linalg.qr(np.stack([np.ones(len(filtered[0])), np.linspace(-1, 1, len(filtered[0]))], axis=1))[0]
+    y, h = (values - line @ (line.T @ values) for values in filtered)
+    (x, x_sigma), (y, y_sigma) = (_recursive(y[:, axis], h[:, axis]) for axis in (0, 1))
+    return {"beta": np.array([x, y, y]), "beta_sigma": np.array([x_sigma, y_sigma, y_sigma])}
+
+
+def _recursive(y, h):
+    """Last value of the filter and the standard deviation of its second half; start and R from batch least squares."""
+    batch = (h @ y) / (h @ h)
+    noise = np.var(y - h * batch)
+    run = kalman.filter_constants(y, h[:, None], np.array([batch]), np.array([[noise / (h @ h)]]), noise)
+    return float(run.value[-1, 0]), float(np.std(run.value[y.size // 2 :, 0]))
+
+
+def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarray]:
+    """The six readouts before and after the CRN filter of the published method, for spectra.
+
+    Parameters
+    ----------
+    aligned : Dataset, "inertial_sensor.align"
+
+    Returns
+    -------
+    step : s; before, after : (n, 6) V, means taken off, where the filter is complete
+    """
+    time = aligned.time.values
+    step = float(np.median(np.diff(time)))
+    readout = electrodes.readouts(aligned.volts.values)
+    readout = readout - readout.mean(axis=0)
+    grid = time[0] + step * np.arange(time.size)
+    after = crn.operator(FILTER, 0, np.ones(time.size, dtype=bool), (time[0], step), grid)(readout)
+    inside = np.isfinite(after).all(axis=1)
+    return step, readout[inside], after[inside]
+
+
+def published_offset_matrix(rate_b, rate_dot_b, gradient_b):  # noqa: ARG001 - the printed form drops the gradient
+    """Matrix A (..., 3, 3) s-2 of eq. 13 as printed: element (3,1) of wrong sign (erratum T-1), no gravity gradient.
+
+    Parameters
+    ----------
+    rate_b, rate_dot_b : (..., 3) rad s-1, rad s-2; gradient_b : not used
+    """
+    matrix = rotation_tensor(rate_b, rate_dot_b)
+    matrix[..., 2, 0] += 2 * np.asarray(rate_dot_b)[..., 1]
+    return matrix

@@ -10,7 +10,7 @@ from independent import worlds
 
 from flows import engine, inertial_sensor
 from gravcal import catalog
-from gravcal.calibrations.inertial_sensor import bias, roll_bins
+from gravcal.calibrations.inertial_sensor import bias, bins
 from gravcal.errors import GravcalError
 from gravcal.report import inertial_sensor as report
 from gravcal.report import inertial_sensor_page
@@ -212,13 +212,13 @@ def test_the_noise_of_z_is_that_of_white_noise_of_known_density(segments):
     for _ in range(runs):
         volts = np.zeros((100 * count, 3))
         volts[:, 2] = density * np.sqrt(5.0) / k * rng.standard_normal(100 * count)
-        bins = still | {
-            "linear_volt": roll_bins.clipped_means(
-                0.1 * np.arange(100 * count), volts, np.append(time, time[-1] + 10) - 5
-            )[0]
+        record = still | {
+            "linear_volt": bins.clipped_means(0.1 * np.arange(100 * count), volts, np.append(time, time[-1] + 10) - 5)[
+                0
+            ]
         }
-        limits = {"step_s": 10.0, "segment_s": 2500.0}
-        found = bias.spectra(bins, SimpleNamespace(used=np.ones(segments, dtype=bool)), sensor, k, limits)
+        limits = bias.Limits(step_s=10.0, segment_s=2500.0, uniformity=1.0, share=0.0)
+        found = bias.spectra(record, SimpleNamespace(used=np.ones(segments, dtype=bool)), sensor, k, limits)
         power.append(report.z_noise(SimpleNamespace(**{n: SimpleNamespace(values=v) for n, v in found.items()})))
     for name in ("before_m_s2_rthz", "after_m_s2_rthz"):
         assert np.sqrt(np.mean([one[name] ** 2 for one in power])) == pytest.approx(density, rel=0.02)

@@ -7,7 +7,7 @@ import xarray as xr
 from flows import engine, models
 from flows import inertial_sensor as flow
 from gravcal import catalog
-from gravcal.calibrations.inertial_sensor.model_error import of_bias
+from gravcal.calibrations.inertial_sensor.bias import bias_model_error
 
 TURN, ERROR = 0.05, 0.03
 
@@ -56,6 +56,6 @@ def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
         return xr.Dataset({name: ("axis", np.array(given)) for name, given in values.items()})
 
     moved = biased([4.0, 2.0, 1.0]), biased([0.0, 2.0, np.nan])
-    found = of_bias(biased([0.0, 2.0, 1.0]), *moved)
+    found = bias_model_error(biased([0.0, 2.0, 1.0]), *moved)
     np.testing.assert_allclose(found["bias_sigma"], [5.0, 1.0, 2.0])
     np.testing.assert_allclose(found["bias_sigma_total"], [4.0, 5.0, np.nan])

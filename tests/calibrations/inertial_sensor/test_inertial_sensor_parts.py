@@ -1,12 +1,10 @@
-"""Parts of the inertial-sensor calibration: integration, cleaning, means, segments."""
+"""Parts of the inertial-sensor calibration: integration, cleaning, means, bias."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.inertial_sensor import align, cleaning, linear_factors, published_swing, robust_mean
-from gravcal.calibrations.inertial_sensor import roll_bins as bins
-from gravcal.calibrations.inertial_sensor import roll_segments as segments
+from gravcal.calibrations.inertial_sensor import bias, bins, records, scale
 from gravcal.physics import frames, kinematics, sensing
 
 
@@ -43,23 +41,23 @@ def test_a_spike_is_found_and_bridged():
     time = np.arange(200) * 0.01
     values = np.stack([time, -time], axis=1) * 0.1 + 0.01 * np.random.default_rng(1).standard_normal((200, 2))
     values[77, 0] += 0.4
-    spike = cleaning.spikes(values, 5, 8.0)
+    spike = bins.spikes(values, 5, 8.0)
     assert np.flatnonzero(spike.any(axis=1)).tolist() == [77]
-    assert abs(cleaning.repaired(time, values, spike)[77, 0] - 0.1 * time[77]) < 0.04  # four sigma of a sample
+    assert abs(bins.repaired(time, values, spike)[77, 0] - 0.1 * time[77]) < 0.04  # four sigma of a sample
 
 
 def test_third_differences_measure_white_noise_on_a_smooth_motion():
     """Recovery: standard deviation of 1e-5 on a swing of 3e-4, to 5 %."""
     time = np.arange(4000) * 0.25
     noise = 1e-5 * np.random.default_rng(2).standard_normal((4000, 3))
-    variance = cleaning.scatter_of_third_differences(3e-4 * np.sin(0.23 * time)[:, None] + noise)
+    variance = bins.scatter_of_third_differences(3e-4 * np.sin(0.23 * time)[:, None] + noise)
     assert_allclose(np.sqrt(variance), 1e-5, rtol=0.05)  # three standard errors
 
 
 def test_a_gap_stays_a_gap_on_the_grid():
     """Analytic: three samples missing are three missing values."""
     time = np.delete(np.arange(100) * 0.1, [40, 41, 42])
-    out = align.on_grid(time, time[:, None], np.arange(100) * 0.1)
+    out = records.on_grid(time, time[:, None], np.arange(100) * 0.1)
     assert np.flatnonzero(~np.isfinite(out[:, 0])).tolist() == [40, 41, 42]
     assert_allclose(out[50, 0], 5.0, atol=1e-12)
 
@@ -91,7 +89,7 @@ def test_a_segment_gives_back_its_constant():
     c, s, o, e = np.cos(phase), np.sin(phase), 0 * phase, 0 * phase + 1
     R_bo = np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3)
     reading = -3e-6 + 1e-9 * u + 2e-9 * (1.5 * u**2 - 0.5) + 5e-8 * (1 + u**3) * R_bo[:, 2, 2] + 3e-9 * R_bo[:, 2, 0]
-    constant, _, residual, amplitude = segments.solve_axis(2, reading[:, None], R_bo, segments.Model(2, 3))
+    constant, _, residual, amplitude = bias.solve_axis(2, reading[:, None], R_bo, bias.Model(2, 3))
     assert_allclose(constant, -3e-6, rtol=1e-9)  # rounding
     assert np.abs(residual).max() < 1e-18
 
@@ -99,7 +97,7 @@ def test_a_segment_gives_back_its_constant():
 def test_rolling_leaves_a_constant_offset_term():
     """Published: Omega^2 p of erratum T-10 with the offset of Table 5: 1.1e-8 and 6.8e-8 m s-2 for 724 s."""
     rate = np.broadcast_to([0.0, 2 * np.pi / 724, 0.0], (100, 3))
-    tensor = segments.offset_terms(rate, np.zeros((100, 3, 3)), 10.0)
+    tensor = bias.offset_terms(rate, np.zeros((100, 3, 3)), 10.0)
     felt = np.abs(tensor.mean(axis=0) @ [-140.02e-6, 627.75e-6, -896.46e-6])
     assert_allclose(felt, [1.1e-8, 0.0, 6.8e-8], atol=0.06e-8)  # printed digits
 
@@ -107,14 +105,14 @@ def test_rolling_leaves_a_constant_offset_term():
 def test_segments_stop_at_a_gap():
     """Analytic: 30 bins, a gap, 25 bins give 3 + 2 segments of 10."""
     time = np.concatenate([np.arange(30), 100 + np.arange(25)]) * 10.0
-    assert [part.start for part in segments.cut(time, 10.0, 100.0)] == [0, 10, 20, 30, 40]
+    assert [part.start for part in bias.cut(time, 10.0, 100.0)] == [0, 10, 20, 30, 40]
 
 
 def test_a_robust_mean_ignores_an_outlier():
     """Recovery: four hundred values and one far away; error below half a standard error."""
     values = np.random.default_rng(4).standard_normal(400)
-    plain = robust_mean.robust_mean(values, np.ones(400))
-    moved = robust_mean.robust_mean(np.append(values, 1e3), np.ones(401))
+    plain = bias.robust_mean(values, np.ones(400))
+    moved = bias.robust_mean(np.append(values, 1e3), np.ones(401))
     assert abs(moved.value - plain.value) < 0.5 / np.sqrt(400)
     assert abs(plain.sigma * np.sqrt(400) - 1) < 1e-12  # the errors given
 
@@ -125,7 +123,7 @@ def test_a_mean_of_wandering_values_contains_the_wander():
 
     rng, keep = np.random.default_rng(5), np.exp(-2500 / 21600)
     slow = lfilter([2.3 * np.sqrt(1 - keep**2)], [1.0, -keep], rng.standard_normal((300, 140)), axis=1)[:, 40:]
-    found = [robust_mean.robust_mean(one + rng.standard_normal(100), np.ones(100)) for one in slow]
+    found = [bias.robust_mean(one + rng.standard_normal(100), np.ones(100)) for one in slow]
     ratio = [(mean.value - one.mean()) / mean.sigma for mean, one in zip(found, slow, strict=True)]
     assert 0.87 < np.sqrt(np.mean(np.square(ratio))) < 1.13  # 3 standard errors; 1.16 with weights about the mean
 
@@ -133,7 +131,7 @@ def test_a_mean_of_wandering_values_contains_the_wander():
 def test_a_mean_with_holes_does_not_know_the_wander_in_them():
     """Analytic: runs of 6 and 8 of 44 values left out of a wander add its size times 10 / 44."""
     values = 2 * np.random.default_rng(4).standard_normal(30)
-    mean = robust_mean.robust_mean(values, np.full(30, 1e-3), missing=(6, 8))
+    mean = bias.robust_mean(values, np.full(30, 1e-3), missing=(6, 8))
     assert_allclose(mean.sigma, mean.wander * 10 / 44, rtol=1e-4)  # noise 1e-3 beside it
     assert 1.2 < mean.wander < 2.8  # scatter of the median deviation of thirty
 
@@ -144,8 +142,8 @@ def test_correlated_noise_widens_the_error_of_a_segment():
 
     white = np.random.default_rng(7).standard_normal((40, 250, 3))
     red = lfilter([1.0], [1.0, -0.5], white, axis=1)
-    assert_allclose(segments.redness(red, 10.0), np.sqrt(3), rtol=0.05)  # two per cent scatter of 10,000 samples
-    assert_allclose(segments.redness(white, 10.0), 1.0, atol=0.05)
+    assert_allclose(bias.redness(red, 10.0), np.sqrt(3), rtol=0.05)  # two per cent scatter of 10,000 samples
+    assert_allclose(bias.redness(white, 10.0), 1.0, atol=0.05)
 
 
 def test_both_arms_are_carried():
@@ -153,7 +151,7 @@ def test_both_arms_are_carried():
     geometry = {"mass": 0.072, "inertia": [1.944e-5, 1.0328e-5, 1.0328e-5], "arm": [8e-3, 10.45e-3, 10.45e-3]}
     geometry |= {"mass_sigma": 0.0022, "inertia_sigma": [2.4e-7, 1.3e-7, 1.3e-7], "arm_sigma": [5e-6] * 3}
     beta, sigma = np.array([4.42e-3, 4.08e-2, 4.08e-2]), np.array([1e-5, 1e-4, 1e-4])
-    found = linear_factors.linear_factors(beta, sigma, geometry, (2.7e-4, 3e-5), published=False)
+    found = scale.linear_factors(beta, sigma, geometry, (2.7e-4, 3e-5), printed=False)
     assert_allclose(found["k"][0] / found["k"][1], [1, 1, 10.45 / 8.0], rtol=1e-12)
     assert_allclose(found["k_sigma"][1, 2] / found["k"][1, 2], sigma[0] / beta[0], rtol=1e-12)  # T-6: unchanged
     assert_allclose(found["k_sigma"][1, 1], 3e-5, rtol=1e-12)
@@ -162,7 +160,7 @@ def test_both_arms_are_carried():
 def test_the_printed_matrix_differs_in_one_element():
     """Published: element (3,1) of eq. 13 has -wd_y misprinted as +wd_y (erratum T-1)."""
     w, wd = np.array([1e-4, -1e-3, 2e-4]), np.array([1e-5, 2e-5, 3e-6])
-    difference = published_swing.offset_matrix(w, wd, None) - sensing.rotation_tensor(w, wd)
+    difference = scale.published_offset_matrix(w, wd, None) - sensing.rotation_tensor(w, wd)
     expected = np.zeros((3, 3))
     expected[2, 0] = 2 * wd[1]
     assert_allclose(difference, expected, atol=1e-20)
@@ -171,4 +169,4 @@ def test_the_printed_matrix_differs_in_one_element():
 @pytest.mark.parametrize("size", [0, 2])
 def test_too_few_segments_have_no_error(size):
     """Analytic: fewer than three values say nothing about their scatter."""
-    assert np.isnan(robust_mean.robust_mean(np.ones(size), np.ones(size)).sigma)
+    assert np.isnan(bias.robust_mean(np.ones(size), np.ones(size)).sigma)
