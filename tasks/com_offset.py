@@ -21,7 +21,7 @@ published_science = lazy("gravcal.calibrations.com_offset.published_solve")
 checks_science = lazy("gravcal.calibrations.com_offset.checks")
 combine_science = lazy("gravcal.calibrations.com_offset.combine")
 
-report_science = lazy("gravcal.report.com_offset_delivery")
+report_science = lazy("gravcal.calibrations.com_offset.page")
 
 KINDS = {
     "com_offset.detect": schemas.DETECT,

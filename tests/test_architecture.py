@@ -14,6 +14,7 @@ BELOW = {
     "gravcal.estimation": {"gravcal.physics"},
     "gravcal.effects": {"gravcal.estimation", "gravcal.physics"},
     "gravcal.calibrations": {"gravcal.effects", "gravcal.estimation", "gravcal.physics"},
+    "pages": {"gravcal.calibrations", "gravcal.report", "gravcal.estimation", "gravcal.physics", *FILES},
     "gravcal.discovery": {"gravcal.calibrations", "gravcal.effects", "gravcal.estimation", "gravcal.physics"},
     "gravcal.simulation": {"gravcal.effects", "gravcal.estimation", "gravcal.physics"},
     "gravcal.catalog": {"gravcal.physics", "gravcal.io", "gravcal.store"},
@@ -56,8 +57,10 @@ def imports(path):
 
 
 def layer(name):
-    """Layer of a module: its top package, and inside gravcal the next one."""
+    """Layer of a module: its top package, inside gravcal the next one; page and document of a calibration are one."""
     parts = name.removesuffix(".__init__").split(".")
+    if parts[:2] == ["gravcal", "calibrations"] and parts[3:4] in (["page"], ["document"]):
+        return "pages"
     return ".".join(parts[:2]) if parts[0] == "gravcal" else parts[0]
 
 

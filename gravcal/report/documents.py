@@ -2,14 +2,47 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 
 from gravcal.calibrations import checks as checking
 from gravcal.store import origin as origins
+from gravcal.store import product
+from gravcal.store.schemas import validate
 
 #: Statuses of documents that hold a result.
 WITH_RESULT = ("delivered", "questionable")
 OPERATIONAL = "operational"
+
+
+def traced(calibration: str, products: Mapping) -> dict:
+    """Provenance of a document: the digests of its products.
+
+    Parameters
+    ----------
+    calibration : name
+    products : {stage or "stage.variant": Dataset}, None left out
+    """
+    known = {f"{calibration}.{name}": one for name, one in products.items() if one is not None}
+    return {"products": {name: product.digest_as_read(one)[:12] for name, one in known.items()}}
+
+
+def delivered(document: Mapping, products: Sequence, checks: Sequence[checking.Check], schema: str = ""):
+    """Document, judged and valid, and the file that holds it.
+
+    Parameters
+    ----------
+    document, products, checks : as for `judged`
+    schema : name of its JSON Schema where that is not the calibration's
+
+    Returns
+    -------
+    document : dict
+    files : {"result.json": text}
+    """
+    found = judged(document, products, checks)
+    validate(found, schema or None)
+    return found, {"result.json": json.dumps(found, indent=1, allow_nan=False) + "\n"}
 
 
 def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Check]) -> dict:
@@ -31,10 +64,14 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     doubt = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
     verdict = document.get("verdict")
     told = {"verdict": verdict | {"text": foreword(origin) + doubt + verdict["text"]}} if verdict else {}
-    settings = document.get("settings") or document.get("provenance", {}).get("settings", {})
-    configuration = settings.get("configuration", OPERATIONAL)
+    configuration = settings_of(document).get("configuration", OPERATIONAL)
     added = {"origin": origin, "configuration": configuration, "checks": checking.plain(checks)}
     return dict(document) | {"status": status} | added | told
+
+
+def settings_of(document: Mapping) -> Mapping:
+    """Settings that a document was made with."""
+    return document.get("settings") or document.get("provenance", {}).get("settings", {})
 
 
 def foreword(origin: str) -> str:

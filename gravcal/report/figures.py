@@ -17,13 +17,6 @@ COLOURS = {
     "purple": "#CC79A7",
     "grey": "#8A8A8A",
 }
-#: The four angular accelerations, told apart by colour, by line and by point.
-VARIANTS = {
-    "mtq": {"color": COLOURS["black"], "marker": "o"},
-    "acc_calibrated": {"color": COLOURS["vermilion"], "marker": "s"},
-    "acc": {"color": COLOURS["sky"], "marker": "^", "linestyle": "--"},
-    "sca": {"color": COLOURS["purple"], "marker": "D", "linestyle": "-."},
-}
 AXIS = {
     "x": {"color": COLOURS["blue"]},
     "y": {"color": COLOURS["orange"]},

@@ -1,19 +1,201 @@
-"""Pages of the reports: templates of the package filled in, one self-contained file each."""
+"""Pages of the reports: what a calibration declares, drawn and written into one self-contained file.
 
+A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`: its tables (functions that return a
+`Table`), its figures (functions of datasets that return a matplotlib Figure, None where there is nothing to draw) and
+one function that lists the sections in order::
+
+    def sections(document, published):
+        return [
+            Section("Result", tables=[offsets(document)], notes=["..."]),
+            Section("Field", figures=[Figure(draw_field, reads=("field", "align"), caption="Measured and modelled.")]),
+        ]
+
+`reads` names products by their stage ("solve.mtq" with the variant; "solve.*" gives all variants, {variant: Dataset}).
+They are the arguments of the figure and the source under it. `page` draws, numbers and traces everything;
+`documents.delivered` judges the result document, and `page.report`, the body of the stage `report`, calls both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 
+from gravcal.report.documents import settings_of
 from gravcal.report.figures import image
 
 
-def render(template, **content):
-    """Page of a template; the same content gives the same text.
+@dataclass(frozen=True)
+class Table:
+    """Table of a section.
+
+    Attributes
+    ----------
+    caption, heads : texts
+    rows : cells of each row; None continues the cell above
+    reads : names of the products that it was read from
+    words : columns that are set to the left
+    wide : True for small type
+    strong : index of the row that is emphasised, or None
+    """
+
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence]
+    reads: Sequence[str] = ()
+    words: Sequence[int] = (0,)
+    wide: bool = False
+    strong: int | None = None
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Figure of a section.
+
+    Attributes
+    ----------
+    draw : function of the products in `reads` (of `arguments` if given) that returns a matplotlib Figure or None
+    reads : names of products; a missing one leaves out the figure
+    caption : text; its first sentence is the alternative text of the image
+    arguments : what `draw` takes in place of the products
+    """
+
+    draw: Callable
+    reads: Sequence[str]
+    caption: str
+    arguments: Sequence | None = None
+
+
+@dataclass(frozen=True)
+class Section:
+    """Section of a page: notes, tables, then figures; a table that is None is left out.
+
+    Attributes
+    ----------
+    beside : True to set the tables side by side
+    """
+
+    title: str
+    tables: Sequence[Table | None] = ()
+    figures: Sequence[Figure] = ()
+    notes: Sequence[str] = ()
+    beside: bool = False
+
+
+def page(
+    document: Mapping,
+    sections: Sequence[Section],
+    products: Mapping,
+    *,
+    heading: str,
+    subtitle: str = "",
+    verdict: str = "",
+    good: bool | None = None,
+    badges: Sequence[Mapping] = (),
+    lines: tuple[str, str] | None = None,
+) -> str:
+    """Page of an event; the same content gives the same text.
 
     Parameters
     ----------
-    template : name of a file of this package
-    content : what the template names; beside an event that was not measured printed values are marked
+    document : result document, judged
+    sections : in the order of the page
+    products : {stage or "stage.variant": Dataset or None}
+    heading : what was calibrated
+    subtitle : what was looked at
+    verdict : text, that of the document if empty
+    good : whether the verdict is good, None where that is not asked
+    badges : {"title", "good", "text"} each
+    lines : title and text that was delivered in a file of its own, or None
+
+    Returns
+    -------
+    html : str
     """
+    digests = document["provenance"].get("products", {})
+    shown, count = [], 0
+    for one in sections:
+        figures = []
+        for own in one.figures:
+            drawn = _drawn(own, products)
+            if drawn is not None:
+                count += 1
+                source = _source(document, own.reads, digests)
+                title = own.caption.split(".")[0]
+                figures.append(
+                    {"image": drawn, "number": count, "title": title, "caption": own.caption, "source": source}
+                )
+        tables = [
+            vars(own) | {"source": _source(document, own.reads, digests)} for own in one.tables if own is not None
+        ]
+        notes = [true_units(note) for note in one.notes]
+        shown.append({"title": one.title, "tables": tables, "figures": figures, "notes": notes, "beside": one.beside})
+    return render(
+        "page.html",
+        document=document,
+        heading=heading,
+        verdict=true_units(verdict or document["verdict"]["text"]),
+        mood=MOODS[good],
+        subtitle=subtitle,
+        badges=[own | {"sign": SIGNS[own["good"]], "mood": MOODS[own["good"]]} for own in badges],
+        sections=shown,
+        settings=flat(settings_of(document)),
+        provenance=flat({name: one for name, one in document["provenance"].items() if name != "settings"}),
+        lines=lines,
+    )
+
+
+SIGNS = {True: "✓", False: "✗", None: "?"}
+MOODS = {True: "good", False: "bad", None: ""}
+
+
+def _drawn(one, products):
+    """Image of a figure; None where a product is missing or there is nothing to draw."""
+    arguments = [_product(name, products) for name in one.reads] if one.arguments is None else one.arguments
+    return None if any(item is None for item in arguments) else image(one.draw, *arguments)
+
+
+def _product(name, products):
+    """Product of a stage, of all its variants for "stage.*"; None where there is none."""
+    if not name.endswith(".*"):
+        return products.get(name)
+    start = name.removesuffix("*")
+    return {key.removeprefix(start): one for key, one in products.items() if key.startswith(start) and one is not None}
+
+
+def _source(document, reads, digests):
+    """Products with the digests that the provenance lists."""
+    calibration = document["calibration"]
+    names = []
+    for name in (f"{calibration}.{name}" for name in reads):
+        start = name.removesuffix("*")
+        names += [name] if start == name else [key for key in digests if key.startswith(start)]
+    return ", ".join(f"{name} {digests.get(name, '')[:12]}".rstrip() for name in names)
+
+
+def true_units(text: str) -> str:
+    """Text of the terminal with the signs that a page can show."""
+    signs = {"+-": "±", " um": " µm", " -": " −", "m/s2": "m/s²", "m s-2": "m s⁻²"}
+    for plain, sign in signs.items():
+        text = text.replace(plain, sign)
+    return text
+
+
+def flat(values: Mapping, before: str = "") -> list[tuple[str, str]]:
+    """Names and texts of nested settings or provenance; long ones shortened."""
+    rows = []
+    for name, value in sorted(values.items()):
+        if isinstance(value, dict):
+            rows += flat(value, "" if name in ("products", "inputs") else f"{name}: ")
+        else:
+            text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+            rows.append((f"{before}{name}", text if len(text) < 60 else f"{text[:16]}…"))
+    return rows
+
+
+def render(template: str, **content) -> str:
+    """Text of a template of this package; beside an event that was not measured printed values are marked."""
     origin = content.get("document", {}).get("origin", "measured")
     if origin != "measured":
         content["sections"] = [_apart(section, origin) for section in content["sections"]]
@@ -29,70 +211,6 @@ def _apart(section, origin):
         return one | {"caption": one["caption"] + mark * ("printed" in words)}
 
     return section | {part: [marked(one) for one in section[part]] for part in ("tables", "figures")}
-
-
-def traced(sections, products):
-    """Sections whose tables and figures name their products with the digests, as the provenance lists them.
-
-    Parameters
-    ----------
-    sections : list of dict with "tables" and "figures", whose "source" names products, divided by commas
-    products : mapping of name to digest
-    """
-    return [
-        section | {part: [_traced(one, products) for one in section[part]] for part in ("tables", "figures")}
-        for section in sections
-    ]
-
-
-def _traced(one, products):
-    """Table or figure with the digests of its products."""
-    names = [name for name in one["source"].split(", ") if name]
-    return one | {"source": ", ".join(f"{name} {products.get(name, '')}".rstrip() for name in names)}
-
-
-def figure(draw, *given, source, title, caption):
-    """Figure of a section; its image is None where a dataset is missing or there is nothing to draw.
-
-    Parameters
-    ----------
-    draw : function of `given` that returns a matplotlib Figure or None
-    given : Datasets and documents, None where there is none
-    source : names of the products that were drawn, divided by commas
-    title, caption : texts
-    """
-    known = all(one is not None for one in given)
-    return {"image": image(draw, *given) if known else None, "source": source, "title": title, "caption": caption}
-
-
-def table(caption, heads, rows, *, source="", words=(0,), wide=False, strong=None):
-    """Table of a section.
-
-    Parameters
-    ----------
-    caption, heads : texts
-    rows : lists of texts; None continues the cell above
-    source : names of the products it was read from, divided by commas
-    words : columns that are set to the left
-    wide : whether it needs small type
-    strong : index of the row that is emphasised, or None
-    """
-    named = {"caption": caption, "heads": heads, "rows": rows, "source": source}
-    return named | {"words": words, "wide": wide, "strong": strong}
-
-
-def section(title, tables=(), figures=(), notes=()):
-    """Section of a page; figures without an image are left out."""
-    drawn = [one for one in figures if one["image"]]
-    return {"title": title, "tables": [one for one in tables if one], "figures": drawn, "notes": list(notes)}
-
-
-def numbered(sections):
-    """Sections whose figures are numbered in order."""
-    every = [one for section in sections for one in section["figures"]]
-    for number, one in enumerate(every, start=1):
-        one["number"] = number
-    return sections
 
 
 def _text(name):
@@ -112,3 +230,45 @@ def _environment():
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+# What follows serves the pages that are not declared yet; it goes with the last of them.
+
+
+def traced(sections, products):
+    """Sections whose tables and figures name their products with the digests, as the provenance lists them."""
+    return [
+        section | {part: [_traced(one, products) for one in section[part]] for part in ("tables", "figures")}
+        for section in sections
+    ]
+
+
+def _traced(one, products):
+    names = [name for name in one["source"].split(", ") if name]
+    return one | {"source": ", ".join(f"{name} {products.get(name, '')}".rstrip() for name in names)}
+
+
+def figure(draw, *given, source, title, caption):
+    """Figure of a section; its image is None where a dataset is missing or there is nothing to draw."""
+    known = all(one is not None for one in given)
+    return {"image": image(draw, *given) if known else None, "source": source, "title": title, "caption": caption}
+
+
+def table(caption, heads, rows, *, source="", words=(0,), wide=False, strong=None):
+    """Table of a section as a dict."""
+    named = {"caption": caption, "heads": heads, "rows": rows, "source": source}
+    return named | {"words": words, "wide": wide, "strong": strong}
+
+
+def section(title, tables=(), figures=(), notes=()):
+    """Section of a page; figures without an image are left out."""
+    drawn = [one for one in figures if one["image"]]
+    return {"title": title, "tables": [one for one in tables if one], "figures": drawn, "notes": list(notes)}
+
+
+def numbered(sections):
+    """Sections whose figures are numbered in order."""
+    every = [one for section in sections for one in section["figures"]]
+    for number, one in enumerate(every, start=1):
+        one["number"] = number
+    return sections

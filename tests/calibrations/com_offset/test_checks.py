@@ -16,8 +16,8 @@ from gravcal import catalog
 from gravcal.calibrations import checks as checking
 from gravcal.calibrations.align import orbit_i
 from gravcal.calibrations.com_offset import checks
+from gravcal.calibrations.com_offset import document as documented
 from gravcal.errors import EstimationError
-from gravcal.report import com_offset_verdict as verdicts
 from gravcal.store.schemas import validate
 
 LIMITS = catalog.parameters("com_offset").for_stage("checks")
@@ -232,7 +232,7 @@ def result(chi2=900.0, offset=1e-4, determined=2e-5, **agreement):
               "offset": (("variant", "axis"), [[offset, np.nan, determined]])}  # fmt: skip
     combined = xr.Dataset(values, attrs={"variants": "mtq"})
     tested = AGREE | {name: {"p": p} for name, p in agreement.items()}
-    return {one.name for one in verdicts.checks(combined, tested, SETTINGS) if not one.passed}
+    return {one.name for one in documented.result_checks(combined, tested, SETTINGS) if not one.passed}
 
 
 def test_results_are_checked_for_fit_agreement_and_size():

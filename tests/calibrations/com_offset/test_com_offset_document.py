@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gravcal.calibrations.com_offset.document import document as make_document
+from gravcal.calibrations.com_offset.document import vcm_line
 from gravcal.errors import ProductError
 from gravcal.io.vcm import read_vector_line
-from gravcal.report import com_offset, documents
+from gravcal.report import documents
 from gravcal.store.schemas import validate
 
 
@@ -49,7 +51,7 @@ def test_an_undetermined_combination_moves_the_adoption_on(products, documented)
     assert document["variants"]["mtq"]["offset_um"][2] is None
     assert document["verdict"]["requirement"][2] == "undetermined"
     assert document["verdict"]["accuracy_met"] is False
-    assert com_offset.vcm_line(document, "C") is None
+    assert vcm_line(document, "C") is None
 
 
 def test_nothing_determined_is_not_delivered(products, documented):
@@ -73,8 +75,8 @@ def test_a_record_without_manoeuvre_says_what_was_measured(quiet_document):
 
 def test_without_a_combination_there_is_still_a_document(quiet_products):
     """Contract: products that cannot exist may be None."""
-    products = quiet_products | {"combine": None, "solve": {}, "survey": None}
-    document = com_offset.document(products, event="x", provenance={}, settings=invented.SETTINGS)
+    products = quiet_products | {"combine": None, "survey": None}
+    document = make_document(products, event="x", provenance={}, settings=invented.SETTINGS)
     validate(documents.judged(document, (), []))
     assert document["roll_response"] is None
 
@@ -120,7 +122,7 @@ def test_the_requirement_is_asked_with_the_error_in_mind(document):
 
 def test_the_adopted_offset_goes_into_a_vcm_line(document):
     """Analytic: round trip; in force from the whole second after the last manoeuvre."""
-    record = read_vector_line(com_offset.vcm_line(document, "C"))
+    record = read_vector_line(vcm_line(document, "C"))
     adopted = document["variants"]["acc_calibrated"]["offset_um"]
     assert_allclose(record.vector_b, 1e-6 * np.array(adopted), rtol=1e-12)
     assert record.time == np.ceil(invented.START[-1] + 180)
@@ -130,13 +132,13 @@ def test_the_adopted_offset_goes_into_a_vcm_line(document):
 @pytest.mark.parametrize("origin", ["simulated", "mixed"])
 def test_what_was_not_measured_gives_no_vcm_line_that_can_be_read(document, origin):
     """Contract: the line is a comment that says why; a reader of the format refuses it."""
-    line = com_offset.vcm_line(document | {"origin": origin}, "C")
+    line = vcm_line(document | {"origin": origin}, "C")
     assert line.startswith(f"# {origin.upper()} data")
-    assert line.endswith(com_offset.vcm_line(document, "C"))
+    assert line.endswith(vcm_line(document, "C"))
     with pytest.raises(ProductError):
         read_vector_line(line)
 
 
 def test_a_record_without_manoeuvre_gives_no_vcm_line(quiet_document):
     """Contract: nothing is written that was not found."""
-    assert com_offset.vcm_line(quiet_document, "C") is None
+    assert vcm_line(quiet_document, "C") is None

@@ -46,9 +46,8 @@ def products(count=3, seed=1):
     rng = np.random.default_rng(seed)
     made = {"detect": detect(count), "align": align(count, rng), "field": field(count, rng)}
     made |= {"attitude": attitude(count, rng), "survey": survey(rng), "combine": combine(count)}
-    made["solve"] = [solve(name, count, rng) for name in VARIANTS]
-    made["angular_acceleration"] = [angular(name, made["attitude"]) for name in VARIANTS]
-    return made
+    made |= {f"solve.{name}": solve(name, count, rng) for name in VARIANTS}
+    return made | {f"angular_acceleration.{name}": angular(name, made["attitude"]) for name in VARIANTS}
 
 
 def spans(count):
@@ -223,9 +222,3 @@ def combine(count, undetermined=()):
     }
     attrs = {"variants": " ".join(VARIANTS), "method": "gravcal", "direction": "proof_mass_to_com"}
     return build(schemas.COMBINE, values, **attrs)
-
-
-def by_variant(products):
-    """Products with those of the four angular accelerations by variant, as the report stage gives them."""
-    each = {n: {d.attrs["variant"]: d for d in products[n] or ()} for n in ("solve", "angular_acceleration")}
-    return products | each

@@ -9,14 +9,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import invented  # noqa: E402
 
-from gravcal.report import com_offset, documents  # noqa: E402
+from gravcal.calibrations.com_offset.document import document as make_document  # noqa: E402
+from gravcal.report import documents  # noqa: E402
 
 
 def document_of(products, event="grace-c-2020-02-01"):
     """Result document of invented products."""
-    found = com_offset.document(
-        invented.by_variant(products), event=event, provenance=invented.PROVENANCE, settings=invented.SETTINGS
-    )
+    found = make_document(products, event=event, provenance=invented.PROVENANCE, settings=invented.SETTINGS)
     return documents.judged(found, (), [])
 
 

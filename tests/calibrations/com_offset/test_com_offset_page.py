@@ -1,37 +1,44 @@
 """The page of a centre-of-mass event."""
 
+import base64
 import re
+from xml.etree import ElementTree
 
 import invented
+import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import rc_context
 
 from gravcal import catalog
-from gravcal.report import com_offset, documents
-from gravcal.report.com_offset_tables import printed_manoeuvres
+from gravcal.calibrations.com_offset import page
+from gravcal.calibrations.com_offset.document import vcm_line
+from gravcal.report import documents
+from gravcal.report.figures import COLOURS, STYLE, image
 from gravcal.report.words import plus_minus
 
 EVENT = "grace-c-2020-02-01"
 
 
-WITHOUT_FIGURES = dict.fromkeys(("field", "align", "attitude", "survey", "solve", "angular_acceleration"))
+WITHOUT_FIGURES = dict.fromkeys(("field", "align", "attitude", "survey"))
+WITHOUT_FIGURES |= {f"{kind}.{name}": None for kind in ("solve", "angular_acceleration") for name in invented.VARIANTS}
 
 
-def page_of(document, products, **options):
-    """Page of all products as the report stage gives them."""
-    return com_offset.page(document, invented.by_variant(products), **options)
+def page_of(document, products, published=None, vcm=None):
+    """Page of all products."""
+    return page.html(document, products, published or {}, vcm)
 
 
 @pytest.fixture(scope="module")
 def html(document, products):
     """Page of the event beside its printed values."""
-    line = com_offset.vcm_line(document, "C")
+    line = vcm_line(document, "C")
     return page_of(document, products, published=catalog.published("com_offset", EVENT), vcm=line)
 
 
 def test_the_same_products_give_the_same_bytes(html, document, products):
     """Contract: no clock, no machine, no memory address in the page."""
-    line = com_offset.vcm_line(document, "C")
+    line = vcm_line(document, "C")
     again = page_of(document, products, published=catalog.published("com_offset", EVENT), vcm=line)
     assert again == html
 
@@ -51,19 +58,19 @@ def test_the_page_says_the_numbers_of_the_document(html, document):
         for value, sigma, total in zip(*(block[n] for n in ("offset_um", "sigma_um", "sigma_total_um")), strict=True):
             assert plus_minus(value, sigma, total) in body
     assert "113.5 ± 0.5" in body  # Table 6, acc_calibrated
-    assert com_offset.vcm_line(document, "C") in body
+    assert vcm_line(document, "C") in body
 
 
 def test_printed_values_beside_a_simulated_event_are_marked(html, document, products):
     """Contract: banner first; every table and figure with printed values says that they belong to measured data."""
     given = {"published": catalog.published("com_offset", EVENT)}
-    page = page_of(documents.judged(document, [xr.Dataset(attrs={"origin": "simulated"})], []), products, **given)
-    body = page.partition("<body>")[2]
+    text = page_of(documents.judged(document, [xr.Dataset(attrs={"origin": "simulated"})], []), products, **given)
+    body = text.partition("<body>")[2]
     assert body.index('class="origin">Simulated data') < body.index("SIMULATED. Delivered:") < body.index("<h1>")
     mark = "What is printed belongs to measured data, this event is simulated."
-    assert page.count(mark) == 3
+    assert text.count(mark) == 3
     assert mark not in html
-    assert "Hollow: printed values. " + mark in page
+    assert "Hollow: printed values. " + mark in text
 
 
 def test_every_figure_is_there_and_numbered(html):
@@ -115,7 +122,44 @@ def test_names_from_outside_are_escaped(products, documented):
 
 def test_printed_manoeuvres_are_matched_by_kind_and_latitude(document):
     """Published: Table 7; ours are pitch at high, roll at middle, yaw at low latitude."""
-    found = printed_manoeuvres(document, catalog.published("com_offset", EVENT))
+    found = page.printed_manoeuvres(document, catalog.published("com_offset", EVENT))
     classes = [one["latitude_class"] for one in document["manoeuvres"]]
     assert found[0, "mtq"].value == ((109.5, None, 22.9) if classes[0] == "high" else (122.7, 79.3, 9.7))
     assert found[2, "mtq"].value == (-6.0, 1.8, 8.8)
+
+
+@pytest.mark.parametrize(
+    ("draw", "names"),
+    [
+        (page.draw_field, ("field", "align")),
+        (page.draw_torquers, ("align", "attitude", "detect")),
+        (page.draw_attitude, ("attitude",)),
+        (page.draw_linear_accelerations, ("solve.acc", "detect")),
+        (page.draw_spectra, ("solve.acc",)),
+        (page.draw_roll, ("survey",)),
+        (page.draw_estimates, ()),
+    ],
+)
+def test_figures_are_drawn(products, document, draw, names):
+    """Contract: warnings as errors; well-formed SVG, the same bytes again, labelled panels, numbers only."""
+    arguments = [products[name] for name in names] or [document, {}]
+    with rc_context(STYLE):
+        panels = draw(*arguments).axes
+    assert any("(" in text for panel in panels for text in (panel.get_ylabel(), panel.get_title(loc="left")))
+    curves = [line.get_ydata() for panel in panels for line in panel.lines]
+    assert any(np.isfinite(np.asarray(values, dtype=float)).any() for values in curves)
+    text = base64.b64decode(image(draw, *arguments).partition(",")[2])
+    assert ElementTree.fromstring(text).tag.endswith("svg")
+    assert b"nan" not in text
+
+
+def test_nothing_to_show_gives_no_drawing(quiet_products):
+    """Contract: a record without manoeuvre has no spectra."""
+    assert image(page.draw_spectra, quiet_products["solve.acc"]) is None
+
+
+def test_colours_differ_in_lightness_too():
+    """Contract: the four angular accelerations can be told apart in grey, by point and by line."""
+    for part in ("color", "linestyle", "marker"):
+        assert len({style.get(part) for style in page.VARIANTS.values()}) >= 3
+    assert {style["color"] for style in page.VARIANTS.values()} <= set(COLOURS.values())
