@@ -22,7 +22,8 @@ from scipy.linalg import cholesky, solve_triangular
 
 from flows.engine import one_thread
 from gravcal import catalog
-from gravcal.calibrations.kbr_phase_centre import covariance, pointing_noise, whitened
+from gravcal.calibrations.kbr_phase_centre import noise as noises
+from gravcal.calibrations.kbr_phase_centre import solve
 from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
 from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages
@@ -62,16 +63,16 @@ def process(columns, chosen):
 
 def true_lags(invented, step):
     """Covariances by lag of the simulated noise: ranging with orbit, and pointing."""
-    frequency = pointing_noise.images(step)
-    ranging = invented.ranging_noise_m**2 * pointing_noise.passed(step).sum(axis=0)
+    frequency = noises.images(step)
+    ranging = invented.ranging_noise_m**2 * noises.passed(step).sum(axis=0)
     if invented.orbit_red_m > 0:
         steep = np.maximum(frequency / 1e-3, 0.3) ** -invented.orbit_red_slope
-        ranging = ranging + (2 * (invented.orbit_red_m * steep) ** 2 * pointing_noise.passed(step)).sum(axis=0)
+        ranging = ranging + (2 * (invented.orbit_red_m * steep) ** 2 * noises.passed(step)).sum(axis=0)
     keep = np.exp(-1 / invented.star_camera_slow_s)
     slow = 2 * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * frequency))
     pointing = slow * invented.star_camera_slow_rad**2 + 2 * invented.star_camera_white_rad**2
-    pointing = invented.noise_scale**2 * pointing * pointing_noise.passed(step)
-    return covariance.of_densities((ranging, pointing), step, 0, 800)
+    pointing = invented.noise_scale**2 * pointing * noises.passed(step)
+    return noises.lags_of_densities(ranging, pointing, step, 0, 800)
 
 
 def bound(equations, invented):
@@ -79,11 +80,11 @@ def bound(equations, invented):
     step, lags = 5.0, true_lags(invented, 5.0)
     time_, lever = equations["time_kbr"].values, equations["lever"].values
     total = np.zeros((6, 6))
-    for index in whitened.of_manoeuvres(equations):
+    for index in solve.of_manoeuvres(equations):
         t = time_[index] - time_[index[0]]
         phase = 2 * np.pi * ORBIT_HZ * t
         slow = [np.ones_like(t), np.cos(phase), np.sin(phase), np.cos(2 * phase), np.sin(2 * phase)]
-        matrix = covariance.matrix(lags, np.rint(t / step).astype(int), lever[index])
+        matrix = noises.covariance_matrix(lags, np.rint(t / step).astype(int), lever[index])
         clean, _ = projected(equations["column"].values[index], np.column_stack(slow), matrix)
         total += clean.T @ clean
     return np.sqrt(np.diag(np.linalg.inv(total)))
@@ -92,16 +93,16 @@ def bound(equations, invented):
 def exact_scatter(equations, measured, invented, degree):
     """Scatter (6,) m of the least-squares estimate from the range: its weights under the true noise."""
     step = 5.0
-    assumed, true = covariance.lags(measured, 0, 800), true_lags(invented, step)
+    assumed, true = noises.lags(measured, 0, 800), true_lags(invented, step)
     time_, lever, segment = (equations[n].values for n in ("time_kbr", "lever", "segment"))
     normal, spread = np.zeros((6, 6)), np.zeros((6, 6))
-    for index in whitened.of_manoeuvres(equations):
+    for index in solve.of_manoeuvres(equations):
         place = np.rint((time_[index] - time_[index[0]]) / step).astype(int)
-        slow = whitened.slow_columns(time_[index], segment[index], degree, 0)
-        matrix = covariance.matrix(assumed, place, lever[index])
+        slow = noises.slow_columns(time_[index], segment[index], degree, 0)
+        matrix = noises.covariance_matrix(assumed, place, lever[index])
         clean, factor = projected(equations["column"].values[index], slow, matrix)
         weights = solve_triangular(factor, clean, lower=True, trans=1)
-        noise = covariance.matrix(true, place, lever[index])
+        noise = noises.covariance_matrix(true, place, lever[index])
         normal += clean.T @ clean
         spread += weights.T @ (np.tril(noise) + np.tril(noise, -1).T) @ weights
     inverse = np.linalg.inv(normal)

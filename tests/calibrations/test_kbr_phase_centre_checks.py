@@ -242,11 +242,11 @@ def test_a_stretch_of_hours_is_refused():
 
     import xarray as xr
 
-    from gravcal.calibrations.kbr_phase_centre import whitened
+    from gravcal.calibrations.kbr_phase_centre import solve
 
-    count = whitened.LONGEST + 1
+    count = solve.LONGEST + 1
     values = {"time_kbr": 5.0 * np.arange(count), "segment": np.zeros(count), "lever": np.zeros((count, 4))}
     equations = {name: SimpleNamespace(values=one) for name, one in values.items()}
     measured = xr.Dataset(attrs={"step_s": 5.0})
     with pytest.raises(GravcalError, match="4001 observations in one stretch"):
-        whitened.arcs(equations, measured, [np.arange(count)], 0, 5)
+        solve.arcs(equations, measured, [np.arange(count)], 0, 5)

@@ -5,10 +5,10 @@ import pytest
 from kbr_campaign import DAY, campaign, process, simulated
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.kbr_phase_centre import align, covariance, pointing, pointing_noise, whitened
+from gravcal.calibrations.kbr_phase_centre import align, noise, pointing
 from gravcal.calibrations.kbr_phase_centre.observable import arcs
 from gravcal.errors import EstimationError
-from gravcal.estimation import noise as noises
+from gravcal.estimation.noise import NoiseModel
 from gravcal.simulation import kbr_phase_centre as simulation
 
 
@@ -56,18 +56,18 @@ def test_wiggles_of_grace_are_found_too(amplitude):
     time = np.arange(0.0, 8000.0)
     inside = (time >= 2000) & (time < 5750)
     angle = np.where(inside, -2 - amplitude * np.sin(2 * np.pi * (time - 2000) / 250), 0.02 * np.sin(time / 300))
-    found = pointing.wiggles(time, np.radians(angle), 250.0, np.radians([0.5, 0.4]), (1, 0))
+    found = pointing.wiggles(time, np.radians(angle), 1, 0, 250.0, *np.radians([0.5, 0.4]))
     assert len(found) == 1
-    assert found[0][:3] == (1, 0, -1)
-    assert_allclose(found[0][3:5], [2000, 5750], atol=60)  # a quarter of a period
+    assert (found[0].satellite_index, found[0].axis_index, found[0].sign) == (1, 0, -1)
+    assert_allclose([found[0].start, found[0].stop], [2000, 5750], atol=60)  # a quarter of a period
 
 
 def test_routine_pointing_has_no_wiggle():
     """Analytic: milliradians of slow motion are none, nor is a record shorter than three periods."""
     time = np.arange(0.0, 8000.0)
     angle = 2e-3 * np.sin(2 * np.pi * time / 250) + 1e-3 * np.sin(time / 900)
-    assert pointing.wiggles(time, angle, 250.0, np.radians([0.5, 0.4]), (0, 0)) == []
-    assert pointing.wiggles(time[:500], angle[:500], 250.0, np.radians([0.5, 0.4]), (0, 0)) == []
+    assert pointing.wiggles(time, angle, 0, 0, 250.0, *np.radians([0.5, 0.4])) == []
+    assert pointing.wiggles(time[:500], angle[:500], 0, 0, 250.0, *np.radians([0.5, 0.4])) == []
 
 
 def test_a_manoeuvre_of_the_catalogue_is_measured():
@@ -75,9 +75,9 @@ def test_a_manoeuvre_of_the_catalogue_is_measured():
     time = np.arange(0.0, 6000.0)
     angle = np.zeros((2, 6000, 2))
     angle[1, :, 0] = np.radians(2 + np.sin(2 * np.pi * time / 250))
-    found = pointing.described(time, angle, (1, 0, 1, 1000.0, 4750.0), 250.0)
-    assert found[:5] == (1, 0, 1, 1000.0, 4750.0)
-    assert_allclose(np.degrees(found[5:]), [2, 1], rtol=1e-3)
+    found = pointing.measured(time, angle, 1, 0, 1, 1000.0, 4750.0, 250.0)
+    assert found == pointing.Wiggle(1, 0, 1, 1000.0, 4750.0, found.offset, found.amplitude)
+    assert_allclose(np.degrees([found.offset, found.amplitude]), [2, 1], rtol=1e-3)
 
 
 def test_quiet_data_keep_their_distance():
@@ -90,7 +90,7 @@ def test_quiet_data_keep_their_distance():
 def test_star_camera_noise_is_measured_from_the_wiggles():
     """Recovery: density at 4 mHz as simulated, 20 urad/sqrt(Hz), within 30 % (excess of 8 arcs over the ranging)."""
     _, products = campaign()
-    shape = 1 / (1 + (4e-3 / pointing_noise.CORNERS) ** 2)
+    shape = 1 / (1 + (4e-3 / noise.CORNERS) ** 2)
     found = np.sqrt(products.noise["pointing_power"].values @ shape)
     keep = np.exp(-0.1)
     slow = 2 * (3e-6) ** 2 * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * 4e-3))
@@ -105,14 +105,14 @@ def test_covariance_is_that_of_drawn_noise():
     fine = np.arange(0.0, 400.0)
     lever = 0.05 + 0.025 * np.sin(2 * np.pi * fine / 250)
     at = np.arange(100.0, 300.0, step)
-    noise = 1e-5 * rng.standard_normal((400, 600))
+    error = 1e-5 * rng.standard_normal((400, 600))
     through = [crn.operator(crn.Crn(), d, np.ones(400, bool), (0.0, 1.0), at) for d in range(3)]
-    drawn = through[2](lever[:, None] * noise)
+    drawn = through[2](lever[:, None] * error)
     arms = np.stack([through[d](lever) for d in range(3)], axis=1)[:, :, None] * np.array([1.0, 0, 0, 0])
-    grid = np.zeros(pointing_noise.BINS + 1)
-    density = 2 * 1e-10 * pointing_noise.passed(step)
-    lags = covariance.of_densities((grid, density), step, 2, 60)
-    found = covariance.matrix(lags, np.arange(at.size), arms)
+    grid = np.zeros(noise.BINS + 1)
+    density = 2 * 1e-10 * noise.passed(step)
+    lags = noise.lags_of_densities(grid, density, step, 2, 60)
+    found = noise.covariance_matrix(lags, np.arange(at.size), arms)
     sampled = np.cov(drawn)
     scale = np.sqrt(np.outer(np.diag(sampled), np.diag(sampled)))
     lower = np.tril_indices(at.size)
@@ -128,8 +128,8 @@ def test_whitening_takes_the_noise_to_unit_variance():
 def test_slow_columns_hold_a_bias_for_every_further_segment():
     """Analytic: polynomials of degree 3 and one step for the range, none for its rate."""
     time, segment = np.arange(10.0), np.repeat([4, 6], 5)
-    assert whitened.slow_columns(time, segment, 3, 0).shape == (10, 5)
-    assert whitened.slow_columns(time, segment, 3, 1).shape == (10, 4)
+    assert noise.slow_columns(time, segment, 3, 0).shape == (10, 5)
+    assert noise.slow_columns(time, segment, 3, 1).shape == (10, 4)
 
 
 def test_noise_comes_from_the_wiggles_where_there_is_no_quiet():
@@ -160,18 +160,8 @@ def test_a_file_without_a_usable_record_is_named():
 
 def test_noise_model_of_a_test_is_a_density():
     """Analytic: white noise of unit variance every 5 s has 10 per Hz, and its covariance is one at lag nought."""
-    white = noises.NoiseModel(np.zeros(0), np.ones(1), 5.0)
-    grid = white.density(np.linspace(0, 0.1, pointing_noise.BINS + 1))
-    lags = covariance.of_densities((grid, np.zeros((2, grid.size))), 5.0, 0, 5)
+    white = NoiseModel(np.zeros(0), np.ones(1), 5.0)
+    grid = white.density(np.linspace(0, 0.1, noise.BINS + 1))
+    lags = noise.lags_of_densities(grid, np.zeros((2, grid.size)), 5.0, 0, 5)
     assert_allclose(lags.ranging, [1, 0, 0, 0, 0], atol=1e-12)
     assert DAY % 86400 == 43200
-
-
-def test_least_squares_without_negative_unknowns_is_that_of_scipy():
-    """Analytic: against scipy.optimize.nnls on drawn problems, to rounding."""
-    from scipy.optimize import nnls
-
-    rng = np.random.default_rng(4)
-    for _ in range(20):
-        design, observed = rng.random((30, 4)), rng.standard_normal(30)
-        assert_allclose(pointing_noise._not_negative(design, observed), nnls(design, observed)[0], atol=1e-12)

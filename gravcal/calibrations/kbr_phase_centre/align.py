@@ -5,20 +5,18 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.align import QUATERNION, sorted_samples
+from gravcal.calibrations.align import QUATERNION, STATE, sorted_samples
 from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.schemas import ALIGN
 from gravcal.errors import EstimationError
 from gravcal.estimation import timing
 from gravcal.physics import earth, frames
 
-STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
 READINGS = ("biased_range", "range_rate", "range_accl", "lighttime_corr", "lighttime_rate", "lighttime_accl")
 GAP = 0b11000000  # quality bits of ranging: a filled sample within the window of the filter
 PHASE_BREAK = 1
 LONG_GAP = 30.0  # s, after which the phase is not trusted to go on
 PER_DAY = 5  # files
-READ = ("reading_range", "reading_range_rate", "reading_range_acceleration")
 
 
 def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr.Dataset:
@@ -37,80 +35,97 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
     """
     observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]
+    time_kbr, values, flag, _ = sorted_samples(kbr, _tags(kbr), (*READINGS, "ant_centr_corr", "qualflg"))
+    quality = values[:, 7].astype(int)
+    readings = [values[:, k] + values[:, k + 3] for k in range(3)]  # range, rate, acceleration
+    phase_break = ((quality & PHASE_BREAK) != 0) | breaks(time_kbr, *readings, break_limit_m)
     streams = [states(orbit) for orbit in orbits] + [_attitudes(camera) for camera in cameras]
-    values = _ranging(kbr, break_limit_m)
-    time = _common_grid([stream[0] for stream in streams], observed, values["time_kbr"])
+    time = _common_grid([*(stream[0] for stream in streams), time_kbr], [*observed[1:], kbr])
     on_grid = [interpolated(*stream, time, gap_limit_s) for stream in streams]
     with np.errstate(invalid="ignore"):
         unit = [q / np.linalg.norm(q, axis=1, keepdims=True) for q in on_grid[2:]]
-    values |= {"time": time, "position_i": np.stack(on_grid[:2]), "quaternion": np.stack(unit)}
-    facts = {
-        "title": "Ranging, orbits and attitudes on GPS time",
-        "satellites": "".join(camera.attrs["satellite"] for camera in cameras),
-        "ranging": kbr.attrs.get("product", ""),
-        "orbit": orbits[0].attrs.get("product", ""),
+    aligned = {
+        "time": time,
+        "time_kbr": time_kbr,
+        "position_i": np.stack(on_grid[:2]),
+        "quaternion": np.stack(unit),
+        "reading_range": readings[0],
+        "reading_range_rate": readings[1],
+        "reading_range_acceleration": readings[2],
+        "antenna_correction": values[:, 6],
+        "kbr_flag": (flag != 0) | ((quality & GAP) == GAP) | ~np.isfinite(values[:, :6]).all(axis=1),
+        "segment": np.cumsum(phase_break),
     }
-    return build(ALIGN, values, **facts)
+    return build(
+        ALIGN,
+        aligned,
+        title="Ranging, orbits and attitudes on GPS time",
+        satellites="".join(camera.attrs["satellite"] for camera in cameras),
+        ranging=kbr.attrs.get("product", ""),
+        orbit=orbits[0].attrs.get("product", ""),
+    )
 
 
 def _joined(observed):
     """The five streams, those of further days behind."""
-    days = [observed[k::PER_DAY] for k in range(PER_DAY)]
     if len(observed) == PER_DAY:
         return observed
-    for files in days:
+    joined = []
+    for files in (observed[k::PER_DAY] for k in range(PER_DAY)):
         products = {one.attrs.get("product") for one in files}
         if len(products) > 1:
             raise EstimationError(
                 f"{files[0].attrs.get('file', '')}: found {' and '.join(sorted(map(str, products)))} on different "
                 f"days, expected one product. Put the same product there for every day, or give --date.",
             )
-    names = [set.intersection(*(set(one.data_vars) for one in files)) for files in days]
-    return [
-        xr.concat([one[sorted(kept)] for one in files], dim=files[0]["time_second"].dims[0], combine_attrs="override")
-        for files, kept in zip(days, names, strict=True)
-    ]
+        names = sorted(set.intersection(*(set(one.data_vars) for one in files)))
+        dim = files[0]["time_second"].dims[0]
+        joined.append(xr.concat([one[names] for one in files], dim=dim, combine_attrs="override"))
+    return joined
 
 
-def sorted_columns(observed: xr.Dataset, names: tuple[str, ...]):
-    """Columns of a file in order of time, as `sorted_samples` gives them."""
-    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
-    return sorted_samples(observed, tags, names)
+def _tags(observed):
+    return timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
 
 
 def states(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Time (n,) s and inertial position (n, 3) m of the usable records."""
-    time, values, flag, _ = sorted_columns(orbit, STATE)
-    good = (flag == 0) & np.isfinite(values).all(axis=1)
-    time, position, velocity = time[good], values[good, :3], values[good, 3:]
+    """Time (n,) s and inertial position (n, 3) m of the usable records of an orbit file."""
+    time, position, velocity = states_of_file(orbit)
     if orbit.attrs.get("product") != "GNI1B" and time.size:
         position, _ = earth.state_to_inertial(time, position, velocity)
     return time, position
 
 
+def states_of_file(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time (n,) s, position (n, 3) m and velocity (n, 3) m s-1 of the usable records, in the frame of the file."""
+    time, values, flag, _ = sorted_samples(orbit, _tags(orbit), STATE)
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    return time[good], values[good, :3], values[good, 3:]
+
+
 def _attitudes(camera):
     """Time and quaternions, continuous in sign, of the usable records."""
-    time, values, flag, _ = sorted_columns(camera, QUATERNION)
+    time, values, flag, _ = sorted_samples(camera, _tags(camera), QUATERNION)
     norm = np.linalg.norm(values, axis=1)
     good = (flag == 0) & np.isfinite(norm) & (np.abs(norm - 1) < 1e-3)
     return time[good], frames.continuous(values[good] / norm[good, None])
 
 
-def _common_grid(times, observed, time_kbr):
-    """Whole seconds that all four streams and the ranging share."""
+def _common_grid(times, observed):
+    """Whole seconds that the four streams and, within a minute, the ranging share."""
     names = [one.attrs.get("file", one.attrs.get("product", "")) for one in observed]
-    sources = [*names[1:], names[0]]
-    for time, name in zip([*times, time_kbr], sources, strict=True):
+    for time, name in zip(times, names, strict=True):
         if time.size < 2:
             raise EstimationError(
                 f"{name}: found {time.size} usable records, expected a day's. Check flags and time of this file.",
                 file=name,
                 records=int(time.size),
             )
-    first = np.ceil(max(max(time[0] for time in times), time_kbr[0] - 60))
-    last = np.floor(min(min(time[-1] for time in times), time_kbr[-1] + 60))
+    margin = [0.0] * 4 + [60.0]  # s
+    first = np.ceil(max(time[0] - extra for time, extra in zip(times, margin, strict=True)))
+    last = np.floor(min(time[-1] + extra for time, extra in zip(times, margin, strict=True)))
     if last - first < 600:
-        spans = ", ".join(f"{n} {t[0]:.0f} to {t[-1]:.0f}" for t, n in zip([*times, time_kbr], sources, strict=True))
+        spans = ", ".join(f"{name} {time[0]:.0f} to {time[-1]:.0f}" for time, name in zip(times, names, strict=True))
         raise EstimationError(
             f"orbits, attitudes and ranging share {max(last - first, 0):.0f} s, expected at least 600 s "
             f"({spans} s GPS). Give files of one pair and one day.",
@@ -133,41 +148,25 @@ def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit
     -------
     values : (k, m)
     """
+    from scipy.interpolate import make_interp_spline
+
     result = np.full((at.size, values.shape[1]), np.nan)
     after = np.clip(np.searchsorted(time, at - 1e-7), 0, time.size - 1)
     same = np.abs(time[after] - at) < 1e-6
     result[same] = values[after[same]]
     if same.all():
         return result
-    breaks = np.flatnonzero(np.diff(time) > max(gap_limit_s, 1.5 * np.median(np.diff(time)))) + 1
-    for run in np.split(np.arange(time.size), breaks):
+    cuts = np.flatnonzero(np.diff(time) > max(gap_limit_s, 1.5 * np.median(np.diff(time)))) + 1
+    for run in np.split(np.arange(time.size), cuts):
         wanted = ~same & (at > time[run[0]]) & (at < time[run[-1]])
-        if wanted.any():
-            result[wanted] = _spline(time[run], values[run], at[wanted])
+        if not wanted.any():
+            continue
+        degree = min(7, (run.size - 1) // 2 * 2 - 1) if run.size > 2 else 1
+        nearest = np.searchsorted(time[run], at[wanted])[:, None] + np.arange(-12, 13)
+        near = run[np.unique(np.clip(nearest, 0, run.size - 1))]
+        spline = make_interp_spline(time[near] - time[run[0]], values[near], k=degree)
+        result[wanted] = spline(at[wanted] - time[run[0]])
     return result
-
-
-def _spline(time, values, at):
-    from scipy.interpolate import make_interp_spline
-
-    degree = min(7, (time.size - 1) // 2 * 2 - 1) if time.size > 2 else 1
-    near = np.unique(np.clip(np.searchsorted(time, at)[:, None] + np.arange(-12, 13), 0, time.size - 1))
-    return make_interp_spline(time[near] - time[0], values[near], k=degree)(at - time[0])
-
-
-def _ranging(kbr, break_limit):
-    """Range, rate and acceleration with light time, segments between phase breaks."""
-    time, values, flag, _ = sorted_columns(kbr, (*READINGS, "ant_centr_corr", "qualflg"))
-    quality = values[:, 7].astype(int)
-    read = {name: values[:, k] + values[:, k + 3] for k, name in enumerate(READ)}
-    marked = (quality & PHASE_BREAK) != 0
-    bad = (flag != 0) | ((quality & GAP) == GAP) | ~np.isfinite(values[:, :6]).all(axis=1)
-    return read | {
-        "time_kbr": time,
-        "antenna_correction": values[:, 6],
-        "kbr_flag": bad,
-        "segment": np.cumsum(marked | breaks(time, *read.values(), break_limit)),
-    }
 
 
 def breaks(time: np.ndarray, distance: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, limit: float):

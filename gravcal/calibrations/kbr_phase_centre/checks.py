@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations import checks
 from gravcal.calibrations.checks import Check, at_least, at_most
-from gravcal.calibrations.kbr_phase_centre import align, correction
+from gravcal.calibrations.kbr_phase_centre import align, pointing
 from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES
 from gravcal.physics import constants
 
@@ -46,7 +46,7 @@ def of_inputs(
     given = aligned["antenna_correction"].values
     if np.nanmax(np.abs(given), initial=0.0) > 0.1:
         epoch = np.clip(np.rint(aligned["time_kbr"].values - pointed["time"].values[0]), 0, pointed.sizes["time"] - 1)
-        own = correction.antenna_correction(pointed["line_of_sight_b"].values[:, epoch.astype(int)], nominal)
+        own = pointing.antenna_correction(pointed["line_of_sight_b"].values[:, epoch.astype(int)], nominal)
         left = float(np.nanmedian(np.abs(given - own)))
         found.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
     return checks.product(found)
@@ -57,15 +57,13 @@ def _of_orbits(orbits, limits):
     found = []
     for letter in sorted({one.attrs["satellite"] for one in orbits}):
         own = [one for one in orbits if one.attrs["satellite"] == letter]
-        rate = max(position_misfit(one) for one in own)
+        rate = max(checks.velocity_error(*align.states_of_file(one)) for one in own)
         found.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
         names = list(dict.fromkeys(one.attrs["product"] for one in own))
         if len(names) > 1:
             states = [[align.states(one) for one in own if one.attrs["product"] == name] for name in names]
-            value = orbit_difference(*states)
-            found.append(
-                at_most(f"orbit {letter}, {' against '.join(names)}", value, limits["orbit_difference_limit_m"], "m")
-            )
+            apart, name = orbit_difference(*states), f"orbit {letter}, {' against '.join(names)}"
+            found.append(at_most(name, apart, limits["orbit_difference_limit_m"], "m"))
     return found
 
 
@@ -79,32 +77,6 @@ def orbit_difference(first, second) -> float:
     times, positions = [[np.concatenate([one[k] for one in files]) for files in (first, second)] for k in (0, 1)]
     _, a, b = np.intersect1d(*(np.round(time, 3) for time in times), return_indices=True)
     return float(np.linalg.norm(positions[0][a] - positions[1][b], axis=1).max()) if a.size else np.inf
-
-
-def position_misfit(orbit: xr.Dataset) -> float:
-    """Largest step of the position that its velocity does not explain (m s-1), in the frame of the file.
-
-    Parameters
-    ----------
-    orbit : Dataset, "ingest" of an orbit product
-
-    Notes
-    -----
-    Hermite: r_1 - r_0 = h (v_0 + v_1)/2 - h^2 (a_1 - a_0)/12 + O(h^5), a from differences of v.
-    """
-    time, values, flag, _ = align.sorted_columns(orbit, align.STATE)
-    good = (flag == 0) & np.isfinite(values).all(axis=1)
-    time, position, velocity = time[good], values[good, :3], values[good, 3:]
-    if time.size < 5:
-        return np.inf
-    h = np.diff(time)
-    acceleration = np.gradient(velocity, time, axis=0)
-    step = h[:, None]
-    expected = step * (velocity[1:] + velocity[:-1]) / 2 - step**2 * np.diff(acceleration, axis=0) / 12
-    regular = np.abs(h - np.median(h)) < 1e-3
-    inside = regular[1:-1] & regular[:-2] & regular[2:]  # differences of v are of the second order there
-    left = np.linalg.norm(np.diff(position, axis=0) - expected, axis=1)[1:-1] / h[1:-1]
-    return float(left[inside].max(initial=0.0)) if inside.any() else np.inf
 
 
 def _of_pair(aligned, pointed, limits):

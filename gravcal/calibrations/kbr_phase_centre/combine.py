@@ -6,11 +6,13 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build, replaced
-from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, SUBSETS
+from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, MANOEUVRE, SUBSETS
 from gravcal.calibrations.model_error import widened
 
-SHARED = ("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept", "arc_value", "arc_sigma")
-MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
+STACKED = (
+    *("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept"),
+    *("arc_value", "arc_sigma", "arcs_chi2", "arcs_dof"),
+)
 
 
 def combine(
@@ -33,16 +35,20 @@ def combine(
     -------
     combined : Dataset, "kbr_phase_centre.combine"
     """
-    values = {name: np.stack([one[name].values for one in solved]) for name in (*SHARED, "arcs_chi2", "arcs_dof")}
+    values = {name: np.stack([one[name].values for one in solved]) for name in STACKED}
     values["determined"] = _determined(values["covariance"], determined_limit_mm)
-    least_squares = values["centre"][:, :, 0]
-    values["shift"] = least_squares - least_squares[:, :1]
+    values["shift"] = values["centre"][:, :, 0] - values["centre"][:, :1, 0]
     values["predicted_shift"] = predicted_shift(values["shift"], np.radians(offset_deg))
     values |= {name: solved[0][name].values for name in MANOEUVRE}
-    attrs = {n: solved[0].attrs[n] for n in ("satellites", "ranging", "method")}
-    attrs |= {"adopted_observable": adopted_observable, "adopted_estimator": adopted_estimator}
-    attrs["observables"] = " ".join(one.attrs["observable"] for one in solved)
-    return build(COMBINE, values, title="Phase centres from all observables", **attrs)
+    return build(
+        COMBINE,
+        values,
+        title="Phase centres from all observables",
+        adopted_observable=adopted_observable,
+        adopted_estimator=adopted_estimator,
+        observables=" ".join(one.attrs["observable"] for one in solved),
+        **{n: solved[0].attrs[n] for n in ("satellites", "ranging", "method")},
+    )
 
 
 def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_limit_mm: float) -> xr.Dataset:

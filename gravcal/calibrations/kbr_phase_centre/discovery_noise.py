@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.kbr_phase_centre import covariance, pointing_noise
+from gravcal.calibrations.kbr_phase_centre import noise as noises
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, factors, white
 from gravcal.estimation import least_squares
 
@@ -48,12 +48,12 @@ def with_pointing(view: View, measured: xr.Dataset, columns: np.ndarray) -> xr.D
 
 def _parts(view, arc, columns):
     """Residual, baseline and candidates of a sub-manoeuvre, and covariances of unit noise below each corner."""
-    shapes = pointing_noise.shapes(view.step_s)
+    shapes = noises.shapes(view.step_s)
     nothing = np.zeros(shapes.shape[-1])
     kinds = []
     for shape in shapes:
-        lags = covariance.of_densities((nothing, shape), view.step_s, 0, int(arc.place[-1]) + 1)
-        lower = covariance.matrix(lags, arc.place, arc.lever)
+        lags = noises.lags_of_densities(nothing, shape, view.step_s, 0, int(arc.place[-1]) + 1)
+        lower = noises.covariance_matrix(lags, arc.place, arc.lever)
         kinds.append(lower + np.tril(lower, -1).T)
     fixed = np.column_stack([arc.own, view.column[arc.rows]])
     return (view.residual[arc.rows], fixed, columns[arc.rows]), kinds

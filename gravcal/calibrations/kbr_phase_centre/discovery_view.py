@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.kbr_phase_centre import covariance, whitened
+from gravcal.calibrations.kbr_phase_centre import noise as noises
+from gravcal.calibrations.kbr_phase_centre import solve
 from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
 from gravcal.effects.base import Context
 from gravcal.estimation import crn
@@ -95,9 +96,7 @@ def view(aligned, pointed, equations, measured, solved, *, nominal_m, orbit_degr
     centre = solved["centre"].values[0, 0]
     centre = np.where(np.isfinite(centre), centre, nominal.reshape(6))
     step = float(measured.attrs["step_s"])
-    halves = [
-        (rows, k) for whole in whitened.of_manoeuvres(equations) for k, rows in enumerate(np.array_split(whole, 2))
-    ]
+    halves = [(rows, k) for whole in solve.of_manoeuvres(equations) for k, rows in enumerate(np.array_split(whole, 2))]
     degree = int(np.ceil(HALF * orbit_degree))
     arcs = [_arc(equations, half, degree, step) for half in halves if half[0].size > 1]
     kept = [(rows, arc) for rows, arc in arcs if arc["time"].size > arc["own"].shape[1] + LEAST]
@@ -120,7 +119,7 @@ def _arc(equations, half, degree, step):
     number = int(equations["arc"].values[rows[0]])
     found = {"label": f"{label(equations, number)} {('begin', 'end')[number_of_half]}", "time": time}
     found["place"] = np.rint((time - time[0]) / step).astype(int)
-    found["own"] = whitened.slow_columns(time, equations["segment"].values[rows], degree, 0)
+    found["own"] = noises.slow_columns(time, equations["segment"].values[rows], degree, 0)
     return rows, found | {"lever": equations["lever"].values[rows, :1]}
 
 
@@ -216,8 +215,8 @@ def factors(view: View, measured: xr.Dataset) -> list[np.ndarray]:
     from scipy.linalg import cholesky
 
     longest = max((int(arc.place[-1]) for arc in view.arcs), default=0)
-    lags = covariance.lags(measured, 0, longest + 3)
-    matrices = [covariance.matrix(lags, arc.place, arc.lever) for arc in view.arcs]
+    lags = noises.lags(measured, 0, longest + 3)
+    matrices = [noises.covariance_matrix(lags, arc.place, arc.lever) for arc in view.arcs]
     return [cholesky(m, lower=True, overwrite_a=True, check_finite=False) for m in matrices]
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import discovery_drivers
-from gravcal.calibrations.kbr_phase_centre.align import READ, interpolated
+from gravcal.calibrations.kbr_phase_centre.align import interpolated
 from gravcal.calibrations.kbr_phase_centre.discovery_view import View, view
+from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES
 from gravcal.effects import effect
 from gravcal.effects.entries import determined
 from gravcal.estimation import crn
@@ -88,6 +89,6 @@ def _subtract(extended: xr.Dataset, pointed: xr.Dataset, total, filter_):
         return
     time, at = pointed["time"].values, extended["time_kbr"].values
     good = pointed["usable"].values != 0
-    for derivative, name in enumerate(READ):
+    for derivative, name in enumerate(OBSERVABLES):
         operator = crn.operator(filter_, derivative, good, (time[0], 1.0), at)
-        extended[name].values[:] -= np.where(operator.valid, operator(total), 0.0)
+        extended[f"reading_{name}"].values[:] -= np.where(operator.valid, operator(total), 0.0)

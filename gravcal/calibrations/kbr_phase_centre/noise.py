@@ -1,18 +1,32 @@
-"""Noise of ranging minus orbit: from quiet data, and what the star cameras add in the manoeuvres."""
+"""Noise of ranging minus orbit: measured in quiet data and in the manoeuvres, and its covariance between epochs.
+
+Quiet data hold the noise of ranging and orbit. In the manoeuvres the star cameras add a pointing error times the lever
+arm of the tilted antenna: in routine flight the line of sight lies along x and the lever arm is nil; at 2 deg it is
+50 mm, so that 20 urad become 1 um. This part is measured as the excess of the residual's density in the manoeuvres.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+from math import comb
+
+import numba
 import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre import pointing_noise
 from gravcal.calibrations.kbr_phase_centre.schemas import NOISE
 from gravcal.errors import EstimationError
-from gravcal.estimation import least_squares
+from gravcal.estimation import crn, least_squares
 from gravcal.estimation import noise as noises
 
 LEAST_DEGREE = 6  # fewer leave slow orbit errors of a short stretch, which raise the density at 4 mHz up to 80 times
+CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz, of star camera noise; the last one is white
+BINS = 4096  # frequencies between zero and Nyquist
+FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the filter shapes the residual
+FLOOR_HZ = 5e-4  # below it derivatives of the noise are held, so that their covariance keeps an inverse
+SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part
 
 
 def noise(
@@ -34,16 +48,16 @@ def noise(
     """
     time = equations["time_kbr"].values
     step = float(np.median(np.diff(time))) if time.size > 1 else 5.0
-    quiet = equations["arc"].values == -1
-    source = "quiet"
+    quiet, source = equations["arc"].values == -1, "quiet"
     if quiet.sum() * step < quiet_minimum_s:
         quiet, source = equations["arc"].values >= 0, "manoeuvres"
+    stretches = _stretches(equations, quiet, step)
     for least in (quiet_length_s / 2, quiet_length_s / 4):
-        pieces, removed = _stretches(equations, quiet, (noise_degree, quiet_length_s, least), step)
+        pieces, removed = _residuals(equations, stretches, noise_degree, quiet_length_s, least, step)
         if pieces:
             break
     else:
-        lengths = [time[part[-1]] - time[part[0]] for part in _whole(equations, quiet, step)]
+        lengths = [time[part[-1]] - time[part[0]] for part in stretches]
         where = "quiet data" if source == "quiet" else "the manoeuvres, with less quiet data than quiet_minimum_s"
         raise EstimationError(
             f"{equations.attrs['ranging']}: found {len(lengths)} stretches of ranging with orbits and attitudes in "
@@ -52,24 +66,24 @@ def noise(
             f"lower quiet_length_s.",
             usable=int(time.size),
         )
-    fitted = noises.fit_noise(pieces, noise_order, step, removed)
+    ranging = noises.fit_noise(pieces, noise_order, step, removed)
+    in_manoeuvres = manoeuvre_residuals(equations, noise_degree)
     frequency = np.linspace(0, 0.5 / step, 257)[1:]
     values = {
-        "reflection": fitted.reflection,
-        "variance": fitted.variance,
+        "reflection": ranging.reflection,
+        "variance": ranging.variance,
         "frequency": frequency,
         "density": density(pieces, step, frequency),
-        "model": fitted.density(frequency),
+        "model": ranging.density(frequency),
+        "in_manoeuvres": density([piece for piece, _ in in_manoeuvres], step, frequency),
         "seconds": quiet.sum() * step,
+        "corner": CORNERS,
+        "pointing_power": pointing_power(in_manoeuvres if source == "quiet" else [], ranging),
     }
-    residual = pointing_noise.residuals(equations, noise_degree)
-    excess = pointing_noise.fit(residual, fitted) if source == "quiet" else pointing_noise.none()
-    values |= {"corner": pointing_noise.CORNERS, "pointing_power": excess}
-    values["in_manoeuvres"] = density([piece for piece, _ in residual], step, frequency)
     return build(NOISE, values, title="Noise of ranging minus orbit", source_data=source, step_s=step)
 
 
-def _whole(equations, chosen, step):
+def _stretches(equations, chosen, step):
     """Indices of every stretch without a gap or phase break."""
     index = np.flatnonzero(chosen)
     time, segment = equations["time_kbr"].values[index], equations["segment"].values[index]
@@ -77,12 +91,11 @@ def _whole(equations, chosen, step):
     return np.split(index, cuts) if index.size else []
 
 
-def _stretches(equations, chosen, settings, step):
-    """Residuals of stretches on their even grid, NaN where missing, and the number of parameters removed."""
-    degree, length, least = settings
+def _residuals(equations, stretches, degree, length, least, step):
+    """Residuals of pieces of stretches on their even grid, NaN where missing, and the number of parameters removed."""
     time, observed, column = (equations[name].values for name in ("time_kbr", "observed", "column"))
     pieces, removed = [], 0
-    for whole in _whole(equations, chosen, step):
+    for whole in stretches:
         count = max(int(round((time[whole[-1]] - time[whole[0]]) / length)), 1)
         for part in np.array_split(whole, count):
             span = time[part[-1]] - time[part[0]]
@@ -91,13 +104,17 @@ def _stretches(equations, chosen, settings, step):
             used = max(int(degree * span / length), min(degree, LEAST_DEGREE))
             slow = least_squares.polynomial(time[part], used, time[part[0]], time[part[-1]])
             basis = least_squares.orthonormal(np.column_stack([slow, column[part]]))
-            piece = np.full(int(round(span / step)) + 1, np.nan)
-            piece[np.rint((time[part] - time[part[0]]) / step).astype(int)] = least_squares.without(
-                basis, observed[part]
-            )
-            pieces.append(piece)
+            pieces.append(on_even_grid(time[part], step, least_squares.without(basis, observed[part])))
             removed += basis.shape[1]
     return pieces, removed
+
+
+def on_even_grid(time: np.ndarray, step: float, values: np.ndarray) -> np.ndarray:
+    """Values (n, ...) at their places on the even grid from the first epoch to the last, NaN where missing."""
+    place = np.rint((time - time[0]) / step).astype(int)
+    grid = np.full((place[-1] + 1, *values.shape[1:]), np.nan)
+    grid[place] = values
+    return grid
 
 
 def density(pieces: list[np.ndarray], step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
@@ -115,3 +132,226 @@ def density(pieces: list[np.ndarray], step_s: float, frequency_hz: np.ndarray) -
         power = np.abs(np.fft.rfft(np.nan_to_num(piece) * window)) ** 2 * 2 * step_s / max(np.sum(window**2), 1e-300)
         total += np.interp(frequency_hz, np.fft.rfftfreq(piece.size, step_s), power)
     return total / max(len(pieces), 1)
+
+
+def images(step_s: float) -> np.ndarray:
+    """BINS + 1 frequencies up to Nyquist and those beyond it that sampling folds onto them, (2, m) Hz."""
+    frequency = np.linspace(0, 0.5 / step_s, BINS + 1)
+    return np.stack([frequency, 1 / step_s - frequency])
+
+
+@lru_cache(maxsize=4)
+def passed(step_s: float) -> np.ndarray:
+    """Power gain of the CRN filter at the frequencies of `images`, (2, m)."""
+    return np.stack([crn.gain(crn.Crn(), 0.5, 0, f) ** 2 for f in images(step_s)])
+
+
+def shapes(step_s: float) -> np.ndarray:
+    """Densities of unit height below each corner, through the CRN filter, at `images`, (corner, 2, m)."""
+    return passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
+
+
+def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Range residual (n,) m of every manoeuvre on its even grid after ordinary least squares, and its lever (n, 4) m.
+
+    Parameters
+    ----------
+    equations : Dataset, "kbr_phase_centre.observable" of the range
+    degree : of the polynomial removed
+    """
+    time, number, segment = (equations[n].values for n in ("time_kbr", "arc", "segment"))
+    observed, column, lever = (equations[n].values for n in ("observed", "column", "lever"))
+    step = float(np.median(np.diff(time)))
+    indices = [np.flatnonzero(number == k) for k in range(equations.sizes["manoeuvre"])]
+    indices = [index for index in indices if index.size > 4 * degree + 20]
+    detrended = []
+    for index in indices:
+        slow = slow_columns(time[index], segment[index], degree, 0)
+        detrended.append(least_squares.without(slow, np.column_stack([observed[index], column[index]])))
+    if not detrended:
+        return []
+    y, A = np.concatenate([d[:, 0] for d in detrended]), np.concatenate([d[:, 1:] for d in detrended])
+    centre = least_squares.stable_inverse(A.T @ A) @ (A.T @ y)
+    residual = [
+        on_even_grid(time[i], step, d[:, 0] - d[:, 1:] @ centre) for i, d in zip(indices, detrended, strict=True)
+    ]
+    arms = [np.nan_to_num(on_even_grid(time[index], step, lever[index, 0])) for index in indices]
+    return list(zip(residual, arms, strict=True))
+
+
+def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative: int) -> np.ndarray:
+    """Legendre polynomials of time and, for the range, a bias for every further segment.
+
+    Parameters
+    ----------
+    time : (n,) s
+    segment : (n,) number of the stretch without a phase break
+    degree : of the polynomial
+    derivative : 0, 1 or 2
+    """
+    if time.size < 2:
+        return np.zeros((time.size, degree + 1))
+    slow = least_squares.polynomial(time, degree, time[0], time[-1])
+    if derivative:
+        return slow
+    steps = [segment == s for s in np.unique(segment)[1:]]
+    return np.column_stack([slow, *steps]).astype(float)
+
+
+def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -> np.ndarray:
+    """Densities of the star camera noise below each corner (corner,) rad^2 Hz^-1, none negative.
+
+    Parameters
+    ----------
+    pieces : of `manoeuvre_residuals`; zero without any
+    quiet : NoiseModel of the range
+
+    Notes
+    -----
+    The covariance of g(t) phi(t) is on average mean(g(t) g(t + tau)) C(tau); its density is fitted to the excess of the
+    periodograms with weights 1/density.
+    """
+    from scipy.optimize import nnls
+
+    excess = np.zeros(CORNERS.size)
+    if not pieces:
+        return excess
+    step = quiet.step_s
+    length = max(piece.size for piece, _ in pieces)
+    frequency = np.fft.rfftfreq(2 * length, step)
+    power, model = np.zeros(frequency.size), np.zeros((frequency.size, CORNERS.size))
+    lags = [np.fft.irfft(shape.sum(axis=0), 2 * BINS)[:length] * 0.5 / step for shape in shapes(step)]
+    lags = [np.pad(lag, (0, length - lag.size)) for lag in lags]  # beyond, the noise is not correlated
+    for piece, lever in pieces:
+        window = np.zeros(2 * length)
+        window[: piece.size] = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)
+        energy = np.sum(window**2)
+        padded = np.zeros(2 * length)
+        padded[: piece.size] = np.nan_to_num(piece)
+        power += np.abs(np.fft.rfft(padded * window)) ** 2 * 2 * step / energy
+        arm = np.zeros((2 * length, 4))
+        arm[: piece.size] = lever * window[: piece.size, None]
+        overlap = np.fft.irfft((np.abs(np.fft.rfft(arm, axis=0)) ** 2).sum(axis=1), 2 * length)[:length] / energy
+        for k, lag in enumerate(lags):
+            covariance = overlap * lag
+            symmetric = np.concatenate([covariance, [0.0], covariance[:0:-1]])
+            model[:, k] += np.fft.rfft(symmetric).real * 2 * step
+    used = (frequency >= FITTED_HZ[0]) & (frequency <= FITTED_HZ[1])
+    power, model = power[used] / len(pieces), model[used] / len(pieces)
+    known = quiet.density(frequency[used])
+    for _ in range(5):
+        weight = 1 / (known + model @ excess)
+        size = np.linalg.norm(model * weight[:, None], axis=0)
+        excess = nnls(model * weight[:, None] / size, (power - known) * weight)[0] / size
+    return excess
+
+
+@dataclass(frozen=True)
+class Lags:
+    """Covariances by lag of the noise of range, range rate or range acceleration.
+
+    Attributes
+    ----------
+    ranging : (n,) of ranging and orbit
+    pointing : {(a, b): (2 n - 1,)} between derivatives a and b of the pointing noise, lags -(n - 1) .. n - 1
+    derivative : 0, 1 or 2
+    """
+
+    ranging: np.ndarray
+    pointing: dict[tuple[int, int], np.ndarray]
+    derivative: int
+
+
+def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
+    """Covariances of the noise of the range or one of its derivatives, by lag.
+
+    Parameters
+    ----------
+    measured : Dataset, "kbr_phase_centre.noise"
+    derivative : 0, 1 or 2
+    count : number of lags
+    """
+    step = float(measured.attrs["step_s"])
+    ranging = noises.NoiseModel(measured["reflection"].values, measured["variance"].values, step)
+    frequency = np.linspace(0, 0.5 / step, BINS + 1)
+    pointing = np.einsum("c,cim->im", measured["pointing_power"].values, shapes(step))
+    return lags_of_densities(ranging.density(frequency), pointing, step, derivative, count)
+
+
+def lags_of_densities(ranging: np.ndarray, pointing: np.ndarray, step_s: float, derivative: int, count: int) -> Lags:
+    """Covariances by lag from the densities of the range and of the pointing error.
+
+    Parameters
+    ----------
+    ranging : (m,) m2 Hz-1, one-sided, as sampled
+    pointing : (2, m) rad2 Hz-1, one-sided, not folded, at `images`
+    step_s : s
+    derivative : 0, 1 or 2
+    count : number of lags
+
+    Notes
+    -----
+    The power of a derivative over that of the range is that of the same white phase through the CRN filter, as sampled.
+    """
+
+    def transformed(spectrum):  # negative lags at the end
+        return np.fft.irfft(spectrum, 2 * BINS) * (0.5 / step_s)
+
+    turn, share = 2 * np.pi * images(step_s), passed(step_s) + 1e-12
+    held = np.maximum(turn, 2 * np.pi * FLOOR_HZ)
+    gain = (share * held ** (2 * derivative)).sum(axis=0) / share.sum(axis=0)
+    pairs = {}
+    if np.any(pointing):
+        for a in range(derivative + 1):
+            for b in range(derivative + 1):
+                own, folded = pointing * turn ** (a + b)
+                full = transformed(own * 1j ** (a - b) + folded * (-1j) ** (a - b))
+                pairs[a, b] = np.concatenate([full[-count + 1 :], full[:count]])
+    return Lags(transformed(ranging * gain)[:count], pairs, derivative)
+
+
+def covariance_matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """Covariance of the noise at some epochs of an even grid.
+
+    Parameters
+    ----------
+    by_lag : Lags
+    place : (n,) int, numbers of the epochs
+    lever : (n, derivative + 1, 4) m s**-order, range per radian of pointing and its derivatives
+
+    Returns
+    -------
+    covariance : (n, n), lower triangle
+
+    Notes
+    -----
+    The pointing part of the range is sum_j g_j phi_j; by Leibniz its d-th derivative has the covariance
+    sum_ab (d a)(d b) sum_j g_j^(d-a)(t) g_j^(d-b)(t') K_ab(t - t').
+    """
+    d, n = by_lag.derivative, by_lag.ranging.size
+    strength = np.sqrt(np.mean(lever[:, 0] ** 2, axis=0))
+    strong = np.ascontiguousarray(lever[:, ::-1][:, :, strength > SMALL * strength.max()])
+    by_pair = np.zeros((d + 1, d + 1, 2 * n - 1))
+    for (a, b), values in by_lag.pointing.items():
+        by_pair[a, b] = comb(d, a) * comb(d, b) * values
+    return _lower(by_lag.ranging, by_pair, place, strong if by_lag.pointing else strong[:, :, :0])
+
+
+@numba.njit(cache=True)
+def _lower(ranging, by_pair, place, lever):
+    """Lower triangle; `lever` (n, a, j) holds the derivative that goes with the a-th of the pointing noise."""
+    n, orders, kinds = lever.shape
+    middle = ranging.size - 1
+    out = np.zeros((n, n))
+    for i in range(n):
+        for k in range(i + 1):
+            lag = place[i] - place[k]
+            total = ranging[lag]
+            for a in range(orders):
+                for b in range(orders):
+                    arms = 0.0
+                    for j in range(kinds):
+                        arms += lever[i, a, j] * lever[k, b, j]
+                    total += arms * by_pair[a, b, middle + lag]
+            out[i, k] = total
+    return out

@@ -6,10 +6,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLE, OBSERVABLES, UNITS, of
+from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLE, OBSERVABLES, UNITS, of
 from gravcal.estimation import crn
-
-MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
 
 
 def observable(
@@ -48,31 +46,32 @@ def observable(
     time, at = pointed["time"].values, aligned["time_kbr"].values
     good = pointed["usable"].values != 0
     filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
-    through = crn.operator(filter_, derivative, good, (time[0], 1.0), at)
+    through = [crn.operator(filter_, order, good, (time[0], 1.0), at) for order in range(derivative + 1)]
     line = np.concatenate(list(pointed["line_of_sight_b"].values), axis=1)
-    modelled = through(np.column_stack([pointed["range_com"].values + pointed["second_order"].values, -line]))
+    modelled = through[-1](np.column_stack([pointed["range_com"].values + pointed["second_order"].values, -line]))
     x = np.repeat(np.asarray(nominal_m, dtype=float).reshape(2, 3)[:, 0], 2)
     arms = line[:, [2, 1, 5, 4]] * x
-    levers = [crn.operator(filter_, d, good, (time[0], 1.0), at)(arms) for d in range(derivative + 1)]
-    valid = through.valid & (aligned["kbr_flag"].values == 0)
+    valid = through[-1].valid & (aligned["kbr_flag"].values == 0)
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
     epochs = np.clip(np.rint(at - time[0]).astype(int), 0, time.size - 1)
     values = {
         "time_kbr": at,
         "observed": aligned[f"reading_{variant}"].values - modelled[:, 0],
         "column": modelled[:, 1:],
-        "lever": np.stack(levers, axis=1),
+        "lever": np.stack([filtered(arms) for filtered in through], axis=1),
         "published_column": published_columns(at, -line[epochs], derivative, published_half_width),
         "arc": arcs(at, spans, trim_s, quiet_margin_s),
         "segment": aligned["segment"].values,
     }
-    kept = {name: values_[valid] for name, values_ in values.items()}
-    attrs = {n: pointed.attrs[n] for n in ("satellites", "ranging", "orbit")} | {
-        "observable": variant,
-        "unit": UNITS[derivative],
-    }
-    manoeuvres = {n: pointed[n].values for n in MANOEUVRE}
-    return build(of(OBSERVABLE, variant), kept | manoeuvres, title=f"Observation equations of {variant}", **attrs)
+    values = {name: column[valid] for name, column in values.items()}
+    return build(
+        of(OBSERVABLE, variant),
+        values | {n: pointed[n].values for n in MANOEUVRE},
+        title=f"Observation equations of {variant}",
+        observable=variant,
+        unit=UNITS[derivative],
+        **{n: pointed.attrs[n] for n in ("satellites", "ranging", "orbit")},
+    )
 
 
 def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.ndarray:
@@ -80,10 +79,8 @@ def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.
 
     Parameters
     ----------
-    time : (m,) s
-    spans : (k, 2) s, start and stop
-    trim : s, left out at both ends
-    margin : s, between a manoeuvre and quiet data
+    time, spans : (m,) s, and (k, 2) s, start and stop
+    trim, margin : s, left out at both ends; between a manoeuvre and quiet data
     """
     result = np.full(time.size, -1)
     for start, stop in spans:

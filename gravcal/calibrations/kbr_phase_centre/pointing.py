@@ -1,15 +1,35 @@
-"""Pointing of both satellites and the wiggles in it."""
+"""Line of sight in both satellites: observation columns, pointing angles, wiggles, the antenna correction."""
 
 from __future__ import annotations
+
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre import geometry
 from gravcal.calibrations.kbr_phase_centre.schemas import POINTING
+from gravcal.physics import frames, kinematics
 
-FOUND = ("satellite_index", "axis_index", "sign", "start", "stop", "offset", "amplitude")
+
+@dataclass(frozen=True)
+class Wiggle:
+    """One sub-manoeuvre.
+
+    Attributes
+    ----------
+    satellite_index, axis_index, sign : 0 or 1; 0 pitch, 1 yaw; of the offset, 0 without one
+    start, stop : s, first and last slew
+    offset, amplitude : rad, mean angle and amplitude of the wave
+    """
+
+    satellite_index: int
+    axis_index: int
+    sign: int
+    start: float
+    stop: float
+    offset: float
+    amplitude: float
 
 
 def pointing(
@@ -31,48 +51,137 @@ def pointing(
     pointed : Dataset, "kbr_phase_centre.pointing"
     """
     time, position, quaternion = (aligned[n].values for n in ("time", "position_i", "quaternion"))
-    nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    line = geometry.lines_of_sight(position, quaternion)
-    angle = geometry.angles(line)
+    line = lines_of_sight(position, quaternion)
+    angle = angles(line)
     limits = (np.radians(offset_limit_deg), np.radians(amplitude_limit_deg))
-    found = [described(time, angle, one, period_s) for one in given]
-    for k, axis in () if found else ((0, 0), (0, 1), (1, 0), (1, 1)):
-        found += wiggles(time, angle[k, :, axis], period_s, limits, (k, axis))
-    found.sort(key=lambda w: w[3])
-    columns = dict(zip(FOUND, np.array(found).reshape(-1, len(FOUND)).T, strict=True))
-    values = columns | {
+    if given:
+        found = [measured(time, angle, *one, period_s) for one in given]
+    else:
+        found = [
+            one
+            for k in (0, 1)
+            for axis in (0, 1)
+            for one in wiggles(time, angle[k, :, axis], k, axis, period_s, *limits)
+        ]
+    found.sort(key=lambda one: one.start)
+    names = [field.name for field in fields(Wiggle)]
+    values = dict(zip(names, np.array([astuple(one) for one in found]).reshape(-1, len(names)).T, strict=True))
+    values |= {
         "time": time,
-        "range_com": geometry.distance(position),
-        "second_order": geometry.second_order(position, quaternion, nominal),
+        "range_com": kinematics.range_between(position[1] - position[0]),
+        "second_order": second_order(position, quaternion, np.asarray(nominal_m, dtype=float).reshape(2, 3)),
         "line_of_sight_b": line,
         "angle": angle,
         "usable": np.isfinite(line).all(axis=(0, 2)),
     }
-    kept = {n: aligned.attrs[n] for n in ("satellites", "ranging", "orbit")}
-    return build(POINTING, values, title="Pointing against the line of sight, and the wiggles in it", **kept)
+    attrs = {n: aligned.attrs[n] for n in ("satellites", "ranging", "orbit")}
+    return build(POINTING, values, title="Pointing against the line of sight, and the wiggles in it", **attrs)
 
 
-def described(time: np.ndarray, angle: np.ndarray, one, period: float) -> tuple:
+def lines_of_sight(position_i: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Unit vector from each satellite to the other in its own body frame.
+
+    The range of the phase centres is |u| - l_A . c_A - l_B . c_B to first order, so the observation columns are minus
+    these vectors for both satellites.
+
+    Parameters
+    ----------
+    position_i : (2, n, 3) m
+    quaternion : (2, n, 4) scalar first
+
+    Returns
+    -------
+    line_of_sight_b : (2, n, 3)
+
+    Notes
+    -----
+    rho_KBR - rho_COM = [-e^T R_ib,A, +e^T R_ib,B] (c_A; c_B); Remote Sens. 2022, 14, 3395, eq. 13 (erratum K-1: printed
+    with the opposite sign). l_A = R_bi,A e, l_B = -R_bi,B e.
+    """
+    u = position_i[1] - position_i[0]
+    e = u / np.linalg.norm(u, axis=1, keepdims=True)
+    result = np.full((2, *e.shape), np.nan)
+    for k, line in enumerate((e, -e)):
+        known = np.isfinite(quaternion[k]).all(axis=1)
+        result[k, known] = np.matvec(frames.R_bi_from_quaternion(quaternion[k, known]), line[known])
+    return result
+
+
+def angles(line_of_sight_b: np.ndarray) -> np.ndarray:
+    """Pitch and yaw (..., 2) rad of the line of sight (..., 3) in the body.
+
+    A positive offset has the columns (-cos, +sin) for pitch (x, z) and (-cos, -sin) for yaw (x, y).
+    """
+    x, y, z = np.moveaxis(line_of_sight_b, -1, 0)
+    return np.stack([np.arctan2(-z, x), np.arctan2(y, x)], axis=-1)
+
+
+def second_order(position_i: np.ndarray, quaternion: np.ndarray, nominal: np.ndarray) -> np.ndarray:
+    """What the linear columns leave out of the range, for phase centres near their nominal place.
+
+    Parameters
+    ----------
+    position_i : (2, n, 3) m
+    quaternion : (2, n, 4) scalar first
+    nominal : (2, 3) m, centre of mass to phase centre, b
+
+    Returns
+    -------
+    remainder : (n,) m
+
+    Notes
+    -----
+    |u + v| - |u| - e.v = |v_perp|^2 / (2 |u|), 13 nm at 3 deg and 220 km; equations.md M3.
+    """
+    u = position_i[1] - position_i[0]
+    rho = np.linalg.norm(u, axis=1)
+    v = np.full_like(u, np.nan)
+    known = np.isfinite(quaternion).all(axis=(0, 2))
+    R = [frames.R_bi_from_quaternion(q[known]) for q in quaternion]
+    v[known] = np.einsum("nji,j->ni", R[1], nominal[1]) - np.einsum("nji,j->ni", R[0], nominal[0])
+    across = v - u * (np.einsum("ni,ni->n", u, v) / rho**2)[:, None]
+    return np.einsum("ni,ni->n", across, across) / (2 * rho)
+
+
+def antenna_correction(line_of_sight_b: np.ndarray, centre_b: np.ndarray) -> np.ndarray:
+    """Correction that turns the range of the phase centres into that of the centres of mass when added.
+
+    Parameters
+    ----------
+    line_of_sight_b : (2, n, 3), from each satellite to the other
+    centre_b : (2, 3) m, centre of mass to phase centre
+
+    Returns
+    -------
+    correction : (n,) m
+
+    Notes
+    -----
+    rho_AOC = e^T R_ib,A c_A - e^T R_ib,B c_B; Remote Sens. 2022, 14, 3395, eq. 11 (erratum K-1).
+    """
+    return np.einsum("kni,ki->n", line_of_sight_b, centre_b)
+
+
+def measured(time, angle, satellite, axis, sign, start, stop, period: float) -> Wiggle:
     """A manoeuvre of the catalogue with its offset and amplitude as measured.
 
     Parameters
     ----------
-    time : (n,) s
-    angle : (2, n, 2) rad, pitch and yaw of both satellites
-    one : satellite, axis, sign, start and stop
+    time, angle : (n,) s and (2, n, 2) rad, pitch and yaw of both satellites
+    satellite, axis, sign, start, stop : of the catalogue
     period : s
     """
-    satellite, axis, sign, start, stop = one
     own = angle[int(satellite), :, int(axis)]
     inside = (time > start + period / 2) & (time < stop - period / 2) & np.isfinite(own)
     if not inside.any():
-        return (satellite, axis, sign, start, stop, np.nan, np.nan)
+        return Wiggle(satellite, axis, sign, start, stop, np.nan, np.nan)
     wave = np.exp(-2j * np.pi * (time[inside] - start) / period)
     offset = float(own[inside].mean())
-    return (satellite, axis, sign, start, stop, offset, float(2 * abs(np.mean((own[inside] - offset) * wave))))
+    amplitude = float(2 * abs(np.mean((own[inside] - offset) * wave)))
+    return Wiggle(satellite, axis, sign, start, stop, offset, amplitude)
 
 
-def wiggles(time, angle, period, limits, which):
+def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit) -> list[Wiggle]:
     """Sub-manoeuvres about one axis of one satellite.
 
     The angle is split over one period into its mean and its amplitude; where the amplitude stays above its limit there
@@ -80,56 +189,46 @@ def wiggles(time, angle, period, limits, which):
 
     Parameters
     ----------
-    time : (n,) s, every second
-    angle : (n,) rad, NaN where unknown
+    time, angle : (n,) s, every second, and (n,) rad, NaN where unknown
+    satellite, axis : 0 or 1
     period : s
-    limits : rad and rad, smallest offset and amplitude
-    which : satellite and axis
-
-    Returns
-    -------
-    found : list of (satellite, axis, sign, start, stop, offset, amplitude)
+    offset_limit, amplitude_limit : rad, the smallest
     """
-    if time.size < 3 * period:
+    known = np.isfinite(angle)
+    if time.size < 3 * period or not known.any():
         return []
-    filled = (
-        np.interp(time, time[np.isfinite(angle)], angle[np.isfinite(angle)]) if np.isfinite(angle).any() else 0 * time
-    )
+    filled = np.interp(time, time[known], angle[known])
     count = int(round(period))
     phase = np.exp(-2j * np.pi * (time - time[0]) / period)
-    mean, amplitude = _running(filled, count), 2 * np.abs(_running((filled - np.median(filled)) * phase, count))
-    strong = np.concatenate([[False], amplitude > limits[1], [False]]).astype(int)
-    edges = np.flatnonzero(np.diff(strong)).reshape(-1, 2)
-    return [
-        (*which, *_described(time, filled, (mean, amplitude), (begin, end - 1), limits))
-        for begin, end in edges
-        if end - begin > 2 * count
-    ]
+    mean = _running_mean(filled, count)
+    amplitude = 2 * np.abs(_running_mean((filled - np.median(filled)) * phase, count))
+    strong = np.concatenate([[False], amplitude > amplitude_limit, [False]]).astype(int)
+    found = []
+    for begin, end in np.flatnonzero(np.diff(strong)).reshape(-1, 2):
+        if end - begin <= 2 * count:
+            continue
+        last = end - 1
+        margin = (last - begin) // 8
+        inside = slice(begin + margin, last - margin)
+        before, after = filled[max(begin - 1000, 0) : max(begin - 200, 1)], filled[last + 200 : last + 1000]
+        rest = np.median(np.concatenate([before, after]))
+        offset, size = float(mean[inside].mean()), float(np.median(amplitude[inside]))
+        sign = int(np.sign(offset)) if abs(offset) > offset_limit else 0
+        start, stop = time[begin], time[last]
+        if sign:
+            level = rest + (offset - sign * size - rest) / 2
+            outside = sign * (filled - level) < 0
+            middle = (begin + last) // 2
+            early, late = np.flatnonzero(outside[:middle]), np.flatnonzero(outside[middle:])
+            start = time[early[-1] + 1] if early.size else time[0]
+            stop = time[middle + late[0] - 1] if late.size else time[-1]
+        found.append(Wiggle(satellite, axis, sign, start, stop, offset, size))
+    return found
 
 
-def _running(values, count):
+def _running_mean(values, count):
     """Mean over one period centred on each sample, shorter at the ends."""
     total = np.concatenate([[0], np.cumsum(values)])
     index = np.arange(values.size)
     low, high = np.clip(index - count // 2, 0, None), np.clip(index + count - count // 2, None, values.size)
     return (total[high] - total[low]) / (high - low)
-
-
-def _described(time, angle, smoothed, span, limits):
-    """Sign of a wiggle, where its slews are, its offset and amplitude."""
-    mean, amplitude = smoothed
-    inside = slice(span[0] + (span[1] - span[0]) // 8, span[1] - (span[1] - span[0]) // 8)
-    rest = np.median(
-        np.concatenate([angle[max(span[0] - 1000, 0) : max(span[0] - 200, 1)], angle[span[1] + 200 : span[1] + 1000]])
-    )
-    offset, size = float(mean[inside].mean()), float(np.median(amplitude[inside]))
-    sign = int(np.sign(offset)) if abs(offset) > limits[0] else 0
-    start, stop = time[span[0]], time[span[1]]
-    if sign:
-        level = rest + (offset - sign * size - rest) / 2
-        outside = sign * (angle - level) < 0
-        middle = (span[0] + span[1]) // 2
-        before, after = np.flatnonzero(outside[:middle]), np.flatnonzero(outside[middle:])
-        start = time[before[-1] + 1] if before.size else time[0]
-        stop = time[middle + after[0] - 1] if after.size else time[-1]
-    return (sign, start, stop, offset, size)

@@ -44,6 +44,8 @@ _MANOEUVRE = {
     "stop": _v("manoeuvre", "s", "last slew"),
 }
 
+MANOEUVRE = tuple(_MANOEUVRE)
+
 POINTING = {
     "time": TIME,
     "range_com": _v("time", "m", "distance of the centres of mass"),

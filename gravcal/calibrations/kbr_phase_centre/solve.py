@@ -1,18 +1,43 @@
-"""Phase centres from one observable: least squares and robust, from all manoeuvres and from sub-sets of them."""
+"""Phase centres from one observable: whitened equations, least squares and robust, all manoeuvres and sub-sets.
+
+What routine pointing, without wiggles, says of the phase centres stands here as well: the same equations of quiet data.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre import noise as noises
-from gravcal.calibrations.kbr_phase_centre import published, whitened
-from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES, SOLVE, SUBSETS, of
+from gravcal.calibrations.kbr_phase_centre import noise
+from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLES, ROUTINE, SOLVE, SUBSETS, of
+from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, robust
 
-MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")
 X = np.array([True, False, False] * 2)
+LONGEST = 4000  # observations of one stretch, whose covariance is held as a matrix; a wiggle of 1000 s at 5 s has 200
+#: Degree of the polynomial that the source paper removes from the observations, Remote Sens. 2022, 14, 3395, Sec. 4.1.
+PUBLISHED_DEGREE = (15, 13, None)
+
+
+@dataclass(frozen=True)
+class Arc:
+    """One manoeuvre after whitening and projection.
+
+    Attributes
+    ----------
+    index : (n,) places in the observations
+    observed : (n,) whitened, nuisance projected out
+    column : (n, 6) the same
+    basis : (n, k) orthonormal, whitened nuisance
+    """
+
+    index: np.ndarray
+    observed: np.ndarray
+    column: np.ndarray
+    basis: np.ndarray
 
 
 def solve(
@@ -49,31 +74,127 @@ def solve(
     derivative = OBSERVABLES.index(variant)
     nominal = np.asarray(nominal_m, dtype=float).reshape(6)
     if method == "published":
-        parts = published.arcs(equations, derivative, published_trim_s)
-        band = None
+        parts, band = published_arcs(equations, derivative, published_trim_s), None
     else:
-        parts = whitened.arcs(equations, measured, whitened.of_manoeuvres(equations), derivative, orbit_degree)
-        band = (tuple(band_hz), float(measured.attrs["step_s"]))
+        parts = arcs(equations, measured, of_manoeuvres(equations), derivative, orbit_degree)
+        band = (*band_hz, float(measured.attrs["step_s"]))
     numbers = [int(equations["arc"].values[part.index[0]]) for part in parts]
     sign = equations["sign"].values[numbers] if numbers else np.zeros(0)
-    results = [_subset(name, parts, sign, nominal, ((robust_k0, robust_k1), band)) for name in SUBSETS]
+    results = [_subset(name, parts, sign, nominal, (robust_k0, robust_k1), band) for name in SUBSETS]
     values = {key: np.stack([result[key] for result in results]) for key in results[0]}
-    values |= _by_arc(equations, parts, numbers, values, nominal)
-    values |= _series(equations, parts, values["centre"][0, 0], derivative, orbit_degree)
+    centre = values["centre"][0, 0]
+    joint = np.where(np.isfinite(centre), centre, nominal)
+    values |= _by_manoeuvre(equations, parts, numbers, joint, values["sigma0"][0, 0])
+    values |= _series(equations, parts, centre, derivative, orbit_degree)
     values |= {name: equations[name].values for name in MANOEUVRE}
-    attrs = {"observable": variant, "method": method, "unit": equations.attrs["unit"]} | {
-        n: equations.attrs[n] for n in ("satellites", "ranging")
-    }
-    return build(of(SOLVE, variant), values, title=f"Phase centres from {variant}", **attrs)
+    return build(
+        of(SOLVE, variant),
+        values,
+        title=f"Phase centres from {variant}",
+        observable=variant,
+        method=method,
+        **{n: equations.attrs[n] for n in ("unit", "satellites", "ranging")},
+    )
 
 
-def _subset(name, parts, sign, nominal, settings):
-    """Estimates of one sub-set of the manoeuvres."""
-    constants, band = settings
-    wanted = {"positive": sign > 0, "mirror": sign < 0}.get(name.removesuffix("_x_fixed"), np.ones(len(parts), bool))
-    chosen = [part for part, use in zip(parts, wanted, strict=True) if use]
-    free = ~X if name.endswith("_x_fixed") else np.ones(6, dtype=bool)
-    blank = {
+def arcs(
+    equations: xr.Dataset, measured: xr.Dataset, indices: list[np.ndarray], derivative: int, degree: int
+) -> list[Arc]:
+    """All stretches of observations whose epochs outnumber the unknowns.
+
+    Parameters
+    ----------
+    equations : Dataset, "kbr_phase_centre.observable"
+    measured : Dataset, "kbr_phase_centre.noise"
+    indices : places of the observations of each stretch
+    derivative : 0, 1 or 2
+    degree : of the polynomial that takes up slow orbit errors of the range; lower by one for each derivative
+
+    Raises
+    ------
+    EstimationError : a stretch of more than `LONGEST` observations
+    """
+    from scipy.linalg import cholesky, solve_triangular
+
+    largest = max((index.size for index in indices), default=0)
+    if largest > LONGEST:
+        raise EstimationError(
+            f"kbr_phase_centre: found {largest} observations in one stretch, expected at most {LONGEST}: the pointing "
+            f"is off its mean for hours. Check that orbits and attitudes are those of their satellites."
+        )
+    step = float(measured.attrs["step_s"])
+    time, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
+    longest = max((float(time[index[-1]] - time[index[0]]) for index in indices if index.size), default=0.0)
+    lags = noise.lags(measured, derivative, int(longest / step) + 3)
+    result = []
+    for index in indices:
+        slow = noise.slow_columns(time[index], segment[index], degree - derivative, derivative)
+        if index.size <= slow.shape[1] + 10:
+            continue
+        observed = equations["observed"].values[index]
+        observed = observed - observed.mean()  # a bias of 220 km would cost six digits
+        data = np.column_stack([observed, equations["column"].values[index], slow])
+        place = np.rint((time[index] - time[index[0]]) / step).astype(int)
+        covariance = noise.covariance_matrix(lags, place, lever[index])
+        factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
+        white = solve_triangular(factor, data, lower=True, check_finite=False)
+        basis = least_squares.orthonormal(white[:, 7:])
+        clean = white[:, :7] - basis @ (basis.T @ white[:, :7])
+        result.append(Arc(index, clean[:, 0], clean[:, 1:], basis))
+    return result
+
+
+def of_manoeuvres(equations: xr.Dataset) -> list[np.ndarray]:
+    """Places of the observations of each manoeuvre."""
+    number = equations["arc"].values
+    return [np.flatnonzero(number == k) for k in range(equations.sizes["manoeuvre"])]
+
+
+def of_quiet(equations: xr.Dataset, length_s: float) -> list[np.ndarray]:
+    """Places of the observations of quiet stretches of about the given length (s), gaps of a minute at most."""
+    quiet, time = np.flatnonzero(equations["arc"].values == -1), equations["time_kbr"].values
+    new = (np.diff(time[quiet]) > 60) | (np.diff(equations["segment"].values[quiet]) != 0)
+    result = []
+    for whole in np.split(quiet, np.flatnonzero(new) + 1):
+        span = time[whole[-1]] - time[whole[0]] if whole.size else 0.0
+        if span > length_s / 2:
+            result += np.array_split(whole, max(int(round(span / length_s)), 1))
+    return result
+
+
+def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> list[Arc]:
+    """Every manoeuvre as the paper treats it: observations detrended, columns not, identity weights, one range bias.
+
+    The polynomial takes the level of the range with it; the columns keep theirs, so that the mean levels of positive
+    and mirror arcs act as observations of zero (erratum K-3). The bias of the range is a seventh column.
+
+    Parameters
+    ----------
+    equations : Dataset, "kbr_phase_centre.observable"
+    derivative : 0, 1 or 2
+    trim_s : s, left out at both ends
+    """
+    time, column, degree = equations["time_kbr"].values, equations["published_column"].values, PUBLISHED_DEGREE
+    result = []
+    for k in range(equations.sizes["manoeuvre"]):
+        start, stop = float(equations["start"][k]), float(equations["stop"][k])
+        inside = (time >= start + trim_s) & (time <= stop - trim_s) & np.isfinite(column).all(axis=1)
+        index = np.flatnonzero(inside & (equations["arc"].values == k))
+        if index.size < 30:
+            continue
+        observed, part = equations["observed"].values[index], column[index]
+        if degree[derivative] is not None:
+            slow = least_squares.polynomial(time[index], degree[derivative], start, stop)
+            observed = least_squares.without(slow, observed)
+        if derivative == 0:
+            part = np.column_stack([part, np.ones(index.size)])
+        result.append(Arc(index, observed, part, np.zeros((index.size, 0))))
+    return result
+
+
+def _subset(name, parts, sign, nominal, constants, band):
+    """Least squares and robust values, covariances and formal errors of one sub-set of the manoeuvres."""
+    result = {
         "centre": np.full((2, 6), np.nan),
         "covariance": np.full((2, 6, 6), np.nan),
         "formal_sigma": np.full((2, 6), np.nan),
@@ -81,96 +202,188 @@ def _subset(name, parts, sign, nominal, settings):
         "sigma0": np.full(2, np.nan),
         "kept": np.nan,
     }
+    wanted = {"positive": sign > 0, "mirror": sign < 0}.get(name.removesuffix("_x_fixed"), np.ones(len(parts), bool))
+    chosen = [part for part, use in zip(parts, wanted, strict=True) if use]
     if not chosen:
-        return blank
+        return result
     extra = chosen[0].column.shape[1] - 6  # the common bias of the published range solution
-    free = np.append(free, np.ones(extra, dtype=bool))
+    free = np.append(~X if name.endswith("_x_fixed") else np.ones(6, dtype=bool), np.ones(extra, dtype=bool))
     start = np.append(np.where(free[:6], 0.0, nominal), np.zeros(extra))
-    design = np.concatenate([part.column for part in chosen])
-    reduced = np.concatenate([part.observed for part in chosen]) - design @ start
-    return _estimates(chosen, design[:, free], reduced, free, (start, constants, band, blank))
-
-
-def _estimates(chosen, design, reduced, free, given):
-    """Least squares and robust values, covariances and formal errors."""
-    start, constants, band, result = given
+    whole = np.concatenate([part.column for part in chosen])
+    observed = np.concatenate([part.observed for part in chosen]) - whole @ start
+    design = whole[:, free]
     unknowns = design.shape[1] + sum(part.basis.shape[1] for part in chosen)
     normal = design.T @ design
-    value = least_squares.stable_inverse(normal) @ (design.T @ reduced)
-    residual = reduced - design @ value
-    variance = residual @ residual / max(reduced.size - unknowns, 1)
-    sharp = robust.solve(reduced, design, constants, unknowns)
-    cuts = np.cumsum([part.observed.size for part in chosen])[:-1]
-    shape = 1.0
-    if band:
-        shape = whitened.band_variance(chosen, np.split(residual, cuts), *band) / variance
-    inverses = (normal / (variance * shape), sharp.information / shape)
+    value = least_squares.stable_inverse(normal) @ (design.T @ observed)
+    residual = observed - design @ value
+    variance = residual @ residual / max(observed.size - unknowns, 1)
+    sharp = robust.solve(observed, design, constants, unknowns)
+    shape = band_variance(chosen, residual, *band) / variance if band else 1.0
     place = np.flatnonzero(free[:6])
-    for k, (estimate, inverse) in enumerate(zip((value, sharp.value), inverses, strict=True)):
+    for k, (estimate, information, formal) in enumerate(
+        (
+            (value, normal / (variance * shape), 1.0),
+            (sharp.value, sharp.information / shape, sharp.formal_factor),
+        )
+    ):
         full = start.copy()
         full[free] += estimate
-        covariance = least_squares.covariance(inverse)[: place.size, : place.size]
+        covariance = least_squares.covariance(information)[: place.size, : place.size]
         result["centre"][k] = full[:6]
         result["covariance"][k][np.ix_(place, place)] = covariance
-        factor = np.sqrt(1 / shape) * (1.0, sharp.formal_factor)[k]
-        result["formal_sigma"][k, place] = np.sqrt(np.diag(covariance)) * factor
-    return result | {
-        "condition": _condition(design),
-        "sigma0": np.sqrt(np.array([variance * shape, sharp.scale**2])),
-        "kept": float(sharp.weight.mean()),
-    }
-
-
-def _condition(design):
-    """Condition number of the columns as they are."""
+        result["formal_sigma"][k, place] = np.sqrt(np.diag(covariance) / shape) * formal
     size = np.linalg.svd(design, compute_uv=False)
-    return float(size[0] / size[-1]) if size[-1] > 0 else np.inf
+    result["condition"] = float(size[0] / size[-1]) if size[-1] > 0 else np.inf
+    result["sigma0"] = np.sqrt(np.array([variance * shape, sharp.scale**2]))
+    result["kept"] = float(sharp.weight.mean())
+    return result
 
 
-def _by_arc(equations, parts, numbers, values, nominal):
+def band_variance(parts: list[Arc], residual: np.ndarray, low_hz: float, high_hz: float, step_s: float) -> float:
+    """Variance of whitened residuals (n,) of all parts within a band, one where the noise is as measured."""
+    power = expected = 0.0
+    cuts = np.cumsum([part.observed.size for part in parts])[:-1]
+    for part, left in zip(parts, np.split(residual, cuts), strict=True):
+        frequency = np.fft.rfftfreq(left.size, step_s)
+        inside = (frequency >= low_hz) & (frequency <= high_hz)
+        taken = np.column_stack([part.basis, least_squares.orthonormal(part.column)])
+        power += np.sum(np.abs(np.fft.rfft(left)[inside]) ** 2) / left.size
+        expected += inside.sum() - np.sum(np.abs(np.fft.rfft(taken, axis=0)[inside]) ** 2) / left.size
+    return power / max(expected, 1.0)
+
+
+def _by_manoeuvre(equations, parts, numbers, joint, scale):
     """The transverse component that each manoeuvre tells by itself, others held at the joint solution."""
-    count = equations.sizes["manoeuvre"]
-    result = {"arc_value": np.full(count, np.nan), "arc_sigma": np.full(count, np.nan)}
-    joint = np.where(np.isfinite(values["centre"][0, 0]), values["centre"][0, 0], nominal)
-    scale = values["sigma0"][0, 0]
-    chi2, used = 0.0, set()
+    value, sigma = (np.full(equations.sizes["manoeuvre"], np.nan) for _ in range(2))
+    chi2, places = 0.0, set()
     for part, k in zip(parts, numbers, strict=True):
-        satellite, axis = int(equations["satellite_index"][k]), int(equations["axis_index"][k])
-        place = 3 * satellite + (2, 1)[axis]
+        place = 3 * int(equations["satellite_index"][k]) + (2, 1)[int(equations["axis_index"][k])]
         column = part.column[:, place]
         left = part.observed - part.column[:, :6] @ joint
         if part.column.shape[1] > 6:
             left = left - left.mean()
         size = column @ column
-        result["arc_value"][k] = joint[place] + column @ left / size
-        result["arc_sigma"][k] = scale / np.sqrt(size)
+        value[k] = joint[place] + column @ left / size
+        sigma[k] = scale / np.sqrt(size)
         chi2 += float((column @ left) ** 2 / size / scale**2)
-        used.add(place)
-    return result | {"arcs_chi2": chi2, "arcs_dof": max(len(parts) - len(used), 0)}
+        places.add(place)
+    dof = max(len(parts) - len(places), 0)
+    return {"arc_value": value, "arc_sigma": sigma, "arcs_chi2": chi2, "arcs_dof": dof}
 
 
 def _series(equations, parts, centre, derivative, degree):
     """Observations and model of the manoeuvres with the slow part removed, and their densities."""
     time, step = equations["time_kbr"].values, float(np.median(np.diff(equations["time_kbr"].values)))
-    frequency = np.linspace(0, 0.5 / step, 257)[1:]
-    chosen = [part.index for part in parts]
-    index = np.concatenate(chosen) if chosen else np.zeros(0, dtype=int)
-    clean, pieces = [], []
-    for part in chosen:
-        slow = whitened.slow_columns(time[part], equations["segment"].values[part], degree - derivative, derivative)
+    index = np.concatenate([part.index for part in parts]) if parts else np.zeros(0, dtype=int)
+    series, pieces = [np.zeros((0, 2))], []
+    for part in (part.index for part in parts):
+        slow = noise.slow_columns(time[part], equations["segment"].values[part], degree - derivative, derivative)
         both = np.column_stack([equations["observed"].values[part], equations["column"].values[part] @ centre])
-        both = least_squares.without(slow, both)
-        clean.append(both)
-        piece = np.full((int(round((time[part[-1]] - time[part[0]]) / step)) + 1, 2), np.nan)
-        piece[np.rint((time[part] - time[part[0]]) / step).astype(int)] = both
-        pieces.append(piece)
-    series = np.concatenate(clean) if clean else np.zeros((0, 2))
+        series.append(least_squares.without(slow, both))
+        pieces.append(noise.on_even_grid(time[part], step, series[-1]))
+    detrended, modelled = np.concatenate(series).T
+    frequency = np.linspace(0, 0.5 / step, 257)[1:]
     return {
         "time_kbr": time[index],
         "frequency": frequency,
-        "detrended": series[:, 0],
-        "modelled": series[:, 1],
+        "detrended": detrended,
+        "modelled": modelled,
         "arc": equations["arc"].values[index],
-        "spectrum_observed": noises.density([p[:, 0] for p in pieces], step, frequency),
-        "spectrum_residual": noises.density([p[:, 0] - p[:, 1] for p in pieces], step, frequency),
+        "spectrum_observed": noise.density([p[:, 0] for p in pieces], step, frequency),
+        "spectrum_residual": noise.density([p[:, 0] - p[:, 1] for p in pieces], step, frequency),
+    }
+
+
+def routine(
+    aligned: xr.Dataset,
+    pointed: xr.Dataset,
+    equations: xr.Dataset,
+    measured: xr.Dataset,
+    *,
+    orbit_degree: int,
+    quiet_length_s: float,
+    robust_k0: float,
+    robust_k1: float,
+    nominal_m,
+    determined_limit_mm: float,
+    routine_limit: float,
+) -> xr.Dataset:
+    """Phase centres from ranging against orbits in quiet data, and from the antenna correction of the file.
+
+    In routine pointing the columns of x are constant to 1e-6: their sum is a level that the range bias takes, their
+    difference is nothing. y and z follow from the slow motion of the control loop as far as it is faster than the
+    orbit errors. x is known from the catalogue better than from anything here, so an x further from it than its error
+    allows shows that the errors do not hold what moves with pointing and orbit: then nothing is determined.
+
+    Parameters
+    ----------
+    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
+    equations : Dataset, "kbr_phase_centre.observable" of the range
+    measured : Dataset, "kbr_phase_centre.noise"
+    orbit_degree : of the polynomial per stretch that takes up slow orbit errors
+    quiet_length_s : s, length of a stretch
+    robust_k0, robust_k1 : constants of IGG-III for the antenna correction
+    nominal_m : (2, 3) m, phase centres of the catalogue
+    determined_limit_mm : mm, a component with a larger sigma is not determined
+    routine_limit : sigma, distance of x from the catalogue beyond which the errors are not trusted
+
+    Returns
+    -------
+    described : Dataset, "kbr_phase_centre.routine"
+    """
+    parts = arcs(equations, measured, of_quiet(equations, quiet_length_s), 0, orbit_degree)
+    value, sigma = np.full(6, np.nan), np.full(6, np.nan)
+    if parts:
+        A, y = np.concatenate([p.column for p in parts]), np.concatenate([p.observed for p in parts])
+        normal = A.T @ A
+        value = least_squares.stable_inverse(normal) @ (A.T @ y)
+        left = y - A @ value
+        freedom = max(y.size - 6 - sum(p.basis.shape[1] for p in parts), 1)
+        sigma = np.sqrt(np.diag(least_squares.covariance(normal * freedom / (left @ left))))
+    with np.errstate(invalid="ignore"):
+        misfit = float(np.max(np.abs(value - np.asarray(nominal_m, dtype=float).ravel())[X] / sigma[X]))
+        known = (sigma <= 1e-3 * determined_limit_mm) & (misfit <= routine_limit)
+    singular = np.full(6, np.nan)
+    column = equations["column"].values[equations["arc"].values == -1]
+    if len(column) > 6:
+        singular = np.linalg.svd(column - column.mean(axis=0), compute_uv=False) / np.sqrt(len(column))
+    values = {
+        "centre": np.where(known, value, np.nan),
+        "sigma": np.where(known, sigma, np.nan),
+        "x_misfit": misfit,
+        "singular": singular,
+        "correction_centre": np.full((2, 3), np.nan),
+        "correction_sigma": np.full((2, 3), np.nan),
+        "correction_rms": np.nan,
+        "correction_kept": np.nan,
+    }
+    if np.nanmax(np.abs(aligned["antenna_correction"].values), initial=0.0) > 0.1:
+        values |= behind_correction(aligned, pointed, (robust_k0, robust_k1))
+    return build(ROUTINE, values, title="What routine pointing says of the phase centres", stretches=len(parts))
+
+
+def behind_correction(aligned: xr.Dataset, pointed: xr.Dataset, constants: tuple[float, float]) -> dict:
+    """Phase centres from the antenna correction of a ranging file, without a free bias, by variable of "routine".
+
+    Records whose correction was interpolated or is unreliable lose their weight.
+
+    Parameters
+    ----------
+    aligned : Dataset, "kbr_phase_centre.align"
+    pointed : Dataset, "kbr_phase_centre.pointing"
+    constants : k0 and k1 of IGG-III
+    """
+    at, time = aligned["time_kbr"].values, pointed["time"].values
+    inside = (at >= time[0]) & (at <= time[-1]) & np.isfinite(aligned["antenna_correction"].values)
+    epoch = np.rint(at[inside] - time[0]).astype(int)
+    design = np.concatenate(list(pointed["line_of_sight_b"].values[:, epoch]), axis=1)
+    known = np.isfinite(design).all(axis=1)
+    design, observed = design[known], aligned["antenna_correction"].values[inside][known]
+    fitted = robust.solve(observed, design, constants, 6)
+    used = fitted.weight > 0
+    return {
+        "correction_centre": fitted.value.reshape(2, 3),
+        "correction_sigma": np.sqrt(np.diag(least_squares.covariance(fitted.information))).reshape(2, 3),
+        "correction_rms": float(np.std((observed - design @ fitted.value)[used])),
+        "correction_kept": float(used.mean()),
     }
