@@ -24,9 +24,7 @@ from gravcal.discovery.blocks import Block  # noqa: E402
 from gravcal.discovery.inertial_sensor_parts import SWING  # noqa: E402
 from gravcal.discovery.problem import baseline_of, prepare  # noqa: E402
 from gravcal.effects import catalogue  # noqa: E402
-from gravcal.simulation import inertial_sensor as swings  # noqa: E402
-from gravcal.simulation import inertial_sensor_effects as hiding  # noqa: E402
-from gravcal.simulation import inertial_sensor_truth as truths  # noqa: E402
+from gravcal.simulation import inertial_sensor as simulation  # noqa: E402
 
 TARGET = 10.0
 LISTED = ("accelerometer.bias_step", "accelerometer.stray_tone", *(
@@ -41,8 +39,8 @@ def products(seed, effects=None):
     """Truth and products of a swing."""
     chosen, settings = catalog.parameters("simulate_inertial_sensor"), catalog.parameters("inertial_sensor")
     rng = np.random.default_rng(seed)
-    truth = truths.draw(catalog.satellite("T").settings(), chosen, rng)
-    record = swings.swing(chosen, START, truth, rng, hiding.hidden(effects, START))
+    truth = simulation.draw(catalog.satellite("T").settings(), chosen, rng)
+    record = simulation.swing(chosen, START, truth, rng, simulation.Hidden(effects or {}, START))
     found = records.detect(lambda: record["ATT"], **settings.for_stage("detect"))
     readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
     aligned = records.align(found, *readers, **settings.for_stage("align"))

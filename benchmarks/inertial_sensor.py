@@ -18,9 +18,7 @@ from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import bias, bins, offset, records, scale
 from gravcal.calibrations.inertial_sensor import swing as fits
 from gravcal.estimation.noise import NoiseModel
-from gravcal.simulation import inertial_sensor as swings
-from gravcal.simulation import inertial_sensor_roll as rolls
-from gravcal.simulation import inertial_sensor_truth as truths
+from gravcal.simulation import inertial_sensor as simulation
 
 START = 706190400.0
 SWING = ("beta_x", "beta_y", "delay", "offset_x", "offset_y", "offset_z")
@@ -38,8 +36,8 @@ def geometry():
 def swing(seed, chosen, settings):
     """Truth, aligned record and products of one swing."""
     rng = np.random.default_rng(seed)
-    truth = truths.draw(catalog.satellite("T").settings(), chosen, rng)
-    record = swings.swing(chosen, START, truth, rng)
+    truth = simulation.draw(catalog.satellite("T").settings(), chosen, rng)
+    record = simulation.swing(chosen, START, truth, rng)
     found = records.detect(lambda: record["ATT"], **settings.for_stage("detect"))
     readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
     aligned = records.align(found, *readers, **settings.for_stage("align"))
@@ -80,9 +78,9 @@ def bound(seed, chosen, settings):
 def roll(seed, chosen, settings):
     """Errors and sigmas of the bias of one roll: of the scatter alone, and with an offset that has its error."""
     rng = np.random.default_rng(seed)
-    truth = truths.draw(catalog.satellite("T").settings(), chosen, rng)
-    flown = rolls.draw_roll(chosen, START, rng)
-    record = rolls.span(chosen, flown, (flown.start, flown.stop), truth, rng)
+    truth = simulation.draw(catalog.satellite("T").settings(), chosen, rng)
+    flown = simulation.draw_roll(chosen, START, rng)
+    record = simulation.span(chosen, flown, (flown.start, flown.stop), truth, rng)
     reduced = bins.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
     limits = bias.Limits(settings.step_s, settings.segment_s, settings.uniformity_limit, settings.share_limit)
     model = bias.Model(settings.trend_degree, settings.amplitude_degree, settings.amplitude_harmonics)

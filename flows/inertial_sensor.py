@@ -242,7 +242,7 @@ def simulate(out, *, seed, truth, effects, settings):
     settings : {parameter of the simulation: text or value}
     """
     from gravcal.io import inertial_files
-    from gravcal.simulation import inertial_sensor_event as simulation
+    from gravcal.simulation import inertial_sensor as simulation
     from gravcal.simulation.injection import by_slug
     from gravcal.store import origin
 

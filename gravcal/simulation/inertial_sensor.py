@@ -1,17 +1,234 @@
-"""A simulated swing of the inertial sensor: voltages, star-tracker attitude and orbit, and their truth."""
+"""Simulated days of an inertial sensor: swing, roll or both, record by record, and their truth.
+
+The attitude of a swing is integrated step by step; it shares nothing with the integration of the estimator. A roll is
+made span by span, so that nineteen days fit.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numba
 import numpy as np
 
+from gravcal.effects import Context
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.physics import frames
-from gravcal.simulation import inertial_sensor_effects as effects
-from gravcal.simulation import inertial_sensor_motion as motion
-from gravcal.simulation import inertial_sensor_truth as truths
+from gravcal.physics import frames, gravity, sensing
+from gravcal.physics.constants import DAY, EARTH_RADIUS, GM
+from gravcal.simulation import injection, orbit
 
 STEP_SENSOR, STEP_TRACKER, STEP_ORBIT = 0.1, 0.25, 1.0  # s, formats.md section 6
 FINE = 0.05  # s, every epoch of sensor and tracker is a multiple
+KNOT = 500.0  # s, spacing of the changes of roll rate and bias
+MEMORY = 21600.0  # s, correlation time of the wander of the bias
+
+#: Effects that this simulation can hide.
+KNOWN = (
+    *(entry.slug for entry in electrodes.EFFECTS),
+    *(f"accelerometer.{name}" for name in ("misalignment", "angular_leak", "bias_step", "stray_tone")),
+    *("timing.accelerometer_delay", "timing.star_camera_delay"),
+)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True numbers of the sensor.
+
+    Attributes
+    ----------
+    k : (3,) m s-2 V-1; beta : (3,) rad s-2 V-1
+    offset : (3,) m, centre of mass to test mass
+    bias : (3,) m s-2, of f = b + k V; angular_bias : (3,) rad s-2
+    inertia : (3,) kg m2 of the test mass
+    delay : s, star-tracker tags late
+    """
+
+    k: np.ndarray
+    beta: np.ndarray
+    offset: np.ndarray
+    bias: np.ndarray
+    angular_bias: np.ndarray
+    inertia: np.ndarray
+    delay: float
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Effects {slug: {parameter: value}} and the epoch, GPS s, from which their drifts count."""
+
+    effects: Mapping = field(default_factory=dict)
+    epoch: float = 0.0
+
+    def added(self, channel: str, time: np.ndarray) -> np.ndarray:
+        """What they add to a channel that looks at nothing but time."""
+        return injection.added(self.effects, channel, Context(time, epoch=self.epoch))
+
+
+NOTHING = Hidden()
+
+
+@dataclass(frozen=True)
+class Roll:
+    """Everything drawn before the satellite rolls.
+
+    Attributes
+    ----------
+    start, stop : s; path : orbit
+    knot : (m,) s; rate : (m,) rad s-1, roll with respect to the orbit frame, linear between; angle : (m,) rad there
+    drift : (m, 3) m s-2, wander of the bias, linear between
+    """
+
+    start: float
+    stop: float
+    path: Callable
+    knot: np.ndarray
+    rate: np.ndarray
+    angle: np.ndarray
+    drift: np.ndarray
+
+
+def simulate(
+    satellite: Mapping, chosen, day: float, seed: int, effects: Mapping | None = None
+) -> tuple[Iterator[dict], dict]:
+    """Records of an event, one day or less at a time, and the truth.
+
+    Parameters
+    ----------
+    satellite : numbers of the catalogue, with `_sigma` beside them
+    chosen : parameters of the simulation
+    day : GPS s of midnight
+    seed : int
+    effects : {slug: {parameter: value}} to hide, of KNOWN; another one is refused
+
+    Returns
+    -------
+    records : iterator of {"IS1", "ATT", "ORB"}, none across midnight
+    truth : plain dict, SI and um where named so
+    """
+    hidden = Hidden(injection.within(effects or {}, KNOWN), day)
+    first, second = np.random.SeedSequence(seed).spawn(2)
+    rng = np.random.default_rng(first)
+    truth = draw(satellite, chosen, rng)
+    swing_start = day + chosen.swing_at_s
+    swinging = chosen.manoeuvre in ("swing", "both")
+    rolling = chosen.manoeuvre in ("roll", "both")
+    flown = draw_roll(chosen, day + (DAY if swinging else 0.0), rng) if rolling else None
+
+    def records():
+        if swinging or not rolling:
+            yield swing(chosen, swing_start, truth, rng, hidden)
+        start, own = flown.start if rolling else 0.0, np.random.default_rng(second)
+        while rolling and start < flown.stop:
+            stop = min(flown.stop, (np.floor((start + DAY / 2) / DAY) + 1) * DAY - DAY / 2)  # midnight
+            yield span(chosen, flown, (start, stop), truth, own, hidden)
+            start = stop
+
+    drift = flown.drift[1:-1].mean(axis=0) if rolling else np.zeros(3)
+    arm = [chosen.arm_x_mm * 1e-3, *satellite["electrode_arm"][1:]]
+    ratio = electrodes.linear_over_angular(satellite["test_mass"], satellite["test_mass_inertia"], arm)
+    plain = {
+        "seed": seed,
+        "direction": "com_to_test_mass",
+        "k": truth.k.tolist(),
+        "beta": truth.beta.tolist(),
+        "com_to_test_mass_um": (1e6 * truth.offset).tolist(),
+        "bias": (truth.bias + drift).tolist(),
+        "bias_is": "mean over the roll of b in f = b + k V",
+        "constant_y_m_s2": chosen.radiation_m_s2,
+        "delay_s": truth.delay,
+        "linear_over_angular_m": ratio.tolist(),
+        "swing": [swing_start + chosen.quiet_s, chosen.swing_s] if swinging else None,
+        "roll": [flown.start, flown.stop] if rolling else None,
+        "effects": dict(hidden.effects),
+    }
+    return records(), plain
+
+
+def draw(satellite: Mapping, chosen, rng) -> Truth:
+    """True numbers around those of the settings; mass, inertia, arms and k_y of the catalogue or from their prior.
+
+    Parameters
+    ----------
+    satellite : numbers of the catalogue, with `_sigma` beside them
+    chosen : parameters of the simulation
+    rng : source of randomness
+    """
+    share = 1 + chosen.factor_scatter * rng.standard_normal(2)
+    beta = np.array(chosen.angular_factor) * share[[0, 1, 1]]
+    spread = chosen.divisor_scatter * rng.standard_normal(5)
+    mass = satellite["test_mass"] + satellite["test_mass_sigma"] * spread[0]
+    inertia, inertia_sigma = (np.array(satellite[f"test_mass_inertia{end}"]) for end in ("", "_sigma"))
+    arm = np.array([chosen.arm_x_mm * 1e-3, *satellite["electrode_arm"][1:]])
+    arm = arm + np.array(satellite["electrode_arm_sigma"]) * spread[3]
+    ratio = electrodes.linear_over_angular(mass, inertia + inertia_sigma * spread[[1, 2, 2]], arm)
+    return Truth(
+        k=np.array([ratio[1] * beta[1], chosen.k_y * (1 + 0.1 * spread[4]), ratio[0] * beta[0]]),
+        beta=beta,
+        offset=1e-6 * (np.array(chosen.offset_um) + chosen.offset_scatter_um * rng.standard_normal(3)),
+        bias=np.array(chosen.bias_m_s2) * (1 + chosen.bias_scatter * rng.standard_normal(3)),
+        angular_bias=chosen.angular_bias_rad_s2 * rng.standard_normal(3),
+        inertia=inertia,
+        delay=float(chosen.delay_s + chosen.delay_scatter_s * rng.standard_normal()),
+    )
+
+
+def draw_orbit(chosen, start: float, stop: float, rng) -> Callable[[np.ndarray], np.ndarray]:
+    """Circular orbit from a random place, (n,) s -> (n, 6) m and m s-1."""
+    node, argument = rng.uniform(0, 2 * np.pi, 2)
+    state = orbit.initial_state(chosen.altitude_km * 1e3, np.radians(chosen.inclination_deg), 1e-4, node, argument)
+    return orbit.fly_orbit(state, start - 60, stop + 60)
+
+
+def orbital_rate(chosen) -> float:
+    """Mean motion of the orbit, rad s-1."""
+    return float(np.sqrt(GM / (EARTH_RADIUS + chosen.altitude_km * 1e3) ** 3))
+
+
+def R_oi(state_i: np.ndarray) -> np.ndarray:
+    """Rotation (n, 3, 3) to the pointing in normal flight: x radially outward, z along the flight, y = z x x.
+
+    Parameters
+    ----------
+    state_i : (n, 6) m and m s-1
+    """
+    position, velocity = state_i[:, :3], state_i[:, 3:]
+    x = position / np.linalg.norm(position, axis=1, keepdims=True)
+    y = np.cross(velocity, position)
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, chosen) -> tuple[np.ndarray, np.ndarray]:
+    """Acceleration and angular acceleration that hold the test mass in its cage, without noise.
+
+    Parameters
+    ----------
+    time : (n,) s; quaternion : (n, 4); rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2; state_i : (n, 6)
+    truth : Truth; chosen : parameters of the simulation
+
+    Returns
+    -------
+    linear_b : (n, 3) m s-2; angular_b : (n, 3) rad s-2
+
+    Notes
+    -----
+    f = a_ng + (M - G) p; torque / J = w' + J^-1 (w x J w - vex(J G - G J)); equations.md M1 and section 8.5. Drag acts
+    against the flight, solar pressure along the normal of the orbit.
+    """
+    R_bi = frames.R_bi_from_quaternion(quaternion)
+    R_bo = R_bi @ np.swapaxes(R_oi(state_i), 1, 2)
+    gradient_b = gravity.rotate_tensor(R_bi, gravity.gradient_i(state_i[:, :3]))
+    phase = orbital_rate(chosen) * time
+    drag = chosen.drag_m_s2 * (1 + np.sin(phase) / 3 + 0.1 * np.sin(2 * phase + 1))
+    light = np.full_like(drag, chosen.radiation_m_s2)
+    air_and_light_o = np.stack([0.1 * light * np.cos(phase), light, -drag], axis=1)
+    tensor = sensing.offset_tensor(rate_b, rate_dot_b, gradient_b)
+    linear = np.matvec(R_bo, air_and_light_o) + np.matvec(tensor, truth.offset)
+    J = np.diag(truth.inertia)
+    gravity_torque = frames.vex(J @ gradient_b - gradient_b @ J)
+    gyroscopic = np.cross(rate_b, rate_b * truth.inertia)
+    return linear, rate_dot_b + (gyroscopic - gravity_torque) / truth.inertia
 
 
 def swing_rate_dot(time: np.ndarray, start: float, chosen) -> np.ndarray:
@@ -38,7 +255,7 @@ def swing_rate_dot(time: np.ndarray, start: float, chosen) -> np.ndarray:
     return out
 
 
-def swing(chosen, start: float, truth: truths.Truth, rng, hide=effects.Hidden()) -> dict:  # noqa: B008 - frozen
+def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
     """Voltages, attitude and orbit round one swing.
 
     Parameters
@@ -47,43 +264,82 @@ def swing(chosen, start: float, truth: truths.Truth, rng, hide=effects.Hidden())
     start : GPS s, begin of the record, whole
     truth : Truth
     rng : source of randomness
-    hide : effects.Hidden
+    hidden : Hidden
 
     Returns
     -------
     record : {"IS1": {"time", "volts"}, "ATT": {"time", "quaternion"}, "ORB": {"time", "position", "velocity"}}
     """
     length = 2 * chosen.quiet_s + chosen.swing_s
-    path = truths.draw_orbit(chosen, start, start + length, rng)
+    path = draw_orbit(chosen, start, start + length, rng)
     fine = start - 10 + FINE * np.arange(round((length + 20) / FINE) + 1)
     quaternion, rate, rate_dot = _motion(fine, start + chosen.quiet_s, path, chosen, rng)
     tag = start + STEP_SENSOR * np.arange(round(length / STEP_SENSOR))
     pick = np.rint((tag - fine[0]) / FINE).astype(int)
-    state = path(tag)
-    linear, angular = truths.electrostatic(tag, quaternion[pick], rate[pick], rate_dot[pick], state, truth, chosen)
-    felt = effects.read(tag, linear, angular, truth, hide)
+    held = electrostatic(tag, quaternion[pick], rate[pick], rate_dot[pick], path(tag), truth, chosen)
     return {
-        "IS1": {"time": tag, "volts": read_volts(*felt, truth, chosen, rng)},
-        "ATT": _tracker((start, length), (fine, quaternion), (truth.delay, hide), chosen, rng),
-        "ORB": orbit_record(start, length, path),
+        "IS1": {"time": tag, "volts": read_volts(*with_effects(tag, *held, truth, hidden), truth, chosen, rng)},
+        "ATT": _tracked((start, start + length), (fine, quaternion), truth, chosen, rng, hidden),
+        "ORB": _orbit_record(start, length, path),
     }
 
 
 def _motion(fine, swing_start, path, chosen, rng):
     """Attitude, rate and its derivative on the fine grid; between manoeuvres the control lets it sway slowly."""
+    from scipy.integrate import cumulative_trapezoid
+
     rate_dot = swing_rate_dot(fine, swing_start, chosen) if chosen.manoeuvre != "none" else np.zeros((fine.size, 3))
     sway = rng.uniform(300.0, 900.0, 3)
     phase = rng.uniform(0, 2 * np.pi, 3)
     rate_dot = rate_dot + 2e-8 * np.sin(2 * np.pi * fine[:, None] / sway + phase)
-    rate = motion.from_derivative(FINE, rate_dot)
-    rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -truths.orbital_rate(chosen), 0.0])
-    first = frames.quaternion_from_R_bi(truths.R_oi(path(fine[:1])))[0]
-    pointing = frames.from_rotation_vector(5e-4 * rng.standard_normal(3))
-    start = frames.quaternion_product(first, pointing)
-    return motion.attitude(FINE, rate, start), rate, rate_dot
+    rate = cumulative_trapezoid(rate_dot, dx=FINE, axis=0, initial=0.0)
+    rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -orbital_rate(chosen), 0.0])
+    first = frames.quaternion_from_R_bi(R_oi(path(fine[:1])))[0]
+    start = frames.quaternion_product(first, frames.from_rotation_vector(5e-4 * rng.standard_normal(3)))
+    return attitude(FINE, np.ascontiguousarray(rate), start), rate, rate_dot
 
 
-def read_volts(linear_b, angular_b, truth: truths.Truth, chosen, rng, drift_b=0.0) -> np.ndarray:
+@numba.njit(cache=True)
+def attitude(step, rate, start):
+    """Attitude (n, 4), continuous in sign, by the mean rate of every step: q <- q * exp(w h).
+
+    Parameters
+    ----------
+    step : s; rate : (n, 3) rad s-1; start : (4,) scalar first, at the first epoch
+    """
+    q = start.copy()
+    out = np.empty((rate.shape[0], 4))
+    out[0] = q
+    for t in range(1, rate.shape[0]):
+        x, y, z = 0.5 * step * (rate[t - 1] + rate[t])
+        angle = np.sqrt(x * x + y * y + z * z)
+        c = np.cos(angle / 2)
+        s = 0.5 if angle < 1e-12 else np.sin(angle / 2) / angle
+        p0, p1, p2, p3 = c, s * x, s * y, s * z
+        a0, a1, a2, a3 = q[0], q[1], q[2], q[3]
+        q[0] = a0 * p0 - a1 * p1 - a2 * p2 - a3 * p3
+        q[1] = a0 * p1 + a1 * p0 + a2 * p3 - a3 * p2
+        q[2] = a0 * p2 - a1 * p3 + a2 * p0 + a3 * p1
+        q[3] = a0 * p3 + a1 * p2 - a2 * p1 + a3 * p0
+        out[t] = q / np.sqrt(np.sum(q * q))
+        q[:] = out[t]
+    return out
+
+
+def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tuple[np.ndarray, np.ndarray]:
+    """Linear and angular acceleration (n, 3) with the hidden effects of electrodes and loop."""
+    if not hidden.effects:
+        return linear_b, angular_b
+    delay = hidden.added("acc_delay", time)
+    if np.any(delay):
+        linear_b, angular_b = (_lines(time - delay, time, values) for values in (linear_b, angular_b))
+    extra = {"linear_volt": (linear_b - truth.bias) / truth.k, "displacement_b": -linear_b / electrodes.LOOP**2}
+    context = Context(time, linear_b=linear_b, angular_b=angular_b, epoch=hidden.epoch, extra=extra)
+    linear = linear_b + injection.added(hidden.effects, "linear_b", context)
+    return linear, angular_b + injection.added(hidden.effects, "angular_b", context)
+
+
+def read_volts(linear_b, angular_b, truth: Truth, chosen, rng, drift_b=0.0) -> np.ndarray:
     """Recorded voltages of the six electrodes.
 
     Parameters
@@ -113,27 +369,84 @@ def read_volts(linear_b, angular_b, truth: truths.Truth, chosen, rng, drift_b=0.
     return volts
 
 
-def _tracker(span, path, timing, chosen, rng):
-    """Measured attitude at 4 Hz; a tag late by the delay shows the attitude of before."""
-    (start, length), (fine, quaternion), (delay, hide) = span, path, timing
-    tag = start + STEP_TRACKER * np.arange(round(length / STEP_TRACKER))
-    true = frames.interpolate(fine, quaternion, np.clip(tag - delay - effects.late(tag, hide), fine[0], fine[-1]))
-    return {"time": tag, "quaternion": measured(effects.tracked(tag, true, hide), chosen.tracker_noise_rad, rng)}
+def _tracked(bounds, path, truth, chosen, rng, hidden):
+    """Attitude as measured at 4 Hz, with white noise about each axis; a tag late by the delay shows that of before."""
+    (start, stop), (time, quaternion) = bounds, path
+    tag = start + STEP_TRACKER * np.arange(round((stop - start) / STEP_TRACKER))
+    epoch = np.clip(tag - truth.delay - hidden.added("sca_delay", tag), time[0], time[-1])
+    shown = frames.interpolate(time, quaternion, epoch)
+    angle = hidden.added("pointing_b", tag)
+    if np.any(angle):
+        shown = frames.quaternion_product(shown, frames.from_rotation_vector(angle))
+    noise = frames.from_rotation_vector(chosen.tracker_noise_rad * rng.standard_normal((tag.size, 3)))
+    return {"time": tag, "quaternion": frames.continuous(frames.quaternion_product(shown, noise))}
 
 
-def measured(quaternion: np.ndarray, sigma: float, rng) -> np.ndarray:
-    """Attitude with white noise about each axis.
-
-    Parameters
-    ----------
-    quaternion : (n, 4); sigma : rad; rng : source of randomness
-    """
-    noise = frames.from_rotation_vector(sigma * rng.standard_normal((quaternion.shape[0], 3)))
-    return frames.continuous(frames.quaternion_product(quaternion, noise))
-
-
-def orbit_record(start: float, length: float, path) -> dict:
-    """Orbit at whole seconds from one minute before to one minute after, as far as the day file would."""
+def _orbit_record(start, length, path):
+    """Orbit at whole seconds."""
     time = np.arange(start, start + length + 1, STEP_ORBIT)
     state = path(time)
     return {"time": time, "position": state[:, :3], "velocity": state[:, 3:]}
+
+
+def _lines(at, time, values):
+    """Straight lines between samples, column by column."""
+    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
+
+
+def draw_roll(chosen, start: float, rng) -> Roll:
+    """Orbit, roll rate and wander of the bias, a first-order Markov process at the knots.
+
+    Parameters
+    ----------
+    chosen : parameters of the simulation; start : GPS s, whole; rng : source of randomness
+    """
+    from scipy.signal import lfilter
+
+    stop = start + chosen.roll_s
+    knot = start - KNOT + KNOT * np.arange(int(np.ceil(chosen.roll_s / KNOT)) + 3)
+    path = draw_orbit(chosen, knot[0], knot[-1], rng)
+    block = rng.random(knot.size // 6 + 1) < chosen.roll_disturbed_share
+    size = chosen.roll_rate_scatter * np.where(np.repeat(block, 6)[: knot.size], 5.0, 1.0)
+    inertial = 2 * np.pi / chosen.roll_period_s * (1 + size * rng.standard_normal(knot.size))
+    rate = inertial + orbital_rate(chosen)
+    steps = KNOT * (rate[1:] + rate[:-1]) / 2
+    angle = np.concatenate([[rng.uniform(0, 2 * np.pi)], steps]).cumsum()
+    keep = np.exp(-KNOT / MEMORY)
+    kicks = chosen.bias_drift_m_s2 * np.sqrt(1 - keep**2) * rng.standard_normal((knot.size, 3))
+    kicks[0] = chosen.bias_drift_m_s2 * rng.standard_normal(3)
+    return Roll(start, stop, path, knot, rate, angle, lfilter([1.0], [1.0, -keep], kicks, axis=0))
+
+
+def span(chosen, roll: Roll, bounds, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
+    """Voltages, attitude and orbit of one span of the roll; result as of `swing`.
+
+    Parameters
+    ----------
+    chosen : parameters of the simulation
+    roll : Roll; bounds : s and s, whole; truth : Truth; rng : source of randomness
+    hidden : Hidden
+    """
+    start, stop = bounds
+    coarse = np.arange(start - 2, stop + 3)  # the motion changes over minutes: 1 s, then straight lines
+    state = roll.path(coarse)
+    place = np.clip(np.searchsorted(roll.knot, coarse, side="right") - 1, 0, roll.knot.size - 2)
+    slope = (roll.rate[place + 1] - roll.rate[place]) / KNOT
+    u = coarse - roll.knot[place]
+    angle = roll.angle[place] + roll.rate[place] * u + slope * u**2 / 2
+    c, s, o, e = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    R_bo = np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3)
+    quaternion = frames.continuous(frames.quaternion_from_R_bi(R_bo @ R_oi(state)))
+    momentum = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1)
+    rate, rate_dot = np.zeros((coarse.size, 3)), np.zeros((coarse.size, 3))
+    rate[:, 1] = np.interp(coarse, roll.knot, roll.rate) - momentum / np.sum(state[:, :3] ** 2, axis=1)
+    rate_dot[:, 1] = slope
+    tag = start + STEP_SENSOR * np.arange(round((stop - start) / STEP_SENSOR))
+    held = electrostatic(coarse, quaternion, rate, rate_dot, state, truth, chosen)
+    held = with_effects(tag, *(_lines(tag, coarse, values) for values in held), truth, hidden)
+    drift = _lines(tag, roll.knot, roll.drift)
+    return {
+        "IS1": {"time": tag, "volts": read_volts(*held, truth, chosen, rng, drift)},
+        "ATT": _tracked(bounds, (coarse, quaternion), truth, chosen, rng, hidden),
+        "ORB": _orbit_record(start, stop - start, roll.path),
+    }

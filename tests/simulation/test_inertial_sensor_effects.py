@@ -8,7 +8,7 @@ from gravcal import catalog
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import CatalogError
 from gravcal.physics import frames
-from gravcal.simulation import inertial_sensor_event as simulation
+from gravcal.simulation import inertial_sensor as simulation
 from gravcal.simulation.injection import by_slug
 
 CHOSEN = catalog.parameters("simulate_inertial_sensor").with_settings(
