@@ -12,7 +12,7 @@ field_files = lazy("gravcal.io.icgem")
 gradient_science = lazy("gravcal.calibrations.gradient_torque.gradient")
 drag_science = lazy("gravcal.calibrations.gradient_torque.drag")
 checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
-report_science = lazy("gravcal.report.gradient_torque")
+page = lazy("gravcal.calibrations.gradient_torque.page")
 
 product.register("ingest", product.ANY)
 KINDS = {
@@ -99,4 +99,4 @@ def checks(modelled, observed, **settings):
 )
 def report(*products, event, settings):
     """Result document and page."""
-    return report_science.report(*products, event=event, settings=settings)
+    return page.report(*products, event=event, settings=settings)

@@ -10,9 +10,9 @@ from independent import worlds
 from flows import engine
 from flows import gradient_torque as flow
 from gravcal import catalog
+from gravcal.calibrations.gradient_torque import page
 from gravcal.errors import GravcalError
 from gravcal.io import icgem
-from gravcal.report import gradient_torque_page
 from gravcal.store.schemas import validate
 
 STEP = 2.0
@@ -40,7 +40,7 @@ def days(tmp_path_factory):
 def copied(days, tmp_path, monkeypatch):
     """Function from the number of sensors to a copy of its folder; a store of its own, the page left out."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
-    monkeypatch.setattr(gradient_torque_page, "page", lambda *_: "")
+    monkeypatch.setattr(page, "page", lambda *_, **__: "")
     return lambda sensors: shutil.copytree(days[sensors], tmp_path / "files")
 
 

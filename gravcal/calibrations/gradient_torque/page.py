@@ -1,0 +1,333 @@
+"""Report of a day of S-GRS: its product, its result document, and the page, section by section.
+
+The figures follow those of the S-GRS paper: spectra by zonal degree (4 to 7), errors of the methods (8, 9).
+"""
+
+import numpy as np
+
+from gravcal.calibrations.building import build
+from gravcal.calibrations.checks import of_product
+from gravcal.calibrations.gradient_torque import checks
+from gravcal.calibrations.gradient_torque.schemas import REPORT
+from gravcal.report import documents
+from gravcal.report.figures import COLOURS, grid, legend
+from gravcal.report.pages import Figure, Section, Table, page
+from gravcal.report.plain import AXES, as_plain, gps_text, number, numbers
+from gravcal.report.words import NOT_DETERMINED
+from gravcal.store.schemas import VERSION
+
+GROUPS = ((1, 5), (6, 11), (12, 17), (18, 23))  # S-GRS paper, figures 4 to 7
+CYCLE = ("blue", "vermilion", "green", "purple", "orange", "sky")
+NAMES = {
+    "two_sensor": "two sensors, mounting term kept",
+    "one_sensor_published": "one sensor, eqs. 13-16 as printed",
+    "one_sensor": "one sensor, tensor and rates modelled",
+}
+#: Colour and label of the methods, what is drawn first below.
+STYLES = {
+    "one_sensor_published": ("grey", "one sensor, printed"),
+    "two_sensor": ("blue", "two sensors"),
+    "one_sensor": ("vermilion", "one sensor"),
+}
+TORQUE_NOTES = (
+    "Angular acceleration of the test mass relative to the satellite from one zonal term at a time. Degree 1 is empty: "
+    "the origin is the centre of mass, C10 = 0 (erratum S-9). The satellite alone makes the signal where the test mass "
+    "is a cube: its torque vanishes (erratum S-5); elongation lets it appear.",
+)
+KNOWLEDGE_NOTES = (
+    "One epoch gives six numbers for five elements of the gradient tensor and three of the drag: two combinations stay "
+    "unseen, and both contain the diagonal of the tensor, which enters no torque. The printed pair of equations has "
+    "rank 5 for 6 unknowns; quaternion inversion fills the gap with a relation without physical ground (erratum S-6).",
+    "Below, several epochs together, one piece of knowledge after the other, and the standard deviation of the drag in "
+    "the middle. The torque balance hardly moves it: it tells the centre of pressure, not the drag.",
+)
+
+
+def report(*products, event, settings):
+    """Report product of one event and its files.
+
+    Parameters
+    ----------
+    products : Dataset, "combine", "torque", "gradient", "checks" and the drags in the order of the combination
+    event : str
+    settings : mapping of all parameters
+
+    Returns
+    -------
+    dataset : Dataset, "gradient_torque.report"
+    files : {name: text}
+    """
+    drags = dict(zip(map(str, products[0]["method"].values), products[4:], strict=True))
+    named = dict(zip(("combine", "torque", "gradient", "checks"), products[:4], strict=True))
+    tests = [*of_product(named["checks"]), *checks.result(named["gradient"], drags, settings)]
+    named |= {f"drag.{name}": one for name, one in drags.items()}
+    document, files = documents.delivered(_document(named, event=event, settings=settings), products, tests)
+    modelled = named["gradient"]
+    time, sensors = modelled["time"].values, modelled.sizes["sensor"]
+    ratios = modelled["attitude_chi2"].values / modelled["attitude_dof"].values
+    subtitle = f"{gps_text(time[0])} to {gps_text(time[-1])} GPS, {time.size} epochs, {sensors} sensor"
+    subtitle += f"{'s' * (sensors > 1)}. Attitude fit, chi-square over degrees of freedom: "
+    subtitle += ", ".join(f"{ratio:.3f}" for ratio in ratios) + "."
+    heading = "Drag and gravity-gradient torque"
+    files["report.html"] = page(document, _sections(document), named, heading=heading, subtitle=subtitle)
+    return build(REPORT, {"delivered": 1}, event=event), files
+
+
+def _document(products, *, event, settings):
+    """Result document, ready for JSON; products {stage or "stage.variant": Dataset}, settings all parameters."""
+    combined, torque, drag = products["combine"], products["torque"], products["drag.one_sensor"]
+    provenance = documents.traced("gradient_torque", products)
+    methods = {}
+    for i, name in enumerate(map(str, combined["method"].values)):
+        one, own = combined.isel(method=i), products[f"drag.{name}"]
+        methods[name] = {
+            "rms_error": number(one["error_rms"]),
+            "rms_error_without_noise": number(one["clean_error_rms"]),
+            "rms_error_bare_reading": number(one["bare_error_rms"]),
+            "rms_correction_to_bare_reading": number(one["correction_rms"]),
+            "sigma_rms": number(one["sigma_rms"]),
+            "sigma_total_rms": number(one["sigma_total_rms"]),
+            "error_over_sigma": number(one["error_over_sigma"]),
+            "budget": dict(zip(own.attrs["sources"].split(", "), numbers(own["budget"].values), strict=True)),
+            "series": provenance["products"][f"gradient_torque.drag.{name}"],
+        }
+    above = (torque["amplitude"].values > 3 * torque["sensitivity"].values[:, None]).any(axis=(1, 2))
+    document = {
+        "schema_version": VERSION,
+        "status": "delivered",
+        "calibration": "gradient_torque",
+        "event": event,
+        "drag": methods,
+        "identifiability": _identifiability(combined),
+        "torque": {
+            "degrees": torque["degree"].values.tolist(),
+            "rms_rad_s2": numbers(torque["rms"].values),
+            "test_mass_rms_rad_s2": numbers(torque["test_mass_rms"].values),
+            "above_sensitivity": above.tolist(),
+        },
+        "verdict": {"text": _verdict(methods, float(settings["requirement_m_s2"]))},
+    }
+    if "pressure" in drag:
+        document["centre_of_pressure_m"] = {
+            "value": numbers(drag["pressure"].values),
+            "sigma": numbers(np.sqrt(np.diag(drag["pressure_covariance"].values))),
+            "prior_sigma": numbers(drag["pressure_prior_sigma"].values),
+        }
+        document["torque_share_of_drag_information"] = number(drag["torque_gain"])
+    return document | {"settings": as_plain(settings), "provenance": provenance}
+
+
+def _identifiability(combined):
+    """Rank, null space, and what each piece of knowledge adds."""
+    columns = (combined[f"step{tail}"].values for tail in ("", "_rank", "_unknowns", "_sigma"))
+    return {
+        "rank": int(combined["single_rank"]),
+        "unknowns": combined.sizes["unknown"],
+        "null_space": {
+            "unknowns": [str(name) for name in combined["unknown"].values],
+            "units": "1e-6 s-2 for G, 1e-7 m s-2 for drag",
+            "vectors": numbers(combined["null_space"].values),
+        },
+        "printed": {
+            "rank": int(combined["printed_rank"]),
+            "unknowns": 6,
+            "null": numbers(combined["printed_null"].values),
+        },
+        "knowledge": [
+            {"known": str(name), "rank": int(rank), "unknowns": int(size), "drag_sigma": numbers(sigma)}
+            for name, rank, size, sigma in zip(*columns, strict=True)
+        ],
+    }
+
+
+def _verdict(methods, requirement):
+    """What the one-sensor method gains over the bare reading, in one paragraph; requirement m s-2 as printed."""
+    one, printed = methods["one_sensor"], methods.get("one_sensor_published")
+    known = one["rms_error"] is not None
+    bare = one["rms_error_bare_reading"] if known else one["rms_correction_to_bare_reading"]
+    left = one["rms_error"] if known else one["sigma_rms"]
+    if bare is None or left is None:
+        return "One sensor: not determined from readings of this size."
+    words = "is off by" if known else "differs from the solution by"
+    text = f"One sensor: the bare reading {words} {bare:.1e} m/s2 rms; with tensor and rates modelled {left:.1e} "
+    text += f"({'error' if known else 'sigma'}) remain, {bare / left:.0f} times less. "
+    if printed:
+        text += (
+            f"The printed algorithm differs from the bare reading by {printed['rms_correction_to_bare_reading']:.0e} "
+            f"m/s2: it gains nothing (erratum S-8). "
+        )
+    totals = [block["sigma_total_rms"] for block in methods.values()]
+    within = "reach" if None not in totals and max(totals) < requirement else "do not reach"
+    return text + f"With the error of the places the methods {within} the printed {requirement:.0e} m/s2."
+
+
+def _sections(document):
+    """Sections of the page, in order."""
+    torque = document["torque"]
+    above = [str(n) for n, yes in zip(torque["degrees"], torque["above_sensitivity"], strict=True) if yes]
+    above = f"Degrees with a line above three times the sensor's noise: {', '.join(above) or 'none'} "
+    return [
+        Section("Drag", [_methods_table(document), _budget_table(document)], [ERRORS, SERIES]),
+        Section("Gravity-gradient torque", (), [SPECTRA, DEGREES], (*TORQUE_NOTES, f"{above}(sensitivity assumed).")),
+        Section("What one sensor can tell", _knowledge_tables(document), (), KNOWLEDGE_NOTES),
+    ]
+
+
+def _short(value, form=".2e"):
+    return NOT_DETERMINED if value is None else format(value, form)
+
+
+def _methods_table(document):
+    keys = ("rms_error", "rms_error_without_noise", "rms_error_bare_reading", "sigma_rms", "sigma_total_rms")
+    heads = ["method", "error", "without noise", "bare reading", "σ", "σ with places", "error/σ", "printed, order"]
+    printed = f"{float(document['settings']['requirement_m_s2']):.0e}"
+    rows = []
+    for name, block in document["drag"].items():
+        row = [NAMES[name], *(_short(block[key]) for key in keys), _short(block["error_over_sigma"], ".3f")]
+        rows.append([*row, NOT_DETERMINED if name == "one_sensor" else printed])
+    caption = "Drag, rms over time and axes, m/s² (errors need the truth of a simulation; printed: eqs. 10, 16)"
+    return Table(caption, heads, rows, reads=("combine",))
+
+
+def _budget_table(document):
+    rows = [
+        [NAMES[name], source, *map(_short, values)]
+        for name, block in document["drag"].items()
+        for source, values in block["budget"].items()
+    ]
+    heads = ["method", "cause", "x", "y", "z"]
+    return Table("Standard deviation by cause, m/s²", heads, rows, reads=("drag.*",), words=(0, 1))
+
+
+def _knowledge_tables(document):
+    own = document["identifiability"]
+    heads = ["known", "rank", "unknowns", "σ drag x", "σ drag y", "σ drag z"]
+    rows = [[k["known"], k["rank"], k["unknowns"], *map(_short, k["drag_sigma"])] for k in own["knowledge"]]
+    null = [[f"{v:+.2f}" for v in vector] for vector in own["null_space"]["vectors"]]
+    caption = f"Combinations that one epoch does not see (rank {own['rank']} of {own['unknowns']}); "
+    tables = [
+        Table("Joint system of several epochs, m/s²", heads, rows, reads=("combine",)),
+        Table(caption + own["null_space"]["units"], own["null_space"]["unknowns"], null, reads=("combine",)),
+    ]
+    if "centre_of_pressure_m" in document:
+        heads, columns = ["axis", "value", "σ", "σ before"], document["centre_of_pressure_m"].values()
+        rows = [
+            [axis, f"{value:+.4f}", *(f"{s:.4f}" for s in s)] for axis, value, *s in zip(AXES, *columns, strict=True)
+        ]
+        tables.append(Table("Centre of pressure from the torque balance, m", heads, rows, reads=("drag.one_sensor",)))
+    return tables
+
+
+def draw_spectra(torque):
+    """Amplitude of each zonal degree, four groups as printed, and the noise of the sensor.
+
+    Parameters
+    ----------
+    torque : Dataset, "gradient_torque.torque"
+    """
+    figure, panels = grid(2, 2, 4.6, sharex=True, sharey=True, margins={"hspace": 0.28, "wspace": 0.06})
+    frequency = 1e3 * torque["frequency"].values
+    total = np.sqrt(np.sum(torque["amplitude"].values ** 2, axis=1))
+    noise = np.sqrt(np.sum(torque["sensitivity"].values ** 2))
+    for panel, (low, high) in zip(panels.ravel(), GROUPS, strict=True):
+        own = [i for i, n in enumerate(torque["degree"].values) if low <= n <= high]
+        for colour, i in zip(CYCLE, own, strict=False):
+            label = str(int(torque["degree"][i])) + ("" if total[i].any() else " (empty)")
+            panel.loglog(frequency, np.where(total[i] > 0, total[i], np.nan), color=COLOURS[colour], label=label)
+        panel.axhline(noise, color=COLOURS["black"], linestyle="--", label="sensor")
+        panel.set(title=f"zonal degrees {low} to {high}", ylim=(1e-18, 1e-5))
+        panel.legend(ncols=2, loc="upper right")
+    for below, left in zip(panels[1], panels[:, 0], strict=True):
+        below.set_xlabel("frequency, mHz")
+        left.set_ylabel("amplitude, rad/s²")
+    return figure
+
+
+def draw_degrees(torque):
+    """Rms of each degree and axis, and the part of the test mass.
+
+    Parameters
+    ----------
+    torque : Dataset, "gradient_torque.torque"
+    """
+    figure, ((panel,),) = grid(1, 1, 2.4)
+    degree = torque["degree"].values
+    for axis, colour in enumerate(("blue", "vermilion", "green")):
+        for name, style, of in (("rms", "o-", "about"), ("test_mass_rms", "x:", "test mass about")):
+            rms = torque[name].values[:, axis]
+            if name == "rms" or rms.any():
+                shown = np.where(rms > 0, rms, np.nan)
+                panel.semilogy(degree, shown, style, markersize=3, color=COLOURS[colour], label=f"{of} {AXES[axis]}")
+    panel.axhline(torque["sensitivity"].values.mean(), color=COLOURS["black"], linestyle="--", label="sensor, one line")
+    panel.set(xlabel="zonal degree", ylabel="rms, rad/s²", xticks=degree[::2])
+    legend(figure, panel, 7)
+    return figure
+
+
+def draw_errors(combined):
+    """Amplitude of drag and of each method's error, all axes, with noise and without; None without the truth.
+
+    Parameters
+    ----------
+    combined : Dataset, "gradient_torque.combine"
+    """
+    if not np.isfinite(combined["error_rms"].values).any():
+        return None
+    figure, panels = grid(1, 2, 3.2, sharex=True, sharey=True, margins={"wspace": 0.06})
+    frequency, names = combined["frequency"].values, [str(name) for name in combined["method"].values]
+    index = np.digitize(frequency, np.geomspace(frequency[0], frequency[-1], 140))
+    bins = [index == number for number in np.unique(index)]
+    middle = [1e3 * frequency[inside].mean() for inside in bins]
+    for panel, key, title in zip(panels[0], ("error", "clean_error"), ("with sensor noise", "without"), strict=True):
+        curves = [("black", "drag as estimated", combined["drag_amplitude"].values)]
+        for name, (colour, label) in STYLES.items():
+            if name in names:
+                curves.append((colour, f"error, {label}", combined[f"{key}_amplitude"].values[names.index(name)]))
+        for colour, label, amplitude in curves:
+            power = np.sum(amplitude**2, axis=0)
+            rms = [np.sqrt(power[inside].mean()) for inside in bins]
+            panel.loglog(middle, np.maximum(rms, 1e-30), color=COLOURS[colour], label=label)
+        panel.set(title=title, xlabel="frequency, mHz")
+    panels[0, 0].set(ylabel="amplitude, m/s²", ylim=(1e-19, 1e-6))
+    legend(figure, panels[0, 0], 4)
+    return figure
+
+
+def draw_series(drags):
+    """Drag by the one-sensor method, and the difference of the others to it.
+
+    Parameters
+    ----------
+    drags : {method: Dataset, "gradient_torque.drag"}
+    """
+    figure, panels = grid(2, 3, 3.4, sharex=True, margins={"hspace": 0.3, "wspace": 0.28})
+    one = drags["one_sensor"]
+    every = slice(None, None, max(1, one.sizes["time"] // 3000))
+    hours = (one["time"].values[every] - one["time"].values[0]) / 3600
+    others = {name: style for name, style in STYLES.items() if name in drags and name != "one_sensor"}
+    for axis, (above, below) in enumerate(panels.T):
+        above.plot(hours, 1e9 * one["drag_b"].values[every, axis], color=COLOURS["vermilion"])
+        above.set_title(f"drag {AXES[axis]}, nm/s²")
+        for name, (colour, label) in others.items():
+            difference = 1e9 * (drags[name]["drag_b"].values - one["drag_b"].values)[every, axis]
+            below.plot(hours, difference, color=COLOURS[colour], label=f"{label} minus one")
+        below.set(xlabel="hours", title=f"difference {AXES[axis]}, nm/s²")
+    if others:
+        legend(figure, panels[1, 0], 2)
+    return figure
+
+
+ERRORS = Figure(
+    draw_errors,
+    reads=("combine",),
+    caption="Errors of the methods in amplitude, with and without sensor noise; as figures 8 and 9 of the paper.",
+)
+SERIES = Figure(
+    draw_series, reads=("drag.*",), caption="Drag of the one-sensor method, and how far the others are from it."
+)
+SPECTRA = Figure(
+    draw_spectra,
+    reads=("torque",),
+    caption="Amplitude by zonal degree, all axes together, against the sensor; grouped as figures 4 to 7 of the paper.",
+)
+DEGREES = Figure(draw_degrees, reads=("torque",), caption="Rms by zonal degree and axis.")
