@@ -30,6 +30,8 @@ VARIABLES = {
 }
 DRAG = {"drag": (("time", "axis"), "m s-2", "non-gravitational acceleration of the centre of mass, true, in b")}
 WIDTHS = {"axis": 3, "element": 4}
+#: Rows with more are missing: no orbit round the Earth.
+BEYOND = {"position": 1e9, "velocity": 1e5}  # m, m s-1
 
 
 def file_name(date: str) -> str:
@@ -107,6 +109,8 @@ def read(file: LevelOneFile, truth: bool = False):
         _check(content, file, name, (unit, tuple(sizes[dim] for dim in dims)))
     alone = {name: content[name].values.astype(float) for name, (dims, _, _) in wanted.items() if "time" not in dims}
     along = {name: content[name].values.astype(float) for name in wanted if name not in alone}
+    for name, limit in BEYOND.items():
+        along[name] = np.where((np.abs(along[name]) < limit).all(axis=1, keepdims=True), along[name], np.nan)
     time, along = epochs.in_order(content["time"].values.astype(float), along)
     epochs.check_day(time, file.path, file.date)
     values = {name: (dims, (along | alone)[name]) for name, (dims, _, _) in wanted.items()}

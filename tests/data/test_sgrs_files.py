@@ -41,6 +41,16 @@ def test_a_file_reads_back_exactly_and_twice_the_same_bytes(tmp_path, sensors):
     assert read["angular"].attrs["units"] == "rad s-2"
 
 
+def test_positions_and_velocities_of_no_orbit_are_missing(tmp_path):
+    """Contract: 1e300 m is not a place; other rows stay."""
+    spoiled = columns()
+    spoiled["position"][4, 0], spoiled["velocity"][7, 2] = 1e300, -1e6
+    read = sgrs_files.read(written(tmp_path, position=spoiled["position"], velocity=spoiled["velocity"]))
+    for name, row in (("position", 4), ("velocity", 7)):
+        missing = np.isnan(read[name].values).all(axis=1)
+        assert_array_equal(np.flatnonzero(missing), [row])
+
+
 def test_other_writers_are_read(tmp_path):
     """Contract: netCDF-4 by plain xarray, single precision."""
     one = written(tmp_path)
