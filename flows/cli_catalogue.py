@@ -67,11 +67,11 @@ def save_event(calibration, source, document):
 
     from flows import command
     from gravcal import catalog
-    from gravcal.store import memo
+    from gravcal.store import memory
 
     known = command.record(calibration)
     files = known.level_one_files(source)
-    digests = {file.name: memo.file_digest(file.path, file.member) for file in files}
+    digests = {file.name: memory.file_digest(file.path, file.member) for file in files}
     first = date(2000, 1, 1) + timedelta(
         days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5
     )

@@ -109,9 +109,9 @@ def waiting(title, usual_s=None):
 def _left(title):
     """Time left from the last time here, else from the usual ones."""
     from gravcal.catalog import files as catalog_files
-    from gravcal.store import memo
+    from gravcal.store import memory
 
-    known = memo.recall(f"seconds-{title}")
+    known = memory.recall(f"seconds-{title}")
     return Left(known) if known else Left(catalog_files.read("usual", "seconds")[1].get(title, {}), usual=True)
 
 
@@ -122,10 +122,10 @@ def _part(stage):
 
 def _remember(title, took):
     """Keep the seconds of each part for the next time."""
-    from gravcal.store import memo
+    from gravcal.store import memory
 
     if took:
-        memo.remember(f"seconds-{title}", took)
+        memory.remember(f"seconds-{title}", took)
 
 
 @contextlib.contextmanager

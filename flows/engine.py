@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 from gravcal.errors import GravcalError
 from gravcal.store import explain, inputs, journal, keys, location, store
-from gravcal.store.references import ProductRef
+from gravcal.store.records import ProductRef
 from tasks import stage
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

@@ -8,7 +8,7 @@ import os
 
 from flows import prefect_server
 from flows.engine import warn
-from gravcal.store.references import ProductRef
+from gravcal.store.records import ProductRef
 from tasks import stage
 
 

@@ -17,7 +17,7 @@ from prefect.states import Completed, Failed
 from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows import campaign, campaign_prefect, command, prefect_server, watch
-from gravcal.store import housekeeping, location, memo
+from gravcal.store import housekeeping, location, memory
 
 REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
 REGISTERED = "GRAVCAL_REGISTERED"  # deployments as gravcal serve registered them, if it started this run
@@ -58,10 +58,10 @@ def new_data(
     asked = repr([str(Path(data).absolute()), calibration, satellite, settings])
     name = "watched-" + hashlib.sha256(asked.encode()).hexdigest()[:32]
     found = watch.digest(Path(data))
-    if found is None or memo.recall(name) == found:
+    if found is None or memory.recall(name) == found:
         return Completed(name="Nothing new", message=f"{data}: nothing that the last run has not seen")
     state = _campaign(calibration, satellite, data, settings, workers)
-    memo.remember(name, found)
+    memory.remember(name, found)
     return state
 
 

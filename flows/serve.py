@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 from flows import prefect_server, watch
 from gravcal.errors import CatalogError, ProductError
-from gravcal.store import location, memo
+from gravcal.store import location, memory
 
 
 @dataclass(frozen=True)
@@ -89,15 +89,15 @@ def _alone(name):
 
 def _port(served, what):
     """Port of the last time, so that links and bookmarks stay good; None the first time."""
-    found = memo.recall(f"port-{what}-{served.name}")
+    found = memory.recall(f"port-{what}-{served.name}")
     return found if isinstance(found, int) else None
 
 
 def _keep_ports(served, begun, url, address):
     """Remember the ports for the next time; a server of the user's own keeps its."""
-    memo.remember(f"port-reports-{served.name}", urlsplit(address).port)
+    memory.remember(f"port-reports-{served.name}", urlsplit(address).port)
     if begun.child is not None:
-        memo.remember(f"port-pages-{served.name}", urlsplit(url).port)
+        memory.remember(f"port-pages-{served.name}", urlsplit(url).port)
 
 
 def _run(served, schedule, server, said):

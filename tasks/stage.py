@@ -37,7 +37,7 @@ from dataclasses import dataclass, field
 
 from gravcal.errors import EstimationError, GravcalError, ProductError
 from gravcal.store import explain, fingerprint, inputs, keys, memory, origin, store
-from gravcal.store.references import ProductRef
+from gravcal.store.records import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
 _listeners = contextvars.ContextVar("gravcal_listeners", default=())
@@ -150,15 +150,9 @@ def read(ref):
 
 
 def numbers(ref, *names):
-    """Some variables of a product as plain arrays {name: array}; as `read`, without loading what datasets need."""
-    engine = _engine.get()
-    if getattr(engine, "resolve", None):
-        ref = engine.resolve(ref)
-    found = store.arrays(ref, names)
-    if found is None:
-        dataset = read(ref)
-        found = {name: dataset[name].values for name in names}
-    return found
+    """Some variables of a product as plain arrays {name: array}."""
+    dataset = read(ref)
+    return {name: dataset[name].values for name in names}
 
 
 def forget():

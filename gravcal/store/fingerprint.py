@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 
 from gravcal.errors import ProductError
-from gravcal.store import memo, syntax
+from gravcal.store import memory, syntax
 
 SCOPE = ("gravcal", "tasks")
 DATA = ("astropy_iers_data",)  # installed packages whose files are data
@@ -184,14 +184,14 @@ def _analysed(path, name):
 def _known_trees():
     """Trees seen by earlier processes."""
     if "trees" not in _remembered:
-        _remembered["trees"] = memo.recall("modules") or {}
+        _remembered["trees"] = memory.recall("modules") or {}
     return _remembered["trees"]
 
 
 def _keep_remembered():
     """Write newly seen trees for later processes."""
     if _remembered.pop("new", False):
-        memo.remember("modules", _remembered["trees"])
+        memory.remember("modules", _remembered["trees"])
 
 
 def _module_of(target):

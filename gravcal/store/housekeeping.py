@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal.errors import ProductError
-from gravcal.store import disk, location, records, store
+from gravcal.store import location, records, store
 
 LABELS = ("gravcal_key", "gravcal_digest", "gravcal_recipe")
 YOUNG_S = 3600.0  # a product younger than this may belong to a run that has not yet linked it
@@ -181,7 +181,7 @@ def pin(entry):
         link.unlink(missing_ok=True)
         link.symlink_to(Path("..") / "objects" / entry.ref.key[:2] / entry.ref.key)
     except OSError as error:
-        raise disk.unwritable(error, f"pin of {entry.ref.name}") from error
+        raise location.unwritable(error, f"pin of {entry.ref.name}") from error
 
 
 def unpin(entry):
@@ -265,12 +265,12 @@ def _remove(path):
     if path.is_symlink() or not path.is_dir():
         path.unlink(missing_ok=True)
         return
-    aside = disk.new_aside()
+    aside = location.new_aside()
     try:
-        disk.prepare()
+        location.prepare()
         path.rename(aside)
     except FileNotFoundError:
         return
     except OSError as error:
-        raise disk.unwritable(error, path.name[:12]) from error
+        raise location.unwritable(error, path.name[:12]) from error
     shutil.rmtree(aside, ignore_errors=True)

@@ -3,8 +3,8 @@
 import fnmatch
 
 from gravcal.errors import CatalogError, ProductError
-from gravcal.store import memo
-from gravcal.store.references import ProductRef
+from gravcal.store import memory
+from gravcal.store.records import ProductRef
 
 FILE = "file"
 MISSIONS = {
@@ -115,7 +115,7 @@ def _file_event(item):
 def _file_digest(item):
     """SHA-256 of a Level-1 file."""
     try:
-        return memo.file_digest(item.path, item.member)
+        return memory.file_digest(item.path, item.member)
     except (OSError, KeyError, EOFError) as error:
         where = f"{item.path}:{item.member}" if item.member else str(item.path)
         raise ProductError(f"{where}: cannot be read ({error}). Fetch the file again.", path=where) from error

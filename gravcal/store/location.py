@@ -1,24 +1,35 @@
-"""Where the store is, and where its readable links are for the configuration that is running.
+"""Where the store is, its readable links for the configuration that is running, and how it is written.
 
 The store is ``GRAVCAL_PRODUCTS``, or ``gravcal/products`` below the user's cache folder.
 """
 
 import contextlib
 import contextvars
+import errno
+import json
 import os
+import platform
+import shutil
+import uuid
 from pathlib import Path
 
+from gravcal.errors import ProductError
+
 OPERATIONAL = "operational"
+NAMES = ("objects", "latest", "tmp", "locks", "quarantine")
+REMEDIES = {
+    errno.ENOSPC: "Free space there (gravcal products prune)",
+    errno.EDQUOT: "Free space there (gravcal products prune)",
+    errno.EXDEV: "Keep its folders objects, tmp and quarantine on one file system",
+    errno.ENOTDIR: "Move the file away that stands where a folder should be",
+    errno.EEXIST: "Move the file away that stands where a folder should be",
+}
 _running = contextvars.ContextVar("gravcal_configuration", default=OPERATIONAL)
+_swept = set()
 
 
 def folder():
-    """Root of the store; nothing is created.
-
-    Returns
-    -------
-    root : Path, absolute
-    """
+    """Root of the store, an absolute path; nothing is created."""
     named = os.environ.get("GRAVCAL_PRODUCTS")
     if named:
         return Path(named).expanduser().absolute()
@@ -49,6 +60,77 @@ def links(event, name=None):
     event : str
     name : of a configuration, by default the one that is running
     """
-    found = folder() / "latest" / event
+    latest = folder() / "latest" / event
     name = name or configuration()
-    return found if name == OPERATIONAL else found / "as" / name
+    return latest if name == OPERATIONAL else latest / "as" / name
+
+
+def prepare():
+    """Create the folders of the store and, once per process, remove what dead processes left half-written."""
+    root = folder()
+    if root in _swept and all((root / name).is_dir() for name in NAMES):
+        return
+    for name in NAMES:
+        (root / name).mkdir(parents=True, exist_ok=True)
+    for path in (root / "tmp").iterdir():
+        host, _, pid = path.name.rpartition("-")[0].rpartition("-")
+        if host == platform.node() and pid.isdecimal() and not _is_alive(int(pid)):  # others' are not ours to remove
+            shutil.rmtree(path, ignore_errors=True)
+    _swept.add(root)
+
+
+def _is_alive(pid):
+    """True if a process of this machine exists."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        return True
+    return True
+
+
+def new_aside():
+    """Path for a folder that is being made or removed; swept when this process dies before it is done."""
+    return folder() / "tmp" / f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
+
+
+def flush(made):
+    """Bring the files of a folder and their names down to the disk.
+
+    The name under which the folder is published need not follow: should it be lost, the product is made again.
+    """
+    for path in (*made.iterdir(), made):
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def write_json(path, value, indent=None):
+    """Write a JSON value in one step, so that a reader finds the old file or the new one."""
+    aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside.write_text(json.dumps(value, indent=indent) + "\n")
+    aside.replace(path)
+
+
+def read_json(path):
+    """JSON value of a file, None where there is none that can be read."""
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def unwritable(error, what):
+    """ProductError for a store that cannot take a product."""
+    root = folder()
+    remedy = REMEDIES.get(error.errno, "Give yourself the right to write there")
+    return ProductError(
+        f"product store {root}: {what} cannot be written ({error.strerror or error}). What was there before is "
+        f"unharmed. {remedy}, or name another folder in GRAVCAL_PRODUCTS.",
+        root=str(root),
+        errno=error.errno,
+    )

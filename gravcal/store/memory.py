@@ -1,12 +1,75 @@
-"""Contents this process has read or made, kept while they are small, and files whose bytes it has verified."""
+"""What is remembered: small values between processes, below the store, and contents that this process read or made.
 
+Losing any of it costs time, never correctness.
+"""
+
+import contextlib
+import hashlib
+import os
 import threading
+import time
 from collections import OrderedDict
 
-LIMIT = 256e6  # bytes kept in memory, the least recently used go first
-_held = OrderedDict()  # path -> (size and time of change of the file), content, bytes of the content
-_trusted = {}
-_guard = threading.Lock()
+from gravcal.store import location
+
+SETTLED_NS = 100_000_000  # ten ticks of the coarsest clock of Linux
+LIMIT = 256e6  # bytes of contents, the least recently used go first
+verified = {}  # folder of a product -> size and time of change of its file when its bytes were verified
+_held = OrderedDict()  # path -> (size and time of change of the file), content
+_lock = threading.Lock()
+
+
+def recall(name):
+    """What was remembered under a name, or None."""
+    return location.read_json(location.folder() / "memo" / f"{name}.json")
+
+
+def remember(name, value):
+    """Keep a JSON value under a name; a store that cannot be written forgets it."""
+    with contextlib.suppress(OSError):
+        location.write_json(location.folder() / "memo" / f"{name}.json", value)
+
+
+def file_digest(path, member=None):
+    """SHA-256 of a file's bytes, or of one member of an archive, remembered by path, size and times of change.
+
+    The time at which the file system noted a change cannot be set back as that of the content can. A file that changed
+    a moment ago may change again within one tick of that clock: it is not remembered yet.
+
+    Parameters
+    ----------
+    path : Path
+    member : str or None, name inside a tar archive
+
+    Returns
+    -------
+    digest : str, 64 hexadecimal digits
+    """
+    status = path.stat()
+    place = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
+    seen = [place, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
+    name = "file-" + hashlib.sha256(place.encode()).hexdigest()[:32]
+    known = recall(name)
+    is_known = isinstance(known, dict) and known.get("seen") == seen and isinstance(known.get("digests"), dict)
+    digests = known["digests"] if is_known else {}
+    if (member or "") not in digests:
+        if member:
+            digests |= _archive_digests(path)
+        else:
+            with path.open("rb") as stream:
+                digests[""] = hashlib.file_digest(stream, "sha256").hexdigest()
+        if time.time_ns() - status.st_ctime_ns > SETTLED_NS:
+            remember(name, {"seen": seen, "digests": digests})
+    return digests[member or ""]
+
+
+def _archive_digests(path):
+    """SHA-256 of every member of a tar archive, in one pass."""
+    from gravcal.io import unpacked
+
+    with unpacked.archive(path) as archive:
+        files = (entry for entry in unpacked.members(archive, path) if entry.isfile())
+        return {one.name: hashlib.file_digest(archive.extractfile(one), "sha256").hexdigest() for one in files}
 
 
 def keep(path, dataset):
@@ -14,21 +77,21 @@ def keep(path, dataset):
     status = path.stat()
     for variable in dataset.variables.values():
         variable.values.flags.writeable = False
-    with _guard:
-        _held[path] = (status.st_size, status.st_mtime_ns), dataset, dataset.nbytes
+    with _lock:
+        _held[path] = (status.st_size, status.st_mtime_ns), dataset
         _held.move_to_end(path)
-        while sum(size for _, _, size in _held.values()) > LIMIT:
+        while sum(one.nbytes for _, one in _held.values()) > LIMIT:
             _held.popitem(last=False)
 
 
-def recall(path):
+def held(path):
     """A content kept, its labels the caller's own, its arrays shared; None if there is none or the file changed."""
     try:
         status = path.stat()
     except OSError:
         return None
-    with _guard:
-        seen, dataset, _ = _held.get(path, (None, None, None))
+    with _lock:
+        seen, dataset = _held.get(path, (None, None))
         if seen != (status.st_size, status.st_mtime_ns):
             return None
         _held.move_to_end(path)
@@ -37,22 +100,12 @@ def recall(path):
 
 def drop(path):
     """Forget a content."""
-    with _guard:
+    with _lock:
         _held.pop(path, None)
 
 
-def trust(folder, status):
-    """Note that the bytes of a product were verified as they are now."""
-    _trusted[folder] = (status.st_size, status.st_mtime_ns)
-
-
-def is_trusted(folder, status):
-    """Whether the bytes were verified and have not changed since."""
-    return _trusted.get(folder) == (status.st_size, status.st_mtime_ns)
-
-
 def clear():
-    """Forget everything, as a new process would."""
-    with _guard:
+    """Forget contents and what was verified, as a new process would."""
+    with _lock:
         _held.clear()
-    _trusted.clear()
+    verified.clear()

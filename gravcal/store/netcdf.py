@@ -124,22 +124,3 @@ def _damage_as_oserror():
 def attributes(node):
     """Attributes of a file or variable of netCDF4, plain."""
     return {name: _attribute(node.getncattr(name)) for name in node.ncattrs()}
-
-
-def arrays(image, names):
-    """Some variables of a netCDF-4 file as plain arrays, without what datasets need to be loaded.
-
-    Parameters
-    ----------
-    image : bytes
-    names : of the variables
-
-    Returns
-    -------
-    arrays : {name: array}
-    """
-    import netCDF4
-
-    with LOCK, _damage_as_oserror(), netCDF4.Dataset("product", memory=image) as file:
-        file.set_auto_maskandscale(False)
-        return {name: file[name][...] for name in names}

@@ -1,51 +1,53 @@
-"""The record beside a product, meta.json: written with a checksum of its own, believed only where it is whole.
+"""What the store hands out and believes: references to products, and the record beside each of them, meta.json.
 
-A record counts when its bytes are those that were written, every part has its type, its key is that of its recipe and
-the name of its folder, and nothing of the folder is a link. Whether the product file fits it, `store` says.
+A record is written with a checksum of its own. It counts when its bytes are those that were written, every part has its
+type, its key is that of its recipe and the name of its folder, and nothing of the folder is a link. Whether the product
+file fits it, `store` says.
 """
 
 import functools
 import hashlib
 import json
 import re
+from dataclasses import dataclass
+from pathlib import Path
 
 from gravcal.store import keys
 
 KEY = re.compile(r"[0-9a-f]{64}")
 SEAL = b', "sha256_of_record": "'
-NAME = re.compile(r"(?!\.{1,2}$)[^/\x00]+")
-NUMBER = (int, float)
-RECIPE = {"event": NAME, "kind": NAME, "variant": str, "version": int, "settings": dict, "inputs": [dict], "code": str}
-FORM = {
-    "key": KEY,
-    "recipe": RECIPE,
-    "digest": KEY,
-    "sha256": KEY,
-    "bytes": int,
-    "mtime_ns": int,
-    "labels_at": [int],
-    "files": {NAME: KEY},
-    "made": str,
-    "machine": str,
-    "stage": str,
-    "seconds": NUMBER,
-    "modules": {str: str},
-    "versions": {str: str},
-    "from": [dict],
-}
+SHOWN = 60  # characters of a wrong value that a message shows
+
+
+@dataclass(frozen=True)
+class ProductRef:
+    """One product: ``key`` names all it depends on, ``digest`` its content; None where a plan cannot know them."""
+
+    event: str
+    kind: str
+    variant: str = ""
+    key: str | None = None
+    digest: str | None = None
+    path: Path | None = None
+
+    @property
+    def stage(self) -> str:
+        """Kind and variant, as the readable link is called: ``com_offset.solve.mtq``."""
+        return f"{self.kind}.{self.variant}" if self.variant else self.kind
+
+    @property
+    def name(self) -> str:
+        """Event and stage, as people say it: ``grace-c-2020-02-01/com_offset.solve.mtq``."""
+        return f"{self.event}/{self.stage}"
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder with ``product.nc``, ``meta.json`` and the files that belong to it, such as ``report.html``."""
+        return self.path.parent if self.path else None
 
 
 def sealed(record):
-    """Text of a record with its checksum.
-
-    Parameters
-    ----------
-    record : dict of plain values
-
-    Returns
-    -------
-    text : bytes
-    """
+    """Text of a record of plain values with its checksum, bytes."""
     text = json.dumps(record, allow_nan=False).encode()
     return text[:-1] + SEAL + hashlib.sha256(text).hexdigest().encode() + b'"}'
 
@@ -83,66 +85,60 @@ def _believed(image, key):
         return None, "the record is not as it was written (its checksum differs)"
     try:
         record = json.loads(head + b"}")
-        reason = _wrong(record, key)
-    except (ValueError, RecursionError) as error:
+        for error in _form().iter_errors(record):
+            where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error.instance_path)
+            return None, f"record{where}: {error.message[:SHOWN]}"
+        if ["file" in one for one in record["recipe"]["inputs"]] != ["path" in one for one in record["from"]]:
+            return None, "the record names other inputs than places where they were"
+        if keys.key(record["recipe"]) != record["key"]:
+            return None, "the key in the record is not that of its recipe (settings, inputs, code, event)"
+    except (ValueError, OverflowError, RecursionError) as error:
         return None, f"the record cannot be read ({type(error).__name__})"
-    return (None, reason) if reason else (record, None)
-
-
-def _wrong(record, key):
-    """What is wrong with a record, or None."""
-    where = _misfit(record, FORM, "record")
-    if where:
-        return where
-    recipe, origins = record["recipe"], record["from"]
-    if len(recipe["inputs"]) != len(origins):
-        return f"the record names {len(recipe['inputs'])} inputs and where {len(origins)} of them were"
-    for label, origin in zip(recipe["inputs"], origins, strict=True):
-        is_file = "file" in label
-        parts = {"file": str, "digest": KEY} if is_file else {"kind": NAME, "variant": str, "digest": KEY}
-        places = {"path": str, "member": (str, type(None))} if is_file else {"key": KEY}
-        where = _misfit(label, parts, "recipe.inputs") or _misfit(origin, places, "from")
-        if where:
-            return where
-    if keys.key(recipe) != record["key"]:
-        return "the key in the record is not that of its recipe (settings, inputs, code, event)"
     if record["key"] != key:
-        return f"the record names another key, {record['key']}"
-    return None
+        return None, f"the record names another key, {record['key']}"
+    return record, None
 
 
-def _misfit(value, form, where):
-    """Where a value is not of its form: a type or several, a pattern, a list or mapping of such, or parts."""
-    if not isinstance(form, (list, dict)):
-        expected = f"text like {form.pattern}" if isinstance(form, re.Pattern) else form
-        return None if _fits(value, form) else f"{where} in the record is {_short(value)}, expected {expected}"
-    if not isinstance(value, type(form)):
-        return f"{where} in the record is {_short(value)}, expected a {type(form).__name__}"
-    if isinstance(form, list):
-        wrong = [number for number, item in enumerate(value) if not _fits(item, form[0])]
-        return _misfit(value[wrong[0]], form[0], f"{where}[{wrong[0]}]") if wrong else None
-    if all(isinstance(name, str) for name in form):
-        missing = [name for name in form if name not in value]
-        if missing:
-            return f"{where} has no {', '.join(missing)}"
-        return next(
-            (said for name, own in form.items() if (said := _misfit(value[name], own, f"{where}.{name}"))), None
-        )
-    ((names, items),) = form.items()
-    if names is items is str and {*map(type, value), *map(type, value.values())} <= {str}:
-        return None
-    wrong = [name for name, item in value.items() if not (_fits(name, names) and _fits(item, items))]
-    return f"{where} in the record has {_short(wrong[0])}: {_short(value[wrong[0]])}" if wrong else None
+@functools.cache
+def _form():
+    """Validator of the parts of a record."""
+    from jsonschema_rs import Draft202012Validator
 
+    def parts(**properties):
+        return {"type": "object", "required": list(properties), "properties": properties}
 
-def _fits(value, form):
-    """Whether a value is of a type or like a pattern."""
-    if isinstance(form, re.Pattern):
-        return isinstance(value, str) and form.fullmatch(value) is not None
-    return type(value) in form if isinstance(form, tuple) else type(value) is form
-
-
-def _short(value):
-    """A value on one line."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    text, whole, key = {"type": "string"}, {"type": "integer"}, {"type": "string", "pattern": f"^{KEY.pattern}$"}
+    name = {"type": "string", "pattern": r"^(?!\.{1,2}$)[^/\x00]+$"}
+    texts = {"type": "object", "additionalProperties": text}
+    file, product = parts(file=text, digest=key), parts(kind=name, variant=text, digest=key)
+    inputs = {"if": {"type": "object", "required": ["file"]}, "then": file, "else": product}
+    member = {"type": ["string", "null"]}
+    places = {"if": {"type": "object", "required": ["path"]}, "then": parts(path=text, member=member)}
+    recipe = parts(
+        event=name,
+        kind=name,
+        variant=text,
+        version=whole,
+        settings={"type": "object"},
+        inputs={"type": "array", "items": inputs},
+        code=text,
+    )
+    record = parts(
+        key=key,
+        recipe=recipe,
+        digest=key,
+        sha256=key,
+        bytes=whole,
+        mtime_ns=whole,
+        labels_at={"type": "array", "items": whole},
+        files={"type": "object", "propertyNames": name, "additionalProperties": key},
+        made=text,
+        machine=text,
+        stage=text,
+        seconds={"type": "number"},
+        modules=texts,
+        versions=texts,
+    )
+    record["properties"]["from"] = {"type": "array", "items": places | {"else": parts(key=key)}}
+    record["required"].append("from")
+    return Draft202012Validator(record)

@@ -24,11 +24,10 @@ import shutil
 import uuid
 from pathlib import Path
 
-from gravcal.store import disk, location, memory, records
-from gravcal.store.references import ProductRef
+from gravcal.store import location, memory, records
+from gravcal.store.records import ProductRef
 
 LABEL_BYTES = 64  # of a key or digest as text
-FOREIGN = "product.nc does not bear the key and digest of the record: it is another product"
 
 
 def folder_of(key):
@@ -37,16 +36,7 @@ def folder_of(key):
 
 
 def find(key):
-    """Product with this key, or None; one that is not what its record says is set aside.
-
-    Parameters
-    ----------
-    key : str
-
-    Returns
-    -------
-    ref : ProductRef or None
-    """
+    """Product with this key, ProductRef or None; one that is not what its record says is set aside."""
     folder = folder_of(key)
     record, reason = records.read(folder)
     if record:
@@ -69,9 +59,9 @@ def load(ref):
     -------
     dataset : Dataset, its arrays shared and not to be changed, without provenance attributes; or None
     """
-    held = memory.recall(ref.path)
-    if held is not None:
-        return held
+    dataset = memory.held(ref.path)
+    if dataset is not None:
+        return dataset
     record, reason = records.read(ref.folder)
     image = _verified_bytes(ref.folder, record) if record else None
     if image is None:
@@ -83,22 +73,6 @@ def load(ref):
     dataset.encoding[product.DIGEST] = record["digest"]
     memory.keep(ref.path, dataset)
     return dataset.copy()
-
-
-def arrays(ref, names):
-    """Some variables of a product as plain arrays {name: array}, verified; None if it is damaged.
-
-    Parameters
-    ----------
-    ref : ProductRef; names : of the variables
-    """
-    record = read_record(ref.folder)
-    image = _verified_bytes(ref.folder, record) if record else None
-    if image is None:
-        return None
-    from gravcal.store import netcdf
-
-    return netcdf.arrays(image, names)
 
 
 def put(key, recipe, made, facts):
@@ -120,198 +94,20 @@ def put(key, recipe, made, facts):
     ProductError : disk full or store not writable; the store is as before
     """
     dataset, files = made
-    aside = disk.new_aside()
+    aside = location.new_aside()
     try:
-        disk.prepare()
+        location.prepare()
         aside.mkdir()
         record = _write_folder(aside, key, recipe, dataset, files) | facts
         (aside / "meta.json").write_bytes(records.sealed(record))
-        disk.flush(aside)
+        location.flush(aside)
         ref = _publish(aside, key)
     except OSError as error:
         shutil.rmtree(aside, ignore_errors=True)
-        raise disk.unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
+        raise location.unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
     if ref.digest == record["digest"]:
         memory.keep(ref.path, dataset)
     return ref
-
-
-def point(ref):
-    """Let the readable link of a product's name lead to it; a store that can only be read keeps the old one."""
-    link = location.links(ref.event) / ref.stage
-    target = os.path.relpath(ref.folder, link.parent)
-    with contextlib.suppress(OSError):
-        if link.is_symlink() and str(link.readlink()) == target:
-            return
-        link.parent.mkdir(parents=True, exist_ok=True)
-        aside = link.with_name(f".{link.name}.{uuid.uuid4().hex[:8]}")
-        aside.symlink_to(target)
-        aside.replace(link)
-
-
-def linked(link):
-    """Folder of the product that a readable link leads to; None where it is not one that `point` makes.
-
-    Parameters
-    ----------
-    link : Path below ``latest``
-    """
-    try:
-        target = str(link.readlink())
-    except (OSError, ValueError):
-        return None
-    folder = folder_of(Path(target).name)
-    is_own = records.KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent)
-    return folder if is_own else None
-
-
-def links(pattern="*/*"):
-    """Readable links below ``latest`` with the folders they lead to; what leads elsewhere is left out.
-
-    Returns
-    -------
-    links : list of (Path, Path), sorted
-    """
-    found = [(link, linked(link)) for link in sorted((location.folder() / "latest").glob(pattern))]
-    return [(link, folder) for link, folder in found if folder]
-
-
-def newest_record(event, stage):
-    """Record of the newest product of a name in the configuration that is running, else in the operational one."""
-    for name in (None, location.OPERATIONAL):
-        folder = linked(location.links(event, name) / stage)
-        record = read_record(folder) if folder else None
-        if record is not None:
-            return record
-    return None
-
-
-def last_seconds(ref):
-    """Seconds that the newest product of this name took to compute, of an experiment or else of the operational one.
-
-    Infinite where there is none.
-
-    Parameters
-    ----------
-    ref : ProductRef, made or not
-    """
-    return (newest_record(ref.event, ref.stage) or {}).get("seconds", math.inf)
-
-
-@contextlib.contextmanager
-def lock(key):
-    """Hold the key: others who want to make the same product wait. The kernel releases it when a process dies."""
-    try:
-        disk.prepare()
-        path = location.folder() / "locks" / key
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError as error:
-        raise disk.unwritable(error, key[:12]) from error
-    try:
-        with contextlib.suppress(OSError):  # a file system without locks: the rename still protects
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-        path.unlink(missing_ok=True)
-    finally:
-        os.close(descriptor)
-
-
-def read_record(folder):
-    """Record of a product folder, or None if there is none that can be believed."""
-    return records.read(folder)[0]
-
-
-def reference(record, folder):
-    """ProductRef of a record."""
-    recipe = record["recipe"]
-    return ProductRef(
-        recipe["event"], recipe["kind"], recipe["variant"], record["key"], record["digest"], folder / "product.nc"
-    )
-
-
-def set_aside(folder, reason):
-    """Move a product folder to quarantine with a note why; one that vanished meanwhile is no error.
-
-    Of a folder that is reached through a link this link is moved, what it leads to is left alone.
-    """
-    if records.KEY.fullmatch(folder.name) and folder.parent.is_symlink():
-        folder = folder.parent
-    memory.drop(folder / "product.nc")
-    target = location.folder() / "quarantine" / f"{folder.name}-{uuid.uuid4().hex[:8]}"
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        folder.rename(target)
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise disk.unwritable(error, f"{folder.name[:12]} ({reason})") from error
-    with contextlib.suppress(OSError):
-        is_folder = target.is_dir() and not target.is_symlink()
-        why = target / "why.txt" if is_folder else target.with_name(f"{target.name}.txt")
-        why.write_text(reason + "\n")
-
-
-def doubt(folder, record):
-    """Why a folder cannot be taken as it stands, or None; a changed time of change makes the bytes decide."""
-    try:
-        descriptor = os.open(folder / "product.nc", os.O_RDONLY)
-    except OSError:
-        return "product.nc is missing"
-    try:
-        status = os.fstat(descriptor)
-        if status.st_size != record["bytes"]:
-            return f"product.nc has {status.st_size} bytes, the record says {record['bytes']}"
-        if not _bears_labels(record, lambda place: os.pread(descriptor, LABEL_BYTES, place)):
-            return FOREIGN
-    finally:
-        os.close(descriptor)
-    known = status.st_mtime_ns == record["mtime_ns"] or memory.is_trusted(folder, status)
-    if not known and _verified_bytes(folder, record) is None:
-        return "bytes differ from the record"
-    return _doubtful_file(folder, record)
-
-
-def _bears_labels(record, read):
-    """Whether a product file bears the key and the digest of the record as its own, where the record says.
-
-    Parameters
-    ----------
-    record : of the product
-    read : function of a place in the file, returns so many bytes as a label has from there
-    """
-    wanted = (record["key"], record["digest"])
-    places = record["labels_at"]
-    return len(places) == len(wanted) and all(
-        0 <= place < record["bytes"] and read(place) == text.encode()
-        for place, text in zip(places, wanted, strict=True)
-    )
-
-
-def _doubtful_file(folder, record):
-    """Which of the files beside a product is not as recorded, or None; they are read without another check."""
-    for name, digest in record["files"].items():
-        if (folder / name).is_symlink():
-            return f"{name} is a link, which is not followed"
-        try:
-            image = (folder / name).read_bytes()
-        except OSError:
-            return f"{name} is missing"
-        if hashlib.sha256(image).hexdigest() != digest:
-            return f"bytes of {name} differ from the record"
-    return None
-
-
-def _verified_bytes(folder, record):
-    """Bytes of the product file if their SHA-256 is the recorded one, otherwise None."""
-    try:
-        image = (folder / "product.nc").read_bytes()
-    except OSError:
-        return None
-    is_whole = hashlib.sha256(image).hexdigest() == record["sha256"]
-    if not is_whole or not _bears_labels(record, lambda place: image[place : place + LABEL_BYTES]):
-        return None
-    memory.trust(folder, (folder / "product.nc").stat())
-    return image
 
 
 def _write_folder(aside, key, recipe, dataset, files):
@@ -357,3 +153,148 @@ def _publish(aside, key):
         return _publish(aside, key)
     shutil.rmtree(aside, ignore_errors=True)
     return ref
+
+
+def point(ref):
+    """Let the readable link of a product's name lead to it; a store that can only be read keeps the old one."""
+    link = location.links(ref.event) / ref.stage
+    target = os.path.relpath(ref.folder, link.parent)
+    with contextlib.suppress(OSError):
+        if link.is_symlink() and str(link.readlink()) == target:
+            return
+        link.parent.mkdir(parents=True, exist_ok=True)
+        aside = link.with_name(f".{link.name}.{uuid.uuid4().hex[:8]}")
+        aside.symlink_to(target)
+        aside.replace(link)
+
+
+def linked(link):
+    """Folder of the product that a link below ``latest`` leads to; None where it is not one that `point` makes."""
+    try:
+        target = str(link.readlink())
+    except (OSError, ValueError):
+        return None
+    folder = folder_of(Path(target).name)
+    is_own = records.KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent)
+    return folder if is_own else None
+
+
+def links(pattern="*/*"):
+    """Readable links below ``latest`` with the folders they lead to, list of (Path, Path); no foreign ones."""
+    pairs = [(link, linked(link)) for link in sorted((location.folder() / "latest").glob(pattern))]
+    return [(link, folder) for link, folder in pairs if folder]
+
+
+def newest_record(event, stage):
+    """Record of the newest product of a name in the configuration that is running, else in the operational one."""
+    for name in (None, location.OPERATIONAL):
+        folder = linked(location.links(event, name) / stage)
+        record = read_record(folder) if folder else None
+        if record is not None:
+            return record
+    return None
+
+
+def last_seconds(ref):
+    """Seconds that the newest product of this name took to compute; infinite where there is none."""
+    return (newest_record(ref.event, ref.stage) or {}).get("seconds", math.inf)
+
+
+@contextlib.contextmanager
+def lock(key):
+    """Hold the key: others who want to make the same product wait. The kernel releases it when a process dies."""
+    try:
+        location.prepare()
+        path = location.folder() / "locks" / key
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise location.unwritable(error, key[:12]) from error
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks: the rename still protects
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+        path.unlink(missing_ok=True)
+    finally:
+        os.close(descriptor)
+
+
+def read_record(folder):
+    """Record of a product folder, or None if there is none that can be believed."""
+    return records.read(folder)[0]
+
+
+def reference(record, folder):
+    """ProductRef of a record."""
+    recipe = record["recipe"]
+    return ProductRef(
+        recipe["event"], recipe["kind"], recipe["variant"], record["key"], record["digest"], folder / "product.nc"
+    )
+
+
+def set_aside(folder, reason):
+    """Move a product folder to quarantine with a note why; one that vanished meanwhile is no error.
+
+    Of a folder that is reached through a link this link is moved, what it leads to is left alone.
+    """
+    if records.KEY.fullmatch(folder.name) and folder.parent.is_symlink():
+        folder = folder.parent
+    memory.drop(folder / "product.nc")
+    target = location.folder() / "quarantine" / f"{folder.name}-{uuid.uuid4().hex[:8]}"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        folder.rename(target)
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise location.unwritable(error, f"{folder.name[:12]} ({reason})") from error
+    with contextlib.suppress(OSError):
+        is_folder = target.is_dir() and not target.is_symlink()
+        why = target / "why.txt" if is_folder else target.with_name(f"{target.name}.txt")
+        why.write_text(reason + "\n")
+
+
+def doubt(folder, record):
+    """Why a folder cannot be taken as it stands, or None; a changed time of change makes the bytes decide."""
+    try:
+        with (folder / "product.nc").open("rb") as file:
+            status = os.fstat(file.fileno())
+            if status.st_size != record["bytes"]:
+                return f"product.nc has {status.st_size} bytes, the record says {record['bytes']}"
+            if not _bears_labels(record, lambda place: os.pread(file.fileno(), LABEL_BYTES, place)):
+                return "product.nc does not bear the key and digest of the record: it is another product"
+    except OSError:
+        return "product.nc is missing"
+    known = status.st_mtime_ns == record["mtime_ns"]
+    known = known or memory.verified.get(folder) == (status.st_size, status.st_mtime_ns)
+    if not known and _verified_bytes(folder, record) is None:
+        return "bytes differ from the record"
+    for name, digest in record["files"].items():  # they are read without another check
+        if (folder / name).is_symlink():
+            return f"{name} is a link, which is not followed"
+        try:
+            image = (folder / name).read_bytes()
+        except OSError:
+            return f"{name} is missing"
+        if hashlib.sha256(image).hexdigest() != digest:
+            return f"bytes of {name} differ from the record"
+    return None
+
+
+def _bears_labels(record, read):
+    """True if the texts that ``read`` gives at two places of a product file are key and digest of the record."""
+    places, labels = record["labels_at"], [record["key"].encode(), record["digest"].encode()]
+    return len(places) == 2 and all(0 <= place < record["bytes"] for place in places) and [*map(read, places)] == labels
+
+
+def _verified_bytes(folder, record):
+    """Bytes of the product file if their SHA-256 is the recorded one, otherwise None."""
+    path = folder / "product.nc"
+    try:
+        image, status = path.read_bytes(), path.stat()
+    except OSError:
+        return None
+    is_whole = hashlib.sha256(image).hexdigest() == record["sha256"]
+    if not is_whole or not _bears_labels(record, lambda place: image[place : place + LABEL_BYTES]):
+        return None
+    memory.verified[folder] = (status.st_size, status.st_mtime_ns)
+    return image

@@ -206,19 +206,19 @@ def test_usual_times_name_stages_that_there_are(calibration):
 def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
     """Contract: on a terminal the next run knows the seconds of each stage that was made."""
     from flows import engine
-    from gravcal.store import memo
+    from gravcal.store import memory
 
     monkeypatch.setattr(sys, "stderr", Terminal())
     with cli_progress.progress("fake") as listener:
         flow = pipeline.module("flow").calibrate
         engine.run(flow, pipeline.file(), pipeline.chosen, engine="inline", listener=listener)
-    assert set(memo.recall("seconds-fake")) == {
+    assert set(memory.recall("seconds-fake")) == {
         "start",
         *(f"{pipeline.name}.{stage}" for stage in ("start", "scale.one", "scale.other", "join")),
     }
     with cli_progress.waiting("work"):
         pass
-    assert set(memo.recall("seconds-work")) == {"work"}
+    assert set(memory.recall("seconds-work")) == {"work"}
 
 
 def test_nothing_is_shown_in_a_pipe(capsys):

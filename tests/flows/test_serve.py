@@ -18,7 +18,7 @@ import yaml
 
 from flows import campaign_prefect, prefect_server, serve, watch
 from gravcal.errors import CatalogError
-from gravcal.store import memo
+from gravcal.store import memory
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).parent / "run_campaign.py"
@@ -285,7 +285,7 @@ def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environmen
         time.sleep(0.2)
     (run,) = runs(url, events, ["RUNNING"])
     running = states(url, run, {"fake-1": "Running"})
-    ports = [memo.recall(f"port-{what}-fakecal") for what in ("pages", "reports")]
+    ports = [memory.recall(f"port-{what}-fakecal") for what in ("pages", "reports")]
     os.killpg(process.pid, signal.SIGKILL)
     for child in prefect_children(events):
         os.kill(child, signal.SIGKILL)
@@ -297,7 +297,7 @@ def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environmen
     crashed = {"fake-1": "Crashed"}
     assert states(url, run, crashed) == crashed
     assert finished(url, events, 2)[0]["state"]["name"] == "Delivered"
-    assert [memo.recall(f"port-{what}-fakecal") for what in ("pages", "reports")] == ports
+    assert [memory.recall(f"port-{what}-fakecal") for what in ("pages", "reports")] == ports
     end(process, url)
 
 

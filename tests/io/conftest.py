@@ -7,7 +7,7 @@ import pytest
 
 from gravcal.io.writers import write
 
-MEASURED = Path(__file__).parents[4] / "shared" / "data"
+MEASURED = Path(__file__).parents[3] / "shared" / "data"
 START = 738849600  # 2023-06-01 00:00:00 GPS
 
 

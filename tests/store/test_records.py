@@ -75,12 +75,12 @@ FORGED = {
     "settings as list": (lambda r: r["recipe"].update(settings=[]), "record.recipe.settings"),
     "inputs as numbers": (lambda r: r["recipe"].update(inputs=[1]), "record.recipe.inputs[0]"),
     "an input too few": (lambda r: r.update({"from": []}), "inputs"),
-    "input from nowhere": (lambda r: r.update({"from": [{}]}), "from has no key"),
+    "input from nowhere": (lambda r: r.update({"from": [{}]}), 'from[0]: "key" is a required'),
     "modules as list": (lambda r: r.update(modules=["x"]), "record.modules"),
     "versions of numbers": (lambda r: r.update(versions={"numpy": 2}), "record.versions"),
     "a file elsewhere": (lambda r: r.update(files={"../../x": "0" * 64}), "record.files"),
     "seconds as truth": (lambda r: r.update(seconds=True), "record.seconds"),
-    "no digest": (lambda r: r.pop("digest"), "no digest"),
+    "no digest": (lambda r: r.pop("digest"), '"digest" is a required'),
 }
 
 
