@@ -7,15 +7,12 @@ import xarray as xr
 
 from gravcal import catalog
 from gravcal.calibrations.align import align
-from gravcal.calibrations.com_offset import published_solve
-from gravcal.calibrations.com_offset.angular_acceleration import VARIANTS, angular_acceleration
 from gravcal.calibrations.com_offset.attitude import attitude
-from gravcal.calibrations.com_offset.combine import combine
 from gravcal.calibrations.com_offset.detect import detect
-from gravcal.calibrations.com_offset.equations import equations
+from gravcal.calibrations.com_offset.equations import VARIANTS, angular_acceleration, equations
 from gravcal.calibrations.com_offset.field import field
 from gravcal.calibrations.com_offset.noise import noise, quiet
-from gravcal.calibrations.com_offset.solve import solve
+from gravcal.calibrations.com_offset.solve import combine, published_solve, solve
 from gravcal.simulation.com_offset import simulate
 
 DAY = 633787200.0  # s, a midnight
@@ -82,7 +79,7 @@ def chain(observed, satellite=SATELLITE, **settings):
 def solution(aligned, smoothed, angular, measured, chosen):
     """Offset of every manoeuvre for one angular acceleration, with the chosen parameters."""
     if chosen.method == "published":
-        return published_solve.solve(aligned, smoothed, angular)
+        return published_solve(aligned, smoothed, angular)
     resampled = equations(aligned, smoothed, angular, **chosen.for_stage("equations"))
     return solve(resampled, measured, **chosen.for_stage("solve"))
 

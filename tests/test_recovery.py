@@ -10,7 +10,7 @@ from scipy import stats
 from flows import com_offset as flow
 from flows import engine
 from gravcal import catalog
-from gravcal.calibrations.com_offset.combine import combine
+from gravcal.calibrations.com_offset.solve import combine
 
 COUNT = 12
 LEVEL = 1e-3  # chance that a correct code fails, over all statistics of the study

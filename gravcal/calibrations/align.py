@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.align_schema import ALIGN
 from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import ALIGN
 from gravcal.errors import EstimationError
 from gravcal.estimation import timing
 from gravcal.physics import earth, frames

@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gravcal.calibrations.schemas import column
+
 if TYPE_CHECKING:  # a plan looks at the schema alone
     import xarray as xr
 
 #: Schema of a product of checks, the same for every calibration.
 CHECKS = {
-    "check": {"dims": "check", "dtype": "str", "long_name": "name of the check"},
-    "value": {"dims": "check", "units": "1", "long_name": "value found, in its own unit"},
-    "limit": {"dims": "check", "units": "1", "long_name": "limit, in the same unit"},
-    "unit": {"dims": "check", "dtype": "str", "long_name": "unit of value and limit"},
-    "passed": {"dims": "check", "dtype": "u1", "units": "1", "long_name": "whether the value keeps to its limit"},
+    "check": column("check", long_name="name of the check", dtype="str"),
+    "value": column("check", "1", "value found, in its own unit"),
+    "limit": column("check", "1", "limit, in the same unit"),
+    "unit": column("check", long_name="unit of value and limit", dtype="str"),
+    "passed": column("check", "1", "whether the value keeps to its limit", dtype="u1"),
 }
 
 
@@ -78,9 +80,9 @@ def longest_constant(time: np.ndarray, values: np.ndarray) -> float:
     time : (n,) s, increasing; values : (n, m), samples that are not finite left out
     """
     longest = 0.0
-    for column in values.T:
-        known = np.isfinite(column)
-        epoch, reading = time[known], column[known]
+    for series in values.T:
+        known = np.isfinite(series)
+        epoch, reading = time[known], series[known]
         edge = np.flatnonzero(np.concatenate([[True], reading[1:] != reading[:-1], [True]])) if epoch.size else []
         longest = max(longest, np.max(epoch[edge[1:] - 1] - epoch[edge[:-1]], initial=0.0) if epoch.size else np.inf)
     return float(longest)

@@ -1,6 +1,8 @@
-"""Manoeuvres found in the torquer currents, and what each of them turns."""
+"""Manoeuvres: square waves in the sampled torquer currents, and the axis that each of them turns."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -8,7 +10,6 @@ import xarray as xr
 from gravcal.calibrations.align import sorted_samples
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import DETECT
-from gravcal.calibrations.com_offset.waves import Wave, find_waves, regular_edges
 from gravcal.estimation.timing import normalised
 
 KINDS = ("roll", "pitch", "yaw")
@@ -91,3 +92,114 @@ def _as_dataset(waves, time, field_b, period):
         "record_stop": time[-1] if time.size else np.nan,
     }
     return build(DETECT, values, title="Manoeuvres found in the torquer currents")
+
+
+@dataclass(frozen=True)
+class Wave:
+    """One square wave of one rod.
+
+    Attributes
+    ----------
+    rod : 0, 1, 2 for x, y, z
+    lower, upper : (m + 1,) s, last sample before and first sample after each edge
+    level : (m,) mA, mean current of each half period
+    """
+
+    rod: int
+    lower: np.ndarray
+    upper: np.ndarray
+    level: np.ndarray
+
+
+def plateaus(time: np.ndarray, current: np.ndarray, threshold: float, longest_step: float) -> list[tuple]:
+    """Runs of samples of one sign beyond the threshold, without a jump of more than half of their size.
+
+    A control current of the same sign that follows the wave at once is not part of its last half period.
+
+    Parameters
+    ----------
+    time : (n,) s
+    current : (n,) mA, NaN where not usable
+    threshold : mA
+    longest_step : s, a longer step between samples ends a run
+
+    Returns
+    -------
+    runs : list of (first index, last index, mean mA)
+    """
+    size = np.abs(np.nan_to_num(current))
+    sign = np.where(size > threshold, np.sign(np.nan_to_num(current)), 0)
+    jump = np.abs(np.diff(size)) > np.maximum(size[1:], size[:-1]) / 2
+    change = (np.diff(sign) != 0) | (np.diff(time) > longest_step) | jump
+    first = np.concatenate([[0], np.flatnonzero(change) + 1])
+    last = np.concatenate([np.flatnonzero(change), [sign.size - 1]])
+    return [(a, b, float(current[a : b + 1].mean())) for a, b in zip(first, last, strict=True) if sign[a] != 0]
+
+
+def find_waves(time: np.ndarray, current: np.ndarray, rod: int, settings: dict) -> list[Wave]:
+    """Square waves of one rod.
+
+    Neighbouring runs belong to one wave if their signs alternate, their sizes agree within 30 % and their lengths are
+    half a period within the tolerance and the sampling.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing
+    current : (n,) mA
+    rod : 0, 1, 2
+    settings : period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma
+    """
+    if time.size < 3:
+        return []
+    step = float(np.median(np.diff(time)))
+    half = settings["period_s"] / 2
+    slack = settings["period_tolerance_s"] + step
+    waves, group = [], []
+    for run in plateaus(time, current, settings["current_threshold_ma"], 3 * step):
+        length = time[run[1]] - time[run[0]] + step
+        fits = abs(length - half) <= slack
+        follows = (
+            bool(group)
+            and group[-1][2] * run[2] < 0
+            and abs(abs(run[2]) - abs(group[-1][2])) < 0.3 * abs(group[-1][2])
+            and abs(time[run[0]] - time[group[-1][0]] - half) <= slack
+        )
+        if not (fits and follows):
+            waves.append(group)
+            group = []
+        group = [*group, run] if fits else []
+    waves.append(group)
+    return [_wave(time, rod, g, step) for g in waves if len(g) >= settings["minimum_half_periods"]]
+
+
+def _wave(time, rod, group, step):
+    """Edges of a group of runs: between the last sample of one and the first of the next."""
+    first = np.array([run[0] for run in group])
+    last = np.array([run[1] for run in group])
+    before = np.append(np.maximum(first - 1, 0), last[-1])
+    after = np.append(first, np.minimum(last[-1] + 1, time.size - 1))
+    before[1:-1] = last[:-1]
+    lower, upper = time[before].astype(float), time[after].astype(float)
+    at_end = before == after  # the data begin or end with the wave
+    lower = np.where(at_end & (np.arange(lower.size) == 0), lower - step, lower)
+    upper = np.where(at_end & (np.arange(upper.size) > 0), upper + step, upper)
+    lower[0] = max(lower[0], upper[0] - 3 * step)
+    upper[-1] = min(upper[-1], lower[-1] + 3 * step)
+    return Wave(rod, lower, upper, np.array([run[2] for run in group]))
+
+
+def regular_edges(wave: Wave, period: float) -> tuple[float, float] | None:
+    """Interval of the first edge if all edges are whole half periods apart.
+
+    Parameters
+    ----------
+    wave : Wave
+    period : s
+
+    Returns
+    -------
+    lower, upper : s; None if no common start fits, so the wave is not regular
+    """
+    shift = np.arange(wave.lower.size) * period / 2
+    lower, upper = float(np.max(wave.lower - shift)), float(np.min(wave.upper - shift))
+    return (lower, upper) if upper - lower > 1e-4 else None

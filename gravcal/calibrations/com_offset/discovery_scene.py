@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import motion
-from gravcal.calibrations.com_offset.attitude_fit import slow_torque_response
-from gravcal.calibrations.com_offset.windows import Window, windows
+from gravcal.calibrations.com_offset.attitude import slow_torque_response
+from gravcal.calibrations.com_offset.motion import Window, windows
 from gravcal.estimation import least_squares
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames

@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.equations_schema import QUIET
-from gravcal.calibrations.com_offset.schemas import NOISE
+from gravcal.calibrations.com_offset.schemas import NOISE, QUIET
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise

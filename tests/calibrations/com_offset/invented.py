@@ -3,8 +3,8 @@
 import numpy as np
 
 from gravcal.calibrations import building
-from gravcal.calibrations.align_schema import ALIGN
 from gravcal.calibrations.com_offset import schemas
+from gravcal.calibrations.schemas import ALIGN
 
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 OFFSET = np.array([107.2, 3.7, -12.4]) * 1e-6

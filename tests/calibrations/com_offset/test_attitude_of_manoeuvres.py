@@ -9,12 +9,12 @@ import seeds
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from gravcal.calibrations.com_offset import attitude_fit, motion, timing_fit, windows
+from gravcal.calibrations.com_offset import attitude, motion
 from gravcal.estimation.noise import NoiseModel
 from gravcal.physics import frames
 
 SMALL = {"manoeuvres": ("pitch_high",), "quiet_s": 60.0}
-CHOICE = attitude_fit.Choice(
+CHOICE = attitude.Choice(
     torque_degree=1, scale_sigma=0.1, inertia_sigma=0.0, shift_sigma=2.0, step_s=1.0, iterations=10
 )
 SIGMA = 3e-6  # rad, white
@@ -27,9 +27,9 @@ def window():
     made, _ = tools.smoothed(observed)
     satellite = tools.SATELLITE
     inertia, per_current = np.array(satellite["inertia"]), np.array(satellite["dipole_per_current"])
-    (one,) = windows.windows(made["align"], made["field"], inertia, per_current, True)
+    (one,) = motion.windows(made["align"], made["field"], inertia, per_current, True)
     white = [NoiseModel(np.zeros(0), np.array([SIGMA**2]), 1.0)] * 3
-    fit = attitude_fit.fit_attitude(one.arc, one.time, one.quaternion, one.good, white, CHOICE)
+    fit = attitude.fit_attitude(one.arc, one.time, one.quaternion, one.good, white, CHOICE)
     return one, fit, white, truth
 
 
@@ -70,7 +70,7 @@ def test_the_fit_returns_the_truth_within_its_covariance(window, lost):
     for _ in range(20):
         true = replace(early, scale_b=1 + CHOICE.scale_sigma * rng.standard_normal(3))
         quaternion = drawn(one, true, rng, good)
-        again = attitude_fit.fit_attitude(one.arc, one.time, quaternion, good, white, CHOICE)
+        again = attitude.fit_attitude(one.arc, one.time, quaternion, good, white, CHOICE)
         found = again.solution
         turned = frames.quaternion_product(frames.conjugate(true.state.quaternion), found.state.quaternion)
         error = np.concatenate([frames.rotation_vector(turned), unknowns(found) - unknowns(true)])
@@ -183,7 +183,7 @@ def test_delays_from_brackets_cover_the_truth():
         edge, delay, sigma = rng.uniform(0, 0.5, 7), rng.uniform(-0.4, 0.4), 0.03
         middle, lower, upper = 0.25, np.zeros(7) - 0.25, np.zeros(7) + 0.25
         shift = edge - middle + delay + sigma * rng.standard_normal(7)
-        value, error = timing_fit.delay_from_brackets(shift, np.full(7, sigma), lower, upper)
+        value, error = attitude.delay_from_brackets(shift, np.full(7, sigma), lower, upper)
         found.append((value - delay) / error)
     kurtosis = stats.kurtosis(found, fisher=False)
     assert np.mean(np.square(found)) == pytest.approx(1.0, abs=4.5 * np.sqrt((kurtosis - 1) / 200))
@@ -192,8 +192,6 @@ def test_delays_from_brackets_cover_the_truth():
 
 def test_one_bracket_alone_says_half_a_step():
     """Analytic: uniform over the bracket, mean in its middle, width over the square root of twelve."""
-    value, sigma = timing_fit.delay_from_brackets(
-        np.array([0.3]), np.array([1e-3]), np.array([-0.25]), np.array([0.25])
-    )
+    value, sigma = attitude.delay_from_brackets(np.array([0.3]), np.array([1e-3]), np.array([-0.25]), np.array([0.25]))
     assert value == pytest.approx(0.3, abs=1e-3)
     assert sigma == pytest.approx(0.5 / np.sqrt(12), rel=0.01)

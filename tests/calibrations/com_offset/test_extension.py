@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import extension
-from gravcal.calibrations.com_offset.windows import _star_camera
+from gravcal.calibrations.com_offset.motion import _star_camera
 
 
 def field_written_twice(count=6):

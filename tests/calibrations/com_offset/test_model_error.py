@@ -11,8 +11,8 @@ from flows import com_offset as flow
 from flows import discover, engine, models
 from gravcal import catalog
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.combine import with_model_error
 from gravcal.calibrations.com_offset.schemas import COMBINE
+from gravcal.calibrations.com_offset.solve import with_model_error
 from gravcal.errors import CatalogError
 
 SIGMA = np.array([2e-6, 0.5e-6, 0.7e-6])

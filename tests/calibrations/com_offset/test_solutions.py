@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.com_offset.combine import _joint, combine
 from gravcal.calibrations.com_offset.equations import columns
+from gravcal.calibrations.com_offset.solve import _joint, combine
 from gravcal.estimation import least_squares
 from gravcal.simulation.sensors import table_density
 

@@ -5,8 +5,7 @@ import pytest
 import seeds
 import xarray as xr
 
-from gravcal.calibrations.com_offset.detect import detect
-from gravcal.calibrations.com_offset.waves import find_waves, plateaus, regular_edges
+from gravcal.calibrations.com_offset.detect import detect, find_waves, plateaus, regular_edges
 
 STEP_MA = 0.0537369  # of the telemetry
 SETTINGS = {

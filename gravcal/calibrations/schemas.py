@@ -1,0 +1,47 @@
+"""What products hold: how a variable is described, and the aligned product of the calibrations with torquers."""
+
+
+def column(dims: str, units: str = "", long_name: str = "", **more: object) -> dict[str, object]:
+    """Variable of a product schema.
+
+    Parameters
+    ----------
+    dims : names of its dimensions, divided by blanks
+    units, long_name : attributes, left out if empty
+    more : frame, dtype ("f8" by default), optional
+    """
+    named = {"units": units, "long_name": long_name} | more
+    return {"dims": dims} | {name: value for name, value in named.items() if value != ""}
+
+
+ALIGN = {
+    "time_acc": column("time_acc"),
+    "time_sca": column("time_sca"),
+    "time_mag": column("time_mag"),
+    "time_orbit": column("time_orbit"),
+    "linear_b": column("time_acc axis", "m s-2", "linear acceleration as read", frame="b"),
+    "angular_b": column("time_acc axis", "rad s-2", "angular acceleration as read", frame="b"),
+    "acc_flag": column("time_acc", "1", "0 usable, 1 not", dtype="u1"),
+    "quaternion": column("time_sca q", "1", "scalar first"),
+    "sca_flag": column("time_sca", "1", "0 usable, 1 not", dtype="u1"),
+    "field_measured_b": column("time_mag axis", "T", "magnetometer", frame="b"),
+    "current_b": column("time_mag axis", "mA", "torquer current", frame="b"),
+    "mag_flag": column("time_mag", "1", "0 usable, 1 not", dtype="u1"),
+    "window_start": column("window", "s", "begin of a window"),
+    "window_stop": column("window", "s", "end of a window"),
+    "gap": column(
+        "window", "1", "longer than the limit inside the manoeuvre: 1 orbit, 2 star camera; not used", dtype="u1"
+    ),
+    "position_i": column("time_orbit axis", "m", "position of the centre of mass", frame="i"),
+    "velocity_i": column("time_orbit axis", "m s-1", "velocity of the centre of mass", frame="i"),
+    "position_e": column("time_orbit axis", "m", "position of the centre of mass", frame="e"),
+    "orbit_flag": column("time_orbit", "1", "0 usable, 1 not", dtype="u1"),
+    "start": column("manoeuvre", "s", "first edge, middle of its interval"),
+    "stop": column("manoeuvre", "s", "last edge, middle of its interval"),
+    "kind": column("manoeuvre", "1", "axis of the torque: 0 roll, 1 pitch, 2 yaw", dtype="i1"),
+    "rod": column("manoeuvre", "1", "torquer with the wave: 0 x, 1 y, 2 z", dtype="i1"),
+    "edge_lower": column("manoeuvre edge", "s", "last telemetry sample before an edge"),
+    "edge_upper": column("manoeuvre edge", "s", "first telemetry sample after an edge"),
+    "level": column("manoeuvre half_period", "mA", "mean current of each half period"),
+    "regular": column("manoeuvre", "1", "edges are whole half periods apart", dtype="i1"),
+}
