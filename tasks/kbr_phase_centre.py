@@ -14,7 +14,7 @@ noise_science = lazy("gravcal.calibrations.kbr_phase_centre.noise")
 solve_science = lazy("gravcal.calibrations.kbr_phase_centre.solve")
 checks_science = lazy("gravcal.calibrations.kbr_phase_centre.checks")
 combine_science = lazy("gravcal.calibrations.kbr_phase_centre.combine")
-report_science = lazy("gravcal.report.kbr_phase_centre_delivery")
+report_science = lazy("gravcal.calibrations.kbr_phase_centre.page")
 
 KINDS = {
     "kbr_phase_centre.align": schemas.ALIGN,

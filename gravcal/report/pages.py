@@ -176,7 +176,7 @@ def _source(document, reads, digests):
 
 def true_units(text: str) -> str:
     """Text of the terminal with the signs that a page can show."""
-    signs = {"+-": "±", " um": " µm", " -": " −", "m/s2": "m/s²", "m s-2": "m s⁻²"}
+    signs = {"+-": "±", " um": " µm", " urad": " µrad", " -": " −", "m/s2": "m/s²", "m s-2": "m s⁻²"}
     for plain, sign in signs.items():
         text = text.replace(plain, sign)
     return text

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from flows import engine, kbr_phase_centre
 from gravcal import catalog
+from gravcal.calibrations.kbr_phase_centre.document import vector_files
 from gravcal.errors import NoDataError, ProductError
 from gravcal.io import vcm
-from gravcal.report.kbr_phase_centre import vector_files
 from gravcal.store import memory
 from gravcal.store.schemas import validate
 from tasks.stage import read
