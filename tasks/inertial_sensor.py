@@ -13,7 +13,7 @@ scales = lazy("gravcal.calibrations.inertial_sensor.scale")
 offsets = lazy("gravcal.calibrations.inertial_sensor.offset")
 biases = lazy("gravcal.calibrations.inertial_sensor.bias")
 checks_science = lazy("gravcal.calibrations.inertial_sensor.checks")
-report_science = lazy("gravcal.report.inertial_sensor")
+page = lazy("gravcal.calibrations.inertial_sensor.page")
 
 KINDS = {
     "inertial_sensor.detect": schemas.DETECT,
@@ -96,4 +96,4 @@ def checks(detected, *observed, **settings):
 @stage(reads=["inertial_sensor.*"], writes="inertial_sensor.report", version=2)
 def report(*products, event, names, settings, published):
     """Result document and page."""
-    return report_science.report(*products, event=event, names=names, settings=settings, published=published)
+    return page.report(*products, event=event, names=names, settings=settings, published=published)

@@ -10,10 +10,8 @@ from independent import worlds
 
 from flows import engine, inertial_sensor
 from gravcal import catalog
-from gravcal.calibrations.inertial_sensor import bias, bins
+from gravcal.calibrations.inertial_sensor import bias, bins, page
 from gravcal.errors import GravcalError
-from gravcal.report import inertial_sensor as report
-from gravcal.report import inertial_sensor_page
 from gravcal.store.schemas import validate
 
 SHORT = {"roll_s": 10500.0, "roll_disturbed_share": 0.0}
@@ -39,7 +37,7 @@ def both(tmp_path_factory):
 def copied(both, tmp_path, monkeypatch):
     """Copy of the folder, with a store of its own; the page is left out."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
-    monkeypatch.setattr(inertial_sensor_page, "page", lambda *_: "")
+    monkeypatch.setattr(page, "page", lambda *_, **__: "")
     return shutil.copytree(both, tmp_path / "files")
 
 
@@ -167,8 +165,8 @@ def test_the_adopted_offset_has_the_smallest_total_error(tmp_path, monkeypatch):
     settings = SHORT | {"k_y": 3e-4, "offset_um": [-140.0, 627.75, -2500.0]}
     truth = inertial_sensor.simulate(tmp_path / "files", seed=2, truth=None, effects={}, settings=settings)
     swing = (document := run(tmp_path / "files"))["swing"]
-    total = {name: np.linalg.norm(swing[name]["sigma_total"]) for name in report.OFFSETS}
-    error = {name: np.abs(np.array(swing[name]["value"]) - truth["com_to_test_mass_um"])[2] for name in report.OFFSETS}
+    total = {name: np.linalg.norm(swing[name]["sigma_total"]) for name in page.OFFSETS}
+    error = {name: np.abs(np.array(swing[name]["value"]) - truth["com_to_test_mass_um"])[2] for name in page.OFFSETS}
     assert swing["adopted"]["solution"] == min(total, key=total.get) == "com_to_test_mass_without_y_um"
     assert error["com_to_test_mass_without_y_um"] < error["com_to_test_mass_um"] / 3
     assert {k: swing["adopted"][k] for k in ("value", "sigma", "sigma_total")} == swing[swing["adopted"]["solution"]]
@@ -181,12 +179,12 @@ def test_the_adopted_offset_has_the_smallest_total_error(tmp_path, monkeypatch):
 def test_requirements_are_judged_on_the_total_error():
     """Analytic: noise far below the claim, total above it: not met."""
     k = {"value": 5e-4, "sigma": 1e-6, "sigma_total": 2e-5}
-    offset = {"solution": report.OFFSETS[0], "value": [-100.0, 600.0, -900.0], "sigma": [9.0, 6.0, 6.0],
+    offset = {"solution": page.OFFSETS[0], "value": [-100.0, 600.0, -900.0], "sigma": [9.0, 6.0, 6.0],
               "sigma_total": [9.0, 30.0, 86.0]}  # fmt: skip
     bias_x = {"value": [-2.6e-4, None, 3e-6], "sigma": [9e-10, None, 1e-9], "sigma_total": [8.6e-6, None, 1e-7]}
     roll = {"bias": bias_x, "segments": 9, "segments_found": 9}
     found = {"status": "delivered", "swing": {"k": {"x": k, "y": None, "z": k}, "adopted": offset}, "roll": roll}
-    text = report.verdict(found)
+    text = page.verdict(found)
     assert "b_x -2.60000e-04 +- 9e-06" in text
     assert "-900 +- 86 um" in text
     claims = "k 4 % (not met, 1 %), offset in y and z 9.6 % (not met, 3 %), bias 3.3 % (not met, 0.1 %)"
@@ -219,6 +217,6 @@ def test_the_noise_of_z_is_that_of_white_noise_of_known_density(segments):
         }
         limits = bias.Limits(step_s=10.0, segment_s=2500.0, uniformity=1.0, share=0.0)
         found = bias.spectra(record, SimpleNamespace(used=np.ones(segments, dtype=bool)), sensor, k, limits)
-        power.append(report.z_noise(SimpleNamespace(**{n: SimpleNamespace(values=v) for n, v in found.items()})))
+        power.append(page.z_noise(**found))
     for name in ("before_m_s2_rthz", "after_m_s2_rthz"):
         assert np.sqrt(np.mean([one[name] ** 2 for one in power])) == pytest.approx(density, rel=0.02)
