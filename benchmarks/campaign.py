@@ -150,7 +150,7 @@ def _day(files, seed, number, settings):
 
     date = datetime.date(2020, 3, 1) + datetime.timedelta(days=number)
     settings = {"date": date.isoformat()} | settings
-    com_offset.simulate(files, seed=seed + number, truth=None, effects={}, settings=settings)
+    com_offset.CALIBRATION.simulate(files, seed=seed + number, truth=None, effects={}, settings=settings)
 
 
 def _spent(command, environment):

@@ -156,7 +156,7 @@ def _products(folder):
     from tasks.stage import read
 
     memory.clear()
-    source, chosen = com_offset.source(data=folder), catalog.parameters("com_offset")
+    source, chosen = com_offset.CALIBRATION.source(data=folder), catalog.parameters("com_offset")
     return (
         [read(ref) for ref in com_offset.baseline(source, chosen)],
         com_offset.scene_settings(source, chosen),
@@ -187,7 +187,7 @@ def _outcome(folder, case):
     truth = cases.written(folder / "final", case)
     _products(folder / "final")
     begun = time.process_time()
-    source, chosen = com_offset.source(data=folder / "final"), catalog.parameters("com_offset")
+    source, chosen = com_offset.CALIBRATION.source(data=folder / "final"), catalog.parameters("com_offset")
     numbers = json.loads(read(flow.searched(source, chosen)[1]).attrs["numbers"])
     spent = time.process_time() - begun
     change = numbers["calibration_change"]

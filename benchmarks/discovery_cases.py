@@ -149,7 +149,7 @@ def written(folder: Path, case: Case) -> dict:
         return {"offset_um": list(truth["offset_um"]), "date": truth["date"], "manoeuvres": truth["manoeuvres"]}
     from flows import com_offset
 
-    return com_offset.simulate(folder, seed=case.seed, truth=None, effects=case.effects, settings={})
+    return com_offset.CALIBRATION.simulate(folder, seed=case.seed, truth=None, effects=case.effects, settings={})
 
 
 def _second_simulator():

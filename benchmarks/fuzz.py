@@ -25,6 +25,7 @@ import h5py
 import numpy as np
 
 from benchmarks.tables import say
+from flows import calibration as calibrations
 
 MEMORY, SECONDS, LARGEST = 1e9, 60, 4.0  # bytes above a clean run, of processor time, total sigma
 WALL = 600  # s, after which a case that waits is ended
@@ -439,7 +440,7 @@ def study(calibration: str, runs: int, seed: int, first: int = 0, workers: int =
         base.mkdir()
 
         def prepare():
-            flow = importlib.import_module(f"flows.{calibration}")
+            flow = calibrations.load(calibration)
             flow.simulate(data, seed=1, truth=truth_file, effects={}, settings=settings)
             return _gravcal(main, base, [calibration, "--data", data, *options])
 

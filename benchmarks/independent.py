@@ -60,6 +60,6 @@ def calibrated(folder: Path, settings: dict) -> dict:
 
     memory.clear()
     chosen = catalog.parameters("com_offset").with_settings(settings)
-    ref = engine.run(com_offset.calibrate, com_offset.source(data=folder), chosen, engine="inline")
+    ref = engine.run(com_offset.calibrate, com_offset.CALIBRATION.source(data=folder), chosen, engine="inline")
     keys = common.product_keys(ref)
     return {name: stage.read(store.find(keys[name])) for name in ("com_offset.combine", "com_offset.attitude")}

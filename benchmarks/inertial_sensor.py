@@ -162,7 +162,9 @@ def study_long(folder):
 
     folder = Path(folder)
     if not any(folder.glob("IS1*")):
-        flow.simulate(folder, seed=1, truth=None, effects={}, settings={"manoeuvre": "roll", "roll_s": "1.6e6"})
+        flow.CALIBRATION.simulate(
+            folder, seed=1, truth=None, effects={}, settings={"manoeuvre": "roll", "roll_s": "1.6e6"}
+        )
         print("files written; run again to measure the processing alone")
         return
     process(folder)

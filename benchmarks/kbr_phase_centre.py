@@ -39,7 +39,7 @@ from flows import kbr_phase_centre as flow
 from gravcal import catalog
 from tasks import common
 chosen = catalog.parameters("kbr_phase_centre")
-source = flow.source(data=sys.argv[1])
+source = flow.CALIBRATION.source(data=sys.argv[1])
 for file in flow.level_one_files(source, chosen.ranging):
     common.ingest(file, event=source.event)
 """
@@ -143,7 +143,7 @@ def study_files(runs=5):
 
     with tempfile.TemporaryDirectory() as folder:
         data = str(Path(folder) / "in")
-        flow.simulate(data, seed=1, truth=None, effects={}, settings={"phase_step_s": 1.0})
+        flow.CALIBRATION.simulate(data, seed=1, truth=None, effects={}, settings={"phase_step_s": 1.0})
         whole = ["-m", "flows.cli", "run", "kbr_phase_centre", "--data", data, "--engine", "inline"]
         tasks = {"whole process": whole, "process that only reads": ["-c", READING, data]}
         spent = {name: [_spent(task, folder, k) for k in range(runs + 1)][1:] for name, task in tasks.items()}

@@ -3,9 +3,7 @@
 import sys
 from pathlib import Path
 
-import flows
-
-flows.__path__.append(str(Path(__file__).parent / "small_flow"))
+sys.path.insert(0, str(Path(__file__).parent / "small_flow"))
 
 if __name__ == "__main__":
     sys.argv[0] = "gravcal"

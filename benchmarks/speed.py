@@ -131,7 +131,7 @@ def simulate(options) -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
 
         def written():
-            com_offset.simulate(folder, seed=options.seed, truth=None, effects={}, settings={})
+            com_offset.CALIBRATION.simulate(folder, seed=options.seed, truth=None, effects={}, settings={})
 
         work = {"alone": lambda: events.simulated(options.seed, {}), "written": written}
         spent = watch.interleaved(work, options.rounds)

@@ -38,10 +38,10 @@ def _timed(engine, com_offset, chosen, folder):
         seen.append((name, time.perf_counter(), time.process_time()))
 
     note("")
-    engine.plan(com_offset.calibrate, com_offset.source(data=folder), chosen)
+    engine.plan(com_offset.calibrate, com_offset.CALIBRATION.source(data=folder), chosen)
     note("plan")
     with engine.stage.using(engine.stage.inline, lambda call, _state, _ref: note(call.unmade.stage)):
-        com_offset.calibrate(com_offset.source(data=folder), chosen)
+        com_offset.calibrate(com_offset.CALIBRATION.source(data=folder), chosen)
     return [[b[0], b[1] - a[1], b[2] - a[2]] for a, b in itertools.pairwise(seen)]
 
 

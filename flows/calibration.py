@@ -8,13 +8,19 @@ docs/adding_a_calibration.md.
 from __future__ import annotations
 
 import functools
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from tasks import common
+from tasks.stage import read
+
 GROUP = "gravcal.calibrations"
+EPOCH = datetime(2000, 1, 1, 12)  # of GPS seconds
 
 
 @dataclass(frozen=True)
@@ -50,23 +56,29 @@ class Calibration:
     satellites : letters, or pairs of letters, that an event may be of
     inputs : {role: Level-1 products, most wanted first}
     flow : (source, chosen) -> ProductRef of the report
-    detect : (source, chosen) -> ProductRef of the manoeuvres found, None if it uses the whole record
-    detected : ProductRef of `detect` -> document with the manoeuvres
-    source : (event=, data=, satellite=, date=) -> Source of an event of the catalogue or of a folder
-    days : folder -> [(folder, satellite, date)] of the events below it
-    level_one_files : source -> Level-1 files of the event
-    document : ProductRef of the report -> result document
-    simulate : (out, seed=, truth=, effects=, settings=) -> truth; writes the Level-1 files of an invented event
     products : {kind: schema}
     result : document -> values that series, time lines, comparisons and campaigns show
+    simulation : (out, chosen, day, seed, effects, truth) -> truth, a dict with "satellite"; writes the Level-1 files of
+        an invented event of the day that begins at ``day``, GPS seconds; ``truth`` is the file for it, or None
+    detect : (source, chosen) -> ProductRef of the manoeuvres found, None if it uses the whole record
+    manoeuvres : Dataset of `detect` -> list of {"kind", "start", "stop"}
+    document : ProductRef of the report -> result document
+    table : (document, truth or None) -> heads, rows and remarks on a terminal; None: the values
+    files : module with ``inventory(folder)``, the Level-1 files of a folder
+    mission : first word of the names of its events
+    pairs : {letter of the files of a pair: letters of the pair}
+    span_days : an event without date has all days of its folder if they span less
+    source : (event=, data=, satellite=, date=) -> Source; None: by ``begins``
+    days : folder -> [(folder, satellite, date)] of the events below it; None: by ``begins``
+    level_one_files : source -> Level-1 files of the event; None: one for each of ``inputs``
     page : module that declares the page of the report
     printed : {section of the published values: function of a record -> rows of the time line}
     levels : {panel: published scalar, m s-2, drawn as a line: the printed order of magnitude}
     trims : True if a time line shows the mass trims of its satellite
     band : limit that a time line draws about zero, or None
     design : name of the design of an event found in data, None if it has none
-    schema : JSON Schema of the result document, by default the one of the package with this name
-    catalogue : folder with settings, published values and events of its own, None if they ship with gravcal
+    schema : JSON Schema of the result document, None if it ships with gravcal under the name
+    catalogue : folder with settings, published values and events, None if they ship with gravcal
     discovery : Discovery, or None
     """
 
@@ -77,15 +89,20 @@ class Calibration:
     satellites: tuple[str, ...]
     inputs: Mapping[str, tuple[str, ...]]
     flow: Callable
-    source: Callable
-    days: Callable
-    level_one_files: Callable
-    document: Callable
-    simulate: Callable
     products: Mapping[str, Mapping]
     result: Callable[[Mapping], Iterable]
+    simulation: Callable
     detect: Callable | None = None
-    detected: Callable | None = None
+    manoeuvres: Callable | None = None
+    document: Callable = common.document
+    table: Callable | None = None
+    files: Any = common.archive
+    mission: str = "grace"
+    pairs: Mapping[str, str] = field(default_factory=dict)
+    span_days: int = 1
+    source: Callable | None = None
+    days: Callable | None = None
+    level_one_files: Callable | None = None
     page: Any = None
     printed: Mapping[str, Callable] = field(default_factory=dict)
     levels: Mapping[str, str] = field(default_factory=dict)
@@ -95,6 +112,75 @@ class Calibration:
     schema: Path | None = None
     catalogue: Path | None = None
     discovery: Discovery | None = None
+
+    def __post_init__(self):
+        """Where nothing else is said, sources and files are found in the common way."""
+        ways = {"source": _source, "days": _days, "level_one_files": _level_one_files}
+        for name, common_way in ways.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, functools.partial(common_way, self))
+
+    def simulate(self, out, *, seed, truth=None, effects=None, settings=None) -> dict:
+        """Write the Level-1 files of an invented event; returns its truth, written to ``truth`` if that is given.
+
+        Parameters
+        ----------
+        out : folder
+        seed : source of everything random
+        truth : file for the truth, or None
+        effects : {"slug.parameter": value}
+        settings : {parameter of the simulation: text or value}
+        """
+        from gravcal import catalog
+        from gravcal.simulation.injection import by_slug
+        from gravcal.store import origin
+
+        origin.check_own(out)
+        chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})
+        day = (datetime.fromisoformat(chosen.date) - EPOCH).total_seconds()
+        Path(out).mkdir(parents=True, exist_ok=True)
+        if truth is not None:
+            Path(truth).parent.mkdir(parents=True, exist_ok=True)
+        invented = self.simulation(Path(out), chosen, day, seed, by_slug(effects or {}), truth) | {"date": chosen.date}
+        if truth is not None:
+            Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
+        return invented
+
+    def detected(self, ref) -> dict:
+        """Document with the manoeuvres of a product of `detect`."""
+        found = read(ref)
+        return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": list(self.manoeuvres(found))}
+
+
+def _source(calibration, *, event=None, data=None, satellite=None, date=None):
+    """Source of an event of the catalogue or of a folder; one satellite stands for its pair."""
+    own = (letter for letter, pair in calibration.pairs.items() if satellite and satellite in pair)
+    return common.source_of(
+        calibration.name,
+        calibration.begins,
+        event=event,
+        data=data,
+        satellite=next(own, satellite),
+        date=date,
+        files=calibration.files,
+        mission=calibration.mission,
+        pairs=calibration.pairs,
+        span_days=calibration.span_days,
+    )
+
+
+def _days(calibration, data):
+    """Folders, satellites and dates of the events below a folder; days that a run would join are one, without date."""
+    found = {}
+    for folder, letter, date in common.days_of(calibration.begins, data, calibration.files):
+        found.setdefault((folder, calibration.pairs.get(letter, letter)), set()).add(date)
+    joined = {place for place, dates in found.items() if common.are_joined(dates, calibration.span_days)}
+    return [(*place, day) for place in found for day in ([None] if place in joined else sorted(found[place]))]
+
+
+def _level_one_files(calibration, source):
+    """Level-1 files of a source, one for each role."""
+    return [file for names in calibration.inputs.values() for file in source.files(*names) or [source.file(*names)]]
 
 
 def known() -> tuple[str, ...]:
@@ -111,16 +197,15 @@ def load(name: str) -> Calibration:
     KeyError : no calibration of this name is installed
     TypeError : the entry point of this name is no Calibration, or one of another name
     """
+    from gravcal.catalog import files
+    from gravcal.store import schemas
+
     found = _entry_points()[name].load()
     if not isinstance(found, Calibration) or found.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {found!r:.80}, expected the Calibration {name!r}")
     if found.catalogue:
-        from gravcal.catalog import files
-
         files.add_root(found.catalogue)
     if found.schema:
-        from gravcal.store import schemas
-
         schemas.add(name, found.schema)
     return found
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
-from datetime import datetime
-from pathlib import Path
 
 from flows import models
 from flows.calibration import Calibration, Discovery
@@ -14,9 +11,11 @@ from gravcal import catalog
 from gravcal.browse import printed
 from gravcal.store import results
 from tasks import com_offset, common, discovery
-from tasks.stage import read
+from tasks.stage import lazy
 
-document = common.document  # of a report product
+simulator = lazy("gravcal.simulation.com_offset")
+writers = lazy("gravcal.io.writers")
+
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 TORQUERS = ("inertia", "dipole_per_current")
 TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
@@ -29,8 +28,6 @@ PRODUCTS = {
     "tim": ("TIM1B",),
     "clk": ("CLK1B",),
 }
-#: What an event begins with, and the satellites it may be of.
-BEGINS, SATELLITES = PRODUCTS["acc"], ("C", "D")
 ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 
 
@@ -157,59 +154,20 @@ def detect(source, chosen):
     return com_offset.detect(magnetometer, **chosen.for_stage("detect"))
 
 
-def source(*, event=None, data=None, satellite=None, date=None):
-    """Source of a catalogue event or of a folder."""
-    return common.source_of("com_offset", BEGINS, event=event, data=data, satellite=satellite, date=date)
-
-
-def days(data):
-    """Folders, satellites and dates of the events below a folder."""
-    return common.days_of(BEGINS, data)
-
-
-def level_one_files(source):
-    """Level-1 files of an event."""
-    return [file for names in PRODUCTS.values() for file in source.files(*names) or [source.file(*names)]]
-
-
-def detected(ref):
-    """Document with the manoeuvres of a detect product."""
-    found = read(ref)
-    kinds = ("roll", "pitch", "yaw")
+def manoeuvres(found):
+    """Manoeuvres of a detect product."""
     columns = (found[name].values for name in ("kind", "start", "stop"))
-    rows = [{"kind": kinds[int(k)], "start": float(a), "stop": float(b)} for k, a, b in zip(*columns, strict=True)]
-    return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": rows}
+    for kind, start, stop in zip(*columns, strict=True):
+        yield {"kind": ("roll", "pitch", "yaw")[int(kind)], "start": float(start), "stop": float(stop)}
 
 
-def simulate(out, *, seed, truth, effects, settings):
-    """Write the Level-1 files of an invented day; returns its truth, written to `truth` if that is given.
-
-    Parameters
-    ----------
-    out : folder
-    seed : source of everything random
-    truth : file for the truth, or None
-    effects : {"slug.parameter": value}
-    settings : {parameter of the simulation: text or value}
-    """
-    from gravcal.io import writers
-    from gravcal.simulation import com_offset as simulation
-    from gravcal.simulation.injection import by_slug
-    from gravcal.store import origin
-
-    origin.check_own(out)
-    chosen = catalog.parameters("simulate_com_offset").with_settings(settings or {})
+def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
+    """Truth of an invented day; its Level-1 files are written."""
     satellite = catalog.satellite(chosen.satellite).settings()
-    day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()
-    columns, invented = simulation.simulate(satellite, chosen, day, seed, by_slug(effects or {}))
-    Path(out).mkdir(parents=True, exist_ok=True)
+    columns, invented = simulator.simulate(satellite, chosen, day, seed, effects)
     for product, values in columns.items():
-        writers.write(values, Path(out) / writers.file_name(product, chosen.date, chosen.satellite))
-    invented |= {"satellite": chosen.satellite, "date": chosen.date}
-    if truth is not None:
-        Path(truth).parent.mkdir(parents=True, exist_ok=True)
-        Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
-    return invented
+        writers.write(values, out / writers.file_name(product, chosen.date, chosen.satellite))
+    return invented | {"satellite": chosen.satellite}
 
 
 def values(document):
@@ -222,17 +180,13 @@ CALIBRATION = Calibration(
     name="com_offset",
     title="Centre-of-mass offset",
     quantity="Proof mass to centre of mass, in the SRF",
-    begins=BEGINS,
-    satellites=SATELLITES,
+    begins=PRODUCTS["acc"],
+    satellites=("C", "D"),
     inputs=PRODUCTS,
     flow=calibrate,
     detect=detect,
-    detected=detected,
-    source=source,
-    days=days,
-    level_one_files=level_one_files,
-    document=document,
-    simulate=simulate,
+    manoeuvres=manoeuvres,
+    simulation=simulation,
     products=com_offset.KINDS,
     result=values,
     printed={"history": printed.vector("µm")},

@@ -98,13 +98,13 @@ def check_folder(calibration, data):
 
     The message names the products that there are, and the calibrations that read them.
     """
-    from gravcal.io import archive, inertial_files, sgrs_files
-
-    files = [file for kind in (archive, inertial_files, sgrs_files) for file in kind.inventory(data)]
-    found, wanted = sorted({file.product for file in files}), record(calibration).begins
+    installed = load_all()
+    inventories = {id(one.files): one.files for one in installed.values()}.values()
+    found = sorted({file.product for kind in inventories for file in kind.inventory(data)})
+    wanted = installed[calibration].begins
     if set(found) & set(wanted):
         return
-    others = [name for name in known() if set(found) & set(record(name).begins)]
+    others = [name for name, one in installed.items() if set(found) & set(one.begins)]
     reads = f" (files of {' and '.join(others)})" if others else ""
     remedy = f"Run {' or '.join(others)} on it, or give another --data." if others else "Check --data."
     raise (ProductError if found else NoDataError)(

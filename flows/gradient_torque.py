@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +14,13 @@ from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.store import results
 from tasks import common, discovery_gradient, gradient_torque
+from tasks.stage import lazy
+
+simulator = lazy("gravcal.simulation.gradient_torque")
+icgem = lazy("gravcal.io.icgem")
+sgrs_files = lazy("gravcal.io.sgrs_files")
 
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
-#: What an event begins with, and the satellites it may be of.
-BEGINS, SATELLITES = ("SGRS",), ("S",)
-ORIGIN = datetime(2000, 1, 1, 12)
 
 
 @flow(name="gradient_torque")
@@ -111,8 +111,6 @@ def _satellite():
 
 def _files(source, chosen):
     """SGRS file, gravity field, and truth if there is one."""
-    from gravcal.io import icgem, sgrs_files
-
     file = sgrs_files.find(source.folder, source.date)
     fields = sgrs_files.other_file(icgem.located(chosen.field), "GFC", source.date)
     truth = sgrs_files.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date) if chosen.truth else None
@@ -121,35 +119,14 @@ def _files(source, chosen):
 
 def _methods(file, chosen):
     """Methods that the file allows: two sensors need two, the printed one needs places without a zero."""
-    from gravcal.io import sgrs_files
-
     places = sgrs_files.sensor_positions(file)
     two = ["two_sensor"] if len(places) == 2 else []
     place = places[min(chosen.single_sensor, len(places)) - 1]
     return [*two, *(["one_sensor_published"] if np.abs(place).min() > 1e-9 else []), "one_sensor"]
 
 
-def source(*, event=None, data=None, satellite=None, date=None):
-    """Source of a folder with an SGRS file."""
-    if event is not None:
-        return common.source_of("gradient_torque", (), event=event)
-    from gravcal.io import sgrs_files
-
-    file = sgrs_files.find(data, date)
-    return common.Source(f"demo-s-{file.date}", satellite or "S", file.date, Path(data))
-
-
-def days(data):
-    """Folders, satellites and dates of the events below a folder."""
-    from gravcal.io import sgrs_files
-
-    return [(file.path.parent, "S", file.date) for file in sgrs_files.inventory(data)]
-
-
 def level_one_files(source):
     """The SGRS file of a day."""
-    from gravcal.io import sgrs_files
-
     return [sgrs_files.find(source.folder, source.date)]
 
 
@@ -162,36 +139,19 @@ def document(ref):
     return found
 
 
-def simulate(out, *, seed, truth, effects, settings):
-    """Write an invented day; returns its truth, written to `truth` and beside it, as netCDF, the series.
-
-    Parameters
-    ----------
-    out : folder
-    seed : source of everything random
-    truth : file for the truth, or None
-    effects : {"slug.parameter": value}
-    settings : {parameter of the simulation: text or value}
-    """
-    from gravcal.io import icgem, sgrs_files
-    from gravcal.simulation import gradient_torque as simulation
-    from gravcal.simulation.injection import by_slug
-    from gravcal.store import origin
-
-    origin.check_own(out)
-    chosen = catalog.parameters("simulate_gradient_torque").with_settings(settings)
+def simulation(out, chosen, day, seed, effects, truth):
+    """Numbers of the truth of an invented day; its file is written, and as netCDF beside the truth the true series."""
     field = icgem.read_field(icgem.located(chosen.field), chosen.field_degree)
-    day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
     flown = (catalog.satellite(chosen.satellite).settings(), chosen, field, day, seed)
-    columns, invented = simulation.simulate(*flown, by_slug(effects), _nongravitational(chosen, day))
-    sgrs_files.write(Path(out) / sgrs_files.file_name(chosen.date), columns)
+    columns, invented = simulator.simulate(*flown, effects, _nongravitational(chosen, day))
+    sgrs_files.write(out / sgrs_files.file_name(chosen.date), columns)
     numbers = {name: value for name, value in invented.items() if not isinstance(value, (np.ndarray, dict))}
-    numbers |= {"satellite": chosen.satellite, "date": chosen.date}
-    if truth is not None:
-        series = Path(truth).with_suffix(".nc")
-        sgrs_files.write(series, invented["clean"] | {"drag": invented["drag"]})
-        Path(truth).write_text(json.dumps(numbers | {"series": series.name}, indent=1) + "\n")
-    return numbers
+    numbers |= {"satellite": chosen.satellite}
+    if truth is None:
+        return numbers
+    series = Path(truth).with_suffix(".nc")
+    sgrs_files.write(series, invented["clean"] | {"drag": invented["drag"]})
+    return numbers | {"series": series.name}
 
 
 def _nongravitational(chosen, day):
@@ -229,15 +189,15 @@ CALIBRATION = Calibration(
     name="gradient_torque",
     title="Gradient and torque",
     quantity="Drag: sigma (rms) with one and with two sensors",
-    begins=BEGINS,
-    satellites=SATELLITES,
+    begins=("SGRS",),
+    satellites=("S",),
     inputs={"sensors": ("SGRS",)},
     flow=calibrate,
-    source=source,
-    days=days,
+    simulation=simulation,
+    files=sgrs_files,
+    mission="demo",
     level_one_files=level_one_files,
     document=document,
-    simulate=simulate,
     products=gradient_torque.KINDS,
     result=values,
     levels={

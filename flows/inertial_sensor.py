@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import functools
-import json
-from datetime import datetime, timedelta
-from pathlib import Path
+from datetime import timedelta
 
 from flows import models
-from flows.calibration import Calibration, Discovery
+from flows.calibration import EPOCH, Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import common, discovery_swing, inertial_sensor
-from tasks.stage import numbers, read
+from tasks import discovery_swing, inertial_sensor
+from tasks.stage import lazy, numbers
 
-document = common.document  # of a report product
+simulator = lazy("gravcal.simulation.inertial_sensor")
+inertial_files = lazy("gravcal.io.inertial_files")
+
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
-#: What an event begins with, and the satellites it may be of.
-BEGINS, SATELLITES = ("IS1",), ("T",)
-ORIGIN = datetime(2000, 1, 1, 12)
 KNOWN = ("scale", "offset")  # products of a swing that a roll is solved with
 
 
@@ -151,14 +148,12 @@ def roll_settings(chosen):
 
 def _days(source):
     """Files of every day of the source."""
-    from gravcal.io import inertial_files
-
     return inertial_files.days(source.folder, source.date)
 
 
 def _files(days, start, stop, margin):
     """Files of the days that a span touches."""
-    first, last = ((ORIGIN + timedelta(seconds=t)).date().isoformat() for t in (start - margin, stop + margin))
+    first, last = ((EPOCH + timedelta(seconds=t)).date().isoformat() for t in (start - margin, stop + margin))
     return [one for date, files in days.items() if first <= date <= last for one in files.values()]
 
 
@@ -196,70 +191,25 @@ def _detected(days, source, chosen):
     return inertial_sensor.detect(*attitudes, event=source.event, variant="", **chosen.for_stage("detect"))
 
 
-def source(*, event=None, data=None, satellite=None, date=None):
-    """Source of a catalogue event, or of a folder: one day of it, or all its days."""
-    if event is not None:
-        return common.source_of("inertial_sensor", (), event=event)
-    from gravcal.io import inertial_files
-
-    days = inertial_files.days(data, date)
-    return common.Source(f"taiji-t-{date or min(days)}", satellite or "T", date, Path(data))
-
-
-def days(data):
-    """Folders and satellites of the events below a folder: all days of one folder are one event."""
-    from gravcal.io import inertial_files
-
-    folders = dict.fromkeys(file.path.parent for file in inertial_files.inventory(data))
-    return [(folder, "T", None) for folder in folders]
-
-
 def level_one_files(source):
     """Files of all days of a source."""
     return [one for files in _days(source).values() for one in files.values()]
 
 
-def detected(ref):
-    """Document with the manoeuvres of a detect product."""
-    found = read(ref)
-    rows = [
-        {"kind": kind, "start": float(a), "stop": float(b)}
-        for kind in ("swing", "roll")
-        for a, b in zip(found[f"{kind}_start"].values, found[f"{kind}_stop"].values, strict=True)
-    ]
-    return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": rows}
+def manoeuvres(found):
+    """Swings and rolls of a detect product."""
+    for kind in ("swing", "roll"):
+        for start, stop in zip(found[f"{kind}_start"].values, found[f"{kind}_stop"].values, strict=True):
+            yield {"kind": kind, "start": float(start), "stop": float(stop)}
 
 
-def simulate(out, *, seed, truth, effects, settings):
-    """Write the files of an invented event; returns its truth, written to `truth` if that is given.
-
-    Parameters
-    ----------
-    out : folder
-    seed : source of everything random
-    truth : file for the truth, or None
-    effects : {"slug.parameter": value}
-    settings : {parameter of the simulation: text or value}
-    """
-    from gravcal.io import inertial_files
-    from gravcal.simulation import inertial_sensor as simulation
-    from gravcal.simulation.injection import by_slug
-    from gravcal.store import origin
-
-    origin.check_own(out)
-    chosen = catalog.parameters("simulate_inertial_sensor").with_settings(settings)
-    day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
-    records, invented = simulation.simulate(
-        catalog.satellite("T").settings(), chosen, day, seed, by_slug(effects or {})
-    )
+def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
+    """Truth of an invented event; its files are written."""
+    records, invented = simulator.simulate(catalog.satellite("T").settings(), chosen, day, seed, effects)
     for record in records:
         for product, values in record.items():
             inertial_files.write(out, product, values)
-    invented |= {"satellite": "T", "date": chosen.date}
-    if truth is not None:
-        Path(truth).parent.mkdir(parents=True, exist_ok=True)
-        Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
-    return invented
+    return invented | {"satellite": "T"}
 
 
 def values(document):
@@ -297,17 +247,17 @@ CALIBRATION = Calibration(
     name="inertial_sensor",
     title="Inertial sensor",
     quantity="Offset, scale factors and bias of the inertial sensor",
-    begins=BEGINS,
-    satellites=SATELLITES,
+    begins=("IS1",),
+    satellites=("T",),
     inputs={"sensor": ("IS1",), "attitude": ("ATT",)},
     flow=calibrate,
     detect=detect,
-    detected=detected,
-    source=source,
-    days=days,
+    manoeuvres=manoeuvres,
+    simulation=simulation,
+    files=inertial_files,
+    mission="taiji",
+    span_days=100_000,  # all days of one folder are one event
     level_one_files=level_one_files,
-    document=document,
-    simulate=simulate,
     products=inertial_sensor.KINDS,
     result=values,
     printed={"com_offset": printed_offset, "scale_factors": printed_factor, "bias": printed_bias},

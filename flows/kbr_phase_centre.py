@@ -3,36 +3,30 @@
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import replace
-from datetime import date as calendar
-from datetime import datetime, timedelta
+from datetime import timedelta
 from itertools import product
-from pathlib import Path
 
 from flows import models
-from flows.calibration import Calibration, Discovery
+from flows.calibration import EPOCH, Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.browse import printed
 from gravcal.io import archive
 from gravcal.store import results
 from tasks import common, discovery_ranging, kbr_phase_centre
-from tasks.stage import read
+from tasks.stage import lazy
 
-document = common.document  # of a report product
-ORIGIN = datetime(2000, 1, 1, 12)
+simulator = lazy("gravcal.simulation.kbr_phase_centre")
+writers = lazy("gravcal.io.writers")
+
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
-#: Letters of a pair and of its common products, by any letter that may be given.
-PAIRS = {letter: pair for pair in ("AB", "CD") for letter in (*pair, pair)} | {"X": "AB", "Y": "CD"}
-COMMON = {"AB": "X", "CD": "Y"}
+#: Letters of a pair, by that of their common products.
+PAIRS = {"X": "AB", "Y": "CD"}
+COMMON = {pair: letter for letter, pair in PAIRS.items()}
 #: Level-1 products read, most wanted first.
 RANGING = ("KBR1B", "LRI1B")
-#: What an event begins with, and the satellites it may be of.
-BEGINS, SATELLITES = RANGING, tuple(PAIRS)
 ORBIT = ("GNI1B", "GNV1B")
-#: Days that the sub-manoeuvres of one campaign may be spread over.
-LONGEST = 31
 
 
 @flow(name="kbr_phase_centre")
@@ -161,7 +155,7 @@ def _days(source):
     if not source.date:
         return there
     spans = [second for _, one in _known(source.event) for second in (one.start, one.stop)]
-    days = {(ORIGIN + timedelta(seconds=second)).date().isoformat() for second in spans}
+    days = {(EPOCH + timedelta(seconds=second)).date().isoformat() for second in spans}
     return sorted({source.date} | days.intersection(there))
 
 
@@ -208,72 +202,21 @@ def _report_settings(source, chosen):
     return {"event": source.event, "settings": values, "published": printed} | _nominal_of(source)
 
 
-def source(*, event=None, data=None, satellite=None, date=None):
-    """Source of a catalogue event or of a folder, one day of it or all; one satellite stands for its pair."""
-    letter = COMMON[PAIRS[satellite]] if satellite in PAIRS else satellite
-    days = _dates(data, letter) if data is not None and date is None and Path(data).is_dir() else []
-    joined = len(days) > 1 and _span(days) < LONGEST
-    first = days[0] if joined else date
-    found = common.source_of("kbr_phase_centre", RANGING, event=event, data=data, satellite=letter, date=first)
-    pair = PAIRS.get(found.satellite, found.satellite)
-    name = found.event if event is not None else f"grace-{pair.lower()}-{found.date}"
-    return common.Source(name, pair, None if joined else found.date, found.folder)
-
-
-def days(data):
-    """Folders, pairs and dates of the events below a folder; days that a run would join are one event, without date."""
-    found = {}
-    for folder, letter, date in common.days_of(RANGING, data):
-        found.setdefault((folder, PAIRS[letter]), set()).add(date)
-    joined = {place for place, dates in found.items() if _span(dates) < LONGEST}
-    return [(*place, day) for place in found for day in ([None] if place in joined else sorted(found[place]))]
-
-
-def _span(dates):
-    """Days between the first and the last date."""
-    return (calendar.fromisoformat(max(dates)) - calendar.fromisoformat(min(dates))).days
-
-
-def detected(ref):
-    """Document with the wiggles of a pointing product."""
-    found = read(ref)
+def manoeuvres(found):
+    """Wiggles of a pointing product."""
     letters, axes = found.attrs["satellites"], ("pitch", "yaw")
     columns = [found[name].values for name in ("satellite_index", "axis_index", "sign", "start", "stop")]
-    rows = [
-        {"satellite": letters[k], "kind": ("", "+", "-")[s] + axes[a], "start": float(begin), "stop": float(end)}
-        for k, a, s, begin, end in zip(*columns, strict=True)
-    ]
-    return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": rows}
+    for number, axis, sign, start, stop in zip(*columns, strict=True):
+        kind = ("", "+", "-")[sign] + axes[axis]
+        yield {"satellite": letters[number], "kind": kind, "start": float(start), "stop": float(stop)}
 
 
-def simulate(out, *, seed, truth, effects, settings):
-    """Write the Level-1 files of an invented day; returns its truth, written to `truth` if that is given.
-
-    Parameters
-    ----------
-    out : folder
-    seed : source of everything random
-    truth : file for the truth, or None
-    effects : {"slug.parameter": value}
-    settings : {parameter of the simulation: text or value}
-    """
-    from gravcal.io import writers
-    from gravcal.simulation import kbr_phase_centre as simulation
-    from gravcal.simulation.injection import by_slug
-    from gravcal.store import origin
-
-    origin.check_own(out)
-    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings(settings)
-    day = (datetime.fromisoformat(chosen.date) - ORIGIN).total_seconds()
-    columns, invented = simulation.simulate(chosen.satellites, chosen, day, seed, by_slug(effects))
-    Path(out).mkdir(parents=True, exist_ok=True)
+def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
+    """Truth of an invented day of a pair; its Level-1 files are written."""
+    columns, invented = simulator.simulate(chosen.satellites, chosen, day, seed, effects)
     for (name, letter), values in columns.items():
-        writers.write(values, Path(out) / writers.file_name(name, chosen.date, letter))
-    invented |= {"satellite": chosen.satellites, "date": chosen.date}
-    if truth is not None:
-        Path(truth).parent.mkdir(parents=True, exist_ok=True)
-        Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
-    return invented
+        writers.write(values, out / writers.file_name(name, chosen.date, letter))
+    return invented | {"satellite": chosen.satellites}
 
 
 def values(document):
@@ -286,17 +229,16 @@ CALIBRATION = Calibration(
     name="kbr_phase_centre",
     title="KBR phase centre",
     quantity="Centre of mass to phase centre, in the SRF",
-    begins=BEGINS,
-    satellites=SATELLITES,
+    begins=RANGING,
+    satellites=("A", "B", "AB", "C", "D", "CD", *PAIRS),
     inputs={"ranging": RANGING, "orbit": ORBIT, "sca": ("SCA1B",)},
     flow=calibrate,
     detect=detect,
-    detected=detected,
-    source=source,
-    days=days,
+    manoeuvres=manoeuvres,
+    simulation=simulation,
+    pairs=PAIRS,
+    span_days=31,  # that the sub-manoeuvres of one campaign may be spread over
     level_one_files=level_one_files,
-    document=document,
-    simulate=simulate,
     products=kbr_phase_centre.KINDS,
     result=values,
     printed={"vkb1b": printed.vector("mm")},

@@ -29,7 +29,7 @@ def prepare(data, satellite, date, chosen) -> dict:
     from gravcal.io.readers import read
     from tasks import kbr_phase_centre as stages
 
-    source = kbr_phase_centre.source(data=data, satellite=satellite or "X", date=date)
+    source = kbr_phase_centre.CALIBRATION.source(data=data, satellite=satellite or "X", date=date)
     pair, settings = source.satellite, catalog.parameters("kbr_phase_centre")
     wanted = [("KBR1B", {"AB": "X", "CD": "Y"}[pair])] + [("GNV1B", x) for x in pair] + [("SCA1B", x) for x in pair]
     files = [source.file(product, satellite=letter) for product, letter in wanted]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from gravcal.errors import NoDataError, ProductError
 from gravcal.store import product, store
@@ -26,13 +28,13 @@ class Source:
     ----------
     event : name of the event
     satellite : letters, such as "C" or "CD"
-    date : YYYY-MM-DD
+    date : YYYY-MM-DD, None if the event has all days of the folder
     folder : holds the files, loose or in archives
     """
 
     event: str
     satellite: str
-    date: str
+    date: str | None
     folder: Path
 
     def file(self, *products: str, satellite: str | None = None):
@@ -72,7 +74,19 @@ def _belongs(file, source, letter):
     return str(file.date) == source.date and file.satellite in {letter, *source.satellite}
 
 
-def source_of(calibration: str, products, *, event=None, data=None, satellite=None, date=None) -> Source:
+def source_of(
+    calibration: str,
+    products,
+    *,
+    event=None,
+    data=None,
+    satellite=None,
+    date=None,
+    files=archive,
+    mission="grace",
+    pairs=MappingProxyType({}),
+    span_days=1,
+) -> Source:
     """Source of a catalogue event or of any folder of Level-1 files.
 
     Parameters
@@ -81,18 +95,24 @@ def source_of(calibration: str, products, *, event=None, data=None, satellite=No
     products : product that tells satellite and day of a folder
     event : name in the catalogue; its files are looked for in GRAVCAL_DATA
     data : folder; satellite, date : where it holds several
+    files : module with the inventory of a folder
+    mission : first word of the name of an event
+    pairs : {letter of the files of a pair: letters of the pair}
+    span_days : without a date all days of the folder are the event if they span less
     """
     if event is not None:
-        return _from_catalogue(calibration, event)
+        found = _from_catalogue(calibration, event, files)
+        return replace(found, satellite=next((p for p in pairs.values() if found.satellite in p), found.satellite))
     folder = Path(data)
     if not folder.is_dir():
         raise ProductError(
             f"{folder}: found no folder, expected one with Level-1 files. Check --data.", folder=str(folder)
         )
-    of_day = [f for f in archive.inventory(folder) if satellite in (None, f.satellite) and date in (None, f.date)]
+    inventory = files.inventory(folder)
+    of_day = [f for f in inventory if satellite in (None, f.satellite) and date in (None, f.date)]
     fitting = [f for f in of_day if f.product in products]
     if not fitting:
-        found = [f for f in archive.inventory(folder) if f.product in products]
+        found = [f for f in inventory if f.product in products]
         have = sorted({f"{f.product} of {f.satellite} on {f.date}" for f in found})
         have = [*have[:3], f"and {len(have) - 3} more"] if len(have) > 4 else have
         wanted = f"{' or '.join(products)}{f' of {satellite}' if satellite else ''}{f' on {date}' if date else ''}"
@@ -102,12 +122,20 @@ def source_of(calibration: str, products, *, event=None, data=None, satellite=No
             found=have,
         )
     satellite = satellite or _only(folder, sorted({f.satellite for f in fitting}), "satellite", "--satellite")
-    date = date or _only(folder, sorted({f.date for f in fitting if f.satellite == satellite}), "day", "--date")
-    mission = "grace" if satellite in "ABCD" else {"T": "taiji", "S": "demo"}.get(satellite, "event")
-    return Source(f"{mission}-{satellite.lower()}-{date}", satellite, date, folder)
+    dates = sorted({f.date for f in fitting if f.satellite == satellite})
+    joined = date is None and are_joined(dates, span_days)
+    first = dates[0] if joined else date or _only(folder, dates, "day", "--date")
+    letters = pairs.get(satellite, satellite)
+    return Source(f"{mission}-{letters.lower()}-{first}", letters, None if joined else first, folder)
 
 
-def days_of(products, data) -> list[tuple[Path, str, str]]:
+def are_joined(dates, span_days: int) -> bool:
+    """True if the days of a folder are one event."""
+    first, last = (datetime.date.fromisoformat(one) for one in (min(dates), max(dates)))
+    return span_days > 1 and (last - first).days < span_days
+
+
+def days_of(products, data, files=archive) -> list[tuple[Path, str, str]]:
     """Folders, satellites and dates of the days that a folder holds.
 
     A day is where its file is; if the other files of that day are elsewhere, as in a mirror with one tree for each
@@ -117,9 +145,10 @@ def days_of(products, data) -> list[tuple[Path, str, str]]:
     ----------
     products : names of the products that tell a day, such as ("ACC1A",)
     data : folder
+    files : module with the inventory of a folder
     """
     folders, there = {}, {}
-    for file in archive.inventory(data):
+    for file in files.inventory(data):
         there.setdefault((file.path.parent, file.date), set()).add(file.product)
         there.setdefault((None, file.date), set()).add(file.product)
         if file.product in products:
@@ -131,7 +160,7 @@ def days_of(products, data) -> list[tuple[Path, str, str]]:
     return sorted(found, key=lambda day: (day[2], str(day[0]), day[1]))
 
 
-def _from_catalogue(calibration, event):
+def _from_catalogue(calibration, event, files):
     """Source of an event of the catalogue; the folder is that of GRAVCAL_DATA, its own sub-folder first."""
     from gravcal import catalog
 
@@ -152,7 +181,7 @@ def _from_catalogue(calibration, event):
     folder = own if own.is_dir() else Path(root)
     if not folder.is_dir():
         raise ProductError(f"GRAVCAL_DATA = {root}: found no folder, expected one with Level-1 files. Set it anew.")
-    if not _at_hand(entry, folder):
+    if not _at_hand(entry, folder, files):
         raise NoDataError(
             f"event {event}: found no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}. "
             f"Put the files there (gravcal fetch), or give another folder with GRAVCAL_DATA."
@@ -160,11 +189,8 @@ def _from_catalogue(calibration, event):
     return Source(event, "".join(entry.letters), str(entry.date), folder)
 
 
-def _at_hand(entry, folder):
-    """Whether a folder holds any file of an event of the catalogue."""
-    from gravcal.io import inertial_files
-
-    files = inertial_files if entry.calibration == "inertial_sensor" else archive
+def _at_hand(entry, folder, files):
+    """True if a folder holds any file of an event of the catalogue."""
     found = files.inventory(folder)
     first, last = str(entry.date), str(entry.end_date or entry.date)
     return any(file.satellite in entry.letters and first <= str(file.date) <= last for file in found)

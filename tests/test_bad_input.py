@@ -47,7 +47,9 @@ def files(clean, tmp_path, monkeypatch):
 def result(folder):
     """Document of a folder, and the counts of records that the alignment marked, repeated, sorted."""
     chosen = catalog.parameters("com_offset")
-    document = flow.document(engine.run(flow.calibrate, flow.source(data=folder), chosen, engine="inline"))
+    document = flow.CALIBRATION.document(
+        engine.run(flow.calibrate, flow.CALIBRATION.source(data=folder), chosen, engine="inline")
+    )
     aligned = read(store.find(document["provenance"]["products"]["com_offset.align"]))
     return document, aligned.attrs
 

@@ -54,7 +54,7 @@ def clean(tmp_path_factory):
     for flow, settings in ((kbr_phase_centre, wiggles), (inertial_sensor, swing), (gradient_torque, short)):
         name = flow.__name__.rpartition(".")[2]
         folder = root / name
-        made[name] = folder, flow.simulate(folder, seed=6, truth=None, effects={}, settings=settings)
+        made[name] = folder, flow.CALIBRATION.simulate(folder, seed=6, truth=None, effects={}, settings=settings)
     return made
 
 

@@ -23,13 +23,13 @@ ORDER = "§2.4 Dimensions"  # the house puts vectors on the last axis; CF recomm
 
 def chains(folder):
     """Run a small invented event of every calibration into one store; files of the newest products by kind."""
-    from flows import discover, engine
+    from flows import calibration, discover, engine
 
     for name, settings in SMALL.items():
-        flow = importlib.import_module(f"flows.{name}")
+        flow = calibration.load(name)
         truth = flow.simulate(folder / name, seed=1, truth=None, effects={}, settings=settings)
         source = flow.source(event=None, data=folder / name, satellite=truth.get("satellite"), date=truth.get("date"))
-        engine.run(flow.calibrate, source, catalog.parameters(name), engine="inline")
+        engine.run(flow.flow, source, catalog.parameters(name), engine="inline")
         if name in discover.FLOWS:
             engine.run(discover.FLOWS[name], source, catalog.parameters(name), engine="inline")
     found = {}

@@ -30,8 +30,8 @@ def test_every_mutation_changes_the_file(tmp_path):
 
     made = tmp_path / "made"
     quick = {"manoeuvres": ",", "phase_step_s": 1.0}
-    kbr_phase_centre.simulate(made, seed=1, truth=None, effects={}, settings=quick)
-    inertial_sensor.simulate(made, seed=1, truth=None, effects={}, settings={"manoeuvre": "swing"})
+    kbr_phase_centre.CALIBRATION.simulate(made, seed=1, truth=None, effects={}, settings=quick)
+    inertial_sensor.CALIBRATION.simulate(made, seed=1, truth=None, effects={}, settings={"manoeuvre": "swing"})
     for number, kind in enumerate([*fuzz.IN_RECORDS, *fuzz.IN_BYTES]):
         for name in ("KBR1B_2020-09-10_Y_04.txt", "ORB_2022-05-18_T_01.nc"):
             rng = np.random.default_rng([1, number])

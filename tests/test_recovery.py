@@ -74,7 +74,9 @@ def test_measured_angular_accelerations_of_one_event_agree(study):
 def through_the_flow(folder, settings=None):
     """Document of a folder of Level-1 files."""
     chosen = catalog.parameters("com_offset").with_settings(settings or {})
-    return flow.document(engine.run(flow.calibrate, flow.source(data=folder), chosen, engine="inline"))
+    return flow.CALIBRATION.document(
+        engine.run(flow.calibrate, flow.CALIBRATION.source(data=folder), chosen, engine="inline")
+    )
 
 
 def check(document, truth, limit=5.0):

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from flows.calibration import Calibration
 from flows.engine import flow
 from gravcal.io import archive
 from gravcal.store import product
-from tasks.common import days_of
 from tasks.stage import read, stage
 
 VARIANTS = ("one", "two", "three")
@@ -64,12 +64,23 @@ def source(*, event=None, data=None, satellite=None, date=None):  # noqa: ARG001
     return Source(f"small-{date}", date, data)
 
 
-def days(data):
-    """Folders, satellites and dates of the events of a folder."""
-    return days_of(("MAG1B",), data)
-
-
 def document(ref):
     """Result document; reads the product as a report does."""
     found = json.loads((ref.folder / "result.json").read_text())
     return found | {"calibration": "small", "event": ref.event, "mean": float(read(ref)["value"].mean())}
+
+
+CALIBRATION = Calibration(
+    name="small",
+    title="Small",
+    quantity="Mean of a random walk",
+    begins=("MAG1B",),
+    satellites=("C",),
+    inputs={"walk": ("MAG1B",)},
+    flow=calibrate,
+    products={},
+    result=lambda _: (),
+    simulation=None,
+    source=source,
+    document=document,
+)

@@ -23,7 +23,9 @@ QUICK = {"field_degree": 12, "highest_degree": 4}
 def run(folder, **settings):
     """Result document."""
     chosen = catalog.parameters("gradient_torque").with_settings(QUICK | settings)
-    return flow.document(engine.run(flow.calibrate, flow.source(data=folder), chosen, engine="inline"))
+    return flow.CALIBRATION.document(
+        engine.run(flow.calibrate, flow.CALIBRATION.source(data=folder), chosen, engine="inline")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,9 @@ def days(tmp_path_factory):
     folders = {}
     for sensors in (1, 2):
         folders[sensors] = tmp_path_factory.mktemp(f"day{sensors}")
-        flow.simulate(folders[sensors], seed=3, truth=None, effects={}, settings=SHORT | {"sensors": sensors})
+        flow.CALIBRATION.simulate(
+            folders[sensors], seed=3, truth=None, effects={}, settings=SHORT | {"sensors": sensors}
+        )
     return folders
 
 

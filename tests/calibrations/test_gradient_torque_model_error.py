@@ -21,7 +21,7 @@ def drag(files, folder, value, error=""):
     def listen(call, state, ref):  # noqa: ARG001
         found[call.stage.writes, call.variant] = ref
 
-    engine.run(flow.calibrate, flow.source(data=files), chosen, engine="inline", listener=listen)
+    engine.run(flow.calibrate, flow.CALIBRATION.source(data=files), chosen, engine="inline", listener=listen)
     return read(found["gradient_torque.drag", "one_sensor"])
 
 
@@ -29,7 +29,9 @@ def test_the_error_of_a_bias_is_in_the_drag(tmp_path, monkeypatch):
     """Recovery: a bias that is wrong by its error moves the drag by what its errors hold beyond the noise."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
     settings = {"duration_s": "7200"}
-    flow.simulate(tmp_path / "files", seed=3, truth=None, effects={"gradient.angular_bias.y": BIAS}, settings=settings)
+    flow.CALIBRATION.simulate(
+        tmp_path / "files", seed=3, truth=None, effects={"gradient.angular_bias.y": BIAS}, settings=settings
+    )
     given = (BIAS, ""), (BIAS + ERROR, ""), (BIAS, f"sigma = {ERROR}, ")
     sharp, wrong, wide = (drag(tmp_path / "files", tmp_path, *one) for one in given)
     moved = wrong["drag_b"].values - sharp["drag_b"].values

@@ -231,7 +231,7 @@ def test_a_file_that_cannot_be_checked_is_an_error(tmp_path, monkeypatch):
         writers.write(values, tmp_path / writers.file_name(product, "2020-09-10", letter))
     from flows import engine
 
-    source = kbr_phase_centre.source(data=tmp_path)
+    source = kbr_phase_centre.CALIBRATION.source(data=tmp_path)
     with pytest.raises(GravcalError, match="the longest of 60 s"):
         engine.run(kbr_phase_centre.calibrate, source, catalog.parameters("kbr_phase_centre"), engine="inline")
 

@@ -22,7 +22,9 @@ QUICK = {"phase_step_s": 1.0}
 def campaign(tmp_path_factory):
     """Folder with the files of a simulated campaign, and its truth."""
     folder = tmp_path_factory.mktemp("campaign")
-    truth = kbr_phase_centre.simulate(folder, seed=1, truth=folder / "truth.json", effects={}, settings=QUICK)
+    truth = kbr_phase_centre.CALIBRATION.simulate(
+        folder, seed=1, truth=folder / "truth.json", effects={}, settings=QUICK
+    )
     return folder, truth
 
 
@@ -36,9 +38,9 @@ def shared_store(campaign, monkeypatch):
 def run(folder, **settings):
     """Result document and report product."""
     chosen = catalog.parameters("kbr_phase_centre").with_settings(settings)
-    source = kbr_phase_centre.source(data=folder)
+    source = kbr_phase_centre.CALIBRATION.source(data=folder)
     ref = engine.run(kbr_phase_centre.calibrate, source, chosen, engine="inline")
-    return kbr_phase_centre.document(ref), ref
+    return kbr_phase_centre.CALIBRATION.document(ref), ref
 
 
 @pytest.mark.usefixtures("shared_store")
@@ -105,7 +107,7 @@ def test_a_second_run_and_a_plan_make_nothing(campaign):
     """Contract: everything is in the store; another weight of robustness remakes solutions only."""
     folder, _ = campaign
     run(folder)
-    source = kbr_phase_centre.source(data=folder)
+    source = kbr_phase_centre.CALIBRATION.source(data=folder)
     chosen = catalog.parameters("kbr_phase_centre")
     steps, _ = engine.plan(kbr_phase_centre.calibrate, source, chosen)
     assert {step.action for step in steps} == {"reuse"}
@@ -119,10 +121,10 @@ def test_a_second_run_and_a_plan_make_nothing(campaign):
 def test_detect_tells_the_wiggles(campaign):
     """Contract: satellite, kind, start and stop of all eight."""
     folder, truth = campaign
-    source = kbr_phase_centre.source(data=folder, satellite="C")
+    source = kbr_phase_centre.CALIBRATION.source(data=folder, satellite="C")
     chosen = catalog.parameters("kbr_phase_centre")
     ref = engine.run(kbr_phase_centre.detect, source, chosen, engine="inline")
-    found = kbr_phase_centre.detected(ref)["manoeuvres"]
+    found = kbr_phase_centre.CALIBRATION.detected(ref)["manoeuvres"]
     assert [(m["satellite"], m["kind"]) for m in found] == [(m["satellite"], m["kind"]) for m in truth["manoeuvres"]]
 
 
@@ -139,7 +141,7 @@ def test_the_published_method_says_that_it_is_for_comparison(campaign):
 def test_a_day_without_wiggles_says_so(tmp_path):
     """Contract: status no_manoeuvre, no vectors; the page says what routine pointing can tell."""
     settings = QUICK | {"manoeuvres": ","}
-    kbr_phase_centre.simulate(tmp_path, seed=2, truth=None, effects={}, settings=settings)
+    kbr_phase_centre.CALIBRATION.simulate(tmp_path, seed=2, truth=None, effects={}, settings=settings)
     document, ref = run(tmp_path)
     validate(document)
     assert document["status"] == "no_manoeuvre"
@@ -165,9 +167,9 @@ def test_an_event_of_the_catalogue_stands_for_its_pair(tmp_path, monkeypatch):
     """Contract: the event of one satellite needs the files of both, of its own day."""
     monkeypatch.setenv("GRAVCAL_DATA", str(tmp_path))
     with pytest.raises(NoDataError, match="no file of satellite D on 2020-09-28"):
-        kbr_phase_centre.source(event="grace-d-2020-09-28")
+        kbr_phase_centre.CALIBRATION.source(event="grace-d-2020-09-28")
     (tmp_path / "SCA1B_2020-09-28_D_04.txt").touch()
-    source = kbr_phase_centre.source(event="grace-d-2020-09-28")
+    source = kbr_phase_centre.CALIBRATION.source(event="grace-d-2020-09-28")
     assert (source.event, source.satellite, source.date) == ("grace-d-2020-09-28", "CD", "2020-09-28")
     with pytest.raises(ProductError, match="found no KBR1B or LRI1B of satellite Y on 2020-09-28"):
         engine.run(kbr_phase_centre.calibrate, source, catalog.parameters("kbr_phase_centre"), engine="inline")
@@ -179,7 +181,7 @@ def test_a_campaign_over_days_is_one_solution(tmp_path):
     for date, letter in (("2020-09-17", "a"), ("2020-09-19", "b")):
         wiggles = ",".join(f"{sign}{axis}_{letter}" for axis in ("pitch", "yaw") for sign in "+-")
         settings = shared | {"date": date, "manoeuvres": wiggles}
-        truth = kbr_phase_centre.simulate(tmp_path, seed=4, truth=None, effects={}, settings=settings)
+        truth = kbr_phase_centre.CALIBRATION.simulate(tmp_path, seed=4, truth=None, effects={}, settings=settings)
     document, ref = run(tmp_path)
     validate(document)
     assert document["event"] == "grace-cd-2020-09-17"
@@ -188,6 +190,6 @@ def test_a_campaign_over_days_is_one_solution(tmp_path):
         found = document["adopted"]["satellites"][letter]
         error = np.array(found["phase_centre_mm"]) - truth["phase_centre_mm"][letter]
         assert np.all(np.abs(error) < 4.5 * np.array(found["sigma_mm"]))
-    one_day = kbr_phase_centre.source(data=tmp_path, date="2020-09-19")
+    one_day = kbr_phase_centre.CALIBRATION.source(data=tmp_path, date="2020-09-19")
     assert [file.date for file in kbr_phase_centre.level_one_files(one_day)] == 5 * ["2020-09-19"]
     assert ref.event == document["event"]

@@ -35,7 +35,9 @@ def rng():
 def written(folder, seed, effects, settings=SHORT):
     """Folder and truth of a simulated campaign, {slug: {parameter: value}} hidden."""
     flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
-    truth = kbr_phase_centre.simulate(folder / "level1", seed=seed, truth=None, effects=flat, settings=settings)
+    truth = kbr_phase_centre.CALIBRATION.simulate(
+        folder / "level1", seed=seed, truth=None, effects=flat, settings=settings
+    )
     return folder / "level1", truth
 
 

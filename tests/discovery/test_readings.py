@@ -72,8 +72,8 @@ def test_where_nothing_is_named_the_least_likely_band_is_shown():
 
 def viewed(folder, effects):
     """Source and settings of a simulated day, references and products of its baseline, views and blocks."""
-    com_offset.simulate(folder / "day", seed=7, truth=None, effects=effects, settings={})
-    source, chosen = com_offset.source(data=folder / "day"), catalog.parameters("com_offset")
+    com_offset.CALIBRATION.simulate(folder / "day", seed=7, truth=None, effects=effects, settings={})
+    source, chosen = com_offset.CALIBRATION.source(data=folder / "day"), catalog.parameters("com_offset")
     made, scene = [read(ref) for ref in com_offset.baseline(source, chosen)], com_offset.scene_settings(source, chosen)
     settings = chosen.for_stage("discovery")
     degrees = {name: settings[name] for name in ("linear_drift_degree", "angular_drift_degree")}

@@ -39,7 +39,7 @@ def simulated(folder, rng, effects, **settings):
     """Files of half a day."""
     flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
     seed = int(rng.integers(1_000_000))
-    return gradient_torque.simulate(
+    return gradient_torque.CALIBRATION.simulate(
         folder / "level1", seed=seed, truth=None, effects=flat, settings=HALF_DAY | settings
     )
 

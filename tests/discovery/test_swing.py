@@ -30,7 +30,9 @@ def discovered(folder, seed, effects, *options, manoeuvre="swing"):
     """Exit code and document of `gravcal discover` on the files of a simulated event."""
     flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
     target, settings = folder / "document.json", {"manoeuvre": manoeuvre}
-    inertial_sensor.simulate(folder / "level1", seed=seed, truth=folder / "truth.json", effects=flat, settings=settings)
+    inertial_sensor.CALIBRATION.simulate(
+        folder / "level1", seed=seed, truth=folder / "truth.json", effects=flat, settings=settings
+    )
     arguments = ["discover", "inertial_sensor", "--data", str(folder / "level1"), "--engine", "inline"]
     result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *options])
     document = document_of(result, target)

@@ -24,25 +24,16 @@ CALIBRATION = '''
         event: str
         folder: object
 
-    def source(event, data, satellite, date):
+    def source(event=None, data=None, satellite=None, date=None):
         if event == "unheard":
             raise CatalogError("event unheard: not in the catalogue, expected one of fake-1. Give one of these.")
         return Source(event or (f"fake-{data.name}" if data.name.isdigit() else "fake-1"), data)
-
-    def days(data):
-        from tasks.common import days_of
-        return days_of(("MAG1B", "SCA1B"), data)
 
     @flow(name="fakecal")
     def calibrate(source, chosen):
         file = LevelOneFile(source.folder / "MAG1B_2020-02-01_C_04.txt", None, "MAG1B", "C", "2020-02-01", "04")
         started = stages.start(file, event=source.event, variant="", count=chosen.count, offset=0.0)
         return stages.scale(started, variant="one", gain=chosen.gain)
-
-    detect = calibrate
-
-    def detected(ref):
-        return {{"manoeuvres": []}}
 
     def document(ref):
         total = float(read(ref)["value"].sum())
@@ -51,14 +42,14 @@ CALIBRATION = '''
         status = "no_manoeuvre" if total < 0 else "delivered"
         return {{"schema_version": 1, "status": status, "calibration": "fakecal", "event": ref.event, "total": total}}
 
-    def simulate(out, *, seed, truth, effects, settings):
-        out.mkdir(parents=True)
-        (out / "said.json").write_text(str([seed, str(truth), effects, settings]))
+    def simulation(out, chosen, day, seed, effects, truth):
+        (out / "said.json").write_text(str([seed, str(truth), [str(one) for one in effects], chosen.gain, day]))
+        return {{"satellite": "C"}}
 
     CALIBRATION = Calibration(
         name="fakecal", title="Invented", quantity="A sum", begins=BEGINS, satellites=SATELLITES, inputs={{}},
-        flow=calibrate, source=source, days=days, level_one_files=lambda source: [], document=document,
-        simulate=simulate, detect=calibrate, detected=detected, products={{}}, result=lambda document: [],
+        flow=calibrate, products={{}}, result=lambda document: [], simulation=simulation, detect=calibrate,
+        manoeuvres=lambda found: [], document=document, source=source,
     )
 '''
 PARAMETERS = """
@@ -73,6 +64,12 @@ PARAMETERS = """
     [count]
     value = 4
     stage = "start"
+    reason = "invented"
+"""
+DATE = """
+    [date]
+    value = "2020-02-01"
+    stage = "files"
     reason = "invented"
 """
 
@@ -92,6 +89,7 @@ def fakecal(pipeline, tmp_path, monkeypatch):
     parameters = tmp_path / "catalog" / "parameters"
     parameters.mkdir(parents=True)
     (parameters / "fakecal.toml").write_text(textwrap.dedent(PARAMETERS))
+    (parameters / "simulate_fakecal.toml").write_text(textwrap.dedent(PARAMETERS + DATE))
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "catalog"))
     monkeypatch.syspath_prepend(extra)
     yield tmp_path

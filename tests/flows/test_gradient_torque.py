@@ -19,13 +19,13 @@ SETTINGS = {"field_degree": "12", "highest_degree": "6"}
 def invented(folder, **settings):
     """Folder with a short record, and its truth."""
     given = {"seed": 2, "truth": folder / "truth.json", "effects": None, "settings": SHORT | settings}
-    return flow.simulate(folder / "data", **given)
+    return flow.CALIBRATION.simulate(folder / "data", **given)
 
 
 def run(folder, **settings):
     """Report product of the record of a folder."""
     chosen = catalog.parameters("gradient_torque").with_settings(SETTINGS | settings)
-    source = flow.source(data=folder / "data")
+    source = flow.CALIBRATION.source(data=folder / "data")
     return engine.run(flow.calibrate, source, chosen, engine="inline"), source, chosen
 
 
@@ -33,7 +33,7 @@ def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
     """Contract: schema, errors of each method where the truth is given, and nothing made twice."""
     truth = invented(tmp_path)
     ref, source, chosen = run(tmp_path, truth=str(tmp_path / "truth.nc"))
-    document = flow.document(ref)
+    document = flow.CALIBRATION.document(ref)
     validate(document)
     assert truth["date"] == source.date
     assert document["event"] == "demo-s-2020-02-01"
@@ -61,7 +61,7 @@ def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
 def test_without_truth_and_with_one_sensor_errors_are_null(tmp_path):
     """Contract: what is not known is null; one sensor has no two-sensor method."""
     invented(tmp_path, sensors="1")
-    document = flow.document(run(tmp_path)[0])
+    document = flow.CALIBRATION.document(run(tmp_path)[0])
     validate(document)
     assert set(document["drag"]) == {"one_sensor_published", "one_sensor"}
     assert document["drag"]["one_sensor"]["rms_error"] is None
@@ -79,7 +79,7 @@ def test_a_truth_of_other_epochs_is_refused(tmp_path):
 def test_without_a_known_control_law_the_pressure_is_left_out(tmp_path):
     """Contract: places with a zero leave the printed method out, control_hz 0 the torque balance."""
     invented(tmp_path, mounting_mm="0,0,0,0,0,0", sensors="1")
-    document = flow.document(run(tmp_path, control_hz="0")[0])
+    document = flow.CALIBRATION.document(run(tmp_path, control_hz="0")[0])
     assert list(document["drag"]) == ["one_sensor"]
     assert "centre_of_pressure_m" not in document
 

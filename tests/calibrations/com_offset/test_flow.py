@@ -20,7 +20,7 @@ def files(tmp_path_factory):
 def run(folder, **settings):
     """Report product of a folder."""
     chosen = configurations.chosen("com_offset", settings)
-    return engine.run(flow.calibrate, flow.source(data=folder), chosen, engine="inline")
+    return engine.run(flow.calibrate, flow.CALIBRATION.source(data=folder), chosen, engine="inline")
 
 
 def test_a_repeat_by_the_published_method_leaves_the_latest_result_in_place(files, tmp_path, monkeypatch):
@@ -36,6 +36,6 @@ def test_a_repeat_by_the_published_method_leaves_the_latest_result_in_place(file
 def test_an_event_with_manoeuvres_says_nothing_of_the_roll_response(files, tmp_path, monkeypatch):
     """Contract: the slope of roll acceleration is for a record without manoeuvre; with one it means nothing."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
-    document = flow.document(run(files[0]))
+    document = flow.CALIBRATION.document(run(files[0]))
     assert document["status"] == "delivered"
     assert document["roll_response"] is None

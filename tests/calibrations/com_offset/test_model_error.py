@@ -86,7 +86,9 @@ def read(text):
 def files(tmp_path_factory):
     """Folder with a day that holds a leak."""
     folder = tmp_path_factory.mktemp("leak") / "files"
-    flow.simulate(folder, seed=8, truth=None, effects={"accelerometer.current_leak.z_from_x": LEAK}, settings={})
+    flow.CALIBRATION.simulate(
+        folder, seed=8, truth=None, effects={"accelerometer.current_leak.z_from_x": LEAK}, settings={}
+    )
     return folder
 
 
@@ -123,11 +125,13 @@ def test_a_search_begins_with_the_model_that_is_given(files, tmp_path, monkeypat
 def found(files, model):
     """Folder of the report of a search."""
     chosen = catalog.parameters("com_offset").with_settings({"model": model, "discovery_level": "0.0002"})
-    return engine.run(discover.com_offset, flow.source(data=files), chosen, engine="inline").folder
+    return engine.run(discover.com_offset, flow.CALIBRATION.source(data=files), chosen, engine="inline").folder
 
 
 def adopted(files, model):
     """Adopted result with a model."""
     chosen = catalog.parameters("com_offset").with_settings({"model": model})
-    document = flow.document(engine.run(flow.calibrate, flow.source(data=files), chosen, engine="inline"))
+    document = flow.CALIBRATION.document(
+        engine.run(flow.calibrate, flow.CALIBRATION.source(data=files), chosen, engine="inline")
+    )
     return document["variants"][document["adopted"]["variant"]]

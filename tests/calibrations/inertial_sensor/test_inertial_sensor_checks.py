@@ -21,15 +21,17 @@ SWING, ROLL = "2022-05-18", "2022-05-19"
 def run(folder, **settings):
     """Result document."""
     chosen = catalog.parameters("inertial_sensor").with_settings(settings)
-    ref = engine.run(inertial_sensor.calibrate, inertial_sensor.source(data=folder), chosen, engine="inline")
-    return inertial_sensor.document(ref)
+    ref = engine.run(
+        inertial_sensor.calibrate, inertial_sensor.CALIBRATION.source(data=folder), chosen, engine="inline"
+    )
+    return inertial_sensor.CALIBRATION.document(ref)
 
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
     """Folder with a swing and, the day after, a roll."""
     folder = tmp_path_factory.mktemp("both")
-    inertial_sensor.simulate(folder, seed=4, truth=None, effects={}, settings=SHORT)
+    inertial_sensor.CALIBRATION.simulate(folder, seed=4, truth=None, effects={}, settings=SHORT)
     return folder
 
 
@@ -163,7 +165,7 @@ def test_the_adopted_offset_has_the_smallest_total_error(tmp_path, monkeypatch):
     """Recovery: k_y 11 % off makes z with a_y wrong; the solution without it is adopted, printed, judged, used."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     settings = SHORT | {"k_y": 3e-4, "offset_um": [-140.0, 627.75, -2500.0]}
-    truth = inertial_sensor.simulate(tmp_path / "files", seed=2, truth=None, effects={}, settings=settings)
+    truth = inertial_sensor.CALIBRATION.simulate(tmp_path / "files", seed=2, truth=None, effects={}, settings=settings)
     swing = (document := run(tmp_path / "files"))["swing"]
     total = {name: np.linalg.norm(swing[name]["sigma_total"]) for name in page.OFFSETS}
     error = {name: np.abs(np.array(swing[name]["value"]) - truth["com_to_test_mass_um"])[2] for name in page.OFFSETS}

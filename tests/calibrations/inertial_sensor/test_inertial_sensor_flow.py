@@ -18,14 +18,18 @@ QUICK = {"roll_s": 10500.0, "roll_disturbed_share": 0.0}
 def simulated(folder, **settings):
     """Truth of an invented event whose files are in a folder."""
     chosen = QUICK | settings
-    return inertial_sensor.simulate(folder, seed=1, truth=folder / "truth.json", effects={}, settings=chosen)
+    return inertial_sensor.CALIBRATION.simulate(
+        folder, seed=1, truth=folder / "truth.json", effects={}, settings=chosen
+    )
 
 
 def run(folder, **settings):
     """Result document and report product."""
     chosen = catalog.parameters("inertial_sensor").with_settings(settings)
-    ref = engine.run(inertial_sensor.calibrate, inertial_sensor.source(data=folder), chosen, engine="inline")
-    return inertial_sensor.document(ref), ref
+    ref = engine.run(
+        inertial_sensor.calibrate, inertial_sensor.CALIBRATION.source(data=folder), chosen, engine="inline"
+    )
+    return inertial_sensor.CALIBRATION.document(ref), ref
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +47,7 @@ def delivered(both, tmp_path_factory):
         document, ref = run(both[0])
         page = (ref.folder / "report.html").read_text(encoding="utf-8")
         chosen = catalog.parameters("inertial_sensor")
-        steps, _ = engine.plan(inertial_sensor.calibrate, inertial_sensor.source(data=both[0]), chosen)
+        steps, _ = engine.plan(inertial_sensor.calibrate, inertial_sensor.CALIBRATION.source(data=both[0]), chosen)
         printed = run(both[0], method="published")[0]
     return {"document": document, "page": page, "steps": steps, "truth": both[1], "printed": printed}
 
@@ -115,7 +119,7 @@ def test_a_plan_of_what_is_there_loads_no_heavy_library(both, tmp_path, monkeypa
     run(both[0])
     code = (
         "import sys; from flows import engine, inertial_sensor; from gravcal import catalog\n"
-        f"source = inertial_sensor.source(data={str(both[0])!r})\n"
+        f"source = inertial_sensor.CALIBRATION.source(data={str(both[0])!r})\n"
         "steps, _ = engine.plan(inertial_sensor.calibrate, source, catalog.parameters('inertial_sensor'))\n"
         "assert {step.action for step in steps} == {'reuse'}, steps\n"
         "heavy = {'xarray', 'pandas', 'dask', 'scipy', 'numba', 'polars', 'matplotlib', 'prefect'} & set(sys.modules)\n"

@@ -17,7 +17,7 @@ def files(tmp_path_factory):
     """Folder with a swing whose tracker is turned."""
     folder = tmp_path_factory.mktemp("turned") / "files"
     effects = {"inertial_sensor.tracker_misalignment.angle_z": TURN}
-    flow.simulate(folder, seed=5, truth=None, effects=effects, settings={"manoeuvre": "swing"})
+    flow.CALIBRATION.simulate(folder, seed=5, truth=None, effects=effects, settings={"manoeuvre": "swing"})
     return folder
 
 
@@ -27,8 +27,8 @@ def swing(files, folder, value, error=""):
     line = f'parameters.angle_z = {{ value = {value}, {error}unit = "rad" }}'
     path.write_text(f'[[effect]]\ncause = "inertial_sensor.tracker_misalignment"\n{line}\n')
     chosen = catalog.parameters("inertial_sensor").with_settings({"model": models.text_of(path)})
-    ref = engine.run(flow.calibrate, flow.source(data=files), chosen, engine="inline")
-    return flow.document(ref)["swing"]
+    ref = engine.run(flow.calibrate, flow.CALIBRATION.source(data=files), chosen, engine="inline")
+    return flow.CALIBRATION.document(ref)["swing"]
 
 
 def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(files, tmp_path, monkeypatch):
