@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from flows import campaign_here, campaign_work, command, engine
 from gravcal.errors import GravcalError, ProductError
-from gravcal.store import explain, journal, location, origin, schemas
+from gravcal.store import history, location, origin, schemas
 
 #: Status of a campaign: the first of these that any event has.
 ORDER = ("failed", "questionable", "delivered", "no_manoeuvre", "no_data")
@@ -48,7 +48,7 @@ class Campaign:
     scheduler: str | None = None
     workers: int | None = None
     again: bool = False
-    remake_versions: bool = field(default_factory=explain.remakes_versions)
+    remake_versions: bool = field(default_factory=history.remakes_versions)
 
 
 def sources(calibration, satellite, data):
@@ -130,7 +130,7 @@ def failed_last(campaign, sources):
             source
             for source in sources
             if (isinstance(source, campaign_work.Refused) and source.status == "failed")
-            or journal.failure(command.name_of(source), flow_name)
+            or history.failure(command.name_of(source), flow_name)
         ]
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from flows.calibration import load
 from flows.engine import left, one_thread, single_threaded
 from gravcal.errors import GravcalError
-from gravcal.store import journal, location, results
+from gravcal.store import history, location, results
 from tasks import stage
 
 SHOWN = 6  # values of an event that a table shows; all of them are in the summary
@@ -81,14 +81,14 @@ def reuse(calibration, source, chosen, again=False):
             return told | {"since": rest.failure["started"]} | _effort(0, len(rest.found), started), 0.0
         if rest.ref is None:
             return None, rest.seconds
-        noted = journal.recorded(known.flow.flow_name, rest.ref.event)
+        noted = history.recorded(known.flow.flow_name, rest.ref.event)
         with location.configured(chosen.configuration), noted as note:
             for call, one in rest.found:
                 note(call, "cached", one)
         return _row(known, rest.ref, note) | _effort(0, len(rest.found), started), 0.0
     except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
         event = command.name_of(source)
-        noted = journal.recorded(known.flow.flow_name, event)
+        noted = history.recorded(known.flow.flow_name, event)
         with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
             raise error
         return {"event": event, "status": command.status_of(error), "error": str(error)} | _effort(0, 0, started), 0.0
@@ -112,7 +112,7 @@ def _attempt(calibration, source, chosen):
         return {"event": event, "status": source.status, "error": source.error}
     try:
         known = load(calibration)
-        with journal.recorded(known.flow.flow_name, event) as note, stage.using(stage.inline, note):
+        with history.recorded(known.flow.flow_name, event) as note, stage.using(stage.inline, note):
             ref = known.flow(source, chosen)
         return _row(known, ref, note)
     except GravcalError as error:

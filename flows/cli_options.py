@@ -8,7 +8,7 @@ import typer
 
 from flows import cli_complete, engine
 from flows.calibration import known
-from gravcal.store import explain
+from gravcal.store import history
 
 
 def writable(ctx: typer.Context, path: Path | None) -> Path | None:
@@ -76,5 +76,5 @@ Effects = Annotated[
 OTHERS = "make again what other versions of numpy, scipy or numba made"
 RemakeVersions = Annotated[
     bool,
-    typer.Option("--remake-versions", help=OTHERS, envvar=explain.REMAKE, callback=engine.remake_versions),
+    typer.Option("--remake-versions", help=OTHERS, envvar=history.REMAKE, callback=engine.remake_versions),
 ]

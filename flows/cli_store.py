@@ -147,9 +147,9 @@ def history(
     json: Json = None,
 ) -> None:
     """Print everything a product was made of, down to the raw files."""
-    from gravcal.store import housekeeping, lineage
+    from gravcal.store import history, housekeeping
 
-    node = lineage.tree(housekeeping.resolve(product))
+    node = history.tree(housekeeping.resolve(product))
     output.write_json(node, json)
     if output.to_screen(json):
         heads = ["product or file", "key or digest", "version", "made"]
@@ -159,10 +159,10 @@ def history(
 def rebuild(product: Product, json: Json = None) -> None:
     """Make a product again from its raw files, in a store of its own, and compare."""
     from flows.remake import remake
-    from gravcal.store import housekeeping, lineage
+    from gravcal.store import history, housekeeping
 
     entry = housekeeping.resolve(product)
-    with cli_progress.waiting("rebuilding", lineage.seconds(entry)):
+    with cli_progress.waiting("rebuilding", history.seconds(entry)):
         outcome = remake(entry)
     output.write_json(outcome, json)
     if output.to_screen(json):

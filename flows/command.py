@@ -153,9 +153,9 @@ def sources(calibration, event, data, satellite, date):
     """The source given, or those of all events of the store that say where their files were."""
     if event is not None or data is not None:
         return [source(calibration, event, data, satellite, date)]
-    from gravcal.store import lineage
+    from gravcal.store import history
 
-    found = lineage.level_one_folders(calibration)
+    found = history.level_one_folders(calibration)
     if not found:
         raise ProductError(
             f"product store {location.folder()}: no event of {calibration} was ever run. Give an EVENT or --data DIR."

@@ -18,7 +18,7 @@ import threading
 from dataclasses import dataclass
 
 from gravcal.errors import GravcalError
-from gravcal.store import explain, inputs, journal, keys, location, store
+from gravcal.store import history, inputs, keys, location, store
 from gravcal.store.records import ProductRef
 from tasks import stage
 
@@ -165,7 +165,7 @@ def left(body, *arguments, again=False):
     again : whether what failed is to be tried again
     """
     with location.configured(configuration_of(arguments)):
-        failure = None if again else journal.failure(_event(arguments), body.flow_name)
+        failure = None if again else history.failure(_event(arguments), body.flow_name)
     seeker = Seeker(failure)
     with stage.using(seeker):
         try:
@@ -200,7 +200,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"
     planned = [step.stage for step in steps]
-    noted = journal.recorded(body.flow_name, _event(arguments), planned)
+    noted = history.recorded(body.flow_name, _event(arguments), planned)
     with location.configured(configuration_of(arguments)), noted as note, one_thread():
         heard = _both(note, listener)
         if engine == "prefect":
@@ -273,11 +273,11 @@ class Planner:
         recipe, modules = stage.recipe(call)
         unknown = _unknown(call)
         found = None if unknown else store.find(keys.key(recipe))
-        other = tuple(explain.other_versions(found)) if found else ()
-        if found and not (other and explain.remakes_versions()):
+        other = tuple(history.other_versions(found)) if found else ()
+        if found and not (other and history.remakes_versions()):
             self._note(call, "reuse", other, found)
             return found
-        reasons = other or explain.why(recipe, modules)
+        reasons = other or history.why(recipe, modules)
         if unknown and not reasons:
             self._note(call, "may run", (f"after {', '.join(dict.fromkeys(unknown))}",), call.unmade)
         else:
@@ -307,7 +307,7 @@ def _known(ref):
 
 def remake_versions(wanted):
     """Let products that other versions of numpy, scipy or numba made be made again from now on, or not; also below."""
-    os.environ[explain.REMAKE] = "1" if wanted else "0"
+    os.environ[history.REMAKE] = "1" if wanted else "0"
 
 
 def other_versions(reasons):

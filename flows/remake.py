@@ -8,7 +8,7 @@ from pathlib import Path
 from flows import engine
 from gravcal.errors import ProductError
 from gravcal.io import archive
-from gravcal.store import inputs, lineage, location, memory, store
+from gravcal.store import history, inputs, location, memory, store
 
 
 def remake(entry):
@@ -46,19 +46,19 @@ def _make(key, original, stages, done):
     ]
     recipe = record["recipe"]
     settings = dict(recipe["settings"]) | {"event": recipe["event"], "variant": recipe["variant"]}
-    done[key] = lineage.stage_of(record)(*items, **settings)
+    done[key] = history.stage_of(record)(*items, **settings)
     stages.append(_compared(record, done[key]))
     return done[key]
 
 
 def _compared(record, made):
     """Verdict on one stage."""
-    from gravcal.store import explain
+    from gravcal.store import history
 
     equal = made.digest == record["digest"]
     anew = store.read_record(made.folder)
     old, new = record["recipe"], anew["recipe"]
-    changed = explain.changed(record, anew)
+    changed = history.changed(record, anew)
     if old["version"] != new["version"]:
         changed.append(f"version {old['version']} -> {new['version']}")
     return {"stage": made.stage, "verdict": "equal" if equal else "different", "why": "; ".join(changed)}

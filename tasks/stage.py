@@ -36,7 +36,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from gravcal.errors import EstimationError, GravcalError, ProductError
-from gravcal.store import explain, fingerprint, inputs, keys, memory, origin, store
+from gravcal.store import history, inputs, keys, memory, origin, store
 from gravcal.store.records import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
@@ -198,7 +198,7 @@ def perform(call):
 def usable(key):
     """Product with this key, or None; also if other versions made it and such products are to be made again."""
     ref = store.find(key)
-    return None if ref and explain.remakes_versions() and explain.other_versions(ref) else ref
+    return None if ref and history.remakes_versions() and history.other_versions(ref) else ref
 
 
 def recipe(call):
@@ -209,7 +209,7 @@ def recipe(call):
     recipe : dict of plain values; the digest of an input that is not known yet is None
     modules : dict, part of the code -> digest
     """
-    modules = fingerprint.of(call.stage.body, call.stage.also)
+    modules = keys.fingerprint(call.stage.body, call.stage.also)
     wanted = {
         "event": call.event,
         "kind": call.stage.writes,
@@ -217,7 +217,7 @@ def recipe(call):
         "version": call.stage.version,
         "settings": dict(call.settings),
         "inputs": [inputs.labelled(item) for item in call.inputs],
-        "code": fingerprint.total(modules),
+        "code": keys.total(modules),
     }
     if any(inputs.is_file(item) for item in call.inputs):
         wanted["origin"] = _stated(call.event)
@@ -293,7 +293,7 @@ def _make(call, key, wanted, modules):
         "seconds": round(time.perf_counter() - started, 3),
         "modules": modules,
         "from": [inputs.traced(item) for item in call.inputs],
-        "versions": fingerprint.versions(),
+        "versions": keys.versions(),
     }
     found = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
     dataset = product.check(dataset, call.stage.writes).assign_attrs({"origin": found} if found else {})

@@ -8,7 +8,7 @@ import pytest
 import seeds
 
 from flows.engine import single_threaded
-from gravcal.store import fingerprint, memory
+from gravcal.store import keys, memory
 
 single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
 SEED = seeds.settle()
@@ -98,7 +98,7 @@ def store_folder(tmp_path, monkeypatch):
     """Let every test have its own empty store."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
     memory.clear()
-    fingerprint.forget()
+    keys.forget()
     return tmp_path / "products"
 
 
@@ -134,7 +134,7 @@ class Pipeline:
         for module in [module for module in sys.modules if module.partition(".")[0] == self.name]:
             del sys.modules[module]
         importlib.invalidate_caches()
-        fingerprint.forget()
+        keys.forget()
 
     def module(self, part):
         """One module of the package."""

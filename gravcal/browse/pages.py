@@ -10,7 +10,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse
 
 from gravcal.browse import access, graph, plots, store_index, variables
 from gravcal.browse import timeline as years
-from gravcal.store import lineage, location, netcdf
+from gravcal.store import history, location, netcdf
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
 
@@ -95,7 +95,7 @@ def product(request):
     return _filled("product.html", request, found=found, held=held, shown=shown, wish=wish, table=table,
                    chosen=plots.chosen(shown, wish.columns) if shown and shown.plottable else (),
                    relatives=store_index.relatives(found), siblings=store_index.siblings(found), attributes=attributes,
-                   tree=lineage.tree(found), views=plots.VIEWS)  # fmt: skip
+                   tree=history.tree(found), views=plots.VIEWS)  # fmt: skip
 
 
 @page

@@ -4,7 +4,7 @@ import functools
 import json
 from dataclasses import dataclass
 
-from gravcal.store import explain, housekeeping, journal, location, netcdf, records, store
+from gravcal.store import history, housekeeping, location, netcdf, records, store
 from gravcal.store import origin as origins
 
 _known = {}  # folder -> record; a product is never changed, so its record is read once
@@ -92,7 +92,7 @@ def results(configuration=location.OPERATIONAL):
         if one.ref.kind != "ingest":
             others = set(one.configurations) - {location.OPERATIONAL}
             tried.setdefault((one.ref.event, one.ref.kind.partition(".")[0]), set()).update(others)
-    runs = {(run["event"], run["flow"]): run for run in journal.runs() if run["configuration"] == configuration}
+    runs = {(run["event"], run["flow"]): run for run in history.runs() if run["configuration"] == configuration}
     everything = [one for own in by_event.values() for one in own]
     names = {(one.ref.event, one.ref.kind.partition(".")[0]) for one in everything if one.ref.kind != "ingest"}
     if configuration == location.OPERATIONAL:
@@ -136,7 +136,7 @@ def chain(event, configuration=location.OPERATIONAL):
     -------
     nodes : list of Node
     """
-    runs = [run for run in journal.runs() if (run["event"], run["configuration"]) == (event, configuration)]
+    runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
     states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
     keys = {name: one["key"] for run in runs for name, one in run["stages"].items()}
     known = {one.ref.key: one for one in entries()}
@@ -165,7 +165,7 @@ def relatives(found):
     others = [one for one in entries() if one.ref.stage == found.ref.stage and one.ref.key != found.ref.key]
     own = [one for one in others if one.ref.event == found.ref.event]
     strange = [one for one in others if one.ref.event != found.ref.event and one.newest]
-    rows = [(one, explain.compared(one.record, found.record)) for one in own]
+    rows = [(one, history.compared(one.record, found.record)) for one in own]
     return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in strange[::-1]]
 
 

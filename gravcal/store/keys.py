@@ -1,24 +1,44 @@
-"""Keys: the canonical text of everything a product depends on, and its SHA-256."""
+"""Keys: SHA-256 of all that a product depends on: event, kind, variant, version, settings, inputs and code.
 
+The code is the fingerprint of a stage: the syntax trees reached by import, without comments, docstrings and layout. The
+stage's body is taken with what it names in its own module; of the packages it imports, the modules that define what it
+uses; from there on every import, module by module, wherever it stands. Only the project's own code counts (``SCOPE``).
+``lazy("gravcal.x")`` and ``import_module("gravcal.x")`` with a literal name count as imports.
+
+Data files count by their bytes: those below the folder of a module, or below a package of ``DATA`` that it imports,
+whose name ends like a text of that module (``"IGRF13.shc"``, or ``f"{name}.toml"`` for every table), and files of the
+same folder that such a file names, as a template names another.
+"""
+
+import ast
 import dataclasses
+import functools
 import hashlib
+import importlib.metadata
+import importlib.util
+import inspect
 import json
 import math
+import re
+import sys
+from pathlib import Path
 
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, ProductError
+from gravcal.store import memory
+
+SCOPE = ("gravcal", "tasks")
+DATA = ("astropy_iers_data",)  # installed packages whose files are data
+FILE_NAME = re.compile(r"\*?([\w-]*(\.[\w-]+)+)")
+DOCUMENTED = (ast.Module, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+IMPORTERS = ("lazy", "import_module")
+SILENT = ("kind", "ctx", "type_comment")  # the place of a name says whether it is read or set; the rest is layout
+_files = {}  # source or data file -> its status when it was first looked at
+_bodies = {}  # "module:function" -> its parts and their files, for the life of the process
+_trees = {}  # what earlier processes know of modules, by name and digest of the source
 
 
 def key(recipe):
-    """SHA-256 of a recipe: event, kind, variant, version, settings, digests of the inputs, fingerprint of the code.
-
-    Parameters
-    ----------
-    recipe : dict of plain values, as ``canonical`` returns them
-
-    Returns
-    -------
-    key : str, 64 hexadecimal digits
-    """
+    """SHA-256 of a recipe, dict of plain values as `canonical` returns them; 64 hexadecimal digits."""
     return hashlib.sha256(text(recipe).encode()).hexdigest()
 
 
@@ -61,25 +81,13 @@ def canonical(value, where):
         return float(value) + 0.0
     raise CatalogError(
         f"{where}: found {value!r} ({type(value).__name__}), expected a finite number, text, or lists and mappings "
-        f"of them. "
-        f"Files enter a stage as inputs, not as settings.",
+        f"of them. Files enter a stage as inputs, not as settings.",
         where=where,
     )
 
 
 def typed(value, annotation, where):
-    """Setting in the type its stage states: an int where a float is expected becomes one, so 1 and 1.0 share a key.
-
-    Parameters
-    ----------
-    value : plain value
-    annotation : str or type; only float, int, str and bool are enforced
-    where : str
-
-    Returns
-    -------
-    value : plain value
-    """
+    """Setting in the type that its stage states (float, int, str or bool): 1 becomes 1.0, so both share a key."""
     name = getattr(annotation, "__name__", annotation)
     if name == "float" and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
@@ -87,3 +95,295 @@ def typed(value, annotation, where):
     if expected is not None and type(value) is not expected:
         raise CatalogError(f"{where}: found {value!r} ({type(value).__name__}), expected {name}.", where=where)
     return value
+
+
+def fingerprint(body, also=()):
+    """Digests of the code that a stage runs.
+
+    Parameters
+    ----------
+    body : function, the stage's own
+    also : sequence of str, modules that the body reaches in a way no import statement shows
+
+    Returns
+    -------
+    parts : dict, "module" or "module:function" -> digest of its syntax tree, "package/file" -> digest of its bytes
+    """
+    name = f"{body.__module__}:{body.__name__}"
+    if name not in _bodies:
+        if not _trees:
+            _trees.update(memory.recall("modules") or {})
+        known = len(_trees)
+        parts = _parts(body, also)
+        if len(_trees) > known:
+            memory.remember("modules", _trees)
+        paths = [Path(inspect.getsourcefile(body)), *(_file_of(part) for part in parts if ":" not in part)]
+        _bodies[name] = parts, paths
+    parts, paths = _bodies[name]
+    for path in paths:
+        if _status(path) != _files[path]:
+            raise ProductError(
+                f"{path}: the code, or data that it reads, changed while this process was running, so a product "
+                f"could bear the label of code that did not make it. Start gravcal again.",
+                path=str(path),
+            )
+    return parts
+
+
+def total(parts):
+    """One digest for all parts."""
+    return hashlib.sha256("".join(f"{name}={value};" for name, value in sorted(parts.items())).encode()).hexdigest()
+
+
+@functools.cache
+def versions():
+    """Versions of what computes; recorded with a product, not part of its key."""
+    names = ("gravcal", "numpy", "scipy", "numba", "xarray", "netCDF4")
+    return {name: importlib.metadata.version(name) for name in names} | {"python": sys.version.partition(" ")[0]}
+
+
+def forget():
+    """Look at the files again, as a new process would."""
+    for known in (_files, _bodies, _trees):
+        known.clear()
+    for cached in (_module, _tree, _path, top_folder, _data_below, _data_file):
+        cached.cache_clear()
+
+
+def _parts(body, also):
+    """Digests of a body and of every module and data file it reaches, by name."""
+    scope = (*SCOPE, _top(body.__module__))
+    part, wanted, endings = _body_part(body, scope)
+    parts = {f"{body.__module__}:{body.__name__}": part} | _data_parts(body.__module__, wanted, endings)
+    waiting = [*wanted, *also]
+    while waiting:
+        target = waiting.pop()
+        name = _module_of(target) if _top(target) in scope else None
+        if name is None or name in parts:
+            continue
+        parts[name], imported, endings = _module(name)
+        parts |= _data_parts(name, imported, endings)
+        waiting += imported
+    return dict(sorted(parts.items()))
+
+
+def _body_part(body, scope):
+    """Digest of a body with what it names of its module; the targets and the ends of file names that these use."""
+    path = Path(inspect.getsourcefile(body))
+    tree = _tree(path)
+    package = body.__module__ if path.name == "__init__.py" else body.__module__.rpartition(".")[0]
+    local, imported = _definitions(tree, package)
+    if body.__qualname__ != body.__name__:  # defined inside another function
+        line = body.__code__.co_firstlineno
+        nodes = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == body.__name__]
+        local[body.__name__] = min(nodes, key=lambda node: abs(node.lineno - line))
+    texts, targets, endings, waiting, seen = [], set(), set(), [body.__name__], set()
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        node = local[name]
+        if isinstance(node, ast.FunctionDef):  # version and kinds of a stage are in the label already
+            node = ast.FunctionDef(node.name, node.args, node.body, [], node.returns, None)
+        texts.append(f"{name}={_tree_text(node)}")
+        uses = list(_uses(node))
+        targets |= {_narrowed(imported[first], rest, scope) for first, rest in uses if first in imported}
+        targets |= set(_imports(node, package))
+        endings |= set(_file_names(node))
+        waiting += [first for first, _ in uses if first in local]
+    return hashlib.sha256("\n".join(sorted(texts)).encode()).hexdigest()[:32], sorted(targets), endings
+
+
+def _narrowed(target, attribute, scope):
+    """Target of "x.attribute", x an imported package: the module its __init__ takes the attribute from, if any."""
+    name = _module_of(target) if attribute and _top(target) in scope else None
+    if name is None or _path(name).name != "__init__.py":
+        return target
+    _, imported = _definitions(_tree(_path(name)), name)
+    return imported.get(attribute, f"{name}:{attribute}")
+
+
+def _data_parts(module, imported, endings):
+    """Digests of the data files whose names end like the texts of a module, and of those that they name."""
+    folders = {_top(module): _path(module).parent}
+    folders |= {top: top_folder(top) for top in map(_top, imported) if top in DATA}
+    parts, waiting = {}, []
+    for top, folder in folders.items() if endings and top_folder(_top(module)).is_dir() else ():
+        waiting += [(top, file) for file in _data_below(folder) if file.name.endswith(tuple(endings))]
+    while waiting:
+        top, file = waiting.pop()
+        name = f"{top}/{file.relative_to(top_folder(top)).as_posix()}"
+        if name not in parts:
+            parts[name], neighbours = _data_file(file)
+            waiting += [(top, other) for other in neighbours]
+    return parts
+
+
+@functools.cache
+def _data_below(folder):
+    """Data files below a folder: all that are no code."""
+    files = (path for path in sorted(folder.rglob("*")) if path.suffix not in (".py", ".pyc", ".pyi"))
+    return [path for path in files if path.is_file() and "__pycache__" not in path.parts]
+
+
+@functools.cache
+def _data_file(path):
+    """Digest of a data file, and the files of its folder that it names."""
+    content = _source(path)
+    others = [other for other in _data_below(path.parent) if other.parent == path.parent and other != path]
+    return hashlib.sha256(content).hexdigest()[:32], [other for other in others if other.name.encode() in content]
+
+
+@functools.cache
+def _module(name):
+    """Digest, imports and ends of file names of a module, remembered by the content of its file."""
+    path = _path(name)
+    source = _source(path)
+    label = f"{name}-{sys.version_info[1]}-{hashlib.sha256(source).hexdigest()[:40]}"
+    if label not in _trees:
+        tree = ast.parse(source)
+        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+        digest = hashlib.sha256(_tree_text(tree).encode()).hexdigest()[:32]
+        _trees[label] = [digest, sorted(set(_imports(tree, package))), _file_names(tree)]
+    return _trees[label]
+
+
+def _source(path):
+    """Bytes of a file, whose status is noted."""
+    _files.setdefault(path, _status(path))
+    return path.read_bytes()
+
+
+def _status(path):
+    """Size and time of change of a file, None where it is gone."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_size, status.st_mtime_ns
+
+
+@functools.cache
+def _tree(path):
+    """Syntax tree of a file."""
+    return ast.parse(_source(path))
+
+
+def _file_of(part):
+    """File of a part: of a module, or of a data file."""
+    top, _, rest = part.partition("/")
+    return top_folder(top) / rest if rest else _path(part)
+
+
+def _module_of(target):
+    """Module that holds a target: for "a.b:c" a.b.c if that is one, otherwise a.b; None if there is no such file."""
+    module, _, name = target.partition(":")
+    if name and _path(f"{module}.{name}"):
+        return f"{module}.{name}"
+    return module if _path(module) else None
+
+
+def _top(target):
+    """Name of the top-level package of a target."""
+    return target.partition(":")[0].partition(".")[0]
+
+
+@functools.cache
+def _path(name):
+    """Source file of a module, found without importing anything; None if there is none."""
+    top, _, rest = name.partition(".")
+    folder = top_folder(top)
+    if folder is None:
+        return None
+    stem = folder.joinpath(*rest.split(".")) if rest else folder
+    candidates = (stem / "__init__.py", stem.with_name(f"{stem.name}.py"))
+    return next((path for path in candidates if path.is_file()), None)
+
+
+@functools.cache
+def top_folder(top):
+    """Folder of a top-level package (for a single module: its file without the ending), or None."""
+    origin = getattr(sys.modules.get(top), "__file__", None)
+    if origin is None:
+        try:
+            spec = importlib.util.find_spec(top)
+        except (ImportError, ValueError):
+            return None
+        origin = spec.origin if spec and spec.has_location else None
+    path = Path(origin) if origin else None
+    return path and (path.parent if path.name == "__init__.py" else path.with_suffix(""))
+
+
+def _tree_text(node):
+    """Nested text of a tree without docstrings, positions and empty fields; the same in every version of Python."""
+    kind = type(node)
+    if kind is list:
+        return "[" + ",".join([_tree_text(item) for item in node]) + "]"
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    written = [kind.__name__]
+    for name in node._fields:
+        value = getattr(node, name, None)
+        if value is None or value == [] or name in SILENT:
+            continue
+        first = getattr(value[0], "value", None) if name == "body" and kind in DOCUMENTED else None
+        if isinstance(first, ast.Constant) and isinstance(value[0], ast.Expr) and isinstance(first.value, str):
+            value = value[1:]
+        written.append(f"{name}={_tree_text(value)}")
+    return "(" + " ".join(written) + ")"
+
+
+def _imports(tree, package):
+    """Names that a tree imports: "a.b" for a module, "a.b:c" for c from a.b."""
+    return [target for node in ast.walk(tree) for _, target in _bindings(node, package)]
+
+
+def _file_names(tree):
+    """Ends of file names among the texts of a tree: "page.html", and ".toml" of "*.toml" or f"{name}.toml"."""
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    return sorted({match[1] for text in texts if (match := FILE_NAME.fullmatch(text))})
+
+
+def _bindings(node, package):
+    """Pairs of bound name and import target of one node; lazy("a.b") and import_module("a.b") have no bound name."""
+    if isinstance(node, ast.Import):
+        return [(alias.asname or alias.name.partition(".")[0], alias.name) for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        parents = package.split(".")
+        base = parents[: len(parents) - node.level + 1] if node.level else []
+        module = ".".join([*base, *([node.module] if node.module else [])])
+        return [(alias.asname or alias.name, f"{module}:{alias.name}") for alias in node.names]
+    named = node.args[0] if isinstance(node, ast.Call) and node.args else None
+    is_import = (
+        isinstance(named, ast.Constant) and getattr(node.func, "attr", getattr(node.func, "id", "")) in IMPORTERS
+    )
+    return [("", str(named.value))] if is_import else []
+
+
+def _definitions(tree, package):
+    """What the top level of a module defines (name -> node) and imports (name -> target)."""
+    local, imported = {}, {}
+    for node in tree.body:
+        imported |= dict(_bindings(node, package))
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and _bindings(node.value, package):
+            imported[node.targets[0].id] = _bindings(node.value, package)[0][1]
+        elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            local[node.name] = node
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            names = (part for part in ast.walk(node) if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store))
+            local |= {part.id: node for part in names}
+    return local, imported
+
+
+def _uses(node):
+    """Names that a tree reads, each with the attribute taken from it, if any; decorators apart."""
+    inner = {id(part.value) for part in ast.walk(node) if isinstance(part, ast.Attribute)}
+    skipped = {id(part) for top in getattr(node, "decorator_list", []) for part in ast.walk(top)}
+    for part in ast.walk(node):
+        if id(part) in skipped:
+            continue
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
+            yield part.value.id, part.attr
+        elif isinstance(part, ast.Name) and id(part) not in inner:
+            yield part.id, ""

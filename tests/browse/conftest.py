@@ -4,7 +4,7 @@ import pytest
 from invented_store import EVENT, calibration, client, dataset, put
 
 from gravcal.browse import series, store_index, variables
-from gravcal.store import journal
+from gravcal.store import history
 
 
 @pytest.fixture
@@ -21,11 +21,11 @@ def shop(store_folder):
     states |= {f"com_offset.solve.{v}": ("made", again[v]) for v in ("mtq", "acc")}
     record = {"event": EVENT, "flow": "com_offset", "status": "delivered", "started": "2026-01-01T00:00:00+00:00"}
     stages = {name: {"state": state, "key": ref.key} for name, (state, ref) in states.items()}
-    journal._write(record | {"seconds": 1.5, "stages": stages})
+    history.write_run(record | {"seconds": 1.5, "stages": stages})
     broken = {"event": "grace-d-2022-01-01", "flow": "com_offset", "status": "failed", "error": "no data <b>here</b>"}
     stages = {"com_offset.align": {"state": "made", "key": "0" * 64}}
     put("grace-d-2022-01-01/com_offset.align", dataset(100))
-    journal._write(broken | {"started": "2026-01-02T00:00:00+00:00", "seconds": 1.0, "failed": "com_offset.solve",
+    history.write_run(broken | {"started": "2026-01-02T00:00:00+00:00", "seconds": 1.0, "failed": "com_offset.solve",
                              "stages": stages})  # fmt: skip
     return {"first": first, "again": again, "other": other, "folder": store_folder}
 

@@ -16,7 +16,7 @@ from invented_store import EVENT, calibration, client
 from flows.calibration import load
 from gravcal.browse import access, app, graph, plots, printed, store_index, timeline
 from gravcal.errors import GravcalError
-from gravcal.store import journal, location
+from gravcal.store import history, location
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_the_chain_says_what_was_reused_made_and_failed(ask, shop):
 def test_a_failed_attempt_stands_beside_what_was_delivered(ask, shop):
     """Contract: the event stays delivered on both pages; what failed since is said beside it, and where."""
     attempt = {"event": EVENT, "flow": "com_offset", "status": "failed", "started": "2026-02-01T00:00:00+00:00"}
-    journal._write(
+    history.write_run(
         attempt | {"failed": "com_offset.align", "error": "no <files> elsewhere", "seconds": 1.0, "stages": {}}
     )
     (row,) = [one for one in store_index.results() if one["event"] == EVENT]
@@ -335,7 +335,7 @@ def test_an_experiment_is_shown_as_such_beside_the_operational_result(shop, ask)
     """Contract: home, event and time line are operational; the experiment has a page, a mark and its own chain."""
     with location.configured("gain-9"):
         own = calibration(EVENT, 3.0, gain=9.0)
-        with journal.recorded("com_offset", EVENT) as note:
+        with history.recorded("com_offset", EVENT) as note:
             note(SimpleNamespace(event=EVENT, unmade=own["report"]), "made", own["report"])
     with location.configured("alone"):
         calibration("grace-c-2023-03-01", 1.0)

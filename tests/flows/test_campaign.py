@@ -14,7 +14,7 @@ import pytest
 
 from flows import campaign as campaigns
 from flows import campaign_work, command
-from gravcal.store import fingerprint, housekeeping, inputs
+from gravcal.store import housekeeping, inputs, keys
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 
@@ -54,9 +54,9 @@ def products():
 
 def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, events, monkeypatch):
     """Contract: rows name them; with the flag worker processes make them again; then there is nothing to say."""
-    here = fingerprint.versions()
+    here = keys.versions()
     with monkeypatch.context() as patched:
-        patched.setattr(fingerprint, "versions", lambda: here | {"scipy": "0.1"})
+        patched.setattr(keys, "versions", lambda: here | {"scipy": "0.1"})
         chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", None, 0)
         campaigns.run(chosen, campaigns.sources("fakecal", None, events))
     said = [f"made by scipy 0.1, here {here['scipy']}"] * 2

@@ -8,7 +8,7 @@ import pytest
 
 from flows import cli
 from gravcal.errors import EstimationError
-from gravcal.store import fingerprint, housekeeping
+from gravcal.store import housekeeping, keys
 from gravcal.store.schemas import validate
 
 
@@ -30,9 +30,9 @@ def test_a_run_delivers_a_document(fakecal, capsys):
 
 def test_a_flag_makes_again_what_other_versions_made(fakecal, capsys, monkeypatch):
     """Contract: run and plan say what is reused, the flag makes it again."""
-    here = fingerprint.versions()
+    here = keys.versions()
     with monkeypatch.context() as patched:
-        patched.setattr(fingerprint, "versions", lambda: here | {"numpy": "0.1"})
+        patched.setattr(keys, "versions", lambda: here | {"numpy": "0.1"})
         assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline") == 0
     for command, flags, expected in (
         (("plan",), (), "reuse: 2, run: 0"),

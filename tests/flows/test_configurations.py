@@ -11,7 +11,7 @@ import pytest
 from flows import cli, command, engine, prefect_engine
 from gravcal import catalog
 from gravcal.errors import CatalogError
-from gravcal.store import configurations, housekeeping, journal, location
+from gravcal.store import configurations, history, housekeeping, location
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 
@@ -82,10 +82,10 @@ def test_each_configuration_has_its_record_of_runs(run):
     """Contract: a failed experiment does not turn a delivered event into a failed one."""
     run()
     run("--set", "gain=3", "--as", "mine")
-    assert journal.last("fake-1", "fakecal")["stages"]
+    assert history.last_run("fake-1", "fakecal")["stages"]
     with location.configured("mine"):
-        assert journal.last("fake-1", "fakecal")["configuration"] == "mine"
-    assert {one["configuration"] for one in journal.runs()} == {"operational", "mine"}
+        assert history.last_run("fake-1", "fakecal")["configuration"] == "mine"
+    assert {one["configuration"] for one in history.runs()} == {"operational", "mine"}
 
 
 def test_a_setting_that_changes_nothing_makes_no_experiment(run, fakecal):

@@ -21,7 +21,7 @@ from flows import campaign, cli_output, cli_store, command, engine
 from flows.remake import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
-from gravcal.store import fingerprint, housekeeping, location, memory, origin
+from gravcal.store import housekeeping, keys, location, memory, origin
 from tasks import stage
 
 #: Calibration: what makes its simulated event small.
@@ -149,7 +149,7 @@ def shipped():
 
 def test_no_data_file_of_the_package_is_forgotten():
     """Contract: every file that is no code is in the key of a stage, or is listed here with the reason why not."""
-    keyed = {part for one in stages().values() for part in fingerprint.of(one.body, one.also) if "/" in part}
+    keyed = {part for one in stages().values() for part in keys.fingerprint(one.body, one.also) if "/" in part}
     listed = {name for name in shipped() if name.startswith(tuple(READ_BY_NO_STAGE))}
     assert keyed >= {f"{EARTH.name}/data/{name}" for name in ("finals2000A.all", "Leap_Second.dat")}
     assert shipped() - keyed == listed
@@ -177,7 +177,7 @@ def test_every_file_of_the_package_that_a_stage_opens_is_in_its_key(name, level_
 
     def observed(call, *rest):
         for module in [one for title, one in list(sys.modules.items()) if title.startswith("gravcal.")]:
-            if module not in (fingerprint, sys.modules["gravcal.catalog.files"]):
+            if module not in (keys, sys.modules["gravcal.catalog.files"]):
                 for value in vars(module).values():
                     getattr(value, "cache_clear", lambda: None)()
         opened.clear()
@@ -190,7 +190,7 @@ def test_every_file_of_the_package_that_a_stage_opens_is_in_its_key(name, level_
             for top in (ROOT / "gravcal", ROOT / "tasks", ROOT / "flows", ROOT / "catalog", EARTH):
                 own = {path.relative_to(top.parent).as_posix() for path in paths if path.is_relative_to(top)}
                 seen.update(own)
-                parts = fingerprint.of(call.stage.body, call.stage.also)
+                parts = keys.fingerprint(call.stage.body, call.stage.also)
                 forgotten.extend((call.stage.name, part) for part in own - set(parts))
 
     monkeypatch.setattr(stage, "_make", observed)
@@ -207,17 +207,17 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
         made(name, level_one)
     copies = {"gravcal": tmp_path / "gravcal", EARTH.name: tmp_path / EARTH.name}
     for top, copy in copies.items():
-        shutil.copytree(fingerprint._top_folder(top), copy, ignore=shutil.ignore_patterns("__pycache__"))
-    own = fingerprint._top_folder
+        shutil.copytree(keys.top_folder(top), copy, ignore=shutil.ignore_patterns("__pycache__"))
+    own = keys.top_folder
 
     def copied(top):
         return copies.get(top) or own(top)
 
     copied.cache_clear = own.cache_clear
-    monkeypatch.setattr(fingerprint, "_top_folder", copied)
+    monkeypatch.setattr(keys, "top_folder", copied)
 
     def planned(names=SMALL):
-        fingerprint.forget()
+        keys.forget()
         found = {}
         for name in names:
             (source,) = command.sources(name, None, None, None, None)
@@ -229,7 +229,7 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
         return found
 
     assert planned() == {}
-    keyed = {part for one in stages().values() for part in fingerprint.of(one.body, one.also) if "/" in part}
+    keyed = {part for one in stages().values() for part in keys.fingerprint(one.body, one.also) if "/" in part}
     again = {}
     for part in sorted(keyed):
         top, _, rest = part.partition("/")

@@ -4,7 +4,7 @@ import pytest
 
 from flows import engine
 from gravcal.errors import ProductError
-from gravcal.store import fingerprint, housekeeping, journal, location
+from gravcal.store import history, housekeeping, keys, location
 
 
 def plan(pipeline, **changes):
@@ -69,12 +69,12 @@ def test_a_changed_data_file_is_named(pipeline):
     changes = {"one.csv": "2, see two.dat", "two.dat": "4", "new.csv": "5"}
     for name, text in changes.items():
         (pipeline.folder / name).write_text(text)
-        fingerprint.forget()
+        keys.forget()
         found = plan(pipeline)
         assert found["start"] == ("run", f"data changed: {pipeline.name}/{name}")
         assert pipeline.run()[0][0] == "start"
     (pipeline.folder / "other.dat").write_text("6")
-    fingerprint.forget()
+    keys.forget()
     assert set(plan(pipeline).values()) == {("reuse",)}
     (pipeline.folder / "one.csv").write_text("under way")
     with pytest.raises(
@@ -104,15 +104,15 @@ def test_a_changed_input_is_named(pipeline):
 @pytest.mark.parametrize("library", ["numpy", "scipy", "numba"])
 def test_products_of_other_versions_are_said_and_made_again_when_wanted(pipeline, monkeypatch, capsys, library):
     """Contract: plan, run and its journal name them; the setting makes them again, once; the old ones are set aside."""
-    here = fingerprint.versions()
+    here = keys.versions()
     with monkeypatch.context() as patched:
-        patched.setattr(fingerprint, "versions", lambda: here | {library: "0.1"})
+        patched.setattr(keys, "versions", lambda: here | {library: "0.1"})
         _, ref = pipeline.run()
     arguments, said = (pipeline.file(), pipeline.chosen), f"made by {library} 0.1, here {here[library]}"
     assert set(plan(pipeline).values()) == {("reuse", said)}
     assert engine.run(pipeline.module("flow").calibrate, *arguments, engine="inline") == ref
     assert f"products reused: 4 {said}. --remake-versions" in capsys.readouterr().err.replace("\n", " ")
-    stages = journal.last("fake-1", pipeline.name)["stages"].values()
+    stages = history.last_run("fake-1", pipeline.name)["stages"].values()
     assert [one["other_versions"] for one in stages] == 4 * [[said]]
     monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", "1")
     assert plan(pipeline)["start"] == ("run", said)
@@ -127,9 +127,9 @@ def test_products_of_other_versions_are_said_and_made_again_when_wanted(pipeline
 
 def test_a_new_python_or_xarray_makes_nothing_again(pipeline, monkeypatch):
     """Contract: only what computes numbers counts."""
-    here = fingerprint.versions()
+    here = keys.versions()
     with monkeypatch.context() as patched:
-        patched.setattr(fingerprint, "versions", lambda: here | {"xarray": "0.1", "python": "2.7", "gravcal": "0.0"})
+        patched.setattr(keys, "versions", lambda: here | {"xarray": "0.1", "python": "2.7", "gravcal": "0.0"})
         pipeline.run()
     assert set(plan(pipeline).values()) == {("reuse",)}
 

@@ -4,7 +4,7 @@ import pytest
 
 from flows.remake import remake
 from gravcal.errors import ProductError
-from gravcal.store import housekeeping, lineage
+from gravcal.store import history, housekeeping
 
 
 def entry(pipeline, part="join"):
@@ -15,12 +15,12 @@ def entry(pipeline, part="join"):
 def test_history_reaches_the_raw_files(pipeline):
     """Contract: the tree of a product ends in files with their SHA-256."""
     pipeline.run()
-    node = lineage.tree(entry(pipeline))
+    node = history.tree(entry(pipeline))
     assert [inner["name"].rpartition(".")[2] for inner in node["inputs"]] == ["one", "other"]
     raw = node["inputs"][0]["inputs"][0]["inputs"][0]
     assert raw["name"] == str(pipeline.raw)
     assert len(raw["digest"]) == 64
-    assert [one["path"] for one in lineage.raw_files(entry(pipeline).ref.key)] == [str(pipeline.raw)]
+    assert [one["path"] for one in history.raw_files(entry(pipeline).ref.key)] == [str(pipeline.raw)]
 
 
 def test_a_product_is_made_again_equal(pipeline, store_folder):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flows import command, engine
 from gravcal.errors import ProductError
-from gravcal.store import explain, housekeeping, journal, keys, lineage, memory, product, records, store
+from gravcal.store import history, housekeeping, keys, memory, product, records, store
 
 
 def of(folder):
@@ -176,9 +176,9 @@ def test_no_record_is_a_traceback_or_another_product(pipeline, store_folder, dat
     memory.clear()
     housekeeping.verify()
     for entry in housekeeping.entries(newest_only=False):
-        lineage.tree(entry)
-        lineage.seconds(entry)
-        explain.other_versions(entry.ref)
+        history.tree(entry)
+        history.seconds(entry)
+        history.other_versions(entry.ref)
     housekeeping.prune(0.0)
     engine.plan(pipeline.module("flow").calibrate, pipeline.file(), pipeline.chosen)
     made, ref = pipeline.run()
@@ -231,4 +231,4 @@ def test_a_readable_link_that_leads_elsewhere_is_not_followed(pipeline, store_fo
                 command.report_files(event, None)
         assert store.newest_record("strange", "com_offset.report") is None
         assert link.name not in {entry.ref.stage for entry in housekeeping.entries()}
-    assert journal.last("strange", "com_offset") is None
+    assert history.last_run("strange", "com_offset") is None

@@ -3,7 +3,7 @@
 import pytest
 
 from flows import engine
-from gravcal.store import journal
+from gravcal.store import history
 
 
 def run(pipeline, **changes):
@@ -13,7 +13,7 @@ def run(pipeline, **changes):
 
 def states(pipeline):
     """State of each stage in the last run."""
-    record = journal.last("fake-1", pipeline.name)
+    record = history.last_run("fake-1", pipeline.name)
     return {stage.removeprefix(f"{pipeline.name}."): one["state"] for stage, one in record["stages"].items()}
 
 
@@ -32,42 +32,42 @@ def test_a_failed_run_is_recorded_with_its_reason(pipeline):
     pipeline.replace("second.py", "return first.assign", "raise ValueError('no mean')\n    return first.assign")
     with pytest.raises(ValueError, match="no mean"):
         run(pipeline)
-    record = journal.last("fake-1", pipeline.name)
+    record = history.last_run("fake-1", pipeline.name)
     assert (record["status"], record["error"]) == ("failed", "ValueError: no mean")
     assert "join" not in states(pipeline)
     assert record["failed"] == f"{pipeline.name}.join"
-    assert [one["event"] for one in journal.runs()] == ["fake-1"]
+    assert [one["event"] for one in history.runs()] == ["fake-1"]
 
 
 def test_a_failed_attempt_stands_beside_the_last_delivered_run(pipeline, tmp_path):
     """Contract: another folder fails; what was delivered before keeps its state, and the next run replaces both."""
     pipeline.replace("second.py", '["value"] * gain', '["value"] * [gain][dataset["value"].size - 7]')
     run(pipeline)
-    before = journal.last("fake-1", pipeline.name)
+    before = history.last_run("fake-1", pipeline.name)
     own, pipeline.raw = pipeline.raw, tmp_path / "elsewhere.txt"
     pipeline.raw.write_text("abcd")
     for _ in range(2):
         with pytest.raises(IndexError):
             run(pipeline)
-        record = journal.last("fake-1", pipeline.name)
+        record = history.last_run("fake-1", pipeline.name)
         attempt = record.pop("attempt")
         assert record == before
         assert (attempt["status"], attempt["failed"]) == ("failed", f"{pipeline.name}.scale.one")
         assert "attempt" not in attempt
-        assert journal.failure("fake-1", pipeline.name)["failed_key"] == attempt["failed_key"] is not None
+        assert history.failure("fake-1", pipeline.name)["failed_key"] == attempt["failed_key"] is not None
     pipeline.raw = own
     run(pipeline)
-    assert "attempt" not in journal.last("fake-1", pipeline.name)
+    assert "attempt" not in history.last_run("fake-1", pipeline.name)
 
 
 def test_a_store_that_cannot_be_written_and_a_broken_record_are_no_error(store_folder):
     """Contract: the journal never stops a run, and reads only whole records."""
     store_folder.mkdir()
     (store_folder / "runs").write_text("a file where the folder would be")
-    with journal.recorded("flow", "event"):
+    with history.recorded("flow", "event"):
         pass
-    assert journal.last("event", "flow") is None
+    assert history.last_run("event", "flow") is None
     (store_folder / "runs").unlink()
     (store_folder / "runs").mkdir()
     (store_folder / "runs" / "event.flow.json").write_text("{")
-    assert journal.runs() == []
+    assert history.runs() == []

@@ -1,0 +1,285 @@
+"""How products came about: why one has to be made, what it was made of, and what the last run of each event did.
+
+    runs/<event>.<flow>.json          one record, replaced by the next run; products do not depend on it
+    runs/<event>.<flow>@<NAME>.json   the same of the experiment of that name
+
+The store says what there is; only the run knows what it found there already. ``gravcal browse`` shows both. A run that
+fails after one that did not, such as one from a folder without the files, takes nothing from that: it stands beside it.
+"""
+
+import contextlib
+import datetime
+import importlib
+import os
+import time
+from pathlib import Path
+
+from gravcal.errors import GravcalError, NoDataError, ProductError
+from gravcal.store import keys, location, store
+
+ABSENT = "(absent)"
+REMAKE = "GRAVCAL_REMAKE_VERSIONS"  # "1": products that other versions of these made are made again
+NUMERICAL = ("numpy", "scipy", "numba")
+AUXILIARY = ("GFC", "TRUTH")  # files that are read beside the Level-1 files of an event
+
+
+def why(recipe, modules):
+    """Reasons why a product has to be made, the most telling first: its recipe beside that of the newest of its name.
+
+    What an experiment never made is compared with the operational product.
+
+    Parameters
+    ----------
+    recipe : dict, of the product wanted; an input whose digest is None is not known yet
+    modules : dict, part of the code -> digest
+
+    Returns
+    -------
+    reasons : list of str, such as "lowpass_hz: 0.5 -> 0.7", "input com_offset.align changed", "never made"
+    """
+    record = store.newest_record(recipe["event"], _name(recipe))
+    return compared(record, {"recipe": recipe, "modules": modules}, otherwise=()) if record else ["never made"]
+
+
+def other_versions(ref):
+    """Numerical libraries of which another version made a product, as text: "made by numpy 2.1.0, here 2.2.1"."""
+    made, here = (store.read_record(ref.folder) or {}).get("versions", {}), keys.versions()
+    other = [name for name in NUMERICAL if made.get(name, here[name]) != here[name]]
+    return [f"made by {name} {made[name]}, here {here[name]}" for name in other]
+
+
+def remakes_versions():
+    """True if products that other versions made are to be made again."""
+    return os.environ.get(REMAKE, "0") not in ("", "0")
+
+
+def compared(old_record, new_record, otherwise=("event or variant",)):
+    """What differs between two products of one stage, list of str such as "lowpass_hz: 0.5 -> 0.7".
+
+    Parameters
+    ----------
+    old_record, new_record : dict, records of the products
+    otherwise : reasons given where none is found
+    """
+    old, new = old_record["recipe"], new_record["recipe"]
+    reasons = list(_differences(old["settings"], new["settings"], ""))
+    if old["version"] != new["version"]:
+        reasons.append(f"version {old['version']} -> {new['version']}")
+    stated = [recipe.get("origin", ABSENT) or "as files say" for recipe in (old, new)]
+    if stated[0] != stated[1]:
+        reasons.append(f"origin: {stated[0]} -> {stated[1]}")
+    before, after = ({item.get("file") or _name(item): item for item in recipe["inputs"]} for recipe in (old, new))
+    reasons += [f"input {name} added" for name in after if name not in before]
+    reasons += [f"input {name} removed" for name in before if name not in after]
+    for name, item in after.items():
+        if name in before and item["digest"] is not None and item["digest"] != before[name]["digest"]:
+            reasons.append(f"input file {name} changed" if "file" in item else f"input {name} changed")
+    return reasons + changed(old_record, new_record) or list(otherwise)
+
+
+def changed(old_record, new_record):
+    """Parts of the code, and data files that it reads, that changed, came or went between two records, as reasons."""
+    if old_record["recipe"]["code"] == new_record["recipe"]["code"]:
+        return []
+    old, new = old_record["modules"], new_record["modules"]
+    names = sorted(name for name in set(old) | set(new) if old.get(name) != new.get(name)) or ["(unknown)"]
+    parts = {"code": [name for name in names if "/" not in name], "data": [name for name in names if "/" in name]}
+    return [f"{what} changed: {', '.join(own)}" for what, own in parts.items() if own]
+
+
+def _differences(old, new, name):
+    """Settings that differ, named to the depth where they do."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in sorted(set(old) | set(new)):
+            yield from _differences(old.get(key, ABSENT), new.get(key, ABSENT), f"{name}.{key}" if name else key)
+    elif old != new or type(old) is not type(new):
+        yield f"{name}: " + " -> ".join(text if len(text) <= 60 else text[:57] + "..." for text in (str(old), str(new)))
+
+
+def _name(recipe):
+    """Kind and variant of a recipe or input."""
+    return ".".join(part for part in (recipe["kind"], recipe["variant"]) if part)
+
+
+def tree(entry):
+    """A product with all it was made of, down to the raw files.
+
+    Parameters
+    ----------
+    entry : housekeeping.Entry
+
+    Returns
+    -------
+    node : dict, "name", "record" (None for a raw file or a product that is gone), "inputs": list of the same
+    """
+    return _node(entry.ref.key, {})
+
+
+def _node(key, known):
+    """Node of one product; one that was met before is not opened again."""
+    record = store.read_record(store.folder_of(key))
+    if record is None:
+        return {"name": key[:12], "record": None, "inputs": [], "gone": True}
+    if key not in known:
+        known[key] = {"name": store.reference(record, store.folder_of(key)).name, "record": record, "inputs": []}
+        for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
+            if "path" in part:
+                where = f"{part['path']}:{part['member']}" if part["member"] else part["path"]
+                node = {"name": where, "record": None, "inputs": [], "digest": label["digest"]}
+            else:
+                node = _node(part["key"], known)
+            known[key]["inputs"].append(node)
+    return known[key]
+
+
+def seconds(entry):
+    """Time that a product and all it was made of took when they were made, s."""
+    waiting, taken = [tree(entry)], {}
+    while waiting:
+        node = waiting.pop()
+        key = node["record"] and node["record"]["key"]
+        if key and key not in taken:
+            taken[key] = node["record"]["seconds"]
+            waiting += node["inputs"]
+    return sum(taken.values())
+
+
+def raw_files(key, known=None):
+    """Raw files below a product, each once: list of dict with path, member, product, satellite, date, digest."""
+    known = set() if known is None else known
+    record = store.read_record(store.folder_of(key))
+    if record is None or key in known:
+        return []
+    known.add(key)
+    files = []
+    for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
+        files += [part | label] if "path" in part else raw_files(part["key"], known)
+    return list({(one["path"], one["member"]): one for one in files}.values())
+
+
+def level_one_folders(calibration):
+    """Where the files were from which the events of the store were made.
+
+    Returns
+    -------
+    sources : list of (event, Path, satellite, date); date is None for an event of several days
+    """
+    made, sources, latest = {}, [], location.folder() / "latest"
+    for link, folder in (*store.links(f"*/{calibration}.*"), *store.links(f"*/as/*/{calibration}.*")):
+        made.setdefault(link.relative_to(latest).parts[0], []).append((link.name, folder.name))
+    for event, products in made.items():
+        reports = [key for stage, key in products if stage.endswith(".report")]
+        files = [one for key in reports or [key for _, key in products] for one in raw_files(key)]
+        files = [one for one in files if one["product"] not in AUXILIARY]
+        if files:
+            folder = Path(os.path.commonpath([Path(one["path"]).parent for one in files]))
+            dates = sorted({one["date"] for one in files})
+            letters = sorted({one["satellite"] for one in files} - set("XY")) or [files[0]["satellite"]]
+            sources.append((event, folder, letters[0], dates[0] if len(dates) == 1 else None))
+    return sources
+
+
+def stage_of(record):
+    """The stage that made a product, as it is now."""
+    module, _, name = record["stage"].partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise ProductError(
+            f"{record['recipe']['kind']}: its stage {record['stage']} is not part of this version of gravcal "
+            f"({error}). Install gravcal {record['versions']['gravcal']} to make it again.",
+            stage=record["stage"],
+        ) from error
+
+
+@contextlib.contextmanager
+def recorded(flow, event=None, planned=()):
+    """Listener of (call, state, ref) whose run is recorded at the end, also when it fails.
+
+    Parameters
+    ----------
+    flow : str, name of the flow
+    event : str or None, by default that of the first stage
+    planned : stages in the order of the flow; where an error does not say its stage, the first not done is named
+    """
+    started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    record = {"event": event, "flow": flow, "configuration": location.configuration()}
+    record |= {"status": "delivered", "started": started, "stages": {}}
+    begin = time.perf_counter()
+
+    def listener(call, state, ref):
+        record["event"] = record["event"] or call.event
+        other = other_versions(ref) if state == "cached" else []
+        stage = {"state": "reused" if state == "cached" else state, "key": ref.key}
+        record["stages"][call.unmade.stage] = stage | ({"other_versions": other} if other else {})
+
+    listener.stages = record["stages"]
+    try:
+        yield listener
+    except BaseException as error:
+        missing = next((stage for stage in planned if stage not in record["stages"]), None)
+        failed = getattr(error, "facts", {}).get("stage") or missing
+        record |= {"status": "failed", "failed": failed, "error": f"{type(error).__name__}: {error}"}
+        if isinstance(error, NoDataError):
+            record |= {"status": "no_data", "failed": None}
+        record["reason"] = str(error) if isinstance(error, GravcalError) else record["error"]
+        record["failed_key"] = getattr(error, "failed_key", None)
+        raise
+    finally:
+        record["seconds"] = round(time.perf_counter() - begin, 3)
+        write_run(record)
+
+
+def last_run(event, flow):
+    """Record of the last run of an event in the configuration that is running, or None.
+
+    Returns
+    -------
+    record : dict or None: event, flow, configuration, status, started, seconds, stages {stage: {state, key,
+        other_versions}}, of the last run that did not fail, and "attempt", the same of one that failed since, with
+        failed and error; where all failed, that of the last
+    """
+    return _read_run(_path_of_run(event, flow, location.configuration()))
+
+
+def failure(event, flow):
+    """Record of the last run in the configuration that is running if it failed, or None.
+
+    Returns
+    -------
+    record : dict or None: as of `last_run`; "reason" without the kind of the error, "failed_key" of the product that
+        its stage would have given, None where no stage is to blame
+    """
+    record = last_run(event, flow) or {"status": None}
+    record = record.get("attempt", record)
+    return {"reason": record.get("error", ""), "failed_key": None} | record if record["status"] == "failed" else None
+
+
+def runs():
+    """Records of the last runs of all events, list of dict as `last_run` gives them."""
+    records = (_read_run(path) for path in sorted((location.folder() / "runs").glob("*.json")))
+    return [record for record in records if record is not None]
+
+
+def write_run(record):
+    """Write the record of a run in one step; a store that can only be read keeps the old one."""
+    if not record["event"]:
+        return
+    path = _path_of_run(record["event"], record["flow"], record.get("configuration", location.OPERATIONAL))
+    before = _read_run(path) if record["status"] != "delivered" else None
+    with contextlib.suppress(OSError):
+        delivered = before and before["status"] == "delivered"
+        location.write_json(path, before | {"attempt": record} if delivered else record, indent=1)
+
+
+def _path_of_run(event, flow, configuration):
+    """Place of a record; a name that would lead elsewhere has none of its separators left."""
+    name = "" if configuration == location.OPERATIONAL else f"@{configuration}"
+    return location.folder() / "runs" / f"{event}.{flow}{name}.json".replace("/", "_")
+
+
+def _read_run(path):
+    """Record at a path, or None where it cannot be read."""
+    record = location.read_json(path)
+    whole = isinstance(record, dict) and {"event", "flow", "status", "stages"} <= set(record)
+    return {"configuration": location.OPERATIONAL} | record if whole else None
