@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from gravcal.estimation.detrended_noise import draw, fit_beside, fit_detrended, from_density
 from gravcal.estimation.least_squares import polynomial, without
-from gravcal.estimation.noise import NoiseModel, fit_noise
+from gravcal.estimation.noise import NoiseModel, draw, fit_beside, fit_detrended, fit_noise, from_density
 
 RED = NoiseModel(np.array([0.9, -0.2]), np.array([1.0, 0.19, 0.19 * 0.96]), 1.0)
 

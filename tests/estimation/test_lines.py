@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from gravcal.estimation import lines
-from gravcal.estimation.lines import without_lines
+from gravcal.estimation import noise as lines
+from gravcal.estimation.noise import without_lines
 
 
 def quiet(rng, amplitude):

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gravcal.errors import GravcalError
-from gravcal.physics import earth, earth_tables
+from gravcal.physics import earth
 from gravcal.physics.constants import ARCSECOND
 
 DAY_2023 = 738849600.0  # 2023-06-01 00:00:00 GPS
@@ -16,7 +16,7 @@ DAY_2023 = 738849600.0  # 2023-06-01 00:00:00 GPS
 def test_the_rotation_equals_the_complete_series_at_each_epoch():
     """Analytic: erfa.c2t06a without grid, with the same UT1 and pole; its pole lacks dX, dY of 0.3 mas."""
     time = DAY_2023 + np.linspace(0, 86400, 7)
-    xp, yp, ut1_minus_tai, dx, dy = earth_tables.orientation_parameters(time, "raise")
+    xp, yp, ut1_minus_tai, dx, dy = earth.orientation_parameters(time, "raise")
     tt = 2451545.0, (time + 51.184) / 86400
     ut1 = 2451545.0, (time + 19 + ut1_minus_tai) / 86400
     rotation = earth.R_ei(np.sort(np.concatenate([time, DAY_2023 + np.arange(100.0) * 860 + 1])))
@@ -82,13 +82,13 @@ def test_epochs_outside_the_table_are_refused_or_noted():
     """Contract: an error that names the table, or the nearest value and a text for the attributes."""
     with pytest.raises(GravcalError, match="astropy-iers-data"):
         earth.R_ei(np.array([3e9]))
-    first, measured, last = earth_tables.coverage()
+    first, measured, last = earth.coverage()
     assert first < measured < last
     nearest = earth.R_ei(np.array([last + 86400.0]), outside="nearest")
     assert_allclose(np.linalg.det(nearest), 1, atol=1e-14)
-    assert earth_tables.orientation_note(np.array([DAY_2023])) == ""
-    assert "predictions" in earth_tables.orientation_note(np.array([measured + 86400]))
-    assert "nearest" in earth_tables.orientation_note(np.array([last + 1]))
+    assert earth.orientation_note(np.array([DAY_2023])) == ""
+    assert "predictions" in earth.orientation_note(np.array([measured + 86400]))
+    assert "nearest" in earth.orientation_note(np.array([last + 1]))
 
 
 @pytest.mark.parametrize(

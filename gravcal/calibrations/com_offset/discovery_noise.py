@@ -9,9 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import noise as linear_noise
 from gravcal.estimation import least_squares
-from gravcal.estimation.detrended_noise import fit_beside, fit_detrended
-from gravcal.estimation.lines import without_lines
-from gravcal.estimation.noise import NoiseModel
+from gravcal.estimation.noise import NoiseModel, fit_beside, fit_detrended, without_lines
 from gravcal.estimation.resampling import lowpass_resampler
 from gravcal.physics import frames
 

@@ -16,7 +16,7 @@ from gravcal.calibrations.gradient_torque.discovery_effects import listed
 from gravcal.calibrations.gradient_torque.discovery_series import DISTANCE, PRESSURE, SHARED
 from gravcal.effects import Context
 from gravcal.estimation import noise
-from gravcal.estimation.detrended_noise import fit_beside
+from gravcal.estimation.noise import fit_beside
 from gravcal.physics import kinematics
 
 CHANNELS = ("linear", "attitude", "torque")

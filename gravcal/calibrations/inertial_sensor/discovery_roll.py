@@ -17,8 +17,7 @@ from gravcal.calibrations.inertial_sensor.bias import ENOUGH, sensor_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.estimation import noise
-from gravcal.estimation.detrended_noise import fit_detrended
-from gravcal.estimation.lines import without_lines
+from gravcal.estimation.noise import fit_detrended, without_lines
 
 CHANNEL, CONSTANT = "roll", "constant"
 PARAMETERS = ("bias_x", "bias_y", "bias_z")

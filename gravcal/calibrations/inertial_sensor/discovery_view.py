@@ -17,7 +17,7 @@ from gravcal.calibrations.inertial_sensor import swing as swings
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.estimation import noise
-from gravcal.estimation.lines import without_lines
+from gravcal.estimation.noise import without_lines
 from gravcal.physics import frames, kinematics, sensing
 
 CHANNELS = ("attitude", "linear")
