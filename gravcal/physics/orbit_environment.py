@@ -49,6 +49,13 @@ def sunlit(position_i, sun):
     return (along > 0) | (across > EARTH_RADIUS)
 
 
+def argument_of_latitude(position_i: np.ndarray, normal_i: np.ndarray) -> np.ndarray:
+    """Angle (n,) rad from the ascending node to positions (n, 3) m of an orbit with the given normal (3,)."""
+    node = np.cross([0.0, 0.0, 1.0], normal_i)
+    across = np.cross(normal_i / np.linalg.norm(normal_i), node)
+    return np.arctan2(position_i @ across, position_i @ node)
+
+
 def warmth(time, time_orbit, position_i, lag_s=WARMING_S):
     """Sunlight through a first-order lag, 0 after a long night and 1 after a long day.
 

@@ -1,23 +1,55 @@
-"""A simulated ranging calibration: eight wiggles of a pair, written as Level-1 columns, and their truth."""
+"""A simulated ranging calibration: wiggles of two satellites that look at each other, and the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
-from gravcal.effects import Context
+from gravcal.calibrations.align import QUATERNION, STATE
+from gravcal.effects import Context, Effect, effect
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, earth, frames, orbit_environment
-from gravcal.simulation import kbr_phase_centre_pair as pairs
-from gravcal.simulation import sensors
+from gravcal.simulation import orbit, sensors
 
 BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
-QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
-STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
+EDGE = 70.0  # s flown before and after the day, for the filters
+
+
+@dataclass(frozen=True)
+class Wiggle:
+    """One sub-manoeuvre: the satellite (0 or 1), the axis (0 pitch, 1 yaw), the sign of its offset and its start."""
+
+    satellite: int
+    axis: int
+    sign: int
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Both satellites of a day.
+
+    Attributes
+    ----------
+    day : s, GPS
+    path : callables, (n,) s -> (n, 6) m, m s-1, of both
+    pointing : callables, (n,) s -> (n, 3) rad, roll, pitch, yaw of both
+    wiggles : sub-manoeuvres in order of time
+    """
+
+    day: float
+    path: tuple[Callable, Callable]
+    pointing: tuple[Callable, Callable]
+    wiggles: tuple[Wiggle, ...]
+
+
+#: Effects to inject by slug, with their values.
+Injected = Mapping[str, tuple[Effect, np.ndarray]]
 
 
 def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
@@ -37,7 +69,7 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
     truth : plain dict, mm where named so
     """
     rng = np.random.default_rng(seed)
-    pair = pairs.draw_pair(chosen, day, rng)
+    pair = draw_pair(chosen, day, rng)
     injected = known_effects(effects)
     scatter = chosen.phase_centre_scatter_mm * rng.standard_normal((2, 3))
     centre = 1e-3 * (np.array([chosen.phase_centre_a_mm, chosen.phase_centre_b_mm]) + scatter)
@@ -45,150 +77,236 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
     for k, letter in enumerate(letters):
         columns[chosen.orbit_product, letter] = _orbit(pair, k, chosen, rng)
         columns["SCA1B", letter] = _star_camera(pair, k, chosen, injected, rng)
-    return columns, _truth(letters, pair, centre, chosen, (seed, day, effects))
-
-
-def known_effects(effects: Mapping[str, Mapping[str, float]]) -> dict:
-    """{slug: (Effect, values)} of effects to inject; an unknown slug is refused by the catalogue."""
-    from gravcal.effects import catalogue, effect
-    from gravcal.effects.ranging import EFFECTS
-
-    known = catalogue() | {entry.slug: entry for entry in EFFECTS}
-    found = {slug: known[slug] if slug in known else effect(slug) for slug in effects}
-    return {slug: (found[slug], found[slug].values(given)) for slug, given in effects.items()}
-
-
-def _added(injected, channel, context, shape):
-    total = np.zeros(shape)
-    for entry, values in injected.values():
-        if entry.channel == channel:
-            total = total + entry.contribution(context, values)
-    return total
-
-
-def attitudes(pair, time: np.ndarray, states) -> list[np.ndarray]:
-    """True quaternions (n, 4) of both satellites."""
-    rotations = pairs.nominal(*states)
-    return [
-        frames.quaternion_product(frames.quaternion_from_R_bi(R), pairs.turned(pair.pointing[k](time)))
-        for k, R in enumerate(rotations)
+    manoeuvres = [
+        {
+            "satellite": letters[one.satellite],
+            "kind": "+-"[one.sign < 0] + ("pitch", "yaw")[one.axis],
+            "start": one.start,
+            "stop": one.stop,
+        }
+        for one in pair.wiggles
     ]
+    truth = {
+        "seed": seed,
+        "day": day,
+        "direction": "com_to_phase_centre",
+        "phase_centre_mm": {letter: (1e3 * c).tolist() for letter, c in zip(letters, centre, strict=True)},
+        "manoeuvres": manoeuvres,
+        "misalignment_urad": list(chosen.misalignment_urad),
+        "effects": {slug: dict(given) for slug, given in effects.items()},
+    }
+    return columns, truth
 
 
-def phase_range(pair, centre: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Range of the phase centres and of the centres of mass.
+def known_effects(effects: Mapping[str, Mapping[str, float]]) -> Injected:
+    """Effects to inject; an unknown slug is refused by the catalogue."""
+    return {slug: (effect(slug), effect(slug).values(given)) for slug, given in effects.items()}
+
+
+def _added(injected: Injected, channel, context):
+    """Sum of the contributions to a channel, 0.0 if there is none."""
+    known = [entry.contribution(context, values) for entry, values in injected.values() if entry.channel == channel]
+    return sum(known, start=0.0)
+
+
+def draw_pair(chosen, day: float, rng) -> Pair:
+    """Orbits and pointing of a day that begins at `day`, GPS s."""
+    length = chosen.cycles * chosen.period_s + 2 * chosen.slew_s
+    start, wiggles = day + chosen.first_start_s, []
+    for name in chosen.manoeuvres:  # such as "+pitch_b"; nothing leaves a place empty
+        if name:
+            axis, letter = name[1:].split("_")
+            place = "ab".index(letter), ("pitch", "yaw").index(axis), 1 - 2 * (name[0] == "-")
+            wiggles.append(Wiggle(*place, start, start + length))
+        start += length + chosen.quiet_s
+    path = _paths(chosen, day, rng)
+    pointing = tuple(_pointing(chosen, day, [one for one in wiggles if one.satellite == k], rng) for k in (0, 1))
+    return Pair(day, path, pointing, tuple(wiggles))
+
+
+def _paths(chosen, day, rng):
+    """Two bodies on one orbit, the second some seconds behind or ahead: both obey the same field exactly."""
+    from scipy.interpolate import make_interp_spline
+
+    angles = rng.uniform(0, 2 * np.pi, 2)
+    inclination = np.radians(chosen.inclination_deg)
+    state = orbit.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
+    lag = chosen.separation_km * 1e3 / np.linalg.norm(state[3:])
+    begin = day - 2 * EDGE - lag
+    nodes = begin + 10.0 * np.arange(int((constants.DAY + 4 * EDGE + 2 * lag) / 10) + 2)
+    states = orbit.fly_orbit(state, begin, nodes[-1])(nodes)
+    spline = make_interp_spline(nodes - begin, states[:, :3], k=9)
+    speed = spline.derivative()
+
+    def follow(delay):
+        return lambda t: np.concatenate([spline(t - begin - delay), speed(t - begin - delay)], axis=1)
+
+    return follow(0.0), follow(lag)
+
+
+def _pointing(chosen, day, wiggles, rng):
+    """Roll, pitch and yaw: slow motion of the control loop and the wiggles."""
+    from scipy.interpolate import make_interp_spline
+
+    step = 20.0
+    nodes = day - 4 * EDGE + step * np.arange(int((constants.DAY + 8 * EDGE) / step) + 1)
+    corner = 1 / (2 * np.pi * chosen.pointing_memory_s)
+    shape = lambda f: 4 * chosen.pointing_memory_s / (1 + (f / corner) ** 2) ** 2 * 2  # noqa: E731
+    wander = chosen.pointing_rad * np.stack([coloured(shape, nodes.size, step, rng) for _ in range(3)], axis=1)
+    mean = chosen.pointing_mean_rad * rng.standard_normal(3)
+    spline = make_interp_spline(nodes - day, wander + mean, k=5)
+
+    def at(time):
+        angle = spline(time - day)
+        for wiggle in wiggles:
+            angle[:, 1 + wiggle.axis] += wiggle.sign * profile(chosen, time - wiggle.start)
+        return angle
+
+    return at
+
+
+def profile(chosen, time: np.ndarray) -> np.ndarray:
+    """Angle of a sub-manoeuvre with positive offset.
 
     Parameters
     ----------
-    pair : Pair
-    centre : (2, 3) m, centre of mass to phase centre, b
-    time : (n,) s
+    chosen : parameters of the simulation
+    time : (n,) s since its start
 
     Returns
     -------
-    ranges : (n,) m twice
+    angle : (n,) rad
 
     Notes
     -----
-    rho = |u + v|, v = R_ib,B c_B - R_ib,A c_A; Remote Sens. 2022, 14, 3395, eqs. 7-9.
+    theta = theta0 + A sin(2 pi f t) between two slews; Remote Sens. 2022, 14, 3395, eqs. 1-4.
     """
-    states = [path(time) for path in pair.path]
-    u = states[1][:, :3] - states[0][:, :3]
-    centre_i = []
-    for k, R_bi in enumerate(pairs.nominal(*states)):
-        q = pairs.turned(pair.pointing[k](time))
-        nominal_b = np.matvec(np.swapaxes(frames.R_bi_from_quaternion(q), 1, 2), centre[k])
-        centre_i.append(np.einsum("nji,nj->ni", R_bi, nominal_b))
-    return np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1), np.linalg.norm(u, axis=1)
+    length = chosen.cycles * chosen.period_s
+    inside = np.clip(time - chosen.slew_s, 0, length)
+    ramp = np.clip(np.minimum(time, length + 2 * chosen.slew_s - time) / chosen.slew_s, 0, 1)
+    smooth = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
+    wave = np.sin(2 * np.pi * inside / chosen.period_s)
+    return np.radians(chosen.offset_deg) * smooth + np.radians(chosen.amplitude_deg) * wave
 
 
-def _environment(pair, centre, time):
-    """What effects of the ranging look at beside angle and range: lines of sight, orbit, sunlight."""
-    states = [path(time) for path in pair.path]
-    toward = states[1][:, :3] - states[0][:, :3]
-    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    lines = []
-    for k, R_bi in enumerate(pairs.nominal(*states)):
-        turn = frames.R_bi_from_quaternion(pairs.turned(pair.pointing[k](time)))
-        lines.append(np.matvec(turn, np.matvec(R_bi, (toward, -toward)[k])))
-    line, position = np.stack(lines, axis=1), states[0][:, :3]
-    normal = np.cross(position[0], states[0][0, 3:])
-    node = np.cross([0.0, 0.0, 1.0], normal)
-    across = np.cross(normal, node) / np.linalg.norm(normal)
-    every = max(time.size // 8640, 1)
-    return {
-        "line_of_sight_b": line,
-        "antenna_x": np.asarray(centre)[:, 0],
-        "antenna_correction": np.einsum("nka,ka->n", line, centre),
-        "argument": np.arctan2(position @ across, position @ node),
-        "warmth": orbit_environment.warmth(time, time[::every], position[::every]),
-    }
+def nominal(state_a: np.ndarray, state_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations R_bi (n, 3, 3) of both satellites with x on the line of sight and z down."""
+    line = state_b[:, :3] - state_a[:, :3]
+    line = line / np.linalg.norm(line, axis=1, keepdims=True)
+    rotations = []
+    for x, state in ((line, state_a), (-line, state_b)):
+        down = -state[:, :3] / np.linalg.norm(state[:, :3], axis=1, keepdims=True)
+        y = np.cross(down, x)
+        y = y / np.linalg.norm(y, axis=1, keepdims=True)
+        rotations.append(np.stack([x, y, np.cross(x, y)], axis=1))
+    return tuple(rotations)
 
 
-def ranging(pair, centre, chosen, injected, rng) -> dict:
+def turned(angle: np.ndarray) -> np.ndarray:
+    """Quaternion from nominal to body for roll, pitch and yaw (n, 3) rad, pitch and yaw towards the line of sight.
+
+    A body turned by the rotation vector (roll, -pitch, -yaw) sees the line of sight at +pitch and +yaw.
+    """
+    return frames.from_rotation_vector(angle * np.array([1.0, -1.0, -1.0]))
+
+
+def orbit_error(chosen, pair: Pair, time: np.ndarray, state: np.ndarray, rng) -> np.ndarray:
+    """Error of a reduced-dynamic orbit: 1 and 2 cycles per revolution, and a red part.
+
+    Parameters
+    ----------
+    chosen : parameters of the simulation
+    pair : Pair
+    time : (n,) s, evenly spaced
+    state : (n, 6) m, m s-1, true
+    rng : source of randomness
+
+    Returns
+    -------
+    error_i : (n, 6) m, m s-1
+    """
+    revolution = np.linalg.norm(np.cross(state[0, :3], state[0, 3:])) / np.sum(state[0, :3] ** 2)
+    phase = revolution * (time - pair.day)[:, None]
+    local = np.zeros((time.size, 3))
+    for cycles in (0, 1, 2):
+        for wave in (np.cos, np.sin):
+            local += wave(cycles * phase) * chosen.orbit_error_m / np.sqrt(2) * rng.standard_normal(3)
+    if chosen.orbit_red_m > 0:
+        step = time[1] - time[0]
+        shape = lambda f: (chosen.orbit_red_m / np.maximum(f / 1e-3, 0.3) ** chosen.orbit_red_slope) ** 2  # noqa: E731
+        local[:, 1] += coloured(shape, time.size, step, rng)
+    radial = state[:, :3] / np.linalg.norm(state[:, :3], axis=1, keepdims=True)
+    along = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
+    error = np.stack([radial, along, np.cross(radial, along)], axis=2) @ local[:, :, None]
+    return np.concatenate([error[:, :, 0], np.gradient(error[:, :, 0], time, axis=0)], axis=1)
+
+
+def ranging(pair: Pair, centre: np.ndarray, chosen, injected: Injected, rng) -> dict:
     """Columns of KBR1B: phase at a high rate, CRN-filtered, biased, with light-time terms.
 
     Parameters
     ----------
     pair : Pair
-    centre : (2, 3) m
+    centre : (2, 3) m, centre of mass to phase centre, b
     chosen : parameters of the simulation
-    injected : {slug: (Effect, values)}
+    injected : Injected
     rng : source of randomness
+
+    Notes
+    -----
+    rho = |u + v|, v = R_ib,B c_B - R_ib,A c_A; Remote Sens. 2022, 14, 3395, eqs. 7-9. The light-time term is that of
+    dual one-way ranging at first order, of the size and sign of KBR1B of 2023-06-01.
     """
     step = chosen.phase_step_s
-    time = pair.day - pairs.EDGE + step * np.arange(round((constants.DAY + 2 * pairs.EDGE) / step))
-    true, com = phase_range(pair, centre, time)
-    angle = np.stack([pointing(time)[:, 1:] for pointing in pair.pointing], axis=1)
-    extra = {"angle": angle, "range": com, "range_rate": np.gradient(com, step)}
-    if any(entry.channel == "range" for entry, _ in injected.values()):
-        extra |= _environment(pair, centre, time)
-    context = Context(time=time, extra=extra, epoch=pair.day + constants.DAY / 2)
-    light = _light_time(com, context.extra["range_rate"])
-    raw = true + _added(injected, "range", context, time.shape) - light + _phase_noise(time.size, chosen, rng)
+    time = pair.day - EDGE + step * np.arange(round((constants.DAY + 2 * EDGE) / step))
+    states = [path(time) for path in pair.path]
+    u = states[1][:, :3] - states[0][:, :3]
+    com = np.linalg.norm(u, axis=1)
+    centre_i, lines = [], []
+    for k, R_bi in enumerate(nominal(*states)):
+        turn = frames.R_bi_from_quaternion(turned(pair.pointing[k](time)))
+        centre_i.append(np.einsum("nji,nj->ni", R_bi, np.matvec(np.swapaxes(turn, 1, 2), centre[k])))
+        lines.append(np.matvec(turn, np.matvec(R_bi, (1, -1)[k] * u / com[:, None])))
+    rate, line, position = np.gradient(com, step), np.stack(lines, axis=1), states[0][:, :3]
+    every = max(time.size // 8640, 1)
+    seen = {
+        "angle": np.stack([pointing(time)[:, 1:] for pointing in pair.pointing], axis=1),
+        "range": com,
+        "range_rate": rate,
+        "line_of_sight_b": line,
+        "antenna_x": centre[:, 0],
+        "antenna_correction": np.einsum("nka,ka->n", line, centre),
+        "argument": orbit_environment.argument_of_latitude(position, np.cross(position[0], states[0][0, 3:])),
+        "warmth": orbit_environment.warmth(time, time[::every], position[::every]),
+    }
+    context = Context(time=time, extra=seen, epoch=pair.day + constants.DAY / 2)
+    light = -com * (0.25 + rate) / constants.SPEED_OF_LIGHT
+    noise = chosen.ranging_noise_m * np.sqrt(0.5 / step) * rng.standard_normal(time.size)
+    if chosen.ranging_corner_hz > 0:  # a part that rises towards low frequencies
+        noise += coloured(lambda f: chosen.ranging_noise_m**2 * chosen.ranging_corner_hz / f, time.size, step, rng)
+    phase = np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1) + _added(injected, "range", context) - light + noise
     at = pair.day + np.arange(0, constants.DAY, chosen.ranging_step_s)
     breaks = np.sort(rng.uniform(pair.day, pair.day + constants.DAY, chosen.phase_breaks))
     bias = -float(np.round(com[0])) + np.cumsum(np.append(rng.normal(), rng.normal(scale=0.05, size=breaks.size)))
     columns = {"gps_time": at.astype(np.int64)}
-    parts = [crn.operator(crn.Crn(), d, np.ones(time.size, bool), (time[0], step), at) for d in range(3)]
-    for d, (name, term) in enumerate(
-        zip(("biased_range", "range_rate", "range_accl"), ("corr", "rate", "accl"), strict=True)
-    ):
-        columns[name], columns[f"lighttime_{term}"] = parts[d](np.stack([raw, light], axis=1)).T
+    names = (("biased_range", "corr"), ("range_rate", "rate"), ("range_accl", "accl"))
+    for derivative, (name, term) in enumerate(names):
+        through = crn.operator(crn.Crn(), derivative, np.ones(time.size, bool), (time[0], step), at)
+        columns[name], columns[f"lighttime_{term}"] = through(np.stack([phase, light], axis=1)).T
         columns[f"ant_centr_{term}"] = np.zeros(at.size)
     columns["biased_range"] = columns["biased_range"] + bias[np.searchsorted(breaks, at)]
-    return _with_breaks(columns, at, breaks)
-
-
-def _phase_noise(count, chosen, rng):
-    """White noise and a part that rises towards low frequencies."""
-    step = chosen.phase_step_s
-    white = chosen.ranging_noise_m * np.sqrt(0.5 / step) * rng.standard_normal(count)
-    if chosen.ranging_corner_hz <= 0:
-        return white
-    return white + coloured(lambda f: chosen.ranging_noise_m**2 * chosen.ranging_corner_hz / f, count, step, rng)
-
-
-def _light_time(com, rate):
-    """Light-time term of dual one-way ranging, first order (of the size and sign of KBR1B of 2023-06-01)."""
-    return -com * (0.25 + rate) / constants.SPEED_OF_LIGHT
-
-
-def _with_breaks(columns, at, breaks):
-    """Epochs round a phase break removed, the first one after it marked."""
-    distance = np.abs(at[:, None] - breaks).min(axis=1, initial=np.inf)
-    kept = distance > BREAK_GAP
-    first = np.zeros(at.size, dtype=np.uint8)
+    kept = np.abs(at[:, None] - breaks).min(axis=1, initial=np.inf) > BREAK_GAP
+    columns["qualflg"] = np.zeros(at.size, dtype=np.uint8)
     after = np.searchsorted(at[kept], breaks)
-    first[np.flatnonzero(kept)[after[after < kept.sum()]]] = 1
-    return {name: values[kept] for name, values in (columns | {"qualflg": first}).items()}
+    columns["qualflg"][np.flatnonzero(kept)[after[after < kept.sum()]]] = 1  # the first epoch after a break
+    return {name: values[kept] for name, values in columns.items()}
 
 
 def _orbit(pair, k, chosen, rng):
     """GNI1B or GNV1B: the true orbit and its error."""
     time = pair.day + np.arange(constants.DAY)
     state = pair.path[k](time)
-    state = state + pairs.orbit_error(chosen, pair, time, state, rng)
+    state = state + orbit_error(chosen, pair, time, state, rng)
     if chosen.orbit_product == "GNV1B":
         state = np.concatenate(earth.state_to_fixed(time, state[:, :3], state[:, 3:]), axis=1)
     return {"gps_time": time.astype(np.int64)} | dict(zip(STATE, state.T, strict=True))
@@ -197,56 +315,22 @@ def _orbit(pair, k, chosen, rng):
 def _star_camera(pair, k, chosen, injected, rng):
     """SCA1B: true attitude, mounting error, noise."""
     tag = pair.day + np.arange(constants.DAY)
-    time = tag - _added(injected, "sca_delay", Context(time=tag), tag.shape)
-    true = attitudes(pair, time, [path(time) for path in pair.path])[k]
+    time = tag - _added(injected, "sca_delay", Context(time=tag))
+    R_bi = nominal(*(path(time) for path in pair.path))[k]
+    true = frames.quaternion_product(frames.quaternion_from_R_bi(R_bi), turned(pair.pointing[k](time)))
     angle = sensors.star_camera_noise(time.size, chosen, rng) + 1e-6 * np.array(chosen.misalignment_urad)
-    angle = angle + _added(injected, "pointing_b", Context(time=time), (time.size, 3))
-    measured = sensors.star_camera(true, angle, rng)
+    measured = sensors.star_camera(true, angle + _added(injected, "pointing_b", Context(time=time)), rng)
     return {"gps_time": tag.astype(np.int64)} | dict(zip(QUATERNION, measured.T, strict=True))
 
 
-def _truth(letters, pair, centre, chosen, seeded):
-    seed, day, effects = seeded
-    names = [f"{'+-'[w.sign < 0]}{('pitch', 'yaw')[w.axis]}" for w in pair.wiggles]
-    return {
-        "seed": seed,
-        "day": day,
-        "direction": "com_to_phase_centre",
-        "phase_centre_mm": {letter: (1e3 * c).tolist() for letter, c in zip(letters, centre, strict=True)},
-        "manoeuvres": [
-            {"satellite": letters[w.satellite], "kind": name, "start": w.start, "stop": w.stop}
-            for w, name in zip(pair.wiggles, names, strict=True)
-        ],
-        "misalignment_urad": list(chosen.misalignment_urad),
-        "effects": {slug: dict(given) for slug, given in effects.items()},
-    }
-
-
 def ingested(columns: Mapping) -> dict[tuple[str, str], xr.Dataset]:
-    """Simulated columns as the readers would return the files, {(product, letter): Dataset}.
-
-    Parameters
-    ----------
-    columns : as `simulate` returns them
-    """
+    """Columns of `simulate` as the readers would return the files, {(product, letter): Dataset}."""
     found = {}
     for (product, letter), values in columns.items():
         second = np.asarray(values["gps_time"])
         blank = np.zeros(second.size, dtype=np.uint8)
-        given = {"qualflg": blank, "flag": blank} | dict(values)
-        given |= {"time_second": second, "time_fraction": np.zeros(second.size), "time_tag": second.astype(float)}
+        record = {"qualflg": blank, "flag": blank} | dict(values)
+        record |= {"time_second": second, "time_fraction": np.zeros(second.size), "time_tag": second.astype(float)}
         attrs = {"product": product, "satellite": letter, "file": f"{product} of {letter}"}
-        found[product, letter] = xr.Dataset({n: ("record", v) for n, v in given.items()}, attrs=attrs)
+        found[product, letter] = xr.Dataset({n: ("record", v) for n, v in record.items()}, attrs=attrs)
     return found
-
-
-def noiseless(chosen):
-    """The same choices without any error, for checks of the equations."""
-    quiet = ("ranging_noise_m", "orbit_error_m", "orbit_red_m", "noise_scale")
-    return _replaced(chosen, dict.fromkeys(quiet, 0.0) | {"phase_breaks": 0, "ranging_corner_hz": 0.0})
-
-
-def _replaced(chosen, values):
-    if hasattr(chosen, "with_settings"):
-        return chosen.with_settings(values)
-    return replace(chosen, **values)

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 
 from gravcal.calibrations.kbr_phase_centre import pointing
 from gravcal.physics import frames
-from gravcal.simulation import kbr_phase_centre_pair as pairs
+from gravcal.simulation import kbr_phase_centre as simulation
 
 RHO, X = 220e3, 1.444  # m
 POSITION = np.array([[[7e6, 0, 0]], [[7e6, RHO, 0]]], dtype=float)
@@ -16,8 +16,8 @@ def facing(angle_a, angle_b=(0.0, 0.0, 0.0)):
     states = [np.concatenate([p, np.zeros((1, 3))], axis=1) for p in POSITION]
     return np.stack(
         [
-            frames.quaternion_product(frames.quaternion_from_R_bi(R), pairs.turned(np.array([angle])))
-            for R, angle in zip(pairs.nominal(*states), (angle_a, angle_b), strict=True)
+            frames.quaternion_product(frames.quaternion_from_R_bi(R), simulation.turned(np.array([angle])))
+            for R, angle in zip(simulation.nominal(*states), (angle_a, angle_b), strict=True)
         ]
     )
 

@@ -164,9 +164,7 @@ def _along_the_orbit(time, position):
     known = np.isfinite(position).all(axis=1)
     orbit, position = time[known][::10], position[known][::10]
     normal = np.cross(position[0], position[min(100, len(position) - 1)])
-    node = np.cross([0.0, 0.0, 1.0], normal)
-    across = np.cross(normal / np.linalg.norm(normal), node)
-    argument = np.unwrap(np.arctan2(position @ across, position @ node))
+    argument = np.unwrap(orbit_environment.argument_of_latitude(position, normal))
     latitude = np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1))
     sun = orbit_environment.sun_i(orbit[[0, -1]]).mean(axis=0)
     series = {

@@ -223,10 +223,10 @@ def geometry_table(document):
     rows = [
         [name.replace("_", " "), *(_digits(condition[o][name], 1) for o in OBSERVABLES)] for name in condition["range"]
     ]
-    ratio = ", ".join(_digits(value, 4) for value in own["one_sided_sigma_ratio"]["positive"])
+    ratio, tangent = [_digits(value, 4) for value in own["one_sided_sigma_ratio"]["positive"]], own["tan_offset"]
     return Table(
-        f"Condition number of the whitened, detrended columns. Error of y and z over that of x, positive only: {ratio}; "
-        f"tan of the offset angle: {_digits(own['tan_offset'], 4)}.",
+        f"Condition number of the whitened, detrended columns. Error of y and z over that of x, positive only: "
+        f"{', '.join(ratio)}; tan of the offset angle: {_digits(tangent, 4)}.",
         ["set", *TITLES.values()],
         rows,
         reads=["combine"],

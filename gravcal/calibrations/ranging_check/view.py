@@ -91,9 +91,7 @@ def _environment(aligned, time):
     kept = np.isfinite(position).all(axis=1)
     orbit, position = aligned["time"].values[kept][::10], position[kept][::10]
     normal = np.cross(position[0], position[len(position) // 60])
-    node = np.cross([0.0, 0.0, 1.0], normal)
-    across = np.cross(normal / np.linalg.norm(normal), node)
-    argument = np.unwrap(np.arctan2(position @ across, position @ node))
+    argument = np.unwrap(orbit_environment.argument_of_latitude(position, normal))
     return {"argument": np.interp(time, orbit, argument), "warmth": orbit_environment.warmth(time, orbit, position)}
 
 
