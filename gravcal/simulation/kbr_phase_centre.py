@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.align import QUATERNION, STATE
 from gravcal.effects import Context, Effect, effect
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured
@@ -16,6 +15,8 @@ from gravcal.physics import constants, earth, frames, orbit_environment
 from gravcal.simulation import orbit, sensors
 
 BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
+QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
+STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
 EDGE = 70.0  # s flown before and after the day, for the filters
 
 
