@@ -161,7 +161,7 @@ def manoeuvres(found):
         yield {"kind": ("roll", "pitch", "yaw")[int(kind)], "start": float(start), "stop": float(stop)}
 
 
-def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
+def simulation(out, chosen, day, seed, effects, _truth):
     """Truth of an invented day; its Level-1 files are written."""
     satellite = catalog.satellite(chosen.satellite).settings()
     columns, invented = simulator.simulate(satellite, chosen, day, seed, effects)

@@ -11,7 +11,7 @@ from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
 from tasks import discovery_swing, inertial_sensor
-from tasks.stage import lazy, numbers
+from tasks.stage import lazy, read
 
 simulator = lazy("gravcal.simulation.inertial_sensor")
 inertial_files = lazy("gravcal.io.inertial_files")
@@ -25,7 +25,7 @@ def calibrate(source, chosen):
     """Scale factors and offset from a swing, bias from a roll."""
     days = _days(source)
     found = _detected(days, source, chosen)
-    seen = numbers(found, "swing_start", "swing_stop", "roll_start", "roll_stop")
+    seen = read(found)
     parts, looked_at = {"detect": found}, []
     if seen["swing_start"].size:
         files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
@@ -70,7 +70,7 @@ def _with_model(parts, chosen):
 
 def _rolled(found, days, source, chosen, swing):
     """Products of a roll by name; `swing` holds those of a swing, if there is one."""
-    seen = numbers(found, "roll_start", "roll_stop")
+    seen = read(found)
     segmented = inertial_sensor.segment(
         found, *_files(days, *_roll_span(seen), 0.0), event=source.event, **chosen.for_stage("segment")
     )
@@ -114,7 +114,7 @@ def baseline(source, chosen):
     """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither."""
     days = _days(source)
     found = _detected(days, source, chosen)
-    seen, parts = numbers(found, "swing_start", "swing_stop", "roll_start", "roll_stop"), {}
+    seen, parts = read(found), {}
     if seen["swing_start"].size:
         files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
         parts |= _swing(found, files, source, chosen)
@@ -203,7 +203,7 @@ def manoeuvres(found):
             yield {"kind": kind, "start": float(start), "stop": float(stop)}
 
 
-def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
+def simulation(out, chosen, day, seed, effects, _truth):
     """Truth of an invented event; its files are written."""
     records, invented = simulator.simulate(catalog.satellite("T").settings(), chosen, day, seed, effects)
     for record in records:

@@ -211,7 +211,7 @@ def manoeuvres(found):
         yield {"satellite": letters[number], "kind": kind, "start": float(start), "stop": float(stop)}
 
 
-def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
+def simulation(out, chosen, day, seed, effects, _truth):
     """Truth of an invented day of a pair; its Level-1 files are written."""
     columns, invented = simulator.simulate(chosen.satellites, chosen, day, seed, effects)
     for (name, letter), values in columns.items():

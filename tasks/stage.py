@@ -149,12 +149,6 @@ def read(ref):
     return dataset
 
 
-def numbers(ref, *names):
-    """Some variables of a product as plain arrays {name: array}."""
-    dataset = read(ref)
-    return {name: dataset[name].values for name in names}
-
-
 def forget():
     """Forget calls and contents, so that a process that lives long does not grow."""
     _calls.clear()

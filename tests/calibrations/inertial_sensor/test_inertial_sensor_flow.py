@@ -1,7 +1,5 @@
 """The whole way: voltages and attitude in, document and page out."""
 
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -111,21 +109,6 @@ def test_the_page_holds_tables_and_figures(delivered):
 def test_a_second_run_reuses_everything(delivered):
     """Contract: nothing is made again."""
     assert {step.action for step in delivered["steps"]} == {"reuse"}
-
-
-def test_a_plan_of_what_is_there_loads_no_heavy_library(both, tmp_path, monkeypatch):
-    """Contract: a plan looks at the times of the manoeuvres alone: 0.4 s of processor, was 1.3 s."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
-    run(both[0])
-    code = (
-        "import sys; from flows import engine, inertial_sensor; from gravcal import catalog\n"
-        f"source = inertial_sensor.CALIBRATION.source(data={str(both[0])!r})\n"
-        "steps, _ = engine.plan(inertial_sensor.calibrate, source, catalog.parameters('inertial_sensor'))\n"
-        "assert {step.action for step in steps} == {'reuse'}, steps\n"
-        "heavy = {'xarray', 'pandas', 'dask', 'scipy', 'numba', 'polars', 'matplotlib', 'prefect'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_the_printed_forms_double_the_linear_factors(delivered):

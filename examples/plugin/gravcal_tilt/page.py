@@ -1,0 +1,58 @@
+"""Document and page of tilt_scale."""
+
+import numpy as np
+
+from gravcal.calibrations.checks import at_most
+from gravcal.report import documents
+from gravcal.report.figures import grid
+from gravcal.report.pages import Figure, Section, Table, page
+
+UNITS = {"scale": "1", "bias": "rad"}
+
+
+def report(fitted, event, settings):
+    """Report product and its files.
+
+    Parameters
+    ----------
+    fitted : Dataset, "tilt_scale.fit"
+    event : str
+    settings : all parameters
+    """
+    sigma = np.sqrt(np.diag(fitted["covariance"].values))
+    estimates = zip(UNITS.items(), fitted["value"].values, sigma, strict=True)
+    parameters = {
+        name: {"value": float(value), "sigma": float(error), "unit": unit} for (name, unit), value, error in estimates
+    }
+    document = {
+        "schema_version": "1.0",
+        "status": "delivered",
+        "calibration": "tilt_scale",
+        "event": event,
+        "provenance": documents.traced("tilt_scale", {"fit": fitted}),
+        "settings": settings,
+        "parameters": parameters,
+        "verdict": {"text": f"Scale {parameters['scale']['value']:.2e} +- {sigma[0]:.1e}."},
+    }
+    checks = [at_most("sigma of the scale", sigma[0], settings["sigma_limit"], "1")]
+    document, files = documents.delivered(document, [fitted], checks)
+    sections = [
+        Section("Result", tables=[table(parameters)], figures=[Figure(draw, ["fit"], "Residual of the reading.")])
+    ]
+    files["report.html"] = page(document, sections, {"fit": fitted}, heading="Tilt meter")
+    return fitted[["value"]], files
+
+
+def table(parameters):
+    """Table of the parameters."""
+    rows = [[name, f"{one['value']:.3e}", f"{one['sigma']:.1e}", one["unit"]] for name, one in parameters.items()]
+    return Table("Scale and bias.", ["parameter", "value", "sigma", "unit"], rows, ["fit"])
+
+
+def draw(fitted):
+    """Residual over time."""
+    figure, panels = grid(1, 1, 2.0)
+    panels[0, 0].plot((fitted["time"] - fitted["time"][0]) / 60.0, 1e6 * fitted["residual"], linewidth=0.5)
+    panels[0, 0].set_xlabel("time (min)")
+    panels[0, 0].set_ylabel("residual (µrad)")
+    return figure
