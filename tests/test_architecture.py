@@ -82,7 +82,9 @@ def upward_imports(name, path):
     found = {imported for imported in imports(path) if imported.split(".")[0] in OURS}
     if own in ABOVE:
         return {imported for imported in found if imported.split(".")[0] not in ABOVE[own]}
-    if own in ("gravcal", "gravcal.errors", "gravcal.__init__"):
+    if name == "gravcal.__init__":  # the interface: what it imports, it imports when it is asked
+        return {imported for imported in found if not imported.startswith("gravcal")}
+    if own in ("gravcal", "gravcal.errors"):
         return found
     allowed = BELOW[own] | EVERYWHERE | {own}
     return {imported for imported in found if layer(imported) not in allowed and imported != "gravcal.__version__"}

@@ -1,0 +1,161 @@
+"""Generalised least squares with the noise as measured: the one result that the scientific interface returns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from gravcal.errors import EstimationError
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import NoiseModel, whiten
+
+ROUNDING = 1e-9  # of a column's length that the nuisance columns leave of one that they hold
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Values with their covariance, and how well they describe the observations.
+
+    Attributes
+    ----------
+    names : of the parameters
+    unit : of all of them, or one each divided by commas
+    value : (p,), NaN where the observations do not determine it
+    covariance : (p, p) unit squared, NaN there
+    chi2, dof : of the residual, noise as measured
+    information, right : (p, p) and (p,), normal equations with all nuisance parameters eliminated; they add up
+    residual : (n, m) 1, whitened residual of each series, zero where no sample was used
+    """
+
+    names: tuple[str, ...]
+    unit: str
+    value: np.ndarray
+    covariance: np.ndarray
+    chi2: float
+    dof: int
+    information: np.ndarray
+    right: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(p,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def probability(self) -> float:
+        """Probability of a chi-square as large as this one, or larger, if model and noise are right."""
+        return float(stats.chi2.sf(self.chi2, self.dof))
+
+    def scaled(self, factor: float, unit: str) -> Estimate:
+        """The same in another unit, or with the other sign."""
+        moved = {"value": factor * self.value, "covariance": factor**2 * self.covariance}
+        normal = {"information": self.information / factor**2, "right": self.right / factor}
+        return Estimate(self.names, unit, chi2=self.chi2, dof=self.dof, residual=self.residual, **moved, **normal)
+
+    def __str__(self):
+        """One line a parameter."""
+        units = [*self.unit.split(","), *[self.unit] * len(self.names)]
+        rows = zip(self.names, self.value, self.sigma, units, strict=False)
+        lines = [
+            f"{name:>12} {value:+.4g} +- {sigma:.2g} {unit.strip()}"
+            if np.isfinite(value)
+            else f"{name:>12} not determined"
+            for name, value, sigma, unit in rows
+        ]
+        return "\n".join(
+            [*lines, f"chi2 {self.chi2:.1f} of {self.dof} degrees of freedom (p = {self.probability:.2g})"]
+        )
+
+
+def estimate(
+    observed: np.ndarray,
+    columns: np.ndarray,
+    noise: Sequence[NoiseModel],
+    nuisance: np.ndarray,
+    names: Sequence[str],
+    unit: str,
+) -> Estimate:
+    """Least squares of several series at the same epochs, each with its own noise and nuisance parameters.
+
+    Parameters
+    ----------
+    observed : (n, m), evenly spaced, NaN where missing
+    columns : (n, m, p) of the parameters, unit of the observations per unit of the parameter
+    noise : m NoiseModel, in the unit of the observations
+    nuisance : (n, k) columns that are free in every series, such as `gravcal.estimation.least_squares.polynomial`
+    names, unit : of the parameters
+
+    Returns
+    -------
+    estimate : Estimate
+
+    Raises
+    ------
+    EstimationError : shapes that do not fit, fewer samples than parameters
+
+    Notes
+    -----
+    x = (A' W A)^-1 A' W y with W the inverse covariance of the noise; nuisance columns are projected out of both sides
+    after whitening, which is the same as estimating them.
+    """
+    observed, columns = np.asarray(observed, dtype=float), np.asarray(columns, dtype=float)
+    count, series = observed.shape
+    if columns.shape != (count, series, len(names)) or len(noise) != series or len(nuisance) != count:
+        raise EstimationError(
+            f"observations {observed.shape}: found columns {columns.shape}, {len(noise)} noise models, "
+            f"{len(nuisance)} nuisance rows, expected ({count}, {series}, {len(names)}), {series}, {count}."
+        )
+    information, right, square, dof = 0.0, 0.0, 0.0, -len(names)
+    rows = []
+    for axis in range(series):
+        valid = np.isfinite(observed[:, axis]) & np.isfinite(columns[:, axis]).all(axis=1)
+        white = whiten(noise[axis], np.column_stack([observed[:, axis], columns[:, axis], nuisance]), valid)
+        clean = least_squares.without(white[:, 1 + len(names) :], white[:, : 1 + len(names)])
+        rounding = ROUNDING * np.linalg.norm(white[:, : 1 + len(names)], axis=0)
+        clean[:, np.linalg.norm(clean, axis=0) < rounding] = 0.0  # a column that the nuisance columns hold
+        rows.append(clean)
+        information = information + clean[:, 1:].T @ clean[:, 1:]
+        right = right + clean[:, 1:].T @ clean[:, 0]
+        square += float(clean[:, 0] @ clean[:, 0])
+        dof += int(valid.sum()) - least_squares.orthonormal(white[:, 1 + len(names) :]).shape[1]
+    if dof < 1:
+        raise EstimationError(
+            f"found {dof + len(names)} samples beyond the nuisance parameters, expected more than the {len(names)} "
+            f"parameters. Give a longer record."
+        )
+    value, covariance = _solved(information, right)
+    residual = np.column_stack([part[:, 0] - part[:, 1:] @ np.nan_to_num(value) for part in rows])
+    chi2 = float(np.sum(residual**2))
+    return Estimate(tuple(names), unit, value, covariance, chi2, dof, information, right, residual)
+
+
+def together(*estimates: Estimate) -> Estimate:
+    """One estimate from several independent ones of the same parameters, such as those of several manoeuvres.
+
+    The chi-square holds how far they disagree: that of all residuals about the common values.
+    """
+    first = estimates[0]
+    if any((one.names, one.unit) != (first.names, first.unit) for one in estimates):
+        raise EstimationError("found estimates of different parameters or units, expected the same.")
+    information, right = (sum(getattr(one, name) for one in estimates) for name in ("information", "right"))
+    value, covariance = _solved(information, right)
+    chi2 = 0.0
+    for one in estimates:
+        moved = np.nan_to_num(value) - np.nan_to_num(one.value)
+        chi2 += one.chi2 + float(moved @ one.information @ moved)
+    dof = sum(one.dof for one in estimates) + (len(estimates) - 1) * len(first.names)
+    rest = np.concatenate([one.residual for one in estimates])
+    return Estimate(first.names, first.unit, value, covariance, chi2, dof, information, right, rest)
+
+
+def _solved(information, right):
+    """Values and covariance of normal equations, NaN where not determined."""
+    covariance = least_squares.covariance(information)
+    known = np.isfinite(np.diag(covariance))
+    value = least_squares.stable_inverse(information) @ right
+    covariance = np.where(known[:, None] & known, covariance, np.nan)
+    return np.where(known, value, np.nan), covariance
