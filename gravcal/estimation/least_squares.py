@@ -247,10 +247,3 @@ def polynomial(time: np.ndarray, degree: int, start: float, stop: float) -> np.n
     """
     u = (2 * time - start - stop) / (stop - start)
     return np.polynomial.legendre.legvander(u, degree) if degree >= 0 else np.zeros((time.size, 0))
-
-
-def chi2_probability(chi2: float, dof: int) -> float | None:
-    """Probability of a larger chi-square; None without degrees of freedom."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(dof, chi2)) if dof > 0 else None

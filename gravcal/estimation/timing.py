@@ -68,11 +68,6 @@ def normalised(second, fraction) -> Tags:
     return Tags(second + carry.astype(np.int64) + whole, np.where(whole, 0.0, fraction))
 
 
-def later(tags: Tags, by_s) -> Tags:
-    """Tags moved by a number of seconds, such as a quarter of the integration period of a star camera."""
-    return normalised(tags.second, tags.fraction + by_s)
-
-
 def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
     """Receiver minus on-board time at the records of TIM1B.
 
@@ -132,10 +127,10 @@ def obc_to_receiver(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.
     tags : Tags in receiver time
     undetermined : (n,) bool, beyond the limits, in a gap, or at a jump
     """
-    return _moved(tags, clock, limits, use_drift=False)
+    return _moved(tags, clock, limits)
 
 
-def receiver_to_gps(tags: Tags, clock: Clock, limits: Limits, use_drift: bool = False) -> tuple[Tags, np.ndarray]:
+def receiver_to_gps(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarray]:
     """GPS time of receiver tags with the clock of CLK1B, never across a jump of the clock.
 
     Parameters
@@ -143,17 +138,16 @@ def receiver_to_gps(tags: Tags, clock: Clock, limits: Limits, use_drift: bool = 
     tags : Tags in receiver time
     clock : of ``clk1b_clock``
     limits : what may be bridged
-    use_drift : offset and drift of the record before, instead of a line between two records
 
     Returns
     -------
     tags : Tags in GPS time
     undetermined : (n,) bool, beyond the limits, in a gap, or at a jump
     """
-    return _moved(tags, clock, limits, use_drift)
+    return _moved(tags, clock, limits)
 
 
-def _moved(tags, clock, limits, use_drift):
+def _moved(tags, clock, limits):
     if not len(clock.second):
         undetermined = np.ones(len(tags.second), bool)
         return Tags(tags.second, np.full(len(tags.second), np.nan)), undetermined
@@ -161,7 +155,7 @@ def _moved(tags, clock, limits, use_drift):
     before = knot < 0
     knot = np.maximum(knot, 0)
     past = (tags.second - clock.second[knot]) + tags.fraction
-    slope = clock.drift if use_drift else _slopes(clock)
+    slope = _slopes(clock)
     offset = clock.offset[knot] + np.where(before, clock.drift[knot], slope[knot]) * past
     determined = _reachable(clock, limits)[knot] | (past == 0)
     outside = before | (knot == len(clock.second) - 1)
@@ -191,26 +185,23 @@ def _reachable(clock, limits):
     return np.append((steps <= limits.max_gap_s) & steady & ~flagged & clear, False)
 
 
-def ordered(tags: Tags, values=(), keys=()) -> Ordering:
+def ordered(tags: Tags, values=()) -> Ordering:
     """Order of time with repeated records left out and reported.
 
     Parameters
     ----------
     tags : Tags, none undetermined
     values : arrays (n,) or (n, k) that make two records equal or not
-    keys : arrays (n,) that tell records of the same time apart, such as the head of a star camera
 
     Returns
     -------
-    ordering : Ordering; of records with one tag and key the first is kept
+    ordering : Ordering; of records with one tag the first is kept
     """
     n = len(tags.second)
-    places = [np.unique(key, return_inverse=True)[1] for key in keys]
-    order = np.lexsort([np.arange(n), *reversed(places), tags.fraction, tags.second])
-    same = np.ones(max(n - 1, 0), bool)
-    for column in (tags.second, tags.fraction, *places):
-        same &= column[order][1:] == column[order][:-1]
-    repeats = np.insert(same, 0, False) if n else same
+    order = np.lexsort([np.arange(n), tags.fraction, tags.second])
+    second, fraction = tags.second[order], tags.fraction[order]
+    repeats = np.zeros(n, bool)
+    repeats[1:] = (second[1:] == second[:-1]) & (fraction[1:] == fraction[:-1])
     first = np.maximum.accumulate(np.where(repeats, 0, np.arange(n)))
     differs = repeats & ~_equal(values, order, order[first])
     conflicting = np.zeros(n, bool)
@@ -231,47 +222,3 @@ def _equal(values, one, other):
         a, b = np.asarray(column)[one], np.asarray(column)[other]
         equal &= ((a == b) | ((a != a) & (b != b))).reshape(len(one), -1).all(axis=1)
     return equal
-
-
-def gaps(time, limit_s: float) -> np.ndarray:
-    """Stretches without samples longer than the limit.
-
-    Parameters
-    ----------
-    time : (n,) s, in order
-    limit_s : longest distance of two samples that is no gap
-
-    Returns
-    -------
-    gaps : (g, 2) s, last sample before and first one after each gap
-    """
-    time = np.asarray(time, float)
-    wide = np.flatnonzero(np.diff(time) > limit_s)
-    return np.stack([time[wide], time[wide + 1]], axis=-1)
-
-
-def segment(time, limit_s: float) -> np.ndarray:
-    """Number of the gapless stretch each of (n,) ordered samples belongs to, from 0."""
-    return np.concatenate([np.zeros(min(len(time), 1), int), np.cumsum(np.diff(time) > limit_s)])
-
-
-def covered(at, time, limit_s: float) -> np.ndarray:
-    """Whether each epoch lies on a sample or between two samples that are no gap apart.
-
-    Parameters
-    ----------
-    at : (m,) s
-    time : (n,) s, in order
-    limit_s : longest distance of two samples that is no gap
-
-    Returns
-    -------
-    covered : (m,) bool
-    """
-    at, time = np.asarray(at, float), np.asarray(time, float)
-    if not len(time):
-        return np.zeros(at.shape, bool)
-    after = np.clip(np.searchsorted(time, at, side="left"), 0, len(time) - 1)
-    before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 1)
-    inside = (time[before] <= at) & (at <= time[after])
-    return inside & (time[after] - time[before] <= limit_s)

@@ -6,8 +6,6 @@ EARTH_RADIUS = 6378136.3  # m, reference radius of EGM2008
 J2 = 1.0826359e-3  # 1, EGM2008 zero-tide: -sqrt(5) C20 with C20 = -4.8416948e-4
 
 # Earth's shape and rotation
-WGS84_SEMI_MAJOR_AXIS = 6378137.0  # m, WGS 84 (NIMA TR8350.2)
-WGS84_FLATTENING = 1 / 298.257223563  # 1, WGS 84 (NIMA TR8350.2)
 EARTH_ROTATION_RATE = 7.292115146706979e-5  # rad s-1, d(ERA)/d(UT1), IERS Conventions 2010, eq. 5.15
 
 # Geomagnetic reference field

@@ -70,25 +70,6 @@ class Torque:
     extra_b: np.ndarray | None = None
 
 
-def magnetic_torque(dipole_b, field_b):
-    """Torque on a magnetic dipole.
-
-    Parameters
-    ----------
-    dipole_b : (..., 3) A m2
-    field_b : (..., 3) T
-
-    Returns
-    -------
-    torque_b : (..., 3) N m
-
-    Notes
-    -----
-    t = m x B; Remote Sens. 2022, 14, 4030, eq. 18, first term.
-    """
-    return np.cross(dipole_b, field_b)
-
-
 def gravity_gradient_torque(inertia, gradient_b):
     """Torque of the gravity gradient on a rigid body.
 

@@ -27,13 +27,12 @@ from gravcal.physics.shapes import check_shape, refuse
 PRECESSION_STEP = 3 * 3600.0  # s; the fastest nutation takes days, a cubic over 3 h is good to 1e-13 rad
 
 
-def R_ei(time_gps, outside="raise"):
+def R_ei(time_gps):
     """Rotation from inertial (GCRS) to Earth-fixed (ITRS) components.
 
     Parameters
     ----------
     time_gps : (n,) GPS s
-    outside : "raise" or "nearest", what to do with epochs that the IERS table does not reach; see orientation_note
 
     Returns
     -------
@@ -47,10 +46,10 @@ def R_ei(time_gps, outside="raise"):
     -----
     R_ei = W(xp, yp, s') R3(ERA) Q(X, Y, s); IERS Conventions 2010, eq. 5.1.
     """
-    return _orientation(time_gps, outside)[0]
+    return _orientation(time_gps)[0]
 
 
-def state_to_inertial(time_gps, position_e, velocity_e, outside="raise"):
+def state_to_inertial(time_gps, position_e, velocity_e):
     """Orbit from Earth-fixed to inertial.
 
     Parameters
@@ -58,7 +57,6 @@ def state_to_inertial(time_gps, position_e, velocity_e, outside="raise"):
     time_gps : (n,) GPS s
     position_e : (n, 3) m
     velocity_e : (n, 3) m s-1, with respect to the rotating Earth
-    outside : as for R_ei
 
     Returns
     -------
@@ -73,13 +71,13 @@ def state_to_inertial(time_gps, position_e, velocity_e, outside="raise"):
         check_shape("position_e", position_e, (None, 3)),
         check_shape("velocity_e", velocity_e, (None, 3)),
     )
-    R, rate_e = _orientation(time_gps, outside)
+    R, rate_e = _orientation(time_gps)
     carried = velocity + np.cross(rate_e, position)
     R_ie = np.swapaxes(R, -1, -2)
     return np.matvec(R_ie, position), np.matvec(R_ie, carried)
 
 
-def state_to_fixed(time_gps, position_i, velocity_i, outside="raise"):
+def state_to_fixed(time_gps, position_i, velocity_i):
     """Orbit from inertial to Earth-fixed, the inverse of state_to_inertial.
 
     Parameters
@@ -87,14 +85,13 @@ def state_to_fixed(time_gps, position_i, velocity_i, outside="raise"):
     time_gps : (n,) GPS s
     position_i : (n, 3) m
     velocity_i : (n, 3) m s-1
-    outside : as for R_ei
 
     Returns
     -------
     position_e : (n, 3) m
     velocity_e : (n, 3) m s-1, with respect to the rotating Earth
     """
-    R, rate_e = _orientation(time_gps, outside)
+    R, rate_e = _orientation(time_gps)
     position = np.matvec(R, check_shape("position_i", position_i, (None, 3)))
     velocity = np.matvec(R, check_shape("velocity_i", velocity_i, (None, 3)))
     return position, velocity - np.cross(rate_e, position)
@@ -103,39 +100,6 @@ def state_to_fixed(time_gps, position_i, velocity_i, outside="raise"):
 def gps_to_tt(time_gps):
     """Terrestrial Time as a two-part Julian date (n,), (n,)."""
     return _julian(np.asarray(time_gps, float), TT_MINUS_GPS)
-
-
-def gps_to_utc(time_gps):
-    """UTC as numpy datetime64[ns]; a leap second bears the labels of the second after it.
-
-    Parameters
-    ----------
-    time_gps : (...,) GPS s
-
-    Returns
-    -------
-    utc : (...,) datetime64[ns]
-    """
-    time = np.asarray(time_gps, float)
-    whole = np.floor(time)
-    utc = whole - (tai_minus_utc(time) - TAI_MINUS_GPS)
-    fraction = np.round((time - whole) * 1e9).astype("timedelta64[ns]")
-    return np.datetime64("2000-01-01T12:00:00", "ns") + utc.astype("timedelta64[s]") + fraction
-
-
-def utc_to_gps(utc):
-    """GPS seconds of UTC epochs, the inverse of gps_to_utc.
-
-    Parameters
-    ----------
-    utc : (...,) datetime64 or ISO text
-
-    Returns
-    -------
-    time_gps : (...,) GPS s
-    """
-    elapsed = (np.asarray(utc, "datetime64[ns]") - np.datetime64("2000-01-01T12:00:00", "ns")) / np.timedelta64(1, "s")
-    return elapsed + tai_minus_utc(elapsed, scale="utc") - TAI_MINUS_GPS
 
 
 def geodetic(position_e):
@@ -181,12 +145,12 @@ def _julian(time, offset):
     return GPS_EPOCH_JD + day, ((time - day * DAY) + offset) / DAY
 
 
-def _orientation(time_gps, outside):
+def _orientation(time_gps):
     """R_ei (n, 3, 3) and the rotation of the Earth-fixed frame in e (n, 3) rad s-1."""
     time = check_shape("time_gps", time_gps, (None,))
     if time.size == 0:
         return np.empty((0, 3, 3)), np.empty((0, 3))
-    xp, yp, ut1_minus_tai, dx, dy = orientation_parameters(time, outside)
+    xp, yp, ut1_minus_tai, dx, dy = orientation_parameters(time)
     (x, y, s), (x_dot, y_dot) = _pole(time)
     celestial = erfa.c2ixys(x + dx, y + dy, s)
     era = erfa.era00(*_julian(time + TAI_MINUS_GPS, ut1_minus_tai))
@@ -221,60 +185,33 @@ COLUMNS = {
 }
 
 
-def orientation_parameters(time_gps, outside):
+def orientation_parameters(time_gps):
     """Polar motion, UT1 and pole corrections.
 
     Parameters
     ----------
     time_gps : (n,) GPS s
-    outside : "raise" or "nearest"
 
     Returns
     -------
     parameters : (5, n) xp, yp rad; UT1 - TAI s; dX, dY rad
     """
-    first, _, last = coverage()
+    table = _table()
+    first, last = table[0, [0, -1]]
     start, stop = np.min(time_gps), np.max(time_gps)
     if not (first <= start and stop <= last):
-        if outside != "nearest":
-            found, expected = f"epochs {start:.0f} to {stop:.0f} GPS s", f"{first:.0f} to {last:.0f} GPS s"
-            remedy = 'Update astropy-iers-data, or accept the nearest value with outside="nearest".'
-            refuse("Earth orientation", found, expected, remedy, first=first, last=last)
-        time_gps = np.clip(time_gps, first, last)
-    table = _table()
-    low, high = np.searchsorted(table[0], [np.min(time_gps), np.max(time_gps)])
+        found, expected = f"epochs {start:.0f} to {stop:.0f} GPS s", f"{first:.0f} to {last:.0f} GPS s"
+        refuse("Earth orientation", found, expected, "Update astropy-iers-data.", first=first, last=last)
+    low, high = np.searchsorted(table[0], [start, stop])
     rows = slice(max(low - 6, 0), high + 6)
     return scipy.interpolate.CubicSpline(table[0, rows], table[1:, rows], axis=1)(time_gps)
 
 
-def coverage():
-    """First epoch, last measured epoch and last predicted epoch of the table, GPS s."""
-    table = _table()
-    return table[0, 0], _last_measured(), table[0, -1]
-
-
-def orientation_note(time_gps):
-    """Text for attributes of a product: empty if all epochs are measured, else what was used instead."""
-    first, measured, last = coverage()
-    start, stop = np.min(time_gps), np.max(time_gps)
-    if not (first <= start and stop <= last):
-        return "Earth orientation: nearest tabulated value outside the IERS table; UT1 may be wrong by seconds"
-    return "Earth orientation: IERS predictions, up to 0.02 s in UT1" if stop > measured else ""
-
-
-def tai_minus_utc(seconds, scale="gps"):
-    """Leap seconds (...,) s in force at GPS seconds, or at UTC seconds past 2000-01-01 12:00:00; 10 s before 1972."""
-    midnight, leap = _leap_seconds()
-    starts = midnight + leap - TAI_MINUS_GPS if scale == "gps" else midnight
-    at = np.searchsorted(starts, np.asarray(seconds, float), side="right") - 1
-    return leap[np.clip(at, 0, None)]
-
-
-@lru_cache
-def _leap_seconds():
-    """UTC seconds past 2000-01-01 12:00:00 from which on TAI - UTC has a value, and the values."""
+def _tai_minus_utc(utc):
+    """Leap seconds (...,) s in force at UTC seconds past 2000-01-01 12:00:00; 10 s before 1972."""
     rows = np.loadtxt(TABLES / "Leap_Second.dat", comments="#")
-    return (rows[:, 0] - GPS_EPOCH_MJD) * DAY, rows[:, -1]
+    midnight, leap = (rows[:, 0] - GPS_EPOCH_MJD) * DAY, rows[:, -1]
+    return leap[np.clip(np.searchsorted(midnight, utc, side="right") - 1, 0, None)]
 
 
 @lru_cache
@@ -303,13 +240,7 @@ def _table():
         known = np.flatnonzero(np.isfinite(column))
         values[name] = column[known[np.clip(np.searchsorted(known, np.arange(column.size)), 0, known.size - 1)]]
     utc = (_numbers(lines, 7, 15) - GPS_EPOCH_MJD) * DAY
-    leap = tai_minus_utc(utc, scale="utc")
+    leap = _tai_minus_utc(utc)
     time = utc + leap - TAI_MINUS_GPS
     ut1_minus_tai = values["ut1_minus_utc"] - leap
     return np.stack([time, values["xp"], values["yp"], ut1_minus_tai, values["dx"], values["dy"]])
-
-
-@lru_cache
-def _last_measured():
-    """Last epoch whose UT1 is flagged as measured (I), not predicted (P)."""
-    return _table()[0, np.flatnonzero(_lines()[:, 57] == b"I")[-1]]

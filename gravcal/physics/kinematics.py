@@ -84,45 +84,6 @@ def published_rates_from_attitude(time, quaternion):
     return rate, rate_dot
 
 
-def rate_from_quaternion_derivative(quaternion, quaternion_dot):
-    """Rate of a body whose quaternion and its derivative are known.
-
-    Parameters
-    ----------
-    quaternion : (..., 4) scalar first
-    quaternion_dot : (..., 4) s-1
-
-    Returns
-    -------
-    rate_b : (..., 3) rad s-1
-
-    Notes
-    -----
-    w = 2 (s v' - s' v - v x v'); equations.md section 1.
-    """
-    return 2 * quaternion_product(conjugate(quaternion), quaternion_dot)[..., 1:]
-
-
-def quaternion_derivative(quaternion, rate_b):
-    """Derivative of the quaternion of a turning body.
-
-    Parameters
-    ----------
-    quaternion : (..., 4) scalar first
-    rate_b : (..., 3) rad s-1
-
-    Returns
-    -------
-    quaternion_dot : (..., 4) s-1
-
-    Notes
-    -----
-    dq/dt = 1/2 q (0, w); Remote Sens. 2022, 14, 4030, eqs. 16-17 (scalar last in print).
-    """
-    rate = check_shape("rate_b", rate_b, (..., 3))
-    return 0.5 * quaternion_product(quaternion, np.concatenate([np.zeros((*rate.shape[:-1], 1)), rate], axis=-1))
-
-
 def attitude_from_rates(time: np.ndarray, rate_b: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Attitude reached by turning with given body rates.
 
@@ -206,49 +167,6 @@ def range_between(separation):
     rho = |u|; Remote Sens. 2022, 14, 3395, eqs. 5-6.
     """
     return np.linalg.norm(check_shape("separation", separation, (..., 3)), axis=-1)
-
-
-def range_rate_between(separation, velocity):
-    """Range rate between two satellites.
-
-    Parameters
-    ----------
-    separation : (..., 3) m, B minus A
-    velocity : (..., 3) m s-1, its derivative in the inertial frame
-
-    Returns
-    -------
-    range_rate : (...,) m s-1
-
-    Notes
-    -----
-    rho' = e . u'; Remote Sens. 2022, 14, 3395, eq. 14.
-    """
-    u, v = check_shape("separation", separation, (..., 3)), check_shape("velocity", velocity, (..., 3))
-    return np.einsum("...i,...i->...", u, v) / range_between(u)
-
-
-def range_acceleration_between(separation, velocity, acceleration):
-    """Range acceleration between two satellites.
-
-    Parameters
-    ----------
-    separation : (..., 3) m, B minus A
-    velocity : (..., 3) m s-1
-    acceleration : (..., 3) m s-2
-
-    Returns
-    -------
-    range_acceleration : (...,) m s-2
-
-    Notes
-    -----
-    rho'' = e . u'' + e' . u', e' = (u' - e rho')/rho; Remote Sens. 2022, 14, 3395, eq. 15.
-    """
-    u, v = check_shape("separation", separation, (..., 3)), check_shape("velocity", velocity, (..., 3))
-    rho, rate = range_between(u), range_rate_between(u, v)
-    along = np.einsum("...i,...i->...", u, check_shape("acceleration", acceleration, (..., 3))) / rho
-    return along + (np.einsum("...i,...i->...", v, v) - rate**2) / rho
 
 
 def _central(time, values):

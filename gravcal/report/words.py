@@ -75,16 +75,3 @@ def chi_square(test, with_probability=True):
         return NOT_DETERMINED
     text = f"{test['chi2']:.1f} / {test['dof']}"
     return f"{text}, {probability(test['p'])}" if with_probability else text
-
-
-def key_of(document, stage):
-    """Stage with the first twelve digits of its key, so that a number can be found again.
-
-    Parameters
-    ----------
-    document : dict with provenance "products" {stage: key}
-    stage : last part of its name, "combine", "solve.mtq"
-    """
-    name = f"{document['calibration']}.{stage}"
-    key = document["provenance"].get("products", {}).get(name)
-    return f"{name} {key[:12]}" if key else name

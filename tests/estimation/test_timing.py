@@ -35,13 +35,6 @@ def test_offset_is_a_line_between_two_records():
     assert_allclose(_offset(tags, moved), 0.5 + 1e-8 * np.array([0, 2.5, 7.75, 10]), atol=2e-16)
 
 
-def test_offset_follows_the_drift_of_the_record_before_on_request():
-    """Analytic: eps + drift * dt, which the next record does not quite meet."""
-    tags = _at([4.0])
-    moved, _ = timing.receiver_to_gps(tags, _clock([0, 10], [0.0, 1e-6], drift=2e-8), LIMITS, use_drift=True)
-    assert_allclose(_offset(tags, moved), 8e-8, atol=2e-16)
-
-
 def test_fractions_are_carried_into_the_seconds():
     """Analytic: a negative offset takes a tag over the second, a positive one too."""
     tags = _at([3.01, 3.99])
@@ -146,13 +139,6 @@ def test_an_undetermined_tag_stays_undetermined():
     assert np.isnan(moved.time).all()
 
 
-def test_tags_move_by_whole_and_broken_seconds():
-    """Analytic: a quarter of an integration period of 0.5 s."""
-    moved = timing.later(_at([0.9]), 0.125)
-    assert_array_equal(moved.second, [START + 1])
-    assert_allclose(moved.fraction, 0.025, atol=1e-15)
-
-
 def test_records_are_ordered_and_repeats_reported():
     """Contract: one out of order, one equal repeat, one conflicting repeat; the first of each stays."""
     tags = _at([0.0, 2.0, 1.0, 2.0, 3.0, 3.0])
@@ -164,15 +150,6 @@ def test_records_are_ordered_and_repeats_reported():
     assert found.counts == {"records": 6, "out_of_order": 1, "repeated": 1, "conflicting": 1}
 
 
-def test_heads_of_one_epoch_are_no_repeats():
-    """Contract: a key tells them apart; NaN equals NaN."""
-    tags = _at([0.0, 0.0, 0.0, 0.5])
-    found = timing.ordered(tags, values=[np.array([1.0, np.nan, np.nan, 1.0])], keys=[np.array([1, 2, 2, 1])])
-    assert_array_equal(found.index, [0, 1, 3])
-    assert found.counts["repeated"] == 1
-    assert found.counts["conflicting"] == 0
-
-
 @given(st.lists(st.integers(0, 20), max_size=40))
 @settings(max_examples=100, deadline=None)
 def test_order_is_increasing_and_loses_nothing(seconds):
@@ -182,14 +159,3 @@ def test_order_is_increasing_and_loses_nothing(seconds):
     assert sorted([*found.index, *found.dropped]) == list(range(len(seconds)))
     assert (np.diff(tags.second[found.index]) > 0).all()
     assert found.counts["conflicting"] == len(found.dropped)
-
-
-def test_gaps_are_found_and_epochs_in_them_are_not_covered():
-    """Analytic: 1 s samples, one 3 s gap, limit 1.5 s."""
-    time = np.array([0.0, 1.0, 2.0, 5.0, 6.0])
-    assert_array_equal(timing.gaps(time, 1.5), [[2.0, 5.0]])
-    assert_array_equal(timing.segment(time, 1.5), [0, 0, 0, 1, 1])
-    at = np.array([-0.1, 0.0, 1.5, 2.0, 2.1, 4.9, 5.0, 6.0, 6.1])
-    assert_array_equal(timing.covered(at, time, 1.5), [0, 1, 1, 1, 0, 0, 1, 1, 0])
-    assert not timing.covered(at, [], 1.5).any()
-    assert timing.segment([], 1.0).size == 0

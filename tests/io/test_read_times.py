@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from gravcal.calibrations.align import between
 from gravcal.estimation import timing
 from gravcal.io.readers import find, read
 
@@ -84,7 +85,7 @@ def test_accelerometer_at_whole_seconds_is_what_act1b_was_made_of(measured):
     raw, done = (read(find(folder, product, "C", DAY)) for product in ("ACC1A", "ACT1B"))
     tags, lost = _to_gps(folder, raw, "C")
     assert not lost.any()
-    inside = timing.covered(done.time_tag.values, tags.time, 0.11)
+    inside = between(done.time_tag.values, tags.time, 0.11)
     rms = []
     for axis in "xyz":
         unfiltered = (done[f"lin_accl_{axis}"] - done[f"acl_{axis}_res"]).values[inside]

@@ -159,7 +159,8 @@ def test_swarm_sees_the_model_and_the_ring_current_of_a_storm():
     if not file.exists():
         pytest.skip(f"measured data not found at {file}")
     rows = [line.split(",") for line in file.read_text().splitlines()[1:]]
-    time = earth.utc_to_gps([row[1].rstrip("Z") for row in rows])
+    utc = np.array([row[1].rstrip("Z") for row in rows], "datetime64[ns]")
+    time = (utc - np.datetime64("2000-01-01T12:00:00")) / np.timedelta64(1, "s") + 17.0  # GPS - UTC in 2016
     latitude, longitude, radius, total = np.array([[float(v) for v in row[2:6]] for row in rows]).T
     measured = np.array([[float(v) for v in row[6].strip("{}").split(";")] for row in rows])
     position = cartesian(90 - latitude, longitude, 1.0) * radius[:, None]
