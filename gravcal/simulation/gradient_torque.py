@@ -93,11 +93,11 @@ def invented_drag(time, chosen, rng):
     size = chosen.drag_m_s2
     mean, once, twice = size * np.array([[-1.0, 0.02, -0.05], [0.4, 0.15, 0.1], [0.15, 0.05, 0.05]])
     slow = mean + once * np.cos(u[:, None] + phase[0]) + twice * np.cos(2 * u[:, None] + phase[1])
-    wind = np.stack([_coloured(time, chosen.drag_corner_hz, rng) for _ in range(3)], axis=1)
+    wind = np.stack([coloured(time, chosen.drag_corner_hz, rng) for _ in range(3)], axis=1)
     return slow + chosen.drag_scatter * size * wind * np.array([1.0, 0.5, 0.3])
 
 
-def _coloured(time, corner, rng):
+def coloured(time, corner, rng):
     """Unit-variance noise through four poles at a corner frequency."""
     step = time[1] - time[0]
     ahead = int(AHEAD / step)
@@ -159,7 +159,7 @@ def _motion(time, chosen, carried, field, drag, rng):
     R_ei = earth.R_ei(time)
     gradient_e = gravity_field.gradient_e(field, np.matvec(R_ei, state[inner, :3]))
     gradient_i = gravity.rotate_tensor(np.swapaxes(R_ei, -1, -2), gradient_e)
-    disturbance = np.stack([_coloured(time, chosen.torque_corner_hz, rng) for _ in range(3)], axis=1)
+    disturbance = np.stack([coloured(time, chosen.torque_corner_hz, rng) for _ in range(3)], axis=1)
     pushed = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
     external = chosen.torque_n_m * disturbance + body["mass"] * np.cross(body["pressure"], drag)
     external = external + injection.added(effects, "torque_b", pushed)

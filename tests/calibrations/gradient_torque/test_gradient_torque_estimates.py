@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from gradient_torque_days import FIELD, SATELLITE, fly, observed, ratio, solve
+from gradient_torque_days import SATELLITE, STORED, fly, observed, ratio, solve, solved_day
 from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import attitude, drag, gradient, laws
+from gravcal.calibrations.gradient_torque import attitude, drag, gradient
 from gravcal.errors import EstimationError
 from gravcal.physics import gravity_field
 from gravcal.physics.sensing import offset_tensor
@@ -79,7 +79,7 @@ def test_errors_equal_their_standard_deviations_over_many_records():
     pressure = []
     for seed in range(6):
         columns, truth = fly(seed)
-        _, found = solve(columns, tuple(gathered))
+        found = solve(columns, tuple(gathered))[1]
         for name, values in gathered.items():
             values.append(ratio(found[name], truth))
         one = found["one_sensor"]
@@ -125,11 +125,12 @@ def test_an_elongated_test_mass_is_modelled():
 
 def test_a_moved_mounting_shows_in_both_methods():
     """Recovery: the effect's contribution is what the drag is off by."""
-    move = {"gradient.mounting.z": 1e-3}
-    (columns, truth), (moved, _) = fly(4), fly(4, move)
+    methods = "two_sensor", "one_sensor"
+    _, truth, _, plain = solved_day()
+    found = solve(fly(1, {"gradient.mounting.z": 1e-3})[0], methods)[1]
     tensor = offset_tensor(truth["rate"], truth["rate_dot"], truth["gradient"])
-    for name in ("two_sensor", "one_sensor"):
-        change = solve(moved, (name,))[1][name]["drag_b"].values - solve(columns, (name,))[1][name]["drag_b"].values
+    for name in methods:
+        change = found[name]["drag_b"].values - plain[name]["drag_b"].values
         assert_allclose(change, tensor @ [0, 0, 1e-3], rtol=0, atol=1e-15)
 
 
@@ -150,56 +151,15 @@ def test_the_gravity_prior_is_what_the_elements_say():
     assert_allclose(found, np.cov(drawn.T), atol=0.03 * np.abs(found).max())
 
 
-def sensor(place):
-    """Assumed satellite with a cube at a place."""
-    return laws.Sensor(
-        np.diag([110.0, 580.0, 650.0]), 8e-5 * np.eye(3), 600.0, np.array(place), np.array([0.1, 0.02, 0.03])
-    )
-
-
-def test_one_epoch_has_rank_six_of_eight():
-    """Published: erratum S-8; at the centre of mass the drag is seen by translation alone."""
-    rank, null = laws.single_epoch(sensor([1e-3, 2e-3, -1e-3]))
-    assert (rank, len(null)) == (6, 2)
-    assert np.abs(null[:, 5:]).max() > 1e-3
-    assert np.abs(null[:, 2:5]).max() < 0.01 * np.abs(null[:, :2]).max()
-    rank, null = laws.single_epoch(sensor([0.0, 0.0, 0.0]))
-    assert rank == 6
-    assert np.abs(null[:, 5:]).max() < 1e-12
-
-
-def test_the_printed_pair_has_rank_five():
-    """Published: erratum S-6, null vector along p = q_d - h in both halves."""
-    h, q_d = laws.printed_vectors(
-        np.diag([110.0, 580.0, 650.0]), 8e-5 * np.eye(3), 600.0, np.array([0.1, 0, 0]), np.array([1e-3, 2e-3, 1e-3])
-    )
-    rank, null = laws.printed_pair(h, q_d)
-    p = (q_d - h) / np.linalg.norm(q_d - h) / np.sqrt(2)
-    assert rank == 5
-    assert_allclose(np.abs(null @ np.concatenate([p, p])), 1, rtol=1e-9)
-
-
-def compared():
-    """Products of a short record, combined."""
-    columns, truth = fly(1)
-    modelled, found = solve(columns)
-    known = gradient.truth(observed(columns).assign(drag=(("time", "axis"), truth["drag"])))
-    chosen = catalog.parameters("gradient_torque")
-    settings = {"single_sensor": 1, "elongation": 1.0, "satellite": SATELLITE, "methods": list(found)}
-    drags = list(found.values())
-    return (
-        drag.combine(modelled, *drags, known, *drags, **settings, **chosen.for_stage("combine")),
-        columns,
-        modelled,
-    )
-
-
 def test_priors_determine_the_drag_one_after_the_other():
     """Contract: the gravity field is what makes the drag determined; the torque adds next to nothing."""
-    combined, columns, modelled = compared()
-    sigma = combined["step_sigma"].values
+    columns, truth, modelled, found = solved_day()
+    known = gradient.truth(observed(columns).assign(drag=(("time", "axis"), truth["drag"])))
+    chosen = catalog.parameters("gradient_torque").for_stage("combine")
+    settings = {"single_sensor": 1, "elongation": 1.0, "satellite": SATELLITE, "methods": list(found)} | chosen
+    combined = drag.combine(modelled, *found.values(), known, *found.values(), **settings)
+    sigma, rank = combined["step_sigma"].values, combined["step_rank"].values
     names = [str(name) for name in combined["step"].values]
-    rank = combined["step_rank"].values
     assert np.isnan(sigma[names.index("place of the test mass")]).all()
     assert np.isfinite(sigma[names.index("gravity field")]).all()
     assert np.all(np.diff(rank) >= 0)
@@ -209,24 +169,23 @@ def test_priors_determine_the_drag_one_after_the_other():
     assert_allclose(combined["error_over_sigma"].values[[0, 2]], 1, atol=0.07)
 
 
-def test_degree_one_is_empty_and_the_sum_of_degrees_is_the_whole():
+def test_degree_one_is_empty_and_a_cube_has_no_part():
     """Analytic: erratum S-9; torque is linear in the field; a cube has no part in it."""
-    _, columns, modelled = compared()
+    columns, _, modelled, _ = solved_day()
     chosen = catalog.parameters("gradient_torque").with_settings({"highest_degree": 8})
-    found = gradient.torque(
-        modelled, observed(columns), gradient.field(FIELD), satellite=SATELLITE, **chosen.for_stage("torque")
-    )
-    assert np.all(found["amplitude"].values[0] == 0)
-    assert np.all(found["test_mass_rms"].values == 0)
-    assert np.all(found["rms"].values[1:] > 0)
-    longer = chosen.with_settings({"elongation": 2.0}).for_stage("torque")
-    other = gradient.torque(modelled, observed(columns), gradient.field(FIELD), satellite=SATELLITE, **longer)
-    assert np.all(other["test_mass_rms"].values[1:, 1] > 0)
-    parts = [gravity_field.gradient_e(gravity_field.zonal(FIELD, n), columns["position"][:5]) for n in range(2, 9)]
-    zonals = gravity_field.Field(
-        FIELD.gm, FIELD.radius, FIELD.cosine[:9, :9] * (np.arange(9) == 0), 0 * FIELD.sine[:9, :9]
-    )
-    whole = gravity_field.gradient_e(gravity_field.truncated(zonals, 2, 8), columns["position"][:5])
+    spectra = {}
+    for elongation in (1.0, 2.0):
+        settings = chosen.with_settings({"elongation": elongation}).for_stage("torque")
+        spectra[elongation] = gradient.torque(modelled, observed(columns), STORED, satellite=SATELLITE, **settings)
+    assert np.all(spectra[1.0]["amplitude"].values[0] == 0)
+    assert np.all(spectra[1.0]["test_mass_rms"].values == 0)
+    assert np.all(spectra[1.0]["rms"].values[1:] > 0)
+    assert np.all(spectra[2.0]["test_mass_rms"].values[1:, 1] > 0)
+    field, position = gradient.field_of(STORED), columns["position"][:5]
+    parts = [gravity_field.gradient_e(gravity_field.zonal(field, n), position) for n in range(2, 9)]
+    cosine = field.cosine[:9, :9] * (np.arange(9) == 0)
+    zonals = gravity_field.Field(field.gm, field.radius, cosine, 0 * field.sine[:9, :9])
+    whole = gravity_field.gradient_e(gravity_field.truncated(zonals, 2, 8), position)
     assert_allclose(sum(parts), whole, rtol=0, atol=1e-21)
 
 
@@ -242,16 +201,16 @@ def test_gaps_and_missing_attitudes_are_bridged_and_long_gaps_refused():
     """Recovery: 5 % of attitudes and a gap of 25 s missing; a gap of 60 s is refused with its length."""
     columns, truth = fly(6)
     columns["q"][::20] = np.nan
-    kept = np.ones(columns["time"].size, dtype=bool)
-    kept[400:404] = False
-    cut = {name: value if name == "sensor_position" else value[kept] for name, value in columns.items()}
-    _, found = solve(cut, ("one_sensor",))
-    error = ratio(found["one_sensor"], {"drag": truth["drag"][kept]})
-    assert 0.9 < np.sqrt(np.mean(error**2)) < 1.1
-    kept[400:412] = False
-    cut = {name: value if name == "sensor_position" else value[kept] for name, value in columns.items()}
+
+    def without(lost):
+        kept = np.delete(np.arange(columns["time"].size), lost)
+        return kept, {name: one if name == "sensor_position" else one[kept] for name, one in columns.items()}
+
+    kept, cut = without(slice(400, 404))
+    found = solve(cut, ("one_sensor",))[1]["one_sensor"]
+    assert 0.9 < np.sqrt(np.mean(ratio(found, {"drag": truth["drag"][kept]}) ** 2)) < 1.1
     with pytest.raises(EstimationError, match="gap of 65 s"):
-        solve(cut)
+        solve(without(slice(400, 412))[1])
 
 
 def test_what_a_method_cannot_do_is_refused():

@@ -112,3 +112,29 @@ def test_rates_from_angles_agree_with_the_attitude():
     assert_allclose(found[0][5:-5], expected[0][5:-5], rtol=0, atol=1e-11)
     assert_allclose(found[1][5:-5], expected[1][5:-5], rtol=0, atol=1e-11)
     assert_allclose(attitude.angles(q, R_oi), angle, atol=1e-14)
+
+
+def sensor(place):
+    """Assumed satellite with a cube at a place."""
+    return laws.Sensor(BODY, 8e-5 * np.eye(3), 600.0, np.array(place), np.array([0.1, 0.02, 0.03]))
+
+
+def test_one_epoch_has_rank_six_of_eight():
+    """Published: erratum S-8; at the centre of mass the drag is seen by translation alone."""
+    rank, null = laws.single_epoch(sensor([1e-3, 2e-3, -1e-3]))
+    assert (rank, len(null)) == (6, 2)
+    assert np.abs(null[:, 5:]).max() > 1e-3
+    assert np.abs(null[:, 2:5]).max() < 0.01 * np.abs(null[:, :2]).max()
+    rank, null = laws.single_epoch(sensor([0.0, 0.0, 0.0]))
+    assert rank == 6
+    assert np.abs(null[:, 5:]).max() < 1e-12
+
+
+def test_the_printed_pair_has_rank_five():
+    """Published: erratum S-6, null vector along p = q_d - h in both halves."""
+    place = np.array([1e-3, 2e-3, 1e-3])
+    h, q_d = laws.printed_vectors(BODY, 8e-5 * np.eye(3), 600.0, np.array([0.1, 0, 0]), place)
+    rank, null = laws.printed_pair(h, q_d)
+    p = (q_d - h) / np.linalg.norm(q_d - h) / np.sqrt(2)
+    assert rank == 5
+    assert_allclose(np.abs(null @ np.concatenate([p, p])), 1, rtol=1e-9)

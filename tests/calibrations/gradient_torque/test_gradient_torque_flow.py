@@ -1,16 +1,17 @@
-"""From an SGRS file to document and page, through the store."""
+"""From an SGRS file to document and page, through the store; errors of an extended model in the drag."""
 
 import json
 
 import numpy as np
 import pytest
 
-from flows import engine
+from flows import engine, models
 from flows import gradient_torque as flow
 from gravcal import catalog
 from gravcal.errors import EstimationError, ProductError
 from gravcal.io import sgrs_files, writers
 from gravcal.store.schemas import validate
+from tasks.stage import read
 
 SHORT = {"duration_s": "3600", "step_s": "5", "field_degree": "12"}
 SETTINGS = {"field_degree": "12", "highest_degree": "6"}
@@ -103,3 +104,41 @@ def test_simulation_writes_truth_beside_and_takes_measured_accelerations(tmp_pat
         invented(tmp_path, nongravitational=str(path), duration_s="900")
     with pytest.raises(ProductError, match="expected an ACT1B or ACC1B file"):
         invented(tmp_path, nongravitational=str(path.rename(tmp_path / "MAG1B_2020-02-01_C_04.txt")))
+
+
+BIAS, ERROR = 4e-11, 2e-11  # rad s-2
+
+
+def drag_with(folder, value, error=""):
+    """Drag by one sensor with a model of a biased angular reading."""
+    path = folder / "model.toml"
+    line = f'parameters.y = {{ value = {value}, {error}unit = "rad s-2" }}'
+    path.write_text(f'[[effect]]\ncause = "gradient.angular_bias"\n{line}\n')
+    chosen = catalog.parameters("gradient_torque").with_settings(SETTINGS | {"model": models.text_of(path)})
+    refs = {}
+
+    def listen(call, state, ref):  # noqa: ARG001
+        refs[call.stage.writes, call.variant] = ref
+
+    source = flow.CALIBRATION.source(data=folder / "data")
+    engine.run(flow.calibrate, source, chosen, engine="inline", listener=listen)
+    return read(refs["gradient_torque.drag", "one_sensor"])
+
+
+def test_the_error_of_a_bias_is_in_the_drag(tmp_path):
+    """Recovery: a bias that is wrong by its error moves the drag by what its errors hold beyond the noise."""
+    effects = {"gradient.angular_bias.y": BIAS}
+    flow.CALIBRATION.simulate(tmp_path / "data", seed=3, truth=None, effects=effects, settings=SHORT)
+    given = (BIAS, ""), (BIAS + ERROR, ""), (BIAS, f"sigma = {ERROR}, ")
+    sharp, wrong, wide = (drag_with(tmp_path, *one) for one in given)
+    np.testing.assert_array_equal(wide["drag_b"].values, sharp["drag_b"].values)
+    for name, covariances in {
+        "drag_b": ("covariance", "covariance_total"),
+        "pressure": ("pressure_covariance",),
+    }.items():
+        moved = wrong[name].values - sharp[name].values
+        assert np.abs(moved).max() > 0
+        for covariance in covariances:
+            extra = wide[covariance].values - sharp[covariance].values
+            expected = moved[..., :, None] * moved[..., None, :]
+            np.testing.assert_allclose(extra, expected, rtol=1e-3, atol=1e-6 * np.abs(extra).max())

@@ -1,41 +1,48 @@
 """Invented days of S-GRS for the tests, without files."""
 
+import functools
+
 import numpy as np
 import xarray as xr
 
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import drag, gradient
-from gravcal.io import icgem
+from gravcal.io import icgem, sgrs_files
 from gravcal.simulation import gradient_torque as simulation
 from gravcal.simulation.injection import by_slug
 
 SATELLITE = catalog.satellite("S").settings()
 FIELD = icgem.read_field(icgem.shipped(), 20)
+STORED = gradient.field(FIELD)
 DAY = 633830400.0
 SHORT = {"duration_s": 7200, "step_s": 5, "field_degree": 20}
 
 
 def observed(columns):
     """Dataset as the reader of SGRS files gives it."""
-    dims = {"linear": ("time", "sensor", "axis"), "angular": ("time", "sensor", "axis"), "q": ("time", "element")}
-    dims |= {"position": ("time", "axis"), "velocity": ("time", "axis"), "sensor_position": ("sensor", "axis")}
-    return xr.Dataset({name: (d, columns[name]) for name, d in dims.items()}, {"time": columns["time"]})
+    known = {name: (dims, columns[name]) for name, (dims, _, _) in sgrs_files.VARIABLES.items()}
+    return xr.Dataset(known, {"time": columns["time"]})
 
 
-def fly(seed, effects=None, **settings):
+def fly(seed, effects=None, nongravitational=None, **settings):
     """Columns and truth of an invented record."""
     chosen = catalog.parameters("simulate_gradient_torque").with_settings(SHORT | settings)
-    return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, by_slug(effects or {}))
+    return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, by_slug(effects or {}), nongravitational)
 
 
 def solve(columns, methods=drag.VARIANTS, **settings):
     """Products gradient and drag, by the stages' own functions."""
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": 20} | settings)
-    modelled = gradient.gradient(
-        observed(columns), gradient.field(FIELD), satellite=SATELLITE, **chosen.for_stage("gradient")
-    )
+    modelled = gradient.gradient(observed(columns), STORED, satellite=SATELLITE, **chosen.for_stage("gradient"))
     given = {"satellite": SATELLITE, **chosen.for_stage("drag")}
     return modelled, {name: drag.drag(modelled, variant=name, **given) for name in methods}
+
+
+@functools.cache
+def solved_day():
+    """Columns, truth and products of one record, by all methods."""
+    columns, truth = fly(1)
+    return columns, truth, *solve(columns)
 
 
 def ratio(found, truth, total=False):
