@@ -125,7 +125,7 @@ def _large(place, plain, before, effects):
             return None
         if low < seen < high:
             factor = TARGET[plain.kind] / seen
-            form = [factor * (b["observed"] - a["observed"]) for a, b in zip(before[0], blocks, strict=True)]
+            form = [factor * (b.observed - a.observed) for a, b in zip(before[0], blocks, strict=True)]
             scaled = effects if bent else cases.scaled(effects, factor)
             if not cases.plausible(scaled):
                 return None
@@ -149,7 +149,7 @@ def _folder():
 
 
 def _products(folder):
-    """Products that discovery looks at, and the settings of its view."""
+    """Products that discovery looks at, and the settings of its observations."""
     from flows import com_offset
     from gravcal import catalog
     from gravcal.store import memory
@@ -157,24 +157,19 @@ def _products(folder):
 
     memory.clear()
     source, chosen = com_offset.CALIBRATION.source(data=folder), catalog.parameters("com_offset")
-    return (
-        [read(ref) for ref in com_offset.baseline(source, chosen)],
-        com_offset.scene_settings(source, chosen),
-        chosen.for_stage("discovery"),
-    )
+    products = {name: read(ref) for name, ref in com_offset.baseline(source, chosen).items()}
+    return products, com_offset.scene_settings(source, chosen) | chosen.for_stage("discovery")
 
 
 def _blocks(folder, noise=None, *, listed=False):
     """Blocks of the files of a folder, their noise, candidates if wanted, and the offset they start from (m)."""
-    from gravcal.calibrations.com_offset.discovery_candidates import candidates
-    from gravcal.calibrations.com_offset.discovery_event import event
-    from gravcal.calibrations.com_offset.discovery_scene import offset_of
+    from gravcal.calibrations.com_offset.observations import observe
 
-    products, scene, chosen = _products(folder)
-    degrees = {name: chosen[name] for name in ("linear_drift_degree", "angular_drift_degree")}
-    views, blocks, _ = event(*products, noise=noise, **scene, **degrees)
-    found = candidates(views, products[2], products[0]["start"].values) if listed else []
-    return blocks, views[0].noise, found, offset_of(products[3])
+    products, settings = _products(folder)
+    observed = observe(products, **settings)
+    observed.noise.update(noise or {})
+    blocks = observed.blocks
+    return blocks, observed.noise, observed.candidates if listed else [], observed.start
 
 
 def _outcome(folder, case):
@@ -182,15 +177,14 @@ def _outcome(folder, case):
     from flows import com_offset
     from flows import discover as flow
     from gravcal import catalog
-    from tasks.stage import read
 
     truth = cases.written(folder / "final", case)
     _products(folder / "final")
     begun = time.process_time()
     source, chosen = com_offset.CALIBRATION.source(data=folder / "final"), catalog.parameters("com_offset")
-    numbers = json.loads(read(flow.searched(source, chosen)[1]).attrs["numbers"])
+    numbers = flow.document(flow.flow_of("com_offset")(source, chosen))
     spent = time.process_time() - begun
-    change = numbers["calibration_change"]
+    change = numbers["calibration_change"]["joint_fit"]
     error = (np.array(change["after"]) - truth["offset_um"]) / np.array(change["sigma_after"])
     found = [{k: f[k] for k in ("cause", "form", "tied_with", "imitators", "parameters")} for f in numbers["findings"]]
     kept = {k: numbers[k] for k in ("p_before", "p_after")} | {"after": change["after"], "true": truth["offset_um"]}

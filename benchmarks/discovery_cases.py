@@ -7,7 +7,7 @@ change is made large against the rounding of the readings, which differs from ev
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -169,8 +169,8 @@ def ratio(clean, changed, candidates=()) -> tuple[float, float]:
 
     Parameters
     ----------
-    clean, changed : blocks of `gravcal.calibrations.com_offset.discovery_event.event`, whitened alike
-    candidates : fields of listed candidates on the clean event
+    clean, changed : blocks of `gravcal.calibrations.com_offset.observations`, whitened alike
+    candidates : on the clean event, of which the listed ones count
 
     Returns
     -------
@@ -178,15 +178,14 @@ def ratio(clean, changed, candidates=()) -> tuple[float, float]:
     left : share of its square that the best of the candidates leaves
     """
     from gravcal.discovery import attribution, rounds
-    from gravcal.discovery.blocks import Block, Candidate
     from gravcal.discovery.problem import prepare
 
     blocks = []
     for one, other in zip(clean, changed, strict=True):
-        if one["observed"].shape != other["observed"].shape:
+        if one.observed.shape != other.observed.shape:
             return np.nan, np.nan
-        blocks.append(Block(**(one | {"observed": other["observed"] - one["observed"]})))
-    problem = prepare(blocks, [Candidate(**c) for c in candidates if not c["cause"].startswith("unknown:")])
+        blocks.append(replace(one, observed=other.observed - one.observed))
+    problem = prepare(blocks, [c for c in candidates if c.listed])
     gram = attribution.projected(problem.total, rounds.baseline_of(problem, ()))
     gains = [attribution.ratio(gram, place, problem.size).gain for place in problem.places]
     whole = max(float(gram[0, 0]), 1e-300)
@@ -208,15 +207,15 @@ def known(blocks, forms, start) -> dict:
         effect changed which samples are used, so that its rows do not fit
     """
     from gravcal.discovery import attribution
-    from gravcal.discovery.blocks import Block, Candidate
-    from gravcal.discovery.problem import baseline_of, prepare
+    from gravcal.discovery.problem import baseline_of
+    from gravcal.estimation.records import Candidate, prepare
 
     columns = [np.stack(one, axis=1) for one in zip(*forms, strict=True)]
-    if any(len(c) != b["observed"].size for c, b in zip(columns, blocks, strict=True)):
+    if any(len(c) != b.observed.size for c, b in zip(columns, blocks, strict=True)):
         return {}
     names = [f"size_{k}" for k in range(len(forms))]
     hidden = Candidate("unknown:hidden", "", names, ["1"] * len(names), columns)
-    problem = prepare([Block(**b) for b in blocks], [hidden])
+    problem = prepare(blocks, [hidden])
     total, fixed = problem.total, baseline_of(problem, [0])
     covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])
     value = np.asarray(start) + (covariance @ total[fixed, 0])[:3]

@@ -29,16 +29,19 @@ class Discovery:
 
     Attributes
     ----------
-    baseline : (source, chosen) -> references of the products that its observations are built from
-    settings : (source, chosen) -> settings of ``observe`` beside the products
-    observe : (products, **settings) -> Observations, or None where these products hold none
-    again : (source, chosen, records) -> the products of ``baseline`` from records without the effects of a model
+    baseline : (source, chosen) -> {name: reference} of the products that its observations are built from
+    settings : (source, chosen) -> settings of ``observe`` beside the products and those of the stage "discovery"
+    observations : module with ``observe(products, **settings) -> Observations``, or None where these hold none
+    records : kind of the product that a model changes; its last word is a name of ``baseline``
+    again : (source, chosen, records) -> the products of ``baseline`` from records without the effects of a model;
+        None if a search is not repeated
     result : (source, chosen, records) -> product with the result of the calibration from such records
     """
 
     baseline: Callable
     settings: Callable
-    observe: Callable | None = None
+    observations: str = ""
+    records: str = ""
     again: Callable | None = None
     result: Callable | None = None
 

@@ -33,10 +33,10 @@ def discover(
     """Show what the simulation of an event gets wrong, name the cause, extend the model and measure the gain."""
     from flows import command, discover
 
-    if calibration not in discover.FLOWS and calibration in discover.measured_views():
+    if calibration not in discover.names() and calibration in discover.measured_views():
         if model is not None or as_ is not None:
             raise typer.BadParameter(
-                f"--model and --as belong to a calibration ({', '.join(discover.FLOWS)}), not to a view"
+                f"--model and --as belong to a calibration ({', '.join(discover.names())}), not to a view"
             )
         document, page = discover.measured(calibration, data, satellite, date, command.pairs(settings))
         files = [_written(page, out or Path(f"discovery_{calibration}.html"))]

@@ -28,6 +28,7 @@ PRODUCTS = {
     "tim": ("TIM1B",),
     "clk": ("CLK1B",),
 }
+OBSERVATIONS = "gravcal.calibrations.com_offset.observations"
 ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 
 
@@ -90,7 +91,7 @@ def _weighed(chosen, aligned, smoothed, angular):
 
 
 def baseline(source, chosen):
-    """Products that discovery looks at: aligned, field, attitude, and the solution with the torquers."""
+    """Products that discovery looks at, by name; solved with the torquers."""
     _, aligned, checked = _aligned(source, chosen)
     products = _with_torquers(source, chosen, aligned, checked)
     if not chosen.model:
@@ -104,9 +105,9 @@ def solved_with_torquers(source, chosen, aligned):
 
 
 def _with_torquers(source, chosen, aligned, checked):
-    """Aligned, field, attitude, and the solution with the torquers."""
+    """Aligned records, field, attitude, and the solution with the torquers, by name."""
     smoothed, _, (solved,) = _solved(source, chosen, aligned, checked, ("mtq",))
-    return aligned, checked, smoothed, solved
+    return {"align": aligned, "field": checked, "attitude": smoothed, "solve": solved}
 
 
 def combined(source, chosen, aligned):
@@ -134,7 +135,9 @@ def _with_model(source, chosen, aligned, checked):
 
 def _extended(source, chosen, products, model, variant):
     """Records without the effects of a model."""
-    return discovery.extend(*products, scene=scene_settings(source, chosen), model=model, variant=variant)
+    about = {"observations": OBSERVATIONS, "records": "com_offset.align", "names": list(products)}
+    settings = scene_settings(source, chosen)
+    return discovery.extend(*products.values(), model=model, settings=settings, variant=variant, **about)
 
 
 def _report_settings(source, chosen):
@@ -193,5 +196,12 @@ CALIBRATION = Calibration(
     trims=True,
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",
-    discovery=Discovery(baseline, scene_settings, again=solved_with_torquers, result=combined),
+    discovery=Discovery(
+        baseline,
+        scene_settings,
+        observations=OBSERVATIONS,
+        records="com_offset.align",
+        again=solved_with_torquers,
+        result=combined,
+    ),
 )

@@ -136,11 +136,12 @@ def discover(calibration, source, chosen, engine_name):
 
     if engine_name not in engine.ENGINES:
         raise typer.BadParameter(f"--engine {engine_name}: expected one of {', '.join(engine.ENGINES)}")
-    if calibration not in flow.FLOWS:
-        known = ", ".join([*flow.FLOWS, *flow.measured_views()])
+    if calibration not in flow.names():
+        known = ", ".join([*flow.names(), *flow.measured_views()])
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {known}")
-    with cli_progress.progress(flow.FLOWS[calibration].flow_name) as listener:
-        ref = engine.run(flow.FLOWS[calibration], source, chosen, engine=engine_name, listener=listener)
+    body = flow.flow_of(calibration)
+    with cli_progress.progress(body.flow_name) as listener:
+        ref = engine.run(body, source, chosen, engine=engine_name, listener=listener)
     return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
 
 

@@ -2,41 +2,78 @@
 
 from __future__ import annotations
 
-from flows import com_offset as calibration
-from flows import discover_gradient, discover_ranging, discover_swing
+import functools
+
+from flows import calibration as calibrations
+from flows.calibration import Calibration
 from flows.engine import flow
 from tasks import common, discovery
 
 
-@flow(name="com_offset_discovery")
-def com_offset(source, chosen):
-    """Causes of what the centre-of-mass calibration of one day leaves unexplained."""
-    products, found = searched(source, chosen)
-    scene = calibration.scene_settings(source, chosen)
-    extended = discovery.extend_by(*products, found, scene=scene, variant="discovered")
-    after = calibration.combined(source, chosen, extended)
-    before = calibration.combined(source, chosen, products[0])  # last: latest/ leads to it
-    values = chosen.for_report()
-    named = {"event": source.event, "satellite": source.satellite}
-    return discovery.com_offset_report(found, before, after, settings=values, **named)
+@functools.cache
+def flow_of(name: str):
+    """Flow of the discovery of a calibration.
+
+    Raises
+    ------
+    KeyError : no such calibration, or none that can be searched
+    """
+    one = calibrations.load(name)
+    if one.discovery is None:
+        raise KeyError(name)
+    if not one.discovery.observations:
+        return _not_converted()[name]
+    return flow(name=f"{name}_discovery")(functools.partial(_discover, one))
 
 
-def searched(source, chosen):
-    """Products of the baseline and the causes found in them, strong ones round their own extended model."""
-    products = calibration.baseline(source, chosen)
-    scene, settings = calibration.scene_settings(source, chosen), chosen.for_stage("discovery")
-    first = discovery.com_offset(*products, scene=scene, **settings, variant="first")
-    extended = discovery.extend_by(*products, first, scene=scene, variant="first")
-    again = calibration.solved_with_torquers(source, chosen, extended)
-    return products, discovery.com_offset_again(*again, first, scene=scene, **settings)
+def _discover(one: Calibration, source, chosen):
+    """Causes of what a calibration leaves unexplained in one event."""
+    looked, event = one.discovery, {"event": source.event}
+    products = looked.baseline(source, chosen)
+    settings = looked.settings(source, chosen)
+    limits = chosen.for_stage("discovery")
+    limits["segment_s"] = limits.pop("heldout_s", None) or limits["segment_s"]
+    own = settings | {name: limits.pop(name) for name in set(limits) - set(LIMITS)}
+    fixed = {"observations": looked.observations, "names": list(products)}
+    searched = fixed | {"calibration": one.name, "settings": own} | limits | event
+    extended = fixed | {"records": looked.records, "settings": settings} | event
+    if looked.again is None:
+        found = discovery.search(*products.values(), variant="", **searched)
+    else:
+        first = discovery.search(*products.values(), variant="first", **searched)
+        without = discovery.extend_by(first, *products.values(), variant="first", **extended)
+        again = looked.again(source, chosen, without)
+        found = discovery.search_again(first, *again.values(), variant="", **searched)
+    results = ()
+    if looked.result is not None:
+        without = discovery.extend_by(found, *products.values(), variant="discovered", **extended)
+        after = looked.result(source, chosen, without)
+        before = looked.result(source, chosen, products[looked.records.rpartition(".")[2]])  # last: latest/ leads to it
+        results = before, after
+    elif looked.again is not None:
+        looked.baseline(source, chosen)  # last: latest/ leads to it
+    values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
+    named = {"calibration": one.name, "satellite": source.satellite, "settings": values}
+    return discovery.report(found, *results, **named, **event)
 
 
-FLOWS = {
-    "com_offset": com_offset,
-    "kbr_phase_centre": discover_ranging.kbr_phase_centre,
-    "inertial_sensor": discover_swing.inertial_sensor,
-    "gradient_torque": discover_gradient.gradient_torque,
-}
+LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
+
+
+def _not_converted():
+    """Flows of those that are not yet on the common records."""
+    from flows import discover_gradient, discover_ranging, discover_swing
+
+    return {
+        "kbr_phase_centre": discover_ranging.kbr_phase_centre,
+        "inertial_sensor": discover_swing.inertial_sensor,
+        "gradient_torque": discover_gradient.gradient_torque,
+    }
+
+
+def names() -> tuple[str, ...]:
+    """Calibrations that can be searched."""
+    return tuple(name for name in calibrations.known() if calibrations.load(name).discovery is not None)
 
 
 def document(ref):

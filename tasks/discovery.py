@@ -1,88 +1,97 @@
-"""Stages of discovery; the search is in `gravcal/discovery`, the view of a calibration beside its science."""
+"""Stages of discovery, the same for every calibration.
+
+Each is told the calibration or the kind of product that it writes, the module whose ``observe`` makes the observations,
+and the names of the products there.
+"""
 
 from __future__ import annotations
 
+import importlib
 import json
 
 from gravcal.discovery.schemas import DISCOVERY
+from gravcal.estimation.records import entries
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
-com_offset_science = lazy("gravcal.discovery.com_offset")
-extension_science = lazy("gravcal.calibrations.com_offset.extension")
+driver = lazy("gravcal.discovery.driver")
 report_science = lazy("gravcal.report.discovery_delivery")
 
-KINDS = {"com_offset.discovery": DISCOVERY, "com_offset.discovery_report": product.ANY}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
-READ = ["com_offset.align", "com_offset.field", "com_offset.attitude", "com_offset.solve"]
+product.register("*.discovery", DISCOVERY)
+product.register("*.discovery_report", product.ANY)
+ANY_PRODUCT = ["*"]
 
 
-@stage(reads=READ, writes="com_offset.discovery", version=10)
-def com_offset(
-    aligned,
-    checked,
-    smoothed,
-    solved,
-    *,
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=11, also=["{observations}"])
+def search(
+    *products,
+    calibration,  # noqa: ARG001 - it names the product
+    observations,
+    names,
     discovery_level,
     tie_chi2,
     round_limit,
     segment_s,
-    linear_drift_degree,
-    angular_drift_degree,
     discovery_seed,
-    scene,
+    settings,
 ):
     """What the model of an event gets wrong, and why."""
-    settings = {name: value for name, value in locals().items() if name not in _INPUTS}
-    return com_offset_science.discover(aligned, checked, smoothed, solved, **scene, **settings)
+    limits = driver.Limits(discovery_level, tie_chi2, round_limit, segment_s, discovery_seed)
+    return driver.discover(_observed(products, observations, names, settings), limits)
 
 
-@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.discovery", version=9)
-def com_offset_again(
-    aligned,
-    checked,
-    smoothed,
-    solved,
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=11, also=["{observations}"])
+def search_again(
     first,
-    *,
+    *products,
+    calibration,  # noqa: ARG001 - it names the product
+    observations,
+    names,
     discovery_level,
     tie_chi2,
     round_limit,
     segment_s,
-    linear_drift_degree,
-    angular_drift_degree,
     discovery_seed,
-    scene,
+    settings,
 ):
-    """The same round the extended model, where its effects are large."""
-    settings = {name: value for name, value in locals().items() if name not in _INPUTS}
-    return com_offset_science.discover_again(aligned, checked, smoothed, solved, first, **scene, **settings)
+    """The same in records without what a first search has found, where its effects are large."""
+    limits = driver.Limits(discovery_level, tie_chi2, round_limit, segment_s, discovery_seed)
+    observed = _observed(products, observations, names, settings)
+    return driver.discover_again(observed, limits, first, _model(first))
 
 
-_INPUTS = ("aligned", "checked", "smoothed", "solved", "first", "scene")
-
-
-@stage(reads=READ, writes="com_offset.align", version=2)
-def extend(aligned, checked, smoothed, solved, *, model, scene):
+@stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
+def extend(*products, records, observations, names, model, settings):
     """Records without the effects of an extended model."""
-    return extension_science.extend(aligned, checked, smoothed, solved, model=json.loads(model), **scene)
+    return _without(products, records, observations, names, settings, entries(json.loads(model)))
 
 
-@stage(reads=[*READ, "com_offset.discovery"], writes="com_offset.align", version=2)
-def extend_by(aligned, checked, smoothed, solved, found, *, scene):
+@stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
+def extend_by(found, *products, records, observations, names, settings):
     """Records without what was found in them."""
-    model = json.loads(found.attrs["numbers"]).get("findings", [])
-    return extension_science.extend(aligned, checked, smoothed, solved, model=model, **scene)
+    return _without(products, records, observations, names, settings, _model(found))
 
 
-@stage(
-    reads=["com_offset.discovery", "com_offset.combine", "com_offset.combine"],
-    writes="com_offset.discovery_report",
-    version=1,
-)
-def com_offset_report(found, before, after, *, event, satellite, settings):
-    """Result document, page and extended model."""
-    named = {"calibration": "com_offset", "event": event, "satellite": satellite}
-    return report_science.report(found, before, after, settings=settings, **named)
+@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=2)
+def report(found, *combined, calibration, event, satellite, settings):
+    """Result document, page and extended model; with the calibration before and after, where it has such a result."""
+    named = {"calibration": calibration, "event": event, "satellite": satellite}
+    return report_science.report(found, *combined, settings=settings, **named)
+
+
+def _observed(products, observations, names, settings):
+    """Observations of the products by their names; None where they hold none."""
+    return importlib.import_module(observations).observe(dict(zip(names, products, strict=True)), **settings)
+
+
+def _model(found):
+    """Entries of what was found."""
+    return entries(json.loads(found.attrs["numbers"]).get("findings", []))
+
+
+def _without(products, records, observations, names, settings, model):
+    """Records of a kind without the effects of a model; as they are where nothing is observed."""
+    observed = _observed(products, observations, names, settings)
+    if observed is None:
+        return dict(zip(names, products, strict=True))[records.rpartition(".")[2]].copy()
+    return observed.without(model)

@@ -19,6 +19,7 @@
 - A body may return (dataset, {"report.html": text or bytes}): these files are kept beside the product, in
   ``ref.folder``.
 - ``also=["gravcal.effects.torque"]`` names modules that the body reaches without an import statement.
+- ``writes="{calibration}.discovery"``, ``also=["{observations}"]``: a stage of several calibrations, named in settings.
 - ``lazy("gravcal.calibrations.com_offset")`` stands for a module that is imported at its first use.
 
 What a call does is up to the engine (``using``): compute here, say what would be computed, or submit it to Prefect.
@@ -246,6 +247,9 @@ def call_of(called, items, settings):
     missing, unknown = wanted - set(given), set() if takes_all else set(given) - wanted
     if missing or unknown:
         raise TypeError(f"{called.name}: settings missing {sorted(missing)}, unknown {sorted(unknown)}")
+    if "{" in called.writes:
+        also = tuple(name.format_map(given) for name in called.also)
+        called = Stage(called.body, called.reads, called.writes.format_map(given), called.version, also)
     where = f"{called.writes}, setting"
     plain = {name: keys.canonical(value, f"{where} {name}") for name, value in given.items()}
     plain = {

@@ -30,8 +30,8 @@ def chains(folder):
         truth = flow.simulate(folder / name, seed=1, truth=None, effects={}, settings=settings)
         source = flow.source(event=None, data=folder / name, satellite=truth.get("satellite"), date=truth.get("date"))
         engine.run(flow.flow, source, catalog.parameters(name), engine="inline")
-        if name in discover.FLOWS:
-            engine.run(discover.FLOWS[name], source, catalog.parameters(name), engine="inline")
+        if name in discover.names():
+            engine.run(discover.flow_of(name), source, catalog.parameters(name), engine="inline")
     found = {}
     for link in sorted((location.folder() / "latest").glob("*/*")):
         kind = link.name if link.name.startswith("ingest") else ".".join(link.name.split(".")[:2])

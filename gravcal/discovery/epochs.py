@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gravcal.discovery.blocks import Candidate
+from gravcal.estimation.records import Candidate
 
 
 def at(slug: str, epoch: float) -> str:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gravcal.discovery import residuals
-from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.rounds import Result
 from gravcal.discovery.trials import SHARES
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.records import Candidate
 
 AXES = "xyz"
 PEAKS = 4
@@ -116,17 +116,18 @@ def _line(grid, gains, made_of, about):
     return Line(candidate, frequency, sigma)
 
 
-def amplitude(line: Line, parameters: dict) -> dict:
+def amplitude(line: Line, parameters: dict, name: str = "amplitude") -> dict:
     """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}.
 
     Parameters
     ----------
     line : Line
     parameters : cosines and sines as a finding has them
+    name : of the amplitude
     """
     rows = [p for p in parameters.values() if np.isfinite(p["value"])]
     squares, errors = (np.array([p[n] for p in rows]) ** 2 for n in ("value", "sigma"))
     size = np.sqrt(max(2 * np.mean(squares - errors), 0.0))
     sigma = np.sqrt(np.mean(errors) / max(len(rows) / 2, 1))
     found = {"frequency": {"value": line.frequency, "sigma": line.sigma, "unit": "Hz"}}
-    return found | {"amplitude": {"value": float(size), "sigma": float(sigma), "unit": line.candidate.units[0]}}
+    return found | {name: {"value": float(size), "sigma": float(sigma), "unit": line.candidate.units[0]}}

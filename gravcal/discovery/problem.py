@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery.blocks import Block, Candidate, basis_of
 from gravcal.discovery.columns import Columns, columns_of, without_rounding
+from gravcal.discovery.linear_algebra import basis_of
 from gravcal.estimation.parallel import parallel
+from gravcal.estimation.records import Block, Candidate
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Problem:
     @property
     def shared(self) -> slice:
         """Place of the shared columns."""
-        return slice(1, 1 + self.blocks[0].shared.shape[1])
+        return slice(1, 1 + self.blocks[0].global_columns.shape[1])
 
     @functools.cached_property
     def total(self) -> np.ndarray:
@@ -60,14 +61,14 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     blocks : list of Block
     candidates : list of Candidate
     """
-    width = blocks[0].shared.shape[1]
+    width = blocks[0].global_columns.shape[1]
     widths = [1, width, *(len(c.names) for c in candidates)]
     ends = np.cumsum(widths)[1:]
     places = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
     def one(index, block):
-        pieces = [block.observed[:, None], block.shared, *(c.columns[index] for c in candidates)]
-        columns = columns_of(block.channel, basis_of(block.own), pieces, widths)
+        pieces = [block.observed[:, None], block.global_columns, *(c.columns[index] for c in candidates)]
+        columns = columns_of(block.channel, basis_of(block.local_columns), pieces, widths)
         return columns, columns.products(), columns.squares, float(_used(block) - columns.basis.shape[1])
 
     columns, gram, squares, samples = zip(*parallel(one, range(len(blocks)), blocks), strict=True)
@@ -76,7 +77,7 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
 
 
 def _used(block):
-    return int(np.sum(np.any(np.column_stack([block.observed, block.own]) != 0, axis=1)))
+    return int(np.sum(np.any(np.column_stack([block.observed, block.local_columns]) != 0, axis=1)))
 
 
 def extended(problem: Problem, candidate: Candidate) -> Problem:
@@ -126,7 +127,7 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
         first = np.arange(block.time.size) % 2 == 0
     parts = []
     for rows in (first, ~first):
-        basis = basis_of(block.own[rows])
+        basis = basis_of(block.local_columns[rows])
         part = columns[rows] - basis @ (basis.T @ columns[rows])
         parts.append(part.T @ part)
     return np.stack(parts)

@@ -126,4 +126,4 @@ def weighted(block) -> np.ndarray:
     ----------
     block : Block
     """
-    return (block.observed != 0) | np.any(block.own != 0, axis=1) | np.any(block.shared != 0, axis=1)
+    return (block.observed != 0) | np.any(block.local_columns != 0, axis=1) | np.any(block.global_columns != 0, axis=1)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gravcal.discovery import adequacy, attribution, naming, pairs, residuals, scan, shaping, trials, unobservable
-from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.problem import Problem, baseline_of, prepare
+from gravcal.estimation.records import Block, Candidate
 
 
 @dataclass(frozen=True)

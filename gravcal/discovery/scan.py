@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gravcal.discovery import residuals
-from gravcal.discovery.blocks import Block
 from gravcal.discovery.problem import Problem
 from gravcal.estimation.parallel import parallel
+from gravcal.estimation.records import Block
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def looked_at(problem: Problem, channels) -> None:
     grids = {channel: frequencies(problem.blocks, channel) for channel in channels}
 
     def one(index):
-        if problem.blocks[index].local:
+        if problem.blocks[index].steps:
             _local(problem, index)
         for channel, axis in itertools.product(grids, range(3)):
             _waves(problem, index, channel, axis, grids[channel])
@@ -66,15 +66,15 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
     inverse = residuals.inverse_of_baseline(problem, baseline)
     place, at, dof, gain = [np.zeros(0, dtype=int)], [np.zeros(0)], [np.zeros(0, dtype=int)], []
     for i, block in enumerate(problem.blocks):
-        if block.local:
+        if block.steps:
             rows, shapes, own = _local(problem, i)
             cross = problem.columns[i].of(baseline)[rows].T @ shapes
-            inner = own - _paired(cross, inverse @ cross, len(block.local))
+            inner = own - _paired(cross, inverse @ cross, len(block.steps))
             right = (shapes.T @ rest[i][rows]).reshape(*inner.shape[:2], -1)
             gain += [_step_gain(inner, right), *_axis_gains(inner, right)]
             free = np.array([inner.shape[1], *[1] * inner.shape[1]])
-            dof.append(np.repeat(free, len(block.local)))
-            at.append(np.tile(list(block.local), free.size))
+            dof.append(np.repeat(free, len(block.steps)))
+            at.append(np.tile(list(block.steps), free.size))
             place.append(np.full(dof[-1].size, i))
     gain = np.concatenate(gain) if gain else np.zeros((0, rest[0].shape[1]))
     return Scan("step", "linear", *map(np.concatenate, (place, at)), gain, np.concatenate(dof))
@@ -85,9 +85,9 @@ def _local(problem, index):
     key = ("local", index)
     if key not in problem.memory:
         block = problem.blocks[index]
-        shapes = np.concatenate(list(block.local.values()), axis=1)
+        shapes = np.concatenate(list(block.steps.values()), axis=1)
         rows = np.flatnonzero(np.any(shapes != 0, axis=1))
-        shapes, count = shapes[rows], len(block.local)
+        shapes, count = shapes[rows], len(block.steps)
         inside = problem.bases[index][rows].T @ shapes
         problem.memory[key] = rows, shapes, _paired(shapes, shapes, count) - _paired(inside, inside, count)
     return problem.memory[key]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gravcal.discovery import attribution, residuals
-from gravcal.discovery.blocks import Candidate, Shape
 from gravcal.discovery.problem import Problem, extended
+from gravcal.estimation.records import Candidate, Shape
 
 SHARE = 0.2  # of the largest gain of a round, from which a cause of any size may win
 NEAR = 1.0  # of chi-square below the best form, within which one that was refined beside other causes will do

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gravcal.discovery import attribution, residuals, scan
-from gravcal.discovery.blocks import Candidate
 from gravcal.discovery.problem import Problem, extended, halves
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.records import Candidate
 
 #: Share of the family-wise level that each kind of trial may spend.
 SHARES = {"listed": 0.5, "unknown": 0.2, "line": 0.2, "step": 0.1}
@@ -155,7 +155,7 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
 
 
 def _step(problem, trial):
-    columns = [b.local[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
+    columns = [b.steps[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
     form = f"{problem.blocks[trial.place].label}, time {trial.at:.0f} s"
     where = {"at": trial.at, "at_sigma": trial.at_sigma}
     return Candidate(trial.cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns, **where)

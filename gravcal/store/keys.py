@@ -33,7 +33,7 @@ DOCUMENTED = (ast.Module, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
 IMPORTERS = ("lazy", "import_module")
 SILENT = ("kind", "ctx", "type_comment")  # the place of a name says whether it is read or set; the rest is layout
 _files = {}  # source or data file -> its status when it was first looked at
-_bodies = {}  # "module:function" -> its parts and their files, for the life of the process
+_bodies = {}  # ("module:function", other modules) -> its parts and their files, for the life of the process
 _trees = {}  # what earlier processes know of modules, by name and digest of the source
 
 
@@ -109,7 +109,7 @@ def fingerprint(body, also=()):
     -------
     parts : dict, "module" or "module:function" -> digest of its syntax tree, "package/file" -> digest of its bytes
     """
-    name = f"{body.__module__}:{body.__name__}"
+    name = f"{body.__module__}:{body.__name__}", *also
     if name not in _bodies:
         if not _trees:
             _trees.update(memory.recall("modules") or {})

@@ -39,7 +39,7 @@ _schemas = {}
 
 
 def register(kind, schema):
-    """Make the schema of a kind known; the same kind may be registered again with the same schema."""
+    """Make the schema of a kind known, "*.report" of any calibration; again only with the same schema."""
     if kind in _schemas and _schemas[kind] != schema:
         raise ProductError(
             f"product kind {kind}: registered twice with different schemas. Give one of them another name."
@@ -49,13 +49,14 @@ def register(kind, schema):
 
 def schema(kind):
     """Schema of a kind, or ANY."""
-    if kind not in _schemas:
+    known = kind if kind in _schemas else f"*.{kind.partition('.')[2]}"
+    if known not in _schemas:
         raise ProductError(
             f"product kind {kind}: no schema is registered (known: {', '.join(sorted(_schemas)) or 'none'}). "
             f"Call product.register({kind!r}, schema) in the module that holds its stage.",
             kind=kind,
         )
-    return _schemas[kind]
+    return _schemas[known]
 
 
 def check(dataset, kind):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.discovery.blocks import basis_of
 from gravcal.discovery.columns import columns_of, without_rounding
+from gravcal.discovery.linear_algebra import basis_of
 
 CHANNELS = {
     "by channel": np.repeat(["linear", "angular", "attitude"], [40, 30, 20]),

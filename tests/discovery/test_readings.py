@@ -5,13 +5,12 @@ from numpy.testing import assert_allclose
 
 from flows import com_offset, discover
 from gravcal import catalog
-from gravcal.calibrations.com_offset.discovery_event import event
-from gravcal.calibrations.com_offset.discovery_reading import reading
+from gravcal.calibrations.com_offset.observations import observe
 from gravcal.discovery import products, readings
-from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
-from tasks.stage import read
+from gravcal.estimation.records import Block, Candidate
+from tasks import stage
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 PARTS = ("measured", "baseline", "extended")
@@ -24,7 +23,9 @@ def result(amplitude, *, listed=True):
         wave = np.tile(np.sin(np.arange(120) / (9 + k)), 2) * np.repeat([0.01, 1.0], 120) * (1 + k)
         where = {"channel": np.repeat(["angular", "linear"], 120), "axis": np.zeros(240, dtype=int)}
         rows = {"observed": rng.standard_normal(240) + amplitude * wave, "time": np.tile(np.arange(120.0), 2)}
-        blocks.append(Block(f"block {k}", shared=np.zeros((240, 0)), own=np.ones((240, 1)), **where, **rows))
+        blocks.append(
+            Block(f"block {k}", global_columns=np.zeros((240, 0)), local_columns=np.ones((240, 1)), **where, **rows)
+        )
         columns.append(wave[:, None])
     noise = [rng.standard_normal((240, 1)) for _ in columns]
     found = [Candidate("case.noise", "", ["size"], ["1"], noise)]
@@ -71,19 +72,23 @@ def test_where_nothing_is_named_the_least_likely_band_is_shown():
 
 
 def viewed(folder, effects):
-    """Source and settings of a simulated day, references and products of its baseline, views and blocks."""
+    """Source and settings of a simulated day, products of its baseline, and its observations."""
     com_offset.CALIBRATION.simulate(folder / "day", seed=7, truth=None, effects=effects, settings={})
     source, chosen = com_offset.CALIBRATION.source(data=folder / "day"), catalog.parameters("com_offset")
-    made, scene = [read(ref) for ref in com_offset.baseline(source, chosen)], com_offset.scene_settings(source, chosen)
-    settings = chosen.for_stage("discovery")
-    degrees = {name: settings[name] for name in ("linear_drift_degree", "angular_drift_degree")}
-    return (source, chosen), made, *event(*made, **scene, **degrees)[:2]
+    made = {name: stage.read(ref) for name, ref in com_offset.baseline(source, chosen).items()}
+    settings = com_offset.scene_settings(source, chosen) | chosen.for_stage("discovery")
+    observed = observe(made, **settings)
+    assert len(observed.blocks) == len(observed.views) + 1
+    return (source, chosen), made, observed
 
 
 def discovered(folder, effects):
     """Products of the baseline, the product of the discovery, and the views of a simulated day."""
-    about, made, views, _ = viewed(folder, effects)
-    return made, read(discover.searched(*about)[1]), views
+    about, made, observed = viewed(folder, effects)
+    heard = []
+    with stage.using(stage.inline, lambda _call, _state, ref: heard.append(ref)):
+        discover.flow_of("com_offset")(*about)
+    return made, stage.read([ref for ref in heard if ref.kind == "com_offset.discovery"][-1]), observed.views
 
 
 def shown(found, channel):
@@ -99,7 +104,7 @@ def test_a_leak_is_seen_in_the_linear_reading(tmp_path):
     measured, baseline, extended = shown(found, "linear")
     (k,) = [k for k, v in enumerate(views) if np.array_equal(v.scene.operator.time, found["time_reading"].values)]
     scene = views[k].scene
-    direct = scene.operator(np.nan_to_num(made[0]["linear_b"].values[scene.rows]))
+    direct = scene.operator(np.nan_to_num(made["align"]["linear_b"].values[scene.rows]))
     valid = np.isfinite(measured).all(axis=1)
     assert_allclose(measured[valid], (direct - np.nanmean(direct, axis=0))[valid], atol=1e-14)  # m s-2, noise 1e-10
     here = (found["block"].values == k) & (found["channel"].values == 0)
@@ -117,7 +122,7 @@ def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
     measured, baseline, extended = shown(found, "angular")
     time = found["time_reading"].values
     near = min(views, key=lambda v: abs(v.scene.operator.time[0] - time[0]))
-    direct = near.scene.operator(np.nan_to_num(made[0]["angular_b"].values[near.scene.rows]))
+    direct = near.scene.operator(np.nan_to_num(made["align"]["angular_b"].values[near.scene.rows]))
     direct = direct - np.nanmean(direct, axis=0)
     same = np.stack([np.interp(time, near.scene.operator.time, c) for c in direct.T], axis=1)
     effect = np.nanstd((extended - baseline)[:, 0])
@@ -127,15 +132,15 @@ def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
 
 def test_attitude_and_field_give_their_readings(tmp_path):
     """Contract: the field as measured; the rotation by the torquers as fitted, and what the fit left."""
-    _, made, views, blocks = viewed(tmp_path, {})
-    view, observed = views[1], blocks[1]["observed"][:, None]
-    time, model, (rest,) = reading(view, "magnetometer", observed)
+    _, made, found = viewed(tmp_path, {})
+    view, observed = found.views[1], found.blocks[1].observed[:, None]
+    time, model, (rest,) = found.reading("magnetometer", 1, observed)
     good = np.isfinite(rest).all(axis=1)
-    rows = np.searchsorted(made[1]["time_mag"].values, time[good])
-    assert_allclose((model + rest)[good], made[1]["measured_b"].values[rows], atol=1e-9)  # T, of 3e-5
-    time, model, (rest,) = reading(view, "attitude", observed)
+    rows = np.searchsorted(made["field"]["time_mag"].values, time[good])
+    assert_allclose((model + rest)[good], made["field"]["measured_b"].values[rows], atol=1e-9)  # T, of 3e-5
+    time, model, (rest,) = found.reading("attitude", 1, observed)
     good, index = view.scene.sca_good, view.scene.index
-    left = made[2]["sca_residual_b"].values[made[2]["sca_manoeuvre"].values == index]
-    scale = np.nan_to_num(made[2]["torque_scale"].values[index], nan=1.0)
+    left = made["attitude"]["sca_residual_b"].values[made["attitude"]["sca_manoeuvre"].values == index]
+    scale = np.nan_to_num(made["attitude"]["torque_scale"].values[index], nan=1.0)
     assert_allclose((model + rest)[good], left + (view.scene.scale_attitude @ scale)[good], atol=1e-12)  # rad
     assert np.isnan(rest[~good]).all()

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from gravcal.discovery import residuals
-from gravcal.discovery.blocks import Block, Candidate, Shape, basis_of
+from gravcal.discovery.linear_algebra import basis_of
 from gravcal.discovery.model_average import _held, widened, with_ties
 from gravcal.discovery.problem import baseline_of, prepare
 from gravcal.discovery.rounds import Choice, search
 from gravcal.discovery.summary import summary
 from gravcal.discovery.unobservable import beside_calibration
 from gravcal.errors import EstimationError
+from gravcal.estimation.records import Block, Candidate, Shape
 from gravcal.report.discovery import tied_table, verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
@@ -67,7 +68,7 @@ def test_a_listed_cause_is_tied_with_a_driver_that_chance_lets_describe_the_data
     blocks, (first, *_) = made(rng, signal=12.0)
     known = np.concatenate(first.columns)[:, 0]
     fixed = np.column_stack(
-        [np.kron(np.eye(4), blocks[0].own), np.concatenate([b.shared for b in blocks])[:, 0], known]
+        [np.kron(np.eye(4), blocks[0].local_columns), np.concatenate([b.global_columns for b in blocks])[:, 0], known]
     )
     observed = np.concatenate([b.observed for b in blocks])
     rest, other = (without(values, fixed) for values in (observed, rng.normal(size=1200)))
@@ -194,7 +195,7 @@ def test_forms_that_the_data_leave_open_are_in_the_error_of_the_calibration():
     for _ in range(40):
         blocks, _ = made(rng)
         seen = [rng.standard_normal((300, 1)) for _ in blocks]
-        both = [(v + b.shared, v - b.shared) for v, b in zip(seen, blocks, strict=True)]
+        both = [(v + b.global_columns, v - b.global_columns) for v, b in zip(seen, blocks, strict=True)]
         true = int(rng.integers(2))
         for block, pair in zip(blocks, both, strict=True):
             block.observed[:] += 20 / np.sqrt(1200) * pair[true][:, 0]
@@ -218,8 +219,8 @@ def test_what_the_data_do_not_see_of_any_form_is_in_the_error_of_the_calibration
         seen, other, again = ([rng.standard_normal((300, 1)) for _ in blocks] for _ in range(3))
         leak = rng.choice([-0.5, 0.5])
         for block, column in zip(blocks, seen, strict=True):
-            block.observed[:] += 0.5 * column[:, 0] + leak * block.shared[:, 0]
-        there = [np.concatenate([v, b.shared], axis=1) for v, b in zip(seen, blocks, strict=True)]
+            block.observed[:] += 0.5 * column[:, 0] + leak * block.global_columns[:, 0]
+        there = [np.concatenate([v, b.global_columns], axis=1) for v, b in zip(seen, blocks, strict=True)]
         absent = [np.concatenate(pair, axis=1) for pair in zip(other, again, strict=True)]
         forms = [Candidate("case.mode", f, ["a", "b"], ["1", "1"], c, [0.5, 0.5])
                  for f, c in (("1.00 Hz", there), ("2.00 Hz", absent))]  # fmt: skip
@@ -243,7 +244,7 @@ def test_readings_that_leave_nothing_to_test_are_refused():
 def test_own_columns_are_gone_from_the_products():
     """Analytic: a candidate that equals an own column keeps nothing."""
     blocks, _ = made(np.random.default_rng(3))
-    copy = Candidate("case.copy", "", ["size"], ["1"], [b.own[:, :1] for b in blocks])
+    copy = Candidate("case.copy", "", ["size"], ["1"], [b.local_columns[:, :1] for b in blocks])
     reduced = prepare(blocks, [copy])
     assert np.all(np.abs(reduced.gram[:, -1, -1]) < 1e-18 * 300**2)  # rounding
 
@@ -304,7 +305,7 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it():
     blocks, candidates = made(rng)
     first = candidates[0]
     second = Candidate(
-        "case.b", "", ["size"], ["1"], [c + 5 * b.shared for c, b in zip(first.columns, blocks, strict=True)]
+        "case.b", "", ["size"], ["1"], [c + 5 * b.global_columns for c, b in zip(first.columns, blocks, strict=True)]
     )
     size = 15 / np.sqrt(1200)
     hidden = [replace(b, observed=b.observed + size * c[:, 0]) for b, c in zip(blocks, second.columns, strict=True)]

@@ -9,8 +9,8 @@ from gravcal.calibrations.com_offset.discovery_scene import attitude_at, field_a
 from gravcal.calibrations.com_offset.discovery_view import View, turning
 from gravcal.effects import Context, catalogue
 from gravcal.effects.base import Effect
-from gravcal.effects.entries import each_alone
 from gravcal.effects.kernels import ringing
+from gravcal.estimation.records import Candidate, Shape
 from gravcal.physics import frames
 
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
@@ -31,7 +31,7 @@ DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
 READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", "field_b": "magnetometer"}
 
 
-def candidates(views: list[View], smoothed, starts) -> list[dict]:
+def candidates(views: list[View], smoothed, starts) -> list[Candidate]:
     """Effects of the catalogue, then regressors made of the measured channels.
 
     Parameters
@@ -42,7 +42,7 @@ def candidates(views: list[View], smoothed, starts) -> list[dict]:
 
     Returns
     -------
-    candidates : fields of `gravcal.discovery.blocks.Candidate`, one column set a view and one for the edge times
+    candidates : list of Candidate, one column set a view and one for the edge times
     """
     shapes = [shape for entry in _entries() for shape in shapes_of(entry)]
     shapes += discovery_drivers.shapes(views[0]) if views else []
@@ -52,15 +52,18 @@ def candidates(views: list[View], smoothed, starts) -> list[dict]:
         columns = [t[k] for t in tables]
         timing = discovery_timing.columns(shape["cause"], smoothed, starts)
         timing = None if timing is None or shape["form"].startswith("manoeuvre") else timing
-        fixed = {n: shape[n] for n in ("cause", "form", "names", "units", "prior")}
+        curve = None
         if "frequency" in shape:
-            fixed["shape"] = _mode_shape(views, shape["frequency"])
+            curve = _mode_shape(views, shape["frequency"])
         if "lag" in shape:
             tau, leads = shape["lag"], [discovery_lag.usual_lead(shape["lag"])] * len(views)
             timing = discovery_lag.edge_rows(views, smoothed, tau, leads) / tau
-            fixed["shape"] = discovery_lag.shape(views, smoothed, tau)
+            curve = discovery_lag.shape(views, smoothed, tau)
         if any(c is not None for c in columns) or timing is not None:
-            found += _split(fixed | {"columns": [*columns, timing]})
+            words = shape["cause"], shape["form"], shape["names"], shape["units"]
+            whole = Candidate(*words, [*columns, timing], shape["prior"], shape=curve)
+            stays = not whole.listed or whole.form.endswith("Hz")
+            found += [whole] if stays else whole.each_alone()
     return found
 
 
@@ -81,12 +84,6 @@ def shapes_of(entry: Effect) -> list[dict]:
     if entry.channel in ("dipole_b", "torque_b"):
         return [plain | {"signal": _torque(_torque_of(entry))}]
     return [plain | {"signal": _reading(entry)}]
-
-
-def _split(whole: dict) -> list[dict]:
-    """The effect with all its parameters, then with each alone; regressors and modes stay whole."""
-    stays = whole["cause"].startswith("unknown:") or whole["form"].endswith("Hz")
-    return [whole] if stays else each_alone(whole)
 
 
 def _table(view: View, shapes: list[dict]) -> list[np.ndarray | None]:
@@ -233,14 +230,9 @@ def _ringing(frequency, damping):
 
 
 def _mode_shape(views, frequency):
-    """Fields of `gravcal.discovery.blocks.Shape` of a flexible mode about a frequency of the grid."""
+    """Shape of a flexible mode about a frequency of the grid."""
     near = frequency + np.linspace(-MODE_STEP_HZ, MODE_STEP_HZ, 7)
-    return {
-        "names": ("frequency", "damping"),
-        "units": ("Hz", "1"),
-        "value": np.array([frequency, DAMPING]),
-        "columns": lambda value: [*(v.rows(_ringing(*value)(v)) for v in views), None],
-        "tried": np.array([(f, d) for f in near for d in (DAMPING / 4, DAMPING, 4 * DAMPING)]),
-        "lower": np.array([frequency - 2 * MODE_STEP_HZ, 1e-3]),
-        "upper": np.array([frequency + 2 * MODE_STEP_HZ, 0.5]),
-    }
+    tried = np.array([(f, d) for f in near for d in (DAMPING / 4, DAMPING, 4 * DAMPING)])
+    lower, upper = (np.array([frequency + s * 2 * MODE_STEP_HZ, d]) for s, d in ((-1, 1e-3), (1, 0.5)))
+    columns = lambda value: [*(v.rows(_ringing(*value)(v)) for v in views), None]  # noqa: E731
+    return Shape(("frequency", "damping"), ("Hz", "1"), np.array([frequency, DAMPING]), columns, tried, lower, upper)

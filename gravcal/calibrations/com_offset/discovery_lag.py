@@ -8,7 +8,7 @@ lag it decides on how much of the exponential is left at the next sample. It is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -16,8 +16,8 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import discovery_timing, motion
 from gravcal.calibrations.com_offset.discovery_view import View, felt
-from gravcal.effects.entries import determined
 from gravcal.estimation.least_squares import polynomial
+from gravcal.estimation.records import Entry, Lead, Shape
 
 CAUSE = "torque.dipole_lag"
 TRIED_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
@@ -201,8 +201,8 @@ def edge_rows(views: list[View], smoothed: xr.Dataset, tau: float, leads) -> np.
     return discovery_timing.column_of(smoothed, np.append(each - tau, each.mean()))
 
 
-def shape(views: list[View], smoothed: xr.Dataset, tau: float) -> dict:
-    """Fields of `gravcal.discovery.blocks.Shape` of a lag about one that was tried.
+def shape(views: list[View], smoothed: xr.Dataset, tau: float) -> Shape:
+    """Shape of a lag about one that was tried.
 
     Parameters
     ----------
@@ -220,52 +220,44 @@ def shape(views: list[View], smoothed: xr.Dataset, tau: float) -> dict:
         made = [v.rows(column(v, value[0], lead)) for v, lead in zip(views, leads, strict=True)]
         return [*made, edge_rows(views, smoothed, value[0], leads) / value[0]]
 
-    return {
-        "names": ("tau",),
-        "units": ("s",),
-        "value": np.array([tau]),
-        "columns": columns,
-        "tried": tau * np.geomspace(0.4, 2.5, 9)[:, None],
-        "lower": np.array([SHORTEST_S]),
-        "upper": np.array([LONGEST_S]),
-        "inside": inside,
-        "sized": True,
-    }
+    tried = tau * np.geomspace(0.4, 2.5, 9)[:, None]
+    ends = np.array([SHORTEST_S]), np.array([LONGEST_S])
+    return Shape(("tau",), ("s",), np.array([tau]), columns, tried, *ends, inside=inside, sized=True)
 
 
-def leads(views: list[View], chosen) -> list[dict]:
-    """Leads as a finding keeps them: {"start" s, "lead" s} a manoeuvre.
+def leads(views: list[View], chosen) -> tuple[Lead, ...]:
+    """Leads of the manoeuvres.
 
     Parameters
     ----------
     views : list of View
     chosen : one a view, s
     """
-    return [{"start": float(v.scene.time[0]), "lead": float(lead)} for v, lead in zip(views, chosen, strict=True)]
+    return tuple(Lead(float(v.scene.time[0]), float(lead)) for v, lead in zip(views, chosen, strict=True))
 
 
-def placed(view: View, entry: Mapping, records) -> Mapping:
+def placed(view: View, entry: Entry, records) -> Entry:
     """Entry of a model that knows the lead in a manoeuvre, from the records where it did not.
 
     Parameters
     ----------
     view : View
-    entry : {"cause", "parameters", "leads"}
+    entry : of the lag
     records : Dataset, "align", without other effects
     """
     if _known(view, entry) is not None or not _tau(entry) > 0:
         return entry
     lead = lead_in_records(view, _tau(entry), records["angular_b"].values[view.scene.rows])
-    return {**entry, "leads": leads([view], [lead])}
+    return replace(entry, leads=leads([view], [lead]))
 
 
-def reading(view: View, entry: Mapping) -> dict[str, np.ndarray]:
+def reading(view: View, entry: Entry) -> dict[str, np.ndarray]:
     """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}.
 
     Parameters
     ----------
     view : View
-    entry : {"cause", "parameters", "leads"}
+    entry : of the lag
     """
     tau, lead = _tau(entry), _known(view, entry)
     if not tau > 0:
@@ -275,10 +267,10 @@ def reading(view: View, entry: Mapping) -> dict[str, np.ndarray]:
 
 
 def _tau(entry):
-    return determined(entry).get("tau", np.nan)
+    return entry.values.get("tau", np.nan)
 
 
 def _known(view, entry):
     """Lead s in a manoeuvre, None where the entry does not know it."""
     start = float(view.scene.time[0])
-    return next((one["lead"] for one in entry.get("leads", ()) if abs(one["start"] - start) < 5.0), None)
+    return next((one.lead for one in entry.leads if abs(one.start - start) < 5.0), None)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.estimation.records import Block
 
-def block(smoothed: xr.Dataset) -> dict:
+
+def block(smoothed: xr.Dataset) -> Block:
     """Edges of the accelerometer less those of the star camera, and their delay against the telemetry.
 
     Parameters
@@ -17,15 +19,15 @@ def block(smoothed: xr.Dataset) -> dict:
     spread = _spread(smoothed)
     used = np.isfinite(rows) & np.isfinite(spread) & (spread > 0)
     count = rows.size
-    return {
-        "label": "timing",
-        "observed": np.where(used, rows / np.where(used, spread, 1), 0.0),
-        "shared": np.zeros((count, 3)),
-        "own": np.zeros((count, 0)),
-        "channel": np.array(["timing"] * count),
-        "axis": np.zeros(count, dtype=int),
-        "time": np.arange(count, dtype=float),
-    }
+    return Block(
+        label="timing",
+        observed=np.where(used, rows / np.where(used, spread, 1), 0.0),
+        global_columns=np.zeros((count, 3)),
+        local_columns=np.zeros((count, 0)),
+        channel=np.array(["timing"] * count),
+        axis=np.zeros(count, dtype=int),
+        time=np.arange(count, dtype=float),
+    )
 
 
 def columns(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
+from gravcal.estimation.records import Entry, Parameter, Wave
 
-def waves(finding: Mapping, views: list, blocks: list) -> list[dict]:
+UNITS = {"linear": "m s-2", "angular": "rad s-2"}
+
+
+def waves(entry: Entry, views: list, blocks: list) -> tuple[Wave, ...]:
     """Cosine and sine of a line on each axis of each manoeuvre.
 
     The search fits a sine to whitened rows. A sine of the reading, taken through low-pass and whitening, gives the
@@ -15,25 +17,52 @@ def waves(finding: Mapping, views: list, blocks: list) -> list[dict]:
 
     Parameters
     ----------
-    finding : with parameters frequency, cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre>, whitened
+    entry : with parameters frequency, cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre>, whitened
     views : of the event
     blocks : list of Block, one a view and more
-
-    Returns
-    -------
-    waves : {"start" s, "channel", "x", "y", "z": [cosine, sine]} a manoeuvre; phase zero at its start
     """
-    values = {name: p["value"] for name, p in finding["parameters"].items()}
-    channel = finding["form"].split()[0]
-    found = []
+    values, channel, found = entry.values, entry.form.split()[0], []
     for number, (view, block) in enumerate(zip(views, blocks[: len(views)], strict=True)):
-        one = {"start": float(view.scene.time[0]), "channel": channel}
+        axes = {}
         for axis, letter in enumerate("xyz"):
             names = (f"cosine_{letter}_{number}", f"sine_{letter}_{number}")
-            if all(np.isfinite(values.get(n, np.nan)) for n in names):
-                one[letter] = _of_reading(view, block, (channel, axis), values["frequency"], [values[n] for n in names])
-        found.append(one)
+            if all(n in values for n in names):
+                axes[letter] = _of_reading(
+                    view, block, (channel, axis), values["frequency"], [values[n] for n in names]
+                )
+        found.append(Wave(float(view.scene.time[0]), channel, axes.get("x"), axes.get("y"), axes.get("z")))
+    return tuple(found)
+
+
+def amplitudes(entry: Entry, views: list) -> dict[str, Parameter]:
+    """Frequency, and amplitude on each axis: rms over the manoeuvres, its whitened size over that of a unit sine.
+
+    Parameters
+    ----------
+    entry : as of `waves`
+    views : of the event
+    """
+    parameters, channel = entry.parameters, entry.form.split()[0]
+    found = {"frequency": parameters["frequency"]}
+    for axis, letter in enumerate("xyz"):
+        names = [(f"cosine_{letter}_{i}", f"sine_{letter}_{i}", v) for i, v in enumerate(views)]
+        pairs = [(a, b, v) for a, b, v in names if a in parameters and b in parameters]
+        sizes = [_size_of(v, channel, axis, parameters["frequency"].value) for _, _, v in pairs]
+        values = [parameters[n].value ** 2 for a, b, _ in pairs for n in (a, b)]
+        errors = [parameters[n].sigma ** 2 for a, b, _ in pairs for n in (a, b)]
+        if pairs:
+            square = (np.sum(values) - np.sum(errors)) / np.sum(np.square(sizes))
+            error = np.sqrt(np.mean(errors) / np.sum(np.square(sizes)))
+            found[letter] = Parameter(float(np.sqrt(max(square, 0.0))), float(error), UNITS[channel])
     return found
+
+
+def _size_of(view, channel, axis, frequency):
+    """Whitened amplitude of a sine of unit amplitude on one axis."""
+    signal = np.zeros((view.scene.time.size, 3, 1))
+    signal[:, axis, 0] = np.sqrt(2) * np.sin(2 * np.pi * frequency * view.scene.time)
+    rows = view.rows({channel: signal})[:, 0]
+    return float(np.sqrt(np.mean(rows[rows != 0] ** 2)))
 
 
 def _of_reading(view, block, where, frequency, whitened):
@@ -54,7 +83,7 @@ def _unit(time, start, frequency):
     return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
 
-def reading(view, entry: Mapping) -> dict[str, np.ndarray]:
+def reading(view, entry: Entry) -> dict[str, np.ndarray]:
     """What a line adds to the readings of a manoeuvre, {channel: (n, 3)}; nothing where its phase is not known.
 
     Parameters
@@ -63,8 +92,9 @@ def reading(view, entry: Mapping) -> dict[str, np.ndarray]:
     entry : of a model, with `waves`
     """
     time = view.scene.time
-    known = [w for w in entry.get("waves", []) if abs(w["start"] - time[0]) < 5.0]
+    known = [w for w in entry.waves if abs(w.start - time[0]) < 5.0]
     if not known:
         return {}
-    unit = _unit(time, known[0]["start"], entry["parameters"]["frequency"]["value"])
-    return {known[0]["channel"]: np.stack([unit @ np.array(known[0].get(a, (0.0, 0.0))) for a in "xyz"], axis=1)}
+    unit = _unit(time, known[0].start, entry.values["frequency"])
+    axes = [np.zeros(2) if one is None else np.array(one) for one in (known[0].x, known[0].y, known[0].z)]
+    return {known[0].channel: np.stack([unit @ one for one in axes], axis=1)}

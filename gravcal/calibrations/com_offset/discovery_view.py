@@ -11,6 +11,7 @@ from gravcal.calibrations.com_offset.discovery_scene import Scene, attitude_at, 
 from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, whiten
+from gravcal.estimation.records import Block
 from gravcal.physics import frames, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
@@ -139,7 +140,7 @@ def _context(scene, base, orbit, time):
     )
 
 
-def block_of(view: View, aligned, smoothed, settings: dict) -> dict:
+def block_of(view: View, aligned, smoothed, settings: dict) -> Block:
     """Observed rows, shared columns of the offset and own columns of one manoeuvre.
 
     Parameters
@@ -147,10 +148,6 @@ def block_of(view: View, aligned, smoothed, settings: dict) -> dict:
     view : View
     aligned, smoothed : Dataset, products of com_offset
     settings : linear_drift_degree, angular_drift_degree
-
-    Returns
-    -------
-    block : fields of `gravcal.discovery.blocks.Block`
     """
     scene, context = view.scene, view.context
     linear = aligned["linear_b"].values[scene.rows]
@@ -166,16 +163,16 @@ def block_of(view: View, aligned, smoothed, settings: dict) -> dict:
         "magnetometer": view.magnetometer[1][..., None],
     }
     offset = catalogue()["accelerometer.offset"].columns(context)
-    return {
-        "label": f"manoeuvre {scene.index + 1}",
-        "observed": view.rows(observed)[:, 0],
-        "shared": view.rows({"linear": offset}),
-        "own": view.rows(_own(view, settings)),
-        "channel": np.repeat(CHANNELS, [3 * v.size for v in view.valid().values()]),
-        "axis": np.concatenate([np.repeat([0, 1, 2], v.size) for v in view.valid().values()]),
-        "time": np.concatenate([np.tile(t, 3) for t in times(view)]),
-        "local": _steps(view),
-    }
+    return Block(
+        label=f"manoeuvre {scene.index + 1}",
+        observed=view.rows(observed)[:, 0],
+        global_columns=view.rows({"linear": offset}),
+        local_columns=view.rows(_own(view, settings)),
+        channel=np.repeat(CHANNELS, [3 * v.size for v in view.valid().values()]),
+        axis=np.concatenate([np.repeat([0, 1, 2], v.size) for v in view.valid().values()]),
+        time=np.concatenate([np.tile(t, 3) for t in times(view)]),
+        steps=_steps(view),
+    )
 
 
 def _steps(view):

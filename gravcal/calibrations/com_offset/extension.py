@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import discovery_candidates, discovery_drivers, discovery_lag, discovery_tones
-from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
-from gravcal.calibrations.com_offset.discovery_view import View, turning, view_of
+from gravcal.calibrations.com_offset.discovery_view import View, turning
 from gravcal.effects import Context, effect
-from gravcal.effects.entries import determined
+from gravcal.estimation.records import Entry
 from gravcal.physics import frames
 
 BEYOND_S = 10.0
@@ -20,7 +19,7 @@ EDGES = ("edge_lower", "edge_upper", "start", "stop")
 TAGS = {"acc_delay": "time_acc", "sca_delay": "time_sca", "mag_delay": "time_mag"}
 
 
-def extend(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved: xr.Dataset, **settings) -> xr.Dataset:
+def without(aligned: xr.Dataset, views: list[View], model: Sequence[Entry]) -> xr.Dataset:
     """Aligned records without the effects of a model, so that the baseline describes what is left.
 
     To first order in the effects: readings less their contribution, attitude less the rotation that an extra torque
@@ -28,33 +27,29 @@ def extend(aligned: xr.Dataset, field: xr.Dataset, smoothed: xr.Dataset, solved:
 
     Parameters
     ----------
-    aligned, field, smoothed, solved : Dataset, products of the baseline, solved with variant mtq
-    settings : model (list of {"cause", "form", "parameters": {name: {"value"}}}), inertia, dipole_per_current, mass,
-        and those of the scenes
+    aligned : Dataset, "com_offset.align"
+    views : one a manoeuvre
+    model : list of Entry
 
     Returns
     -------
     extended : Dataset, "com_offset.align"
     """
-    model = settings["model"]
-    offset = offset_of(solved)
-    made = scenes(aligned, field, smoothed, settings)
-    views = [view_of(s, (aligned, field, smoothed), {}, offset, settings["mass"]) for s in made]
     extended = aligned.copy(deep=True)
-    for entry in sorted(model, key=lambda e: e["cause"] == discovery_lag.CAUSE):  # what is left says where edges fall
+    for entry in sorted(model, key=lambda e: e.cause == discovery_lag.CAUSE):  # what is left says where edges fall
         for view in views:
-            placed = discovery_lag.placed(view, entry, extended) if entry["cause"] == discovery_lag.CAUSE else entry
+            placed = discovery_lag.placed(view, entry, extended) if entry.cause == discovery_lag.CAUSE else entry
             _subtract(extended, view, contribution(view, placed), _turns(entry))
     for entry in model:  # last: the samples are found by their tags
         _delay(extended, entry)
-    return extended.assign_attrs(model=" ".join(e["cause"] for e in model))
+    return extended.assign_attrs(model=" ".join(e.cause for e in model))
 
 
 def _delay(extended, entry):
     """Tags moved where the entry is a delay; drifts are below the tags' own error within a day."""
-    known = None if entry["cause"].startswith("unknown:") else effect(entry["cause"])
+    known = effect(entry.cause) if entry.listed else None
     if known is not None and known.channel in TAGS and known.slug.endswith("delay"):
-        name, delay = TAGS[known.channel], known.values(determined(entry))[0]
+        name, delay = TAGS[known.channel], known.values(entry.values)[0]
         extended.coords[name] = extended[name] - delay
         for other in EDGES if name == "time_mag" else ():  # seen in the currents, which have the same tags
             extended[other] = extended[other] - delay
@@ -62,23 +57,23 @@ def _delay(extended, entry):
 
 def _turns(entry):
     """Whether an entry is a torque, which turns the body itself."""
-    return not entry["cause"].startswith("unknown:") and effect(entry["cause"]).channel in ("dipole_b", "torque_b")
+    return entry.listed and effect(entry.cause).channel in ("dipole_b", "torque_b")
 
 
-def contribution(view: View, entry: Mapping) -> dict[str, np.ndarray]:
+def contribution(view: View, entry: Entry) -> dict[str, np.ndarray]:
     """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}.
 
     Parameters
     ----------
     view : View
-    entry : {"cause", "form", "parameters"}
+    entry : of a model
     """
-    if "frequency" in entry["parameters"] and entry["cause"] in ("accelerometer.stray_tone", "unknown:time"):
+    if "frequency" in entry.parameters and entry.cause in ("accelerometer.stray_tone", "unknown:time"):
         return discovery_tones.reading(view, entry)
-    if entry["cause"].startswith("unknown:"):
+    if not entry.listed:
         return _empirical(view, entry)
-    known = effect(entry["cause"])
-    values = known.values(determined(entry))
+    known = effect(entry.cause)
+    values = known.values(entry.values)
     if known.slug == discovery_lag.CAUSE:
         return discovery_lag.reading(view, entry)
     if known.channel in ("dipole_b", "torque_b"):
@@ -96,10 +91,10 @@ def contribution(view: View, entry: Mapping) -> dict[str, np.ndarray]:
 
 def _empirical(view, entry):
     """A regressor of the measured channels, times its factors."""
-    found = [s for s in discovery_drivers.shapes(view) if (s["cause"], s["form"]) == (entry["cause"], entry["form"])]
+    found = [s for s in discovery_drivers.shapes(view) if (s["cause"], s["form"]) == (entry.cause, entry.form)]
     if not found:
         return {}
-    values = determined(entry)
+    values = entry.values
     weights = np.array([values.get(n, 0.0) for n in found[0]["names"]])
     return {channel: columns @ weights for channel, columns in found[0]["signal"](view).items()}
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from gravcal.calibrations.com_offset import discovery_lag
+from gravcal.estimation.records import Entry
 
 EDGES = np.array([2.0, 8.0, 14.0, 20.0])
 DIPOLE = np.array([[0.0, 3.0, 1.0], [0.5, -3.0, 1.0], [0.0, 3.0, 0.0]])
@@ -67,7 +68,7 @@ def test_the_lead_of_a_short_lag_is_the_lag_and_of_a_long_one_less():
 def test_an_entry_keeps_its_leads_by_manoeuvre():
     """Property: what a finding says of one manoeuvre is not taken for another's."""
     views = [SimpleNamespace(scene=SimpleNamespace(time=np.array([t, t + 1]))) for t in (100.0, 700.0)]
-    entry = {"cause": discovery_lag.CAUSE, "leads": discovery_lag.leads(views, [0.1, 0.2])}
+    entry = Entry(discovery_lag.CAUSE, "", {}, leads=discovery_lag.leads(views, [0.1, 0.2]))
     assert [discovery_lag._known(v, entry) for v in views] == [0.1, 0.2]
     elsewhere = SimpleNamespace(scene=SimpleNamespace(time=np.array([2000.0])))
     assert discovery_lag._known(elsewhere, entry) is None

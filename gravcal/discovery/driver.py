@@ -1,0 +1,261 @@
+"""One discovery for all calibrations: search, lines and epochs a second time, averaged covariance, product.
+
+A calibration hands over `gravcal.estimation.records.Observations`; nothing here knows which one it is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from gravcal.discovery import attribution, products, readings, residuals
+from gravcal.discovery.lines import Line, amplitude, lines
+from gravcal.discovery.model_average import named_parameters, widened, with_ties
+from gravcal.discovery.problem import Problem, baseline_of
+from gravcal.discovery.rounds import Choice, Finding, Result, search
+from gravcal.discovery.summary import summary
+from gravcal.discovery.unobservable import ROUNDING, UNSEEN
+from gravcal.estimation.records import Block, Entry, Fitted, Observations, Parameter, epoch_of, slug_of
+
+BIASED = 0.1  # of the error of a result, from which a bias is worth a word
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Settings of a search: family-wise level, chi-square of a tie, rounds, stretch left out s, seed of the draws."""
+
+    level: float
+    tie: float
+    rounds: int
+    segment_s: float
+    seed: int
+
+
+def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
+    """What the model of an event gets wrong, and why.
+
+    Parameters
+    ----------
+    observed : Observations, None where there is nothing to look at
+    limits : Limits
+
+    Returns
+    -------
+    found : Dataset of kind discovery; attribute `numbers` holds the summary as JSON
+    """
+    if observed is None:
+        return products.nothing()
+    result, numbers = _searched(observed, limits, ())
+    return _product(observed, limits, result, numbers)
+
+
+def discover_again(observed: Observations | None, limits: Limits, first: xr.Dataset, model: Sequence[Entry]):
+    """The search anew, in records without what a first search has found, so that second order is left by none of it.
+
+    The effects are added to the rows again in their linear form, so that the search finds them whole, with their errors
+    by the noise that is left. What describes the record worse than the first search is not taken.
+
+    Parameters
+    ----------
+    observed : Observations of the records without the effects that were found
+    limits : Limits
+    first : Dataset of kind discovery
+    model : what it found
+
+    Returns
+    -------
+    found : Dataset of kind discovery
+    """
+    before = json.loads(first.attrs["numbers"])
+    gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
+    if observed is None or not observed.worth_another(gains, before.get("adequate_after", True)):
+        return first
+    result, numbers = _searched(observed, limits, model)
+    if not numbers["adequate_after"] and numbers["p_after"] < before["p_after"]:
+        return first
+    numbers |= {name: before[name] for name in ("adequate_before", "p_before", "tried")}
+    return _product(observed, limits, result, numbers).assign_attrs(rebuilt="yes")
+
+
+def _searched(observed, limits, model):
+    """Result of a search in the observations with the effects of a model added, and its numbers."""
+    added = [observed.response(entry) for entry in model]
+    rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
+    fixed = {"quiet": observed.quiet, "order": observed.noise_order, "segment_s": limits.segment_s}
+    choice = Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
+    result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
+    averaged = _reported(widened(result) if observed.widest else with_ties(result), observed)
+    count = observed.scale.size
+    numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)
+    for one in numbers["indistinguishable_from_calibration"]:
+        one["bias"] = (observed.scale * np.array(one["bias"])).tolist()
+    for position, finding in enumerate(numbers["findings"]):
+        _described(finding, result, position, observed, waves)
+    named = {slug_of(one.cause) for one in result.findings}
+    rows = _beside(result.problem, observed, count)
+    numbers["indistinguishable_from_calibration"] += [one for one in rows if one["cause"] not in named]
+    return result, _without_epochs(numbers)
+
+
+def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, dict]:
+    """Result of the rounds, and lines by their form.
+
+    Lines are looked for in what the rounds leave, and what happens at an epoch again near it, so that what an epoch
+    half a spacing off leaves gets no name; both are tried beside all others in rounds that begin anew.
+
+    Parameters
+    ----------
+    observed : Observations
+    rows : its blocks
+    choice : Choice
+    seed : of the draws of noise
+    """
+    result = search(rows, observed.candidates, choice, residuals.source(seed, rows))
+    found: list[Line] = []
+    for one in observed.lines:
+        about = one.cause, one.unit, choice.level
+        found += lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
+    steps = [k for k, one in enumerate(result.findings) if "@" in one.cause]
+    if found or steps:
+        near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
+        tried = [*observed.candidates, *near, *(one.candidate for one in found)]
+        result = search(rows, tried, choice, residuals.source(seed, rows))
+    return result, {one.candidate.form: one for one in found}
+
+
+def _fitted(result: Result, position: int) -> Fitted:
+    """A finding in the form that was named, as the calibration is asked about it."""
+    one = result.findings[position]
+    candidate = result.problem.candidates[one.index]
+    return Fitted(candidate, one.value, one.sigma, result.after.rest, result.problem.bases)
+
+
+def _reported(result, observed):
+    """Result whose global parameters are the reported ones, in the unit they are reported in."""
+    scale, count = observed.scale, observed.scale.size
+    cut = {n: tuple(scale * part[:count] for part in getattr(result, n)) for n in ("shared", "sigma")}
+    both = tuple(np.outer(scale, scale) * part[:count, :count] for part in result.covariance)
+    return replace(result, **cut, covariance=both)
+
+
+def _described(finding: dict, result: Result, position: int, observed, waves):
+    """Parameters of a finding as the effect of the catalogue has them, in place."""
+    one: Finding = result.findings[position]
+    fitted = _fitted(result, position)
+    if one.form in waves:
+        words = one.form.partition(",")[0].split()  # "<channel> reading <axis>"
+        name = words[2] if len(words) > 2 else "amplitude"
+        finding["parameters"] = amplitude(waves[one.form], finding["parameters"], name)
+    elif not np.isfinite(one.value).any():
+        finding["parameters"] = named_parameters(result, position)
+    spacing = observed.spacing(epoch_of(one.cause)) if "@" in one.cause else None
+    if spacing is not None:
+        finding["parameters"]["time"] = _epoch(result, position, spacing)
+    where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
+    models = [("parameters", finding["parameters"])]
+    if observed.named_form:
+        models.append(("model", named_parameters(result, position) | where))
+    for field, parameters in models:
+        rows = parameters.items()
+        known = {n: Parameter(p["value"], p["sigma"], p["unit"], p.get("correlation", {})) for n, p in rows}
+        entry = observed.physical(Entry(slug_of(one.cause), one.form, known), fitted)
+        finding[field] = {n: _plain(p) for n, p in entry.parameters.items()}
+        for name in ("waves", "leads"):
+            if getattr(entry, name):
+                finding[name] = [_plain(each) for each in getattr(entry, name)]
+    if not observed.whole_manoeuvres:
+        finding["heldout"] = "blocks"
+
+
+def _plain(record):
+    """Fields of a record but those that are empty."""
+    rows = dataclasses.asdict(record).items()
+    return {n: v for n, v in rows if n in ("value", "sigma") or v not in (None, {})}
+
+
+def _epoch(result, position, width):
+    """Epoch of a step: mean and spread under the likelihood of the epochs that were tried near it."""
+    problem, index = result.problem, result.findings[position].index
+    others = [one.index for k, one in enumerate(result.findings) if k != position]
+    gram = attribution.projected(problem.total, baseline_of(problem, others))
+    named = problem.candidates[index].cause
+    middle, slug = epoch_of(named), slug_of(named)
+    steps = [(k, c.cause) for k, c in enumerate(problem.candidates) if c.cause.startswith(f"{slug}@")]
+    places = {epoch_of(cause): k for k, cause in steps}
+    near = {at: k for at, k in sorted(places.items()) if abs(at - middle) <= width}
+    at = np.array(list(near))
+    gain = np.array([attribution.ratio(gram, problem.places[k], problem.size).gain for k in near.values()])
+    weight = np.exp((gain - gain.max()) / 2) * np.gradient(at) if at.size > 1 else np.ones(1)
+    mean = float(weight @ at / weight.sum())
+    spacing = float(np.diff(at).min()) if at.size > 1 else width
+    spread = float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum() + spacing**2 / 12))
+    return {"value": mean, "sigma": spread, "unit": "s"}
+
+
+def _without_epochs(numbers: dict) -> dict:
+    """Numbers with the slugs of the catalogue; a cause is not tied with itself at another epoch."""
+    for one in numbers["findings"]:
+        one["cause"] = slug_of(one["cause"])
+        one["tied_with"] = [n for n in dict.fromkeys(map(slug_of, one["tied_with"])) if n != one["cause"]]
+        rows = {slug_of(row["cause"]): row | {"cause": slug_of(row["cause"])} for row in one["separation"]}
+        one["separation"] = [row for name, row in rows.items() if name != one["cause"]]
+    rows: dict[str, dict] = {}
+    for row in numbers["tried"]:
+        rows.setdefault(slug_of(row["cause"]), row | {"cause": slug_of(row["cause"])})
+    return numbers | {"tried": list(rows.values())}
+
+
+def _beside(problem: Problem, observed: Observations, count: int) -> list[dict]:
+    """Effects that these data do not show at a plausible size, and that move a result beside the parameters."""
+    gram = attribution.projected(problem.total, baseline_of(problem, ()))
+    rows = []
+    for one in observed.biased():
+        ratio = one.prior * np.sqrt(_information(problem, gram, one))
+        if ratio < UNSEEN and one.in_sigma > BIASED:
+            words = {"cause": one.cause, "direction": {one.parameter: 1.0}, "signal_to_noise": float(ratio)}
+            numbers = {"bias": [0.0] * count, "bias_in_sigma": one.in_sigma, one.name: one.rms.tolist()}
+            rows.append(words | numbers)
+    return rows
+
+
+def _information(problem, gram, bias):
+    """Square of the signal-to-noise ratio of a parameter at unit size, all baseline parameters free."""
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        if candidate.cause == bias.cause and candidate.names == [bias.parameter]:
+            left, whole = (float(products_[place.start, place.start]) for products_ in (gram, problem.total))
+            return left if left > ROUNDING * whole else 0.0
+    return 0.0
+
+
+def _product(observed, limits, result, numbers):
+    """Product of a search, with the reading that the extension helps most."""
+    whole = _joined(result) if observed.interleaved else result
+    place = readings.clearest(whole, observed.channels, limits.level)
+    return products.dataset(whole, numbers, observed.channels, readings.variables(whole, place, observed.reading))
+
+
+def _joined(result: Result) -> Result:
+    """Result with the stretches of each record as one block, for the product."""
+    groups: dict[str, list[int]] = {}
+    parts = result.problem.blocks
+    for k, block in enumerate(parts):
+        groups.setdefault(block.label.split()[0], []).append(k)
+    blocks, before, after = [], [], []
+    for name, members in groups.items():
+        channel, axis, time, observed = (
+            np.concatenate([getattr(parts[k], n) for k in members]) for n in ("channel", "axis", "time", "observed")
+        )
+        order, nothing = np.lexsort((time, axis)), np.zeros((time.size, 0))
+        blocks.append(Block(name, observed[order], nothing, nothing, channel[order], axis[order], time[order]))
+        for rest, test in ((before, result.before), (after, result.after)):
+            rest.append(np.concatenate([test.rest[k] for k in members])[order])
+    tests = [
+        replace(test, rest=rest, rows=[r | {"block": r["block"].split()[0]} for r in test.rows])
+        for test, rest in ((result.before, before), (result.after, after))
+    ]
+    return replace(result, problem=replace(result.problem, blocks=blocks), before=tests[0], after=tests[1])

@@ -1,0 +1,330 @@
+"""Records that a calibration and discovery share, and `Observations`, all that discovery sees of a calibration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Block:
+    """Whitened observations that share nothing but the global parameters with other blocks.
+
+    Attributes
+    ----------
+    label : what it is
+    observed : (n,) 1, residual of the baseline, noise of unit variance
+    global_columns : (n, p) of parameters common to all blocks, those of the calibration first
+    local_columns : (n, k) of parameters of this block alone
+    channel, axis, time : (n,) of each row
+    steps : {epoch s: (n, q)} columns of something that happens once in this block, at an epoch
+    """
+
+    label: str
+    observed: np.ndarray
+    global_columns: np.ndarray
+    local_columns: np.ndarray
+    channel: np.ndarray
+    axis: np.ndarray
+    time: np.ndarray
+    steps: dict[float, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a cause depends on otherwise than linearly, all positive.
+
+    Attributes
+    ----------
+    names, units : (s,)
+    value : (s,) of the columns
+    columns : function of (s,) values -> one (n, q) or None a block; with `inside`, of these numbers as well
+    tried : (t, s) values to begin a refinement from; lower, upper : (s,) bounds
+    inside : function of (s,) values, the residual and the basis of the local columns of each block -> (b,) a number a
+        block that nothing else shares, where it fits best; None without
+    sized : True if the first of the values is the size of the cause itself
+    covariance : (s, s) once it is refined, None before; chosen : (b,) of `inside` then
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: np.ndarray
+    columns: Callable[..., list[np.ndarray | None]]
+    tried: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    inside: Callable[..., np.ndarray] | None = None
+    sized: bool = False
+    covariance: np.ndarray | None = None
+    chosen: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cause with its columns in every block.
+
+    Attributes
+    ----------
+    cause : slug, or "unknown:<driver channel>"; while an epoch is searched for "slug@epoch", see `at_epoch`
+    form : which of several shapes of the cause
+    names, units : (q,) parameters
+    columns : one (n, q) or None a block
+    prior : (q,) plausible sizes, none if empty
+    at, at_sigma : epoch s of a step, frequency Hz of a line, and its error
+    shape : what it depends on otherwise than linearly, None for most
+    spread : (q, q) covariance of the parameters by the error of the shape, None without
+    """
+
+    cause: str
+    form: str
+    names: list[str]
+    units: list[str]
+    columns: list[np.ndarray | None]
+    prior: list[float] = field(default_factory=list)
+    at: float = np.nan
+    at_sigma: float = np.nan
+    shape: Shape | None = None
+    spread: np.ndarray | None = None
+
+    @property
+    def listed(self) -> bool:
+        """True if the cause is in the catalogue."""
+        return not self.cause.startswith("unknown:")
+
+    @property
+    def local(self) -> bool:
+        """True if it acts in one block only, so that no other block can test it."""
+        return sum(c is not None for c in self.columns) == 1
+
+    def each_alone(self) -> list[Candidate]:
+        """The candidate with all its parameters, then with each alone."""
+        found = [self]
+        for k, name in enumerate(self.names if len(self.names) > 1 else ()):
+            columns = [c if c is None else c[:, k : k + 1] for c in self.columns]
+            words = {"form": f"{name} alone", "names": [name], "units": [self.units[k]], "prior": [self.prior[k]]}
+            found.append(replace(self, columns=columns, **words))
+        return found
+
+
+def at_epoch(slug: str, epoch: float) -> str:
+    """Cause of something that happens at an epoch s: each epoch is a cause of its own while it is searched for."""
+    return f"{slug}@{epoch:.1f}"
+
+
+def slug_of(cause: str) -> str:
+    """Cause without its epoch."""
+    return cause.partition("@")[0]
+
+
+def epoch_of(cause: str) -> float:
+    """Epoch s of a cause, NaN if it has none."""
+    return float(cause.partition("@")[2] or "nan")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect: value, sigma (None where it is not known), unit, correlation {other name: 1}."""
+
+    value: float | None
+    sigma: float | None = None
+    unit: str = ""
+    correlation: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Line in one manoeuvre: its start s, channel, and cosine and sine on each axis, phase zero at the start."""
+
+    start: float
+    channel: str
+    x: tuple[float, float] | None = None
+    y: tuple[float, float] | None = None
+    z: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Lead:
+    """Time s by which the commanded edges of a manoeuvre, which starts at `start` s, are earlier than those seen."""
+
+    start: float
+    lead: float
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One effect of an extended model: cause, form, parameters, and what differs between manoeuvres."""
+
+    cause: str
+    form: str
+    parameters: Mapping[str, Parameter]
+    waves: tuple[Wave, ...] = ()
+    leads: tuple[Lead, ...] = ()
+
+    @property
+    def listed(self) -> bool:
+        """True if the cause is in the catalogue."""
+        return not self.cause.startswith("unknown:")
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values by parameter, none where not determined."""
+        known = {n: p.value for n, p in self.parameters.items() if p.value is not None}
+        return {n: v for n, v in known.items() if math.isfinite(v)}
+
+
+def entries(model: Sequence[Mapping]) -> list[Entry]:
+    """Entries of a model as a document or a model file has it.
+
+    Parameters
+    ----------
+    model : {"cause", "form", "parameters"} each; "model" goes before "parameters", where a cause was named by a few of
+        its parameters; "waves" and "leads" if it has them
+    """
+    made = []
+    for one in model:
+        parameters = {}
+        for name, known in one.get("model", one["parameters"]).items():
+            row = known.get("sigma"), known.get("unit", ""), known.get("correlation", {})
+            parameters[name] = Parameter(known["value"], *row)
+        waves = tuple(Wave(w["start"], w["channel"], w.get("x"), w.get("y"), w.get("z")) for w in one.get("waves", ()))
+        leads = tuple(Lead(each["start"], each["lead"]) for each in one.get("leads", ()))
+        made.append(Entry(one["cause"], one.get("form", ""), parameters, waves, leads))
+    return made
+
+
+@dataclass(frozen=True)
+class LineSearch:
+    """Where lines are looked for beside the rounds: channel, axis (-1: all), their cause, and unit of the channel."""
+
+    channel: str
+    axis: int
+    cause: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Bias:
+    """What a parameter of an effect, at its plausible size, does to a result that the parameters are not.
+
+    Attributes
+    ----------
+    cause, parameter : names; prior : plausible size
+    name : field of the document, such as "drag_bias_m_s2"
+    rms : (3,) of the result; in_sigma : over the error of the result
+    """
+
+    cause: str
+    parameter: str
+    prior: float
+    name: str
+    rms: np.ndarray
+    in_sigma: float
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A cause as it was fitted.
+
+    Attributes
+    ----------
+    candidate : Candidate, with its shape as refined
+    value, sigma : (q,) of its parameters, NaN where not determined
+    rest : (n,) a block, residual of the extended model
+    bases : (n, r) a block, orthonormal basis of the local columns
+    """
+
+    candidate: Candidate
+    value: np.ndarray
+    sigma: np.ndarray
+    rest: list[np.ndarray]
+    bases: list[np.ndarray]
+
+
+class Observations(Protocol):
+    """All that discovery sees of a calibration; subclasses state the attributes, and the methods where they differ.
+
+    Attributes
+    ----------
+    name : of the calibration
+    channels : in the order of the page
+    parameters : names of the calibration's parameters, the first of the global ones
+    unit : of these, as reported
+    scale : (p,) factor from SI to that unit; start : (p,) SI, what the residuals were formed with
+    blocks, candidates : every effect of the catalogue in every channel, and the drivers
+    quiet : {channel: quiet samples an axis that its noise was measured from}, none where it was measured in the rows
+    noise_order : {channel: coefficients of its noise model}
+    step : cause of a step at the epochs of `Block.steps`; tones : {channel: cause of a line} of lines in the rounds
+    lines : lines looked for in what the rounds leave; groups : number of the manoeuvre of each block, for their phases
+    widest : True if the calibration is reported beside named causes with all their parameters
+    named_form : True if a model takes causes out in the form that was named, else with all their parameters
+    whole_manoeuvres : True if a block is a manoeuvre, else what is left out is called "blocks"
+    interleaved : True if blocks whose labels begin with the same word are stretches of one record
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    parameters: tuple[str, ...]
+    unit: str
+    scale: np.ndarray
+    start: np.ndarray
+    blocks: list[Block]
+    candidates: list[Candidate]
+    quiet: Mapping[str, float] = {}
+    noise_order: Mapping[str, int] = {}
+    step: str = ""
+    tones: Mapping[str, str] = {}
+    lines: tuple[LineSearch, ...] = ()
+    groups: Sequence[int] = ()
+    widest: bool = True
+    named_form: bool = False
+    whole_manoeuvres: bool = False
+    interleaved: bool = False
+
+    def response(self, entry: Entry) -> list[np.ndarray]:
+        """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""
+        values = entry.values
+        total = [np.zeros(block.observed.size) for block in self.blocks]
+        for one in self.candidates:
+            if (one.cause, one.form) == (entry.cause, entry.form):
+                sizes = np.array([values.get(name, 0.0) for name in one.names])
+                total = [t if c is None else t + c @ sizes for t, c in zip(total, one.columns, strict=True)]
+        return total
+
+    def without(self, model: Sequence[Entry]) -> Any:
+        """Dataset with the records of the calibration less what the effects of a model add to them."""
+        ...
+
+    def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time (m,) s, reading (m, a) that the baseline predicts, and whitened rows (n, q) of a block in its unit.
+
+        Columns are (q, m, a). The block is that of `blocks`, or the record that interleaved ones make.
+        """
+        ...
+
+    def wave(self, search: LineSearch) -> Callable[[int, float], np.ndarray]:
+        """Function (block, Hz) -> whitened cosine and sine (n, 2) of a line."""
+        ...
+
+    def near(self, fitted: Fitted) -> list[Candidate]:  # noqa: ARG002
+        """Candidates at epochs round that of a cause that was found, for a second search; none without."""
+        return []
+
+    def spacing(self, epoch: float) -> float | None:  # noqa: ARG002
+        """Spacing s of the search for epochs there, in which its likelihood is averaged; None if `physical` does."""
+        return None
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+        """Parameters as the effect of the catalogue has them, from those of the candidate."""
+        return entry
+
+    def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
+        """True if the search is repeated in records without these causes, which gained so much chi-square."""
+        return bool(gains)
+
+    def biased(self) -> list[Bias]:
+        """Effects that move a result of the calibration beside its parameters."""
+        return []
