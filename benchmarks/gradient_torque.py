@@ -17,7 +17,7 @@ single_threaded()  # before numpy: processor time of several threads would count
 import numpy as np  # noqa: E402
 
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.gradient_torque import drag, gradient  # noqa: E402
+from gravcal.calibrations.gradient_torque import estimate, gradient  # noqa: E402
 from gravcal.io import icgem  # noqa: E402
 from gravcal.io.fields.generate import EARTH  # noqa: E402
 from gravcal.physics import gravity_field  # noqa: E402
@@ -165,7 +165,7 @@ def study(days):
         )
         adequacy.append(modelled["attitude_chi2"].values / modelled["attitude_dof"].values)
         for name, kept in rows.items():
-            one = drag.drag(modelled, variant=name, satellite=satellite, **chosen.for_stage("drag"))
+            one = estimate.drag(modelled, variant=name, satellite=satellite, **chosen.for_stage("drag"))
             error = one["drag_b"].values - truth["drag"]
             variance = np.diagonal(one["covariance"].values, axis1=1, axis2=2)
             kept.append(

@@ -130,7 +130,7 @@ def inertial_sensor(runs):
 def gradient_torque(runs):
     """S-6, S-8: drag with one sensor by quaternions is the plain reading."""
     from benchmarks import gradient_torque as study
-    from gravcal.calibrations.gradient_torque import drag, gradient
+    from gravcal.calibrations.gradient_torque import estimate, gradient
     from gravcal.io import icgem
     from gravcal.simulation import gradient_torque as simulation
 
@@ -143,7 +143,7 @@ def gradient_torque(runs):
         options = chosen.for_stage("gradient")
         modelled = gradient.gradient(observed, gradient.field(field), satellite=satellite, **options)
         for name in ("one_sensor_published", "one_sensor", "two_sensor"):
-            one = drag.drag(modelled, variant=name, satellite=satellite, **chosen.for_stage("drag"))
+            one = estimate.drag(modelled, variant=name, satellite=satellite, **chosen.for_stage("drag"))
             found.setdefault(name, []).append(rms(one["drag_b"].values - truth["drag"]))
     print(f"gradient_torque, {runs} days: rms error of the drag m s-2; x y z")
     for name, kept in found.items():

@@ -10,7 +10,7 @@ from tasks.stage import lazy, stage
 files = lazy("gravcal.io.sgrs_files")
 field_files = lazy("gravcal.io.icgem")
 gradient_science = lazy("gravcal.calibrations.gradient_torque.gradient")
-drag_science = lazy("gravcal.calibrations.gradient_torque.drag")
+estimate = lazy("gravcal.calibrations.gradient_torque.estimate")
 checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 page = lazy("gravcal.calibrations.gradient_torque.page")
 
@@ -64,13 +64,13 @@ def torque(modelled, observed, stored, **settings):
 @stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=2)
 def drag(modelled, *, variant, **settings):
     """Drag by one method."""
-    return drag_science.drag(modelled, variant=variant, **settings)
+    return estimate.drag(modelled, variant=variant, **settings)
 
 
 @stage(reads=["gradient_torque.drag"], writes="gradient_torque.drag", version=1)
 def drag_model_error(found, *moved):
     """Drag with the errors of an extended model."""
-    return drag_science.with_model_error(found, *moved)
+    return estimate.with_model_error(found, *moved)
 
 
 @stage(
@@ -80,7 +80,7 @@ def drag_model_error(found, *moved):
 )
 def combine(*products, **settings):
     """All methods compared, and what can be told apart."""
-    return drag_science.combine(*products, **settings)
+    return estimate.combine(*products, **settings)
 
 
 @stage(reads=["gradient_torque.gradient", "ingest"], writes="gradient_torque.checks", version=1)

@@ -31,7 +31,7 @@ def drag(
     Notes
     -----
     a_drag = -mean(a_k) + (G - M) mean(r_k); S-GRS paper, eqs. 4-6 and 10, corrected (errata S-2, S-3). Errors of one
-    sensor are those of T r: `gravcal.calibrations.gradient_torque.drag` adds them up.
+    sensor are those of T r: `gravcal.calibrations.gradient_torque.estimate` adds them up.
 
     Examples
     --------

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import drag, gradient
+from gravcal.calibrations.gradient_torque import estimate, gradient
 from gravcal.io import icgem, sgrs_files
 from gravcal.simulation import gradient_torque as simulation
 from gravcal.simulation.injection import by_slug
@@ -30,12 +30,12 @@ def fly(seed, effects=None, nongravitational=None, **settings):
     return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, by_slug(effects or {}), nongravitational)
 
 
-def solve(columns, methods=drag.VARIANTS, **settings):
+def solve(columns, methods=estimate.VARIANTS, **settings):
     """Products gradient and drag, by the stages' own functions."""
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": 20} | settings)
     modelled = gradient.gradient(observed(columns), STORED, satellite=SATELLITE, **chosen.for_stage("gradient"))
     given = {"satellite": SATELLITE, **chosen.for_stage("drag")}
-    return modelled, {name: drag.drag(modelled, variant=name, **given) for name in methods}
+    return modelled, {name: estimate.drag(modelled, variant=name, **given) for name in methods}
 
 
 @functools.cache

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import attitude, drag, gradient
+from gravcal.calibrations.gradient_torque import attitude, estimate, gradient
 from gravcal.errors import EstimationError
 from gravcal.physics import gravity_field
 from gravcal.physics.sensing import offset_tensor
@@ -147,7 +147,7 @@ def test_the_gravity_prior_is_what_the_elements_say():
     G = np.array([[a, b, c], [b, -a / 2 + d, e], [c, e, -a / 2 - d]]).transpose(2, 0, 1)
     place = np.array([0.3, -0.2, 0.5])
     drawn = (frame.T @ G @ frame) @ place
-    found = drag.gravity_covariance((rr, rt, tt), up[None], place)[0]
+    found = estimate.gravity_covariance((rr, rt, tt), up[None], place)[0]
     assert_allclose(found, np.cov(drawn.T), atol=0.03 * np.abs(found).max())
 
 
@@ -157,7 +157,7 @@ def test_priors_determine_the_drag_one_after_the_other():
     known = gradient.truth(observed(columns).assign(drag=(("time", "axis"), truth["drag"])))
     chosen = catalog.parameters("gradient_torque").for_stage("combine")
     settings = {"single_sensor": 1, "elongation": 1.0, "satellite": SATELLITE, "methods": list(found)} | chosen
-    combined = drag.combine(modelled, *found.values(), known, *found.values(), **settings)
+    combined = estimate.combine(modelled, *found.values(), known, *found.values(), **settings)
     sigma, rank = combined["step_sigma"].values, combined["step_rank"].values
     names = [str(name) for name in combined["step"].values]
     assert np.isnan(sigma[names.index("place of the test mass")]).all()

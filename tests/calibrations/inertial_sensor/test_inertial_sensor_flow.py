@@ -1,6 +1,5 @@
 """The whole way: voltages and attitude in, document and page out."""
 
-
 import numpy as np
 import pytest
 
