@@ -39,15 +39,15 @@ def fetch(
 def _archives(event, satellite, date):
     """Archives wanted by event, or by satellite and date."""
     from gravcal import catalog
-    from gravcal.io import fetch_layout
+    from gravcal.io import fetch as fetching
 
     if (event is None) == (satellite is None or date is None) or (event and (satellite or date)):
         raise typer.BadParameter("give an EVENT of the catalogue, or --satellite and --date")
     if event:
-        return fetch_layout.of_event(catalog.event(event))
+        return fetching.of_event(catalog.event(event))
     if satellite not in ("A", "B", "AB", "C", "D", "CD"):
         raise typer.BadParameter(f"--satellite {satellite}: expected A, B, AB, C, D or CD")
-    return fetch_layout.of_day(satellite, datetime.date.fromisoformat(date))
+    return fetching.of_day(satellite, datetime.date.fromisoformat(date))
 
 
 @contextlib.contextmanager

@@ -201,10 +201,10 @@ def test_a_line_fetches(line, typing):
 
 def test_the_other_lines_of_fetch_name_archives_that_are_known():
     """Contract: every word after --from is a place of the table or an address."""
-    from gravcal.io import fetch_layout
+    from gravcal.io import fetch
 
     places = {re.search(r"--from (\S+)", line).group(1) for line in lines() if "--from" in line}
-    assert places - set(fetch_layout.PLACES) == {"https://..."}
+    assert places - set(fetch.PLACES) == {"https://..."}
 
 
 @contextlib.contextmanager

@@ -1,21 +1,71 @@
-"""Level-1 archives from an official archive: resumed, checked, written aside and renamed, all in one folder."""
+"""Level-1 archives from an official archive: resumed, checked, written aside and renamed, all in one folder.
 
+Credentials are read when needed, sent to the host that they belong to, never printed and never stored.
+"""
+
+import base64
 import contextlib
+import datetime
 import fcntl
 import functools
 import hashlib
+import ipaddress
+import json
+import netrc
 import os
 import re
 import tarfile
+import time
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from urllib.parse import urlsplit
 
-from gravcal.errors import GravcalError, ProductError, refuse
-from gravcal.io import fetch_http, fetch_layout, unpacked
-from gravcal.io.fetch_http import Patience
+from gravcal.errors import CatalogError, GravcalError, ProductError, refuse
+from gravcal.io import unpacked
 
+ISDC = "https://isdc-data.gfz.de"
+PODAAC = "https://archive.podaac.earthdata.nasa.gov"
+PROTECTED, PUBLIC = "podaac-ops-cumulus-protected", "podaac-ops-cumulus-public"
+PLACES = {"isdc": ISDC, "podaac": f"{PODAAC}/{PROTECTED}"}
+MISSIONS = {"A": "grace", "B": "grace", "X": "grace", "C": "gracefo", "D": "gracefo", "Y": "gracefo"}
+RELEASES = {"grace": "02", "gracefo": "04"}
+RANGING_LASER = ("LRI1A", "LRI1B", "LLK1A", "LLK1B", "LHK1A", "LHK1B", "LLT1A", "LSM1A", "LSM1B")
+TRANSPLANTS = ("ACH1A", "ACH1B")
+EARTHDATA = ("https", "urs.earthdata.nasa.gov", 443)  # scheme, host, port: what credentials belong to
+TOKENS = ("https", "archive.podaac.earthdata.nasa.gov", 443)
+PORTS = {"http": 80, "https": 443}
+LOGIN = (
+    "Put 'machine HOST login NAME password PASSWORD' into ~/.netrc (HOST is urs.earthdata.nasa.gov for PO.DAAC, which "
+    "also takes EARTHDATA_USERNAME and EARTHDATA_PASSWORD, or EARTHDATA_TOKEN; other servers take "
+    "GRAVCAL_FETCH_USERNAME and GRAVCAL_FETCH_PASSWORD), or use --from isdc, which asks for none."
+)
 WHOLE_ATTEMPTS = 3  # whole transfers that may arrive with wrong bytes
+CHUNK = 1 << 16
+REDIRECTS = 10  # Earthdata needs four
+TEXT_LIMIT = 1 << 16  # bytes of a checksum file
+SIZE_LIMIT = 1 << 34  # bytes; the largest archive of a day has less than 1e9
+AGAIN = (408, 425, 429, 500, 502, 503, 504)
+
+
+@dataclass(frozen=True)
+class Archive:
+    """One daily archive; ``digests`` are pairs of member name and SHA-256 that the catalogue knows."""
+
+    mission: str
+    level: str
+    date: datetime.date
+    release: str
+    part: str = "noLRI"
+    digests: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        if self.mission == "grace":
+            return f"grace_{self.level}_{self.date}_{self.release}.tar.gz"
+        return f"gracefo_{self.level}_{self.date}_RL{self.release}.ascii.{self.part}.tgz"
 
 
 @dataclass(frozen=True)
@@ -26,6 +76,96 @@ class Fetched:
     state: str
     checked: str
     size: int
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long a server is waited for; an attempt that brought 1 % more bytes starts the count anew.
+
+    tell : function of a line, called before every pause; or None
+    """
+
+    attempts: int = 6
+    wait_s: float = 1.0  # first pause, doubled each time
+    longest_wait_s: float = 60.0
+    connect_s: float = 8.0
+    stall_s: float = 60.0  # without any byte
+    slowest: float = 100.0  # bytes per second, over the time of a stall
+    tell: Callable | None = None
+
+
+class Interrupted(Exception):
+    """A transfer that may go better the next time."""
+
+    def __init__(self, reason, pause_s=0.0):
+        super().__init__(reason)
+        self.pause_s = pause_s
+
+
+class Missing(Exception):
+    """The server has no such file."""
+
+
+def of_event(event):
+    """Archives that hold the Level-1 files of an event of the catalogue, list of Archive.
+
+    Raises
+    ------
+    CatalogError : the date is unknown, or there is no public archive of this satellite
+    """
+    if not event.raw_files:
+        raise CatalogError(
+            f"event {event.name}: found no Level-1 files (date {event.date or 'unknown'}), expected a date and "
+            f"products. Name a day with --satellite and --date.",
+            event=event.name,
+        )
+    digests = {}
+    for file in event.raw_files:
+        mission, product = _mission(file.letter), file.product
+        part = "LRI" if product in RANGING_LASER else "ACX" if product in TRANSPLANTS else "noLRI"
+        bare = Archive(mission, product[3:], file.date, file.release, part if mission == "gracefo" else "")
+        digests.setdefault(bare, []).extend([(file.name, file.sha256)] if file.sha256 else [])
+    return [Archive(a.mission, a.level, a.date, a.release, a.part, tuple(known)) for a, known in digests.items()]
+
+
+def of_day(satellite, date):
+    """Archives of one day of one satellite by its letter: Levels 1A and 1B of GRACE-FO, Level 1B of GRACE."""
+    mission = _mission(satellite[:1])
+    levels = ("1A", "1B") if mission == "gracefo" else ("1B",)
+    return [Archive(mission, level, date, RELEASES[mission]) for level in levels]
+
+
+def _mission(letter):
+    """Mission of a letter; only GRACE and GRACE-FO have public archives."""
+    if letter not in MISSIONS:
+        raise CatalogError(
+            f"satellite {letter}: found no public archive, expected one of A, B, C, D. Get its files from its operator."
+        )
+    return MISSIONS[letter]
+
+
+def addresses(archive, place):
+    """Addresses where an archive may be, the most likely first.
+
+    Parameters
+    ----------
+    archive : Archive
+    place : "podaac", "isdc", or the address of a server with the layout of one of them, or of one folder with all
+    """
+    root = PLACES.get(place, place).rstrip("/")
+    mission = {"grace": "grace", "gracefo": "grace-fo"}[archive.mission]
+    folder = f"{mission}/Level-{archive.level}/JPL/INSTRUMENT/RL{archive.release}/{archive.date.year}"
+    form = "ASCII_GRAV" if archive.mission == "gracefo" else "GRAV"
+    collection = f"{archive.mission.upper()}_L{archive.level}_{form}_JPL_RL{archive.release}"
+    every = {"isdc": f"{root}/{folder}/{archive.name}", "podaac": f"{root}/{collection}/{archive.name}"}
+    return [every[place]] if place in every else [*every.values(), f"{root}/{archive.name}"]
+
+
+def checksum_addresses(url):
+    """Addresses where the MD5 of an archive may be; PO.DAAC keeps it in its public store, which asks for no login."""
+    stem = re.sub(r"\.(tgz|tar\.gz)$", "", url)
+    public = [f"{url}.md5".replace(PROTECTED, PUBLIC)] if PROTECTED in url else []
+    return [*public, f"{url}.md5", f"{url}.checksum", f"{stem}.checksum", f"{stem}.md5"]
 
 
 def fetch(archives, out, place, listener=None, patience=None):
@@ -46,150 +186,31 @@ def fetch(archives, out, place, listener=None, patience=None):
     Raises
     ------
     ProductError : the first archive that could not be had, after all were tried
+    CatalogError : a place that is no known name and no address of http or https, or an address with a password
     """
-    fetch_layout.check_place(place)
-    _prepare(out)
+    parts = urlsplit(PLACES.get(place, place))
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise CatalogError(f"{place}: found no archive of this name, expected podaac, isdc, or http(s)://... Give one.")
+    if parts.username or parts.password:
+        raise CatalogError(
+            f"{parts.hostname}: found a login in the address, expected none. Put it into your netrc file; an address "
+            f"ends up in logs and in the shell's history."
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        refuse(out, error.strerror, "a folder that can be written", "Name another folder with --out.")
     fetched, failed = [], []
-    with _alone(out), fetch_http.session() as opened:
+    with _alone(out), _session() as session:
         for archive in archives:
-            told = functools.partial(listener, archive.name) if listener else None
+            progress = functools.partial(listener, archive.name) if listener else None
             try:
-                fetched.append(_one(opened, archive, out, place, (patience or Patience(), told)))
+                fetched.append(_one(session, archive, out, place, patience or Patience(), progress))
             except GravcalError as error:
                 failed.append(error)
     if failed:
         raise failed[0]
     return fetched
-
-
-def _prepare(out):
-    """Create the folder."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        refuse(out, error.strerror, "a folder that can be written", "Name another folder with --out.")
-
-
-def _one(opened, archive, out, place, how):
-    """Bring one archive, unless it is there."""
-    path = out / archive.name
-    if checked := _is_there(archive, path):
-        return Fetched(path, "there", checked, path.stat().st_size)
-    part = out / f".{archive.name}.part"
-    for url in fetch_layout.addresses(archive, place):
-        try:
-            return _from_address(opened, archive, (url, part, path), how)
-        except fetch_http.Missing:
-            continue
-        except OSError as error:
-            refuse(out, error.strerror or error, "a folder that takes the archive", "Free space or rights there.")
-    tried = fetch_http.shown(fetch_layout.addresses(archive, place)[0])
-    return refuse(tried, "no such file", f"archive {archive.name}", "Check the day, or name another with --from.")
-
-
-def _from_address(opened, archive, names, how):
-    """Bring one archive from one address, again if its bytes are wrong."""
-    (url, part, path), (patience, told) = names, how
-    for attempt in range(WHOLE_ATTEMPTS):
-        fetch_http.download(opened, url, part, patience, told)
-        digest = _published_md5(opened, url, archive.name, patience)
-        try:
-            checked = _check(archive, part, digest)
-        except ProductError:
-            fetch_http.discard(part)
-            if attempt == WHOLE_ATTEMPTS - 1:
-                raise
-            continue
-        _publish(part, path, digest)
-        return Fetched(path, "fetched", checked, path.stat().st_size)
-    raise AssertionError("unreachable")
-
-
-def _publish(part, path, digest):
-    """Bring a checked file down to the disk and give it its name; its MD5 stands beside it."""
-    with part.open("rb") as stream:
-        os.fsync(stream.fileno())
-    beside = path.with_name(f"{path.name}.md5")
-    beside.unlink(missing_ok=True)
-    if digest:
-        beside.write_text(f"{digest}  {path.name}\n")
-    part.replace(path)
-    fetch_http.discard(part)
-
-
-def _is_there(archive, path):
-    """By what a file that is there was checked; None if there is none or a wrong one."""
-    if not path.is_file():
-        return None
-    beside = path.with_name(f"{path.name}.md5")
-    try:
-        digest = _md5_of(beside.read_text(), archive.name) if beside.is_file() else None
-        return _check(archive, path, digest)
-    except ProductError:
-        return None
-
-
-def _published_md5(opened, url, name, patience):
-    """MD5 that the archive publishes, or None."""
-    for address in fetch_layout.checksum_addresses(url):
-        with contextlib.suppress(fetch_http.Missing):
-            try:
-                found = _md5_of(fetch_http.text(opened, address, patience), name)
-            except ProductError as error:
-                if error.facts.get("status") != 403:  # how some stores answer for a file they do not have
-                    raise
-                continue
-            if found:
-                return found
-    return None
-
-
-def _md5_of(text, name):
-    """MD5 of a file in a list of checksums, or alone in the text; None if there is none."""
-    lines = [line for line in text.splitlines() if re.search(r"\b[0-9a-fA-F]{32}\b", line)]
-    named = [line for line in lines if name in line] or [line for line in lines if len(line.split()) == 1]
-    return re.search(r"\b[0-9a-fA-F]{32}\b", named[0])[0].lower() if named else None
-
-
-def _check(archive, path, digest):
-    """What a file was checked by; raises if its bytes are wrong.
-
-    Raises
-    ------
-    ProductError : another MD5 than published, a web page, a damaged archive, or a member unlike the catalogue's
-    """
-    with path.open("rb") as stream:
-        is_packed = stream.read(2) == b"\x1f\x8b"
-        stream.seek(0)
-        found = hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
-    remedy = "Try again later, or name another archive with --from."
-    if digest and found != digest:
-        refuse(archive.name, f"MD5 {found}", f"{digest}, as the archive publishes", remedy)
-    if not is_packed:
-        refuse(
-            archive.name, "no compressed archive, perhaps a web page", "a tar archive", f"Check your login. {remedy}"
-        )
-    if digest and not archive.digests:
-        return "md5"
-    members = _members(archive.name, path, dict(archive.digests))
-    for name, expected in archive.digests:
-        if members.get(name) != expected:
-            refuse(archive.name, f"{name} with SHA-256 {members.get(name)}", f"{expected}, as catalogued", remedy)
-    return " and ".join(["md5"] * bool(digest) + ["sha256"] * bool(archive.digests)) or "compression only"
-
-
-def _members(name, path, wanted):
-    """SHA-256 of the members wanted, by bare name; reading to the end checks the compression."""
-    digests = {}
-    try:
-        with unpacked.archive(path) as packed:
-            for item in unpacked.members(packed, path):
-                bare = PurePosixPath(item.name).name
-                if item.isfile() and bare in wanted:
-                    digests[bare] = hashlib.file_digest(packed.extractfile(item), "sha256").hexdigest()
-    except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
-        refuse(name, f"a damaged archive ({reason})", "a whole one", "Fetch it again.")
-    return digests
 
 
 @contextlib.contextmanager
@@ -203,3 +224,343 @@ def _alone(out):
         refuse(out, "another process that fetches into this folder", "none", "Wait for it, or name another folder.")
     finally:
         os.close(held)
+
+
+def _one(session, archive, out, place, patience, progress):
+    """Bring one archive, unless it is there; from one address after the other, again if its bytes are wrong."""
+    path, part = out / archive.name, out / f".{archive.name}.part"
+    beside = path.with_name(f"{path.name}.md5")
+    if path.is_file():
+        with contextlib.suppress(ProductError):
+            digest = _md5_of(beside.read_text(), archive.name) if beside.is_file() else None
+            return Fetched(path, "there", _check(archive, path, digest), path.stat().st_size)
+    for url in addresses(archive, place):
+        for attempt in range(WHOLE_ATTEMPTS):
+            try:
+                _download(session, url, part, patience, progress)
+                digest = _published_md5(session, url, archive.name, patience)
+                try:
+                    checked = _check(archive, part, digest)
+                except ProductError:
+                    _discard(part)
+                    if attempt == WHOLE_ATTEMPTS - 1:
+                        raise
+                    continue
+                with part.open("rb") as stream:
+                    os.fsync(stream.fileno())
+                beside.unlink(missing_ok=True)
+                if digest:
+                    beside.write_text(f"{digest}  {path.name}\n")
+                part.replace(path)
+                _discard(part)
+                return Fetched(path, "fetched", checked, path.stat().st_size)
+            except Missing:
+                break
+            except OSError as error:
+                refuse(out, error.strerror or error, "a folder that takes the archive", "Free space or rights there.")
+    tried = shown(addresses(archive, place)[0])
+    return refuse(tried, "no such file", f"archive {archive.name}", "Check the day, or name another with --from.")
+
+
+def _published_md5(session, url, name, patience):
+    """MD5 that the archive publishes, or None."""
+    for address in checksum_addresses(url):
+
+        def attempt(address=address):
+            with _ask(session, address, {}, patience) as response:
+                return b"".join(_chunks(response, patience, TEXT_LIMIT)).decode(errors="replace")
+
+        with contextlib.suppress(Missing):
+            try:
+                digest = _md5_of(_persistently(attempt, address, patience, lambda: 0), name)
+            except ProductError as error:
+                if error.facts.get("status") != 403:  # how some stores answer for a file they do not have
+                    raise
+                continue
+            if digest:
+                return digest
+    return None
+
+
+def _md5_of(text, name):
+    """MD5 of a file in a list of checksums, or alone in the text; None if there is none."""
+    lines = [line for line in text.splitlines() if re.search(r"\b[0-9a-fA-F]{32}\b", line)]
+    named = [line for line in lines if name in line] or [line for line in lines if len(line.split()) == 1]
+    return re.search(r"\b[0-9a-fA-F]{32}\b", named[0])[0].lower() if named else None
+
+
+def _check(archive, path, digest):
+    """What a file was checked by; raises for another MD5, a web page, a damaged archive, a foreign member."""
+    with path.open("rb") as stream:
+        is_packed = stream.read(2) == b"\x1f\x8b"
+        stream.seek(0)
+        md5 = hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
+    remedy = "Try again later, or name another archive with --from."
+    if digest and md5 != digest:
+        refuse(archive.name, f"MD5 {md5}", f"{digest}, as the archive publishes", remedy)
+    if not is_packed:
+        remedy = f"Check your login. {remedy}"
+        refuse(archive.name, "no compressed archive, perhaps a web page", "a tar archive", remedy)
+    if digest and not archive.digests:
+        return "md5"
+    wanted, members = dict(archive.digests), {}
+    try:  # reading to the end checks the compression
+        with unpacked.archive(path) as packed:
+            for item in unpacked.members(packed, path):
+                bare = PurePosixPath(item.name).name
+                if item.isfile() and bare in wanted:
+                    members[bare] = hashlib.file_digest(packed.extractfile(item), "sha256").hexdigest()
+    except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
+        refuse(archive.name, f"a damaged archive ({reason})", "a whole one", "Fetch it again.")
+    for name, expected in wanted.items():
+        if members.get(name) != expected:
+            known = f"{expected}, as catalogued"
+            refuse(archive.name, f"{name} with SHA-256 {members.get(name)}", known, remedy)
+    return " and ".join(["md5"] * bool(digest) + ["sha256"] * bool(wanted)) or "compression only"
+
+
+def _download(session, url, part, patience, listener):
+    """Bring a file, from where an earlier attempt broke off; what it is of stands in a note beside it."""
+    if _note(part).get("url") != url:
+        _discard(part)
+
+    def attempt():
+        have, note = _size(part), _note(part)
+        headers = {"Range": f"bytes={have}-"} if have else {}
+        headers |= {"If-Range": note["validator"]} if have and note.get("validator") else {}
+        if have and have == note.get("total"):
+            return
+        with _ask(session, url, headers, patience) as response:
+            if response.status_code == 416:
+                _discard(part)
+                raise Interrupted("the server does not know the part that is missing")
+            start, total = _extent(response, have, part)
+            note = {"url": url, "validator": _validator(response), "total": total}
+            _note_path(part).write_text(json.dumps(note))
+            descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+            with os.fdopen(descriptor, "wb") as stream:
+                stream.truncate(start)
+                stream.seek(start)
+                for chunk in _chunks(response, patience, SIZE_LIMIT):
+                    stream.write(chunk)
+                    if listener:
+                        listener(stream.tell(), total)
+        if total is not None and _size(part) != total:
+            raise Interrupted(f"broke off at {_size(part)} of {total} bytes")
+
+    _persistently(attempt, url, patience, lambda: _size(part))
+
+
+def _persistently(attempt, url, patience, progress):
+    """Result of an attempt, repeated while it is interrupted."""
+    failed, best = 0, max(progress(), 1)
+    while True:
+        try:
+            return attempt()
+        except Interrupted as stop:
+            reached = progress()
+            failed = 0 if reached > 1.01 * best else failed + 1
+            best = max(best, reached)
+            if failed >= patience.attempts:
+                raise ProductError(
+                    f"{shown(url)}: {stop}, {failed} times in a row; expected the whole file. Run the command again "
+                    f"later, it goes on where it stopped; or name another archive with --from.",
+                    attempts=failed,
+                ) from None
+            pause = min(max(stop.pause_s, patience.wait_s * 2**failed), patience.longest_wait_s)
+            if patience.tell:
+                patience.tell(f"{shown(url)}: {stop}; attempt {failed + 1} of {patience.attempts} in {pause:.0f} s")
+            time.sleep(pause)
+
+
+def _session():
+    """Session that keeps the cookies of a login, and gives each host that it is led to the login of that host only."""
+    import requests
+
+    class Session(requests.Session):
+        asked = ""  # address from which redirects lead on
+
+        def rebuild_auth(self, prepared_request, response):
+            """Login for the address of a redirect, which stays encrypted if it was and carries no login itself."""
+            here, to = response.url, prepared_request.url
+            prepared_request.headers.pop("Authorization", None)
+            parts = urlsplit(to)
+            opened = here.startswith("https:") and parts.scheme == "http" and not _is_loopback(parts.hostname)
+            if parts.scheme not in ("http", "https") or opened or "@" in parts.netloc:
+                raise ProductError(
+                    f"{shown(here)}: redirects to {shown(to)}, expected a secure address. Name another archive."
+                )
+            if login := authorization(to, self.asked):
+                prepared_request.headers["Authorization"] = login
+
+    session = Session()
+    session.max_redirects = REDIRECTS
+    return session
+
+
+def _ask(session, url, headers, patience):
+    """Answer of a server that has the file; its errors without the address, which may be signed."""
+    import requests
+
+    session.asked, login = url, authorization(url, url)
+    headers = {"Accept-Encoding": "identity", **headers} | ({"Authorization": login} if login else {})
+    limits = (patience.connect_s, patience.stall_s)
+    try:  # a function for auth keeps requests from looking for credentials itself
+        response = session.get(url, headers=headers, auth=lambda request: request, stream=True, timeout=limits)
+    except requests.exceptions.SSLError:
+        raise ProductError(
+            f"{shown(url)}: its certificate is not trusted. Check the address and the clock; certificates of your "
+            f"institute are named in REQUESTS_CA_BUNDLE."
+        ) from None
+    except requests.TooManyRedirects:
+        raise ProductError(
+            f"{shown(url)}: more than {REDIRECTS} redirects, expected a file. Check your login."
+        ) from None
+    except (requests.exceptions.InvalidSchema, requests.exceptions.InvalidURL):
+        raise ProductError(f"{shown(url)}: redirects to no address of http. Name another archive.") from None
+    except requests.RequestException as error:
+        raise Interrupted(f"no answer ({type(error).__name__})") from None
+    status = response.status_code
+    if status in (200, 206) or status == 416 and "Range" in headers:
+        return response
+    response.close()
+    if status in (404, 410):
+        raise Missing(shown(url))
+    if status in AGAIN:
+        pause = response.headers.get("Retry-After", "")
+        raise Interrupted(f"the server answers {status}", float(pause) if pause.isdigit() else 0.0)
+    if status in (401, 403):
+        raise ProductError(
+            f"{shown(url)}: {urlsplit(response.url).hostname} answers {status}, expected the file; it wants a login, "
+            f"or another one. {LOGIN}",
+            status=status,
+        )
+    raise ProductError(f"{shown(url)}: the server answers {status}, expected the file. Check the address.")
+
+
+def _extent(response, have, part):
+    """Position at which the answer starts, and size of the whole file (None if the server does not say)."""
+    if response.status_code == 200:
+        length = response.headers.get("Content-Length", "")
+        return 0, int(length) if length.isdigit() else None
+    given = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", "").strip())
+    known = _note(part).get("validator")
+    if not given or int(given[1]) != have or (known and _validator(response) not in (None, known)):
+        _discard(part)
+        raise Interrupted("the server sent another part than was asked for")
+    return have, None if given[2] == "*" else int(given[2])
+
+
+def _chunks(response, patience, limit):
+    """Bytes as they come; a line that is silent or hardly moves ends with Interrupted."""
+    import urllib3
+
+    count, total, since = 0, 0, time.monotonic()
+    while True:
+        try:
+            chunk = response.raw.read1(CHUNK, decode_content=False)
+        except (urllib3.exceptions.HTTPError, OSError) as error:
+            stalled = isinstance(error, urllib3.exceptions.ReadTimeoutError | TimeoutError)
+            reason = f"nothing came for {patience.stall_s:g} s" if stalled else "the connection broke off"
+            raise Interrupted(reason) from None
+        if not chunk:
+            return
+        count, total = count + len(chunk), total + len(chunk)
+        if total > limit:
+            raise ProductError(f"{shown(response.url)}: more than {limit} bytes, expected less. Check the address.")
+        yield chunk
+        if (passed := time.monotonic() - since) > patience.stall_s:
+            if count < patience.slowest * passed:
+                raise Interrupted(f"{count} bytes in {passed:.0f} s")
+            count, since = 0, time.monotonic()
+
+
+def _validator(response):
+    """What tells whether the file is still the same, or None."""
+    tag = response.headers.get("ETag")
+    return tag if tag and not tag.startswith("W/") else response.headers.get("Last-Modified")
+
+
+def _size(part):
+    """Bytes that came."""
+    return part.stat().st_size if part.exists() else 0
+
+
+def _discard(part):
+    """Forget what came."""
+    part.unlink(missing_ok=True)
+    _note_path(part).unlink(missing_ok=True)
+
+
+def _note_path(part):
+    """File that says what a part is of."""
+    return part.with_name(f"{part.name}.json")
+
+
+def _note(part):
+    """What is known of the file a part is of: address, validator, size."""
+    try:
+        return json.loads(_note_path(part).read_text())
+    except (OSError, ValueError):
+        return {}
+
+
+def shown(url):
+    """Address as messages show it: without query, which may carry a signature, and without login."""
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
+
+
+def origin(url):
+    """Scheme, host and port of an address: what credentials belong to."""
+    parts = urlsplit(url)
+    return parts.scheme, parts.hostname or "", parts.port or PORTS.get(parts.scheme, 0)
+
+
+def authorization(url, start):
+    """Value of the Authorization header for one address, or None.
+
+    Credentials travel encrypted, or stay on this machine. An entry of netrc without a port holds for the server that
+    was asked for and for the usual port of https; a redirect to another port of a host gets nothing.
+
+    Parameters
+    ----------
+    url : str, address about to be asked
+    start : str, address the user named, from which redirects may have led here
+    """
+    here, asked = origin(url), origin(start)
+    if here[0] != "https" and not _is_loopback(here[1]):
+        return None
+    token = os.environ.get("EARTHDATA_TOKEN")
+    if token and here == TOKENS:
+        return f"Bearer {token}"
+    prefix = "EARTHDATA" if here == EARTHDATA else "GRAVCAL_FETCH" if here == asked and here != TOKENS else None
+    pair = tuple(os.environ.get(f"{prefix}_{name}") for name in ("USERNAME", "PASSWORD"))
+    pair = pair if prefix and all(pair) else _from_netrc(here, asked)
+    return pair and "Basic " + base64.b64encode(":".join(pair).encode()).decode()
+
+
+def _is_loopback(host):
+    """True if a host is this machine."""
+    try:
+        return ipaddress.ip_address(host or "").is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _from_netrc(here, asked):
+    """Name and password from the netrc file; its default entry belongs to no host and is not used."""
+    path = Path(os.environ.get("NETRC") or "~/.netrc").expanduser()
+    try:
+        hosts = netrc.netrc(path).hosts
+    except FileNotFoundError:
+        return None
+    except (netrc.NetrcParseError, OSError, ValueError) as error:
+        line = f", line {error.lineno}" if getattr(error, "lineno", None) else ""
+        raise CatalogError(
+            f"{path}{line}: cannot be read, expected entries 'machine HOST login NAME password PASSWORD'. Correct it."
+        ) from None  # the message of netrc quotes the word it stumbled over
+    scheme, host, port = here
+    usual = here == asked or (scheme, port) == ("https", PORTS["https"])
+    entry = hosts.get(f"{host}:{port}") or (hosts.get(host) if usual else None)
+    return entry and (entry[0], entry[2])

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from flows import cli, cli_fetch
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, ProductError
-from gravcal.io import fetch, fetch_http, fetch_layout, fetch_login
-from gravcal.io.fetch_http import Patience
+from gravcal.io import fetch
+from gravcal.io.fetch import Patience
 
 DAY = datetime.date(2020, 2, 1)
 SOON = Patience(attempts=3, wait_s=0.01, longest_wait_s=0.05, connect_s=5.0, stall_s=0.3)
@@ -38,7 +38,7 @@ def packed(content):
 
 CONTENT = bytes(range(256)) * 1200
 IMAGE = packed(CONTENT)
-ONE = fetch_layout.Archive("gracefo", "1B", DAY, "04")
+ONE = fetch.Archive("gracefo", "1B", DAY, "04")
 
 
 class Server:
@@ -68,7 +68,7 @@ class Server:
 
     def put(self, archive, image, md5=True):
         """Store an archive where the layout has it."""
-        path = fetch_layout.addresses(archive, self.url)[0].removeprefix(self.url)
+        path = fetch.addresses(archive, self.url)[0].removeprefix(self.url)
         self.files[path] = image
         if md5:
             self.files[f"{path}.md5"] = f"{hashlib.md5(image).hexdigest()}  {archive.name}\n".encode()
@@ -232,9 +232,9 @@ def test_a_web_page_or_damaged_archive_without_checksum_is_refused(server, tmp_p
 def test_members_are_what_the_catalogue_knows(server, tmp_path):
     """Contract: SHA-256 of the Level-1 files of the event."""
     name, digest = "MAG1B_2020-02-01_C_04.txt", hashlib.sha256(CONTENT).hexdigest()
-    known = fetch_layout.Archive("gracefo", "1B", DAY, "04", digests=((name, digest),))
+    known = fetch.Archive("gracefo", "1B", DAY, "04", digests=((name, digest),))
     assert get(server, tmp_path / "one", known).checked == "md5 and sha256"
-    foreign = fetch_layout.Archive("gracefo", "1B", DAY, "04", digests=((name, "0" * 64),))
+    foreign = fetch.Archive("gracefo", "1B", DAY, "04", digests=((name, "0" * 64),))
     with pytest.raises(ProductError, match="as catalogued"):
         get(server, tmp_path / "two", foreign)
 
@@ -266,8 +266,8 @@ def test_logins_belong_to_one_host_and_an_encrypted_line(monkeypatch, tmp_path):
     """Contract: Earthdata's only to Earthdata, over https; a netrc that cannot be read is not quoted."""
     monkeypatch.setenv("EARTHDATA_USERNAME", "me")
     monkeypatch.setenv("EARTHDATA_PASSWORD", SECRET)
-    start = f"{fetch_layout.PLACES['podaac']}/file"
-    login = fetch_login.authorization
+    start = f"{fetch.PLACES['podaac']}/file"
+    login = fetch.authorization
     assert login("https://urs.earthdata.nasa.gov/oauth/authorize?x=1", start) == BASIC
     assert login("http://urs.earthdata.nasa.gov/oauth", start) is None
     assert login("https://urs.earthdata.nasa.gov.example.org/", start) is None
@@ -283,7 +283,7 @@ def test_logins_belong_to_one_host_and_an_encrypted_line(monkeypatch, tmp_path):
 
 def test_errors_show_no_query_of_a_signed_address():
     """Contract: nor a login in front of the host."""
-    assert fetch_http.shown("https://me:pw@example.org/a?signature=x") == "https://example.org/a"
+    assert fetch.shown("https://me:pw@example.org/a?signature=x") == "https://example.org/a"
 
 
 def test_unsafe_redirects_and_places_are_refused(server, tmp_path):
@@ -311,7 +311,7 @@ def test_a_link_in_the_folder_does_not_lead_outside(server, tmp_path):
 
 def test_one_missing_archive_stops_no_other(server, tmp_path):
     """Contract: the error comes after all were tried."""
-    missing = fetch_layout.Archive("gracefo", "1A", DAY, "04")
+    missing = fetch.Archive("gracefo", "1A", DAY, "04")
     with pytest.raises(ProductError, match="no such file"):
         fetch.fetch([missing, ONE], tmp_path, server.url, patience=SOON)
     assert (tmp_path / ONE.name).exists()
@@ -319,39 +319,37 @@ def test_one_missing_archive_stops_no_other(server, tmp_path):
 
 def test_an_event_needs_the_archives_of_its_products():
     """Contract: names as in the archives; both levels for the offset, one for GRACE's ranging; none for Taiji."""
-    found = fetch_layout.of_event(catalog.event("grace-c-2020-02-01"))
+    found = fetch.of_event(catalog.event("grace-c-2020-02-01"))
     assert [one.name for one in found] == [
         "gracefo_1A_2020-02-01_RL04.ascii.noLRI.tgz",
         "gracefo_1B_2020-02-01_RL04.ascii.noLRI.tgz",
     ]
-    found = fetch_layout.of_event(catalog.event("grace-ab-2002-04-08"))
+    found = fetch.of_event(catalog.event("grace-ab-2002-04-08"))
     assert [one.name for one in found] == ["grace_1B_2002-04-08_02.tar.gz", "grace_1B_2002-04-09_02.tar.gz"]
-    assert fetch_layout.addresses(found[0], "isdc")[0].endswith(
-        "/grace/Level-1B/JPL/INSTRUMENT/RL02/2002/" + found[0].name
-    )
-    assert fetch_layout.addresses(found[0], "podaac")[0].endswith(f"/GRACE_L1B_GRAV_JPL_RL02/{found[0].name}")
+    assert fetch.addresses(found[0], "isdc")[0].endswith("/grace/Level-1B/JPL/INSTRUMENT/RL02/2002/" + found[0].name)
+    assert fetch.addresses(found[0], "podaac")[0].endswith(f"/GRACE_L1B_GRAV_JPL_RL02/{found[0].name}")
     with pytest.raises(GravcalError):
-        fetch_layout.of_event(catalog.event("taiji-1-2022-05-18"))
+        fetch.of_event(catalog.event("taiji-1-2022-05-18"))
 
 
 def test_the_checksums_of_podaac_are_in_its_public_store(server, tmp_path):
     """Contract: same name below another bucket; a wrong file is noticed by it."""
-    address = fetch_layout.addresses(ONE, "podaac")[0]
-    first = fetch_layout.checksum_addresses(address)[0]
-    assert first == f"{fetch_layout.PODAAC}/podaac-ops-cumulus-public/GRACEFO_L1B_ASCII_GRAV_JPL_RL04/{ONE.name}.md5"
-    path = address.removeprefix(fetch_layout.PODAAC)
-    server.files = {path: IMAGE, first.removeprefix(fetch_layout.PODAAC): hashlib.md5(IMAGE).hexdigest().encode()}
-    place = f"{server.url}/{fetch_layout.PROTECTED}"
+    address = fetch.addresses(ONE, "podaac")[0]
+    first = fetch.checksum_addresses(address)[0]
+    assert first == f"{fetch.PODAAC}/podaac-ops-cumulus-public/GRACEFO_L1B_ASCII_GRAV_JPL_RL04/{ONE.name}.md5"
+    path = address.removeprefix(fetch.PODAAC)
+    server.files = {path: IMAGE, first.removeprefix(fetch.PODAAC): hashlib.md5(IMAGE).hexdigest().encode()}
+    place = f"{server.url}/{fetch.PROTECTED}"
     (found,) = fetch.fetch([ONE], tmp_path, place, patience=SOON)
     assert found.checked == "md5"
 
 
 def test_a_login_page_of_earthdata_is_followed_and_its_cookie_kept(server, other, tmp_path, monkeypatch):
     """Contract: data host to login host, which gets the login, and back with a cookie: the way of Earthdata."""
-    monkeypatch.setattr(fetch_login, "EARTHDATA", fetch_login.origin(other.url))
+    monkeypatch.setattr(fetch, "EARTHDATA", fetch.origin(other.url))
     monkeypatch.setenv("EARTHDATA_USERNAME", "me")
     monkeypatch.setenv("EARTHDATA_PASSWORD", SECRET)
-    path = fetch_layout.addresses(ONE, server.url)[0].removeprefix(server.url)
+    path = fetch.addresses(ONE, server.url)[0].removeprefix(server.url)
     other.login, reply = BASIC, other.reply
 
     def granted(request, status, body, headers=None, sent=None):
@@ -378,7 +376,7 @@ def test_the_command_fetches_and_says_what(server, tmp_path):
     """Contract: gravcal fetch with a day; wrong usage is exit code 2."""
     import typer
 
-    server.put(fetch_layout.Archive("gracefo", "1A", DAY, "04"), IMAGE)
+    server.put(fetch.Archive("gracefo", "1A", DAY, "04"), IMAGE)
     app = typer.Typer()
     app.command()(cli_fetch.fetch)
     day = ["--satellite", "C", "--date", "2020-02-01", "--out", str(tmp_path), "--from", server.url]
@@ -392,7 +390,7 @@ def test_the_command_fetches_and_says_what(server, tmp_path):
 def test_a_host_that_does_not_answer_is_said_at_once(tmp_path, monkeypatch):
     """Contract: a line before the first question and after every attempt; none waits ten seconds to connect."""
     pauses = []
-    monkeypatch.setattr(fetch_http.time, "sleep", pauses.append)
+    monkeypatch.setattr(fetch.time, "sleep", pauses.append)
     with socket.socket() as bound:  # nobody listens
         bound.bind(("127.0.0.1", 0))
         place = f"http://127.0.0.1:{bound.getsockname()[1]}"
