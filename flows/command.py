@@ -306,11 +306,11 @@ def status_of(error):
 
 def origin_of(source):
     """Origin of the files of a source, or of an event or folder by its name, that has no result."""
-    from gravcal.catalog import event_table as catalog_events
+    from gravcal import catalog
     from gravcal.store import origin
 
     event, folder = [source] * 2 if isinstance(source, str) else (source.event, getattr(source, "folder", None))
-    stated = catalog_events.origin(event)
+    stated = catalog.event_origin(event)
     found = bool(folder) and not stated and Path(folder).is_dir()
     return origin.below(folder, getattr(source, "date", None)) if found else stated or origin.MEASURED
 

@@ -270,10 +270,10 @@ def named(event: str, files) -> dict:
     event : str
     files : LevelOneFile
     """
-    from gravcal.catalog import event_table as catalog_events
+    from gravcal import catalog
     from gravcal.store import origin
 
-    told = catalog_events.origin(event) or origin.together(origin.of_file(file) for file in files)
+    told = catalog.event_origin(event) or origin.together(origin.of_file(file) for file in files)
     return {"files": [file.name for file in files], "origin": told}
 
 

@@ -221,9 +221,9 @@ def recipe(call):
 
 def _stated(event):
     """Origin that the catalogue states for an event, "" where it says nothing or knows no such event."""
-    from gravcal.catalog import event_table as catalog_events
+    from gravcal import catalog
 
-    return catalog_events.origin(event)
+    return catalog.event_origin(event)
 
 
 @functools.cache

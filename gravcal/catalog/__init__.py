@@ -6,25 +6,29 @@ ship with the package; a folder named by the environment variable GRAVCAL_CATALO
 entries add or override.
 """
 
-from gravcal.catalog.event_table import Designed, Event, Manoeuvre, RawFile, event, events
-from gravcal.catalog.event_writer import event_text, save_event
 from gravcal.catalog.files import names
-from gravcal.catalog.parameter_table import Parameter, Parameters, parameters
-from gravcal.catalog.published_values import Published, Trim, published, trims
-from gravcal.catalog.satellite_table import Quantity, Satellite, satellite
+from gravcal.catalog.missions import (
+    Event,
+    Manoeuvre,
+    Satellite,
+    event,
+    event_origin,
+    event_text,
+    events,
+    satellite,
+    save_event,
+)
+from gravcal.catalog.parameter_table import Parameters, parameters
+from gravcal.catalog.published_values import Published, published, trims
 
 __all__ = [
-    "Designed",
     "Event",
     "Manoeuvre",
-    "Parameter",
     "Parameters",
     "Published",
-    "Quantity",
-    "RawFile",
     "Satellite",
-    "Trim",
     "event",
+    "event_origin",
     "event_text",
     "events",
     "names",

@@ -14,23 +14,15 @@ _added = []  # folders of calibrations of other packages
 
 
 def roots():
-    """Folders searched, in order: the user's own, the one of the package, those of other packages.
-
-    Returns
-    -------
-    roots : list of Path or Traversable
-    """
-    shipped = _shipped()
+    """Folders searched, in order: the user's own, the one of the package, those of other packages."""
     own = os.environ.get(ENVIRONMENT)
-    if not own:
-        return [shipped, *_added]
-    if not Path(own).is_dir():
+    if own and not Path(own).is_dir():
         raise CatalogError(
             f"{ENVIRONMENT}: found {own!r}, expected a folder with satellites/, events/ or parameters/. "
             f"Create it, or unset {ENVIRONMENT}.",
             folder=own,
         )
-    return [Path(own), shipped, *_added]
+    return [*([Path(own)] if own else []), resources.files("catalog"), *_added]
 
 
 def add_root(folder):
@@ -39,31 +31,15 @@ def add_root(folder):
         _added.append(folder)
 
 
-@lru_cache(maxsize=1)
-def _shipped():
-    """Folder of the package."""
-    return resources.files("catalog")
-
-
 def names(kind, suffix=".toml"):
-    """Names of all entries of a kind ("satellites", "events", ...), sorted.
-
-    Returns
-    -------
-    names : list of str
-    """
+    """Names of all entries of a kind ("satellites", "events", ...), sorted."""
     folders = [root / kind for root in roots()]
-    found = {entry.name for folder in folders if folder.is_dir() for entry in folder.iterdir()}
-    return sorted(name.removesuffix(suffix) for name in found if name.endswith(suffix))
+    every = {entry.name for folder in folders if folder.is_dir() for entry in folder.iterdir()}
+    return sorted(name.removesuffix(suffix) for name in every if name.endswith(suffix))
 
 
 def find(kind, name, suffix=".toml"):
-    """Path of one entry; the user's own before the shipped one.
-
-    Raises
-    ------
-    CatalogError : no entry of that name; the nearest names are given
-    """
+    """Path of one entry, the user's own before the shipped one; CatalogError names the nearest if there is none."""
     for root in roots():
         path = root / kind / f"{name}{suffix}"
         if path.is_file():
@@ -72,43 +48,10 @@ def find(kind, name, suffix=".toml"):
 
 
 def read(kind, name):
-    """Content of one TOML entry.
-
-    Returns
-    -------
-    path : Path or Traversable, for messages
-    content : dict
-    """
+    """Path of one TOML entry, for messages, and its content as a dict; what is wrong with it is said with the line."""
     path = find(kind, name)
-    return path, parse(path)
-
-
-def made(kind, name, make):
-    """What a function makes of one TOML entry; made once for each text of the file, and not to be changed.
-
-    Parameters
-    ----------
-    kind, name : str
-    make : function of name, path and content
-    """
-    path = find(kind, name)
-    return _read(path, lambda text: _made(make, name, path, text))
-
-
-@lru_cache(maxsize=128)
-def _made(make, name, path, text):
-    return make(name, path, _loads(text))
-
-
-def parse(path):
-    """Content of a TOML file as a dict; what is wrong with it is said with file and line."""
-    return _read(path, _loads)
-
-
-def _read(path, use):
-    """What a function makes of the text of a TOML file."""
     try:
-        return use(path.read_text(encoding="utf-8"))
+        return path, _loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
         raise CatalogError(
             f"{path}: found bytes that are not UTF-8 ({error.reason} at byte {error.start}), expected a TOML file. "

@@ -62,7 +62,11 @@ class Parameters:
         changed = {}
         for name, given in settings.items():
             entry = self.entry(name)
-            value = _typed(given, entry, self.calibration)
+            if isinstance(entry.value, tuple):
+                items = given.split(",") if isinstance(given, str) else given
+                value = tuple(_scalar(item, entry.value[0], entry, self.calibration) for item in items)
+            else:
+                value = _scalar(given, entry.value, entry, self.calibration)
             changed[name] = replace(entry, value=value)
             _check(changed[name], self.calibration)
         return replace(self, entries={**self.entries, **changed})
@@ -72,12 +76,7 @@ class Parameters:
         return {name: entry.value for name, entry in self.entries.items()} | {"configuration": self.configuration}
 
     def for_stage(self, stage):
-        """Settings of one stage, ready as keyword arguments.
-
-        Returns
-        -------
-        settings : dict of name to value, sorted by name
-        """
+        """Settings of one stage by name, sorted, ready as keyword arguments."""
         stages = sorted({known for entry in self.entries.values() for known in entry.stages})
         if stage not in stages:
             raise files.unknown("stage", stage, stages, where=self.calibration)
@@ -113,14 +112,6 @@ def _number(value, table):
         return tuple(_number(item, table) for item in value)
     whole = isinstance(value, int) and not isinstance(value, bool)
     return float(value) if whole and "unit" in table else value
-
-
-def _typed(given, entry, where):
-    """Given text or value in the type of the catalogue's value."""
-    if isinstance(entry.value, tuple):
-        items = given.split(",") if isinstance(given, str) else given
-        return tuple(_scalar(item, entry.value[0], entry, where) for item in items)
-    return _scalar(given, entry.value, entry, where)
 
 
 def _scalar(given, example, entry, where):

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 
-from gravcal.catalog import files
-from gravcal.catalog.satellite_table import satellite as find_satellite
+from gravcal.catalog import files, missions
 
 TABLE = ("file", "calibration", "section", "doi", "table", "labels", "value", "sigma", "unit", "direction", "note")
 
@@ -51,59 +50,45 @@ class Trim:
 
 
 def published(calibration, event=None):
-    """Published values of a calibration, by section.
+    """Published values of a calibration by section ("combined", "manoeuvres", "history" ...), tuples of Published.
 
     Parameters
     ----------
     calibration : str, "com_offset" ...
     event : str or None; only values of this event, and those of no event in particular
-
-    Returns
-    -------
-    sections : dict of section name ("combined", "manoeuvres", "history" ...) to tuple of Published
     """
     path, tables = files.read("published", "tables")
     sections = {}
     for name, table in tables.items():
         files.require(table, TABLE, f"{path}: [{name}]", ("events",))
         if table["calibration"] == calibration:
-            sections.setdefault(table["section"], []).extend(_records(table))
+            file = files.find("published", table["file"], suffix="")
+            records = _parsed(file, file.read_text(encoding="utf-8"), json.dumps(table))
+            sections.setdefault(table["section"], []).extend(records)
     if not sections:
         known = sorted({table["calibration"] for table in tables.values()})
         raise files.unknown("calibration with published values", calibration, known, where="catalogue")
-    chosen = {key: tuple(r for r in records if _of(r, event)) for key, records in sections.items()}
-    return {key: records for key, records in chosen.items() if records}
+    chosen = {
+        name: tuple(one for one in records if event is None or not one.events or event in one.events)
+        for name, records in sections.items()
+    }
+    return {name: records for name, records in chosen.items() if records}
 
 
 def trims(satellite=None, confirmed=None):
-    """Mass trims, by date.
+    """Mass trims by date, tuple of Trim.
 
     Parameters
     ----------
     satellite : str or None, letter or name
     confirmed : bool or None; only those that the series of offsets does, or does not, show
-
-    Returns
-    -------
-    trims : tuple of Trim
     """
     path, content = files.read("published", "trims")
-    wanted = None if satellite is None else find_satellite(satellite).name
+    wanted = None if satellite is None else missions.satellite(satellite).name
     for table in content["trim"]:
         files.require(table, tuple(Trim.__dataclass_fields__), f"{path}: [[trim]]")
     chosen = [Trim(**table) for table in content["trim"]]
     return tuple(t for t in chosen if wanted in (None, t.satellite) and confirmed in (None, t.confirmed))
-
-
-def _of(record, event):
-    """The record belongs to the event, or to none in particular."""
-    return event is None or not record.events or event in record.events
-
-
-def _records(table):
-    """Records of one CSV file as its entry in tables.toml says."""
-    path = files.find("published", table["file"], suffix="")
-    return _parsed(path, path.read_text(encoding="utf-8"), json.dumps(table))
 
 
 @lru_cache(maxsize=64)

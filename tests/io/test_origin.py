@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 
 from flows import engine
-from gravcal.catalog import event_table as catalog_events
+from gravcal import catalog
+from gravcal.catalog import files
 from gravcal.errors import CatalogError, ProductError
 from gravcal.io import archive, readers, sgrs_files, writers
 from gravcal.store import origin, store
@@ -141,7 +142,7 @@ def test_an_event_of_the_catalogue_may_state_it(pipeline, tmp_path, monkeypatch)
     _, measured = pipeline.run(event="grace-c-2020-02-01")
     folder = tmp_path / "catalog" / "events"
     folder.mkdir(parents=True)
-    shipped = (catalog_events.files.find("events", "grace-c-2020-02-01")).read_text()
+    shipped = (files.find("events", "grace-c-2020-02-01")).read_text()
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "catalog"))
     own = folder / "grace-c-2020-02-01.toml"
     own.write_text('origin = "simulated"\n' + shipped)
@@ -150,10 +151,10 @@ def test_an_event_of_the_catalogue_may_state_it(pipeline, tmp_path, monkeypatch)
     made, simulated = pipeline.run(event="grace-c-2020-02-01")
     assert made == ["start", "scale.one", "scale.other", "join"]
     assert [read(one).attrs["origin"] for one in (measured, simulated)] == ["measured", "simulated"]
-    assert catalog_events.event("grace-c-2020-02-01").origin == "simulated"
+    assert catalog.event("grace-c-2020-02-01").origin == "simulated"
     own.write_text('origin = "invented"\n' + shipped)
     with pytest.raises(CatalogError, match="origin.*invented.*measured, simulated"):
-        catalog_events.event("grace-c-2020-02-01")
+        catalog.event("grace-c-2020-02-01")
 
 
 def test_products_without_origin_are_made_again(pipeline):
