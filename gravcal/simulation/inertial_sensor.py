@@ -146,14 +146,7 @@ def simulate(
 
 
 def draw(satellite: Mapping, chosen, rng) -> Truth:
-    """True numbers around those of the settings; mass, inertia, arms and k_y of the catalogue or from their prior.
-
-    Parameters
-    ----------
-    satellite : numbers of the catalogue, with `_sigma` beside them
-    chosen : parameters of the simulation
-    rng : source of randomness
-    """
+    """True numbers around those of the settings; mass, inertia, arms and k_y of the catalogue or from their prior."""
     share = 1 + chosen.factor_scatter * rng.standard_normal(2)
     beta = np.array(chosen.angular_factor) * share[[0, 1, 1]]
     spread = chosen.divisor_scatter * rng.standard_normal(5)
@@ -186,12 +179,7 @@ def orbital_rate(chosen) -> float:
 
 
 def R_oi(state_i: np.ndarray) -> np.ndarray:
-    """Rotation (n, 3, 3) to the pointing in normal flight: x radially outward, z along the flight, y = z x x.
-
-    Parameters
-    ----------
-    state_i : (n, 6) m and m s-1
-    """
+    """Rotation (n, 3, 3) to the pointing in normal flight: x radially outward, z along the flight, y = z x x."""
     position, velocity = state_i[:, :3], state_i[:, 3:]
     x = position / np.linalg.norm(position, axis=1, keepdims=True)
     y = np.cross(velocity, position)
@@ -232,18 +220,7 @@ def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, c
 
 
 def swing_rate_dot(time: np.ndarray, start: float, chosen) -> np.ndarray:
-    """Angular acceleration of a swing: square wave with rounded edges, whole periods, rate zero at both ends.
-
-    Parameters
-    ----------
-    time : (n,) s
-    start : s
-    chosen : parameters of the simulation
-
-    Returns
-    -------
-    rate_dot_b : (n, 3) rad s-2
-    """
+    """Angular acceleration (n, 3) rad s-2: square wave with rounded edges, whole periods, rate zero at both ends."""
     out = np.zeros((time.size, 3))
     rise = max(chosen.swing_rise_s, 1e-3)
     for axis, (period, rate) in enumerate(zip(chosen.swing_period_s, chosen.swing_rate_rad_s, strict=True)):
@@ -340,17 +317,7 @@ def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tup
 
 
 def read_volts(linear_b, angular_b, truth: Truth, chosen, rng, drift_b=0.0) -> np.ndarray:
-    """Recorded voltages of the six electrodes.
-
-    Parameters
-    ----------
-    linear_b : (n, 3) m s-2; angular_b : (n, 3) rad s-2, that hold the test mass
-    truth : Truth; chosen : parameters of the simulation; rng : source of randomness
-    drift_b : (n, 3) m s-2, wander of the bias
-
-    Returns
-    -------
-    volts : (n, 6) V, in the order of electrodes.VOLTAGES
+    """Recorded voltages (n, 6) of accelerations (n, 3) that hold the test mass; `drift_b` (n, 3) wander of the bias.
 
     Notes
     -----
@@ -395,12 +362,7 @@ def _lines(at, time, values):
 
 
 def draw_roll(chosen, start: float, rng) -> Roll:
-    """Orbit, roll rate and wander of the bias, a first-order Markov process at the knots.
-
-    Parameters
-    ----------
-    chosen : parameters of the simulation; start : GPS s, whole; rng : source of randomness
-    """
+    """Orbit, roll rate and wander of the bias, a first-order Markov process at the knots; start GPS s, whole."""
     from scipy.signal import lfilter
 
     stop = start + chosen.roll_s
@@ -419,14 +381,7 @@ def draw_roll(chosen, start: float, rng) -> Roll:
 
 
 def span(chosen, roll: Roll, bounds, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
-    """Voltages, attitude and orbit of one span of the roll; result as of `swing`.
-
-    Parameters
-    ----------
-    chosen : parameters of the simulation
-    roll : Roll; bounds : s and s, whole; truth : Truth; rng : source of randomness
-    hidden : Hidden
-    """
+    """Voltages, attitude and orbit of one span of the roll between whole seconds; result as of `swing`."""
     start, stop = bounds
     coarse = np.arange(start - 2, stop + 3)  # the motion changes over minutes: 1 s, then straight lines
     state = roll.path(coarse)

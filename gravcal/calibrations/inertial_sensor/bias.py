@@ -102,12 +102,9 @@ class RobustMean:
 
 
 def sensor_of(swing: tuple[xr.Dataset, ...], assumed: Mapping) -> Sensor:
-    """Scale factors and offset of the swing, or assumed ones where there is none.
+    """Scale factors and offset of the swing's (scale, offset), or assumed ones where there is none: ().
 
-    Parameters
-    ----------
-    swing : () or (scale, offset) products
-    assumed : {"k", "k_sigma" m s-2 V-1; "offset_um", "offset_sigma_um" um}
+    `assumed` is {"k", "k_sigma" m s-2 V-1; "offset_um", "offset_sigma_um" um}.
     """
     if not swing:
         covariance = np.diag((1e-6 * np.array(assumed["offset_sigma_um"])) ** 2)
@@ -194,12 +191,7 @@ def bin_length(time: np.ndarray, segment_s: float) -> float:
 
 
 def cut(time: np.ndarray, step_s: float, segment_s: float) -> list[slice]:
-    """Slices of segments that hold no gap.
-
-    Parameters
-    ----------
-    time : (b,) s, middles of bins; step_s : s; segment_s : s, length wanted
-    """
+    """Slices of the bins (b,) of each segment of so many seconds; none holds a gap."""
     length = int(round(segment_s / step_s))
     breaks = np.flatnonzero(np.diff(time) > 1.5 * step_s) + 1
     bounds = [0, *breaks.tolist(), time.size]
@@ -211,12 +203,7 @@ def cut(time: np.ndarray, step_s: float, segment_s: float) -> list[slice]:
 
 
 def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
-    """Tensor of the offset in the bins of a segment; the rate of rolling changes as its straight line (b, 3, 3) s-2.
-
-    Parameters
-    ----------
-    rate_b : (b, 3) rad s-1; gradient_b : (b, 3, 3) s-2; step_s : s
-    """
+    """Tensor of the offset in the bins of a segment (b, 3, 3) s-2; the rate of rolling changes as its line."""
     u = step_s * np.arange(rate_b.shape[0])
     u = u - u.mean()
     slope = (u @ (rate_b - rate_b.mean(axis=0))) / (u @ u)
@@ -276,13 +263,7 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
 
 
 def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, limits: Limits) -> Segments:
-    """Constants of every segment; NaN where bins are missing.
-
-    Parameters
-    ----------
-    bins : of `bins.reduced`, several spans joined
-    sensor : Sensor; model : Model; limits : Limits
-    """
+    """Constants of every segment of the bins of `bins.reduced`, several spans joined; NaN where bins are missing."""
     parts = cut(bins["time"], limits.step_s, limits.segment_s)
     used = np.zeros(len(parts), dtype=bool)
     uniformity, constant, sigma, volt, slope, amplitude = (
@@ -316,12 +297,7 @@ def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, limits: 
 
 
 def redness(residual: np.ndarray, step_s: float) -> np.ndarray:
-    """Ratio (3,) by which noise below a few cycles of the roll exceeds white noise of the same variance, at least one.
-
-    Parameters
-    ----------
-    residual : (s, b, 3) m s-2, of the segments used; step_s : s
-    """
+    """Ratio (3,) by which noise below a few cycles of the roll exceeds white noise of the same variance, at least 1."""
     slow = np.linspace(0, 4 / (residual.shape[1] * step_s), 9)
     models = [noise.fit_noise(list(residual[:, :, axis]), MEMORY, step_s) for axis in range(3)]
     white = np.maximum(2 * step_s * np.mean(residual**2, axis=(0, 1)), 1e-300)
@@ -367,10 +343,6 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
 def estimates(solved: Segments, sensor: Sensor) -> dict:
     """Joined bias and the parts of its error.
 
-    Parameters
-    ----------
-    solved : Segments; sensor : Sensor
-
     Notes
     -----
     b = -(constant of k V); sigma holds the noise of the segments and the error of the offset, which is common to
@@ -408,10 +380,6 @@ def spectra(
 ) -> dict:
     """Amplitude spectra of the z axis: with the old factor, with the new one, and with motion and drag taken off too.
 
-    Parameters
-    ----------
-    bins : of `bins.reduced`; solved : Segments; sensor : Sensor; k_z_before : m s-2 V-1; limits : Limits
-
     Notes
     -----
     Median over the segments, over what the median of so many periodograms is of the mean: 0.69 to 1 in power. White
@@ -435,11 +403,5 @@ def spectra(
 
 
 def bias_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Bias with errors that hold those of the effects that were taken out of the bins before.
-
-    Parameters
-    ----------
-    found : Dataset, "inertial_sensor.bias"
-    moved : Dataset, "inertial_sensor.bias", one for each direction of the model's errors
-    """
+    """Bias with the errors of a model that was taken out of the bins before; one moved bias a direction of these."""
     return replaced(found, widened_sigmas(found, moved, {"bias": ("bias_sigma", "bias_sigma_total")}))

@@ -118,13 +118,7 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
 
 
 def prepare(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, degree: int, order: int) -> Record:
-    """Bin means of the linear readouts and the motion, with the noise of the quiet data.
-
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"; scaled : Dataset, "inertial_sensor.scale"
-    quiet_margin_s : s; degree : of the polynomial; order : of the noise, at most
-    """
+    """Bin means of the linear readouts and the motion, with the noise of the quiet data; settings as of `offset`."""
     time_bin = scaled.time_bin.values
     step = float(time_bin[1] - time_bin[0])
     edges = np.append(time_bin - step / 2, time_bin[-1] + step / 2)
@@ -141,12 +135,7 @@ def prepare(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, degr
 
 
 def quiet_readouts(aligned: xr.Dataset, step_s: float, margin_s: float) -> list[np.ndarray]:
-    """Linear readouts (n, 3) V before and after the swing with a cubic taken off, NaN rows kept.
-
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"; step_s : s, of the bins; margin_s : s kept clear of the swing
-    """
+    """Linear readouts (n, 3) V, bin means before and after the swing with a cubic taken off, NaN rows kept."""
     blocks = quiet_blocks(aligned, electrodes.readouts(aligned.volts.values)[:, :3], step_s, margin_s)
     for block in blocks:
         good = np.isfinite(block).all(axis=1)
@@ -157,12 +146,7 @@ def quiet_readouts(aligned: xr.Dataset, step_s: float, margin_s: float) -> list[
 
 
 def noise_models(blocks: list[np.ndarray], order: int, step_s: float) -> tuple[NoiseModel, NoiseModel, NoiseModel]:
-    """Noise of each axis of the order that the data ask for (Schwarz); white noise without the colour of detrending.
-
-    Parameters
-    ----------
-    blocks : of `quiet_readouts`; order : at most; step_s : s
-    """
+    """Noise of each axis in `quiet_readouts`, of the order that the data ask for (Schwarz), at most a given one."""
     chosen = []
     for axis in range(3):
         rows = [block[:, axis] for block in blocks]
@@ -223,12 +207,7 @@ def _filtered(fitted):
 
 
 def shifts(record: Record, k: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
-    """Derivative (5, 3) m of the offset by the relative size of each of FACTORS.
-
-    Parameters
-    ----------
-    record : Record; k : (3,) m s-2 V-1; axes : linear axes used
-    """
+    """Derivative (5, 3) m of the offset by the relative size of each of FACTORS."""
     middle, change = fit(record, k, axes).value, []
     for turn, push in FACTORS.values():
         scaled = replace(record, rate_dot_b=record.rate_dot_b * (1 + 1e-4 * np.array(turn)))
@@ -237,11 +216,5 @@ def shifts(record: Record, k: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
 
 
 def offset_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Offset with covariances that hold the errors of the effects that were taken out of the record before.
-
-    Parameters
-    ----------
-    found : Dataset, "inertial_sensor.offset"
-    moved : Dataset, "inertial_sensor.offset", one for each direction of the model's errors
-    """
+    """Offset with the errors of a model that was taken out of the record before; one moved offset a direction."""
     return replaced(found, widened(found, moved, {"offset": ("covariance", "covariance_total")}))

@@ -54,12 +54,7 @@ def scale(
 
 
 def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: np.ndarray) -> swing.Swing:
-    """Swing with its noise measured in the quiet data either side.
-
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"
-    bin_s, quiet_margin_s : s; inertia : (3,) kg m2 of the test mass
+    """Swing with its noise measured in the quiet data either side; settings as of `scale`.
 
     Raises
     ------
@@ -93,12 +88,7 @@ def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: n
 
 
 def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s: float) -> list[np.ndarray]:
-    """Bin means before and after the swing, NaN where samples are missing.
-
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"; values : (n, m) on its time; bin_s, margin_s : s
-    """
+    """Bin means before and after the swing of values (n, m) on the time of the record, NaN where samples are missing."""
     time = aligned.time.values
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
     spans = ((time[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, time[-1]))
@@ -132,7 +122,10 @@ def _estimates(prepared, fitted):
 
 def _motion(prepared, fitted):
     """Bin means of the motion, and the measured angle for the figures."""
-    motion, edges = fitted.motion, prepared.edges
+    motion, edges, system = fitted.motion, prepared.edges, fitted.system
+    residual = np.full(system.valid.size, np.nan)
+    residual[system.valid] = system.residual
+    residual = residual.reshape(-1, 3)
     gradient = gravity.rotate_tensor(
         frames.R_bi_from_quaternion(motion.quaternion), gravity.gradient_i(prepared.position_i)
     )
@@ -143,10 +136,10 @@ def _motion(prepared, fitted):
     angle = np.cumsum(rate - rate.mean(axis=0), axis=0) * (edges[1] - edges[0])
     return {
         "time_bin": prepared.middle,
-        "residual_b": fitted.residual,
-        "angle_b": angle - angle.mean(axis=0) + np.nan_to_num(fitted.residual),
+        "residual_b": residual,
+        "angle_b": angle - angle.mean(axis=0) + np.nan_to_num(residual),
         "rate_b": rate,
-        "rate_dot_b": rate_dot - fitted.unknowns.factors[swing.OWNER] * fitted.voltage_noise,
+        "rate_dot_b": rate_dot - fitted.unknowns.factors[swing.OWNER] * system.voltage_noise,
         "gradient_b": gradient,
         "angular_volt": volt,
     }
@@ -156,7 +149,7 @@ def _history(fitted):
     """Kalman estimates after each bin and the batch values they end at."""
     start = kalman.free_start(fitted.design, 1.0)
     run = kalman.filter_constants(fitted.observed, fitted.design, np.zeros(len(start)), start, 1.0)
-    last = np.maximum(np.cumsum(np.where(fitted.count > 0, 3, 0)) - 1, 0)
+    last = np.maximum(np.cumsum(np.where(fitted.system.count > 0, 3, 0)) - 1, 0)
     return {
         "filter_value": run.value[last, : swing.FACTORS + 1],
         "filter_sigma": run.sigma[last, : swing.FACTORS + 1],
@@ -200,13 +193,7 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
 
 
 def scale_model_error(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Scale factors with errors that hold those of the effects that were taken out of the record before.
-
-    Parameters
-    ----------
-    scaled : Dataset, "inertial_sensor.scale"
-    moved : Dataset, "inertial_sensor.scale", one for each direction of the model's errors
-    """
+    """Scale factors with the errors of a model that was taken out of the record before; one moved scale a direction."""
     sigmas = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}
     covariance = widened(scaled, moved, {"batch_value": ("covariance",)})
     return replaced(scaled, covariance | widened_sigmas(scaled, moved, sigmas))

@@ -96,7 +96,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """Attitude rows about some unknowns; residual_b of all bins, the rest of those with tracker samples.
+    """Attitude rows about some unknowns, of the bins with tracker samples.
 
     Attributes
     ----------
@@ -120,8 +120,7 @@ class Fit:
     Attributes
     ----------
     unknowns : values; covariance : (15, 15) in the order of the columns; chi2, dof
-    motion : Motion; voltage_noise : (b, 3) V, estimated error of the angular readouts per bin
-    residual : (b, 3) rad; count : (b,) tracker samples
+    motion : Motion; system : LinearSystem of the last step
     observed : (r,) and design (r, 15), whitened rows in order of time, about the solution, for the recursive filter
     """
 
@@ -130,21 +129,13 @@ class Fit:
     chi2: float
     dof: int
     motion: Motion
-    voltage_noise: np.ndarray
-    residual: np.ndarray
-    count: np.ndarray
+    system: LinearSystem
     observed: np.ndarray
     design: np.ndarray
 
 
 def predict(swing: Swing, unknowns: Unknowns, before: Motion) -> Motion:
-    """Motion that the voltages imply.
-
-    Parameters
-    ----------
-    swing : Swing
-    unknowns : Unknowns
-    before : Motion, from which the gyroscopic and gravity torques on the test mass are taken
+    """Motion that the voltages imply; gyroscopic and gravity torques on the test mass are those of the motion before.
 
     Notes
     -----
@@ -162,10 +153,6 @@ def predict(swing: Swing, unknowns: Unknowns, before: Motion) -> Motion:
 
 def residual_and_columns(swing: Swing, unknowns: Unknowns, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Measured minus predicted attitude and its model columns, averaged over the bins.
-
-    Parameters
-    ----------
-    swing : Swing; unknowns : Unknowns; motion : Motion
 
     Returns
     -------
@@ -224,14 +211,7 @@ def noise_map(swing: Swing, motion: Motion) -> np.ndarray:
 def linear_system(
     swing: Swing, unknowns: Unknowns, motion: Motion, maps: np.ndarray, *, cleaned: bool = True
 ) -> LinearSystem:
-    """Residual, design and covariance of the attitude about some unknowns.
-
-    Parameters
-    ----------
-    swing : Swing; unknowns : Unknowns; motion : Motion
-    maps : of `noise_map`
-    cleaned : take the estimated voltage noise out of the regressors
-    """
+    """Residual, design and covariance of the attitude; cleaned: without estimated voltage noise in the regressors."""
     residual, columns, count = residual_and_columns(swing, unknowns, motion)
     valid = np.repeat(count > 0, 3)
     residual, design = residual.reshape(-1)[valid], columns.reshape(valid.size, -1)[valid]
@@ -278,17 +258,13 @@ def fit(swing: Swing, first: np.ndarray) -> Fit:
         if size == np.inf or np.abs(step[FACTORS + 1 :]).max() > 1.0:  # rad, rad s-1: no swing any more
             break
         if number > 3 and size < 1e-3:
-            residual = np.full(system.valid.size, np.nan)
-            residual[system.valid] = system.residual
             return Fit(
                 unknowns.moved(step),
                 covariance,
                 chi2=float(white @ white),
                 dof=white.size - design.shape[1],
                 motion=motion,
-                voltage_noise=system.voltage_noise,
-                residual=residual.reshape(-1, 3),
-                count=system.count,
+                system=system,
                 observed=white + design[:, : FACTORS + 1] @ np.append(unknowns.factors, unknowns.delay),
                 design=design,
             )
