@@ -14,14 +14,11 @@ single_threaded()
 import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 
-from benchmarks.inertial_sensor import START, geometry  # noqa: E402
+from benchmarks.inertial_sensor import START  # noqa: E402
+from flows.inertial_sensor import geometry, views  # noqa: E402
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.inertial_sensor import discovery_view as views  # noqa: E402
-from gravcal.calibrations.inertial_sensor import offset, records, scale  # noqa: E402
-from gravcal.discovery import attribution  # noqa: E402
-from gravcal.discovery import inertial_sensor as discovery  # noqa: E402
-from gravcal.discovery.blocks import Block  # noqa: E402
-from gravcal.discovery.inertial_sensor_parts import SWING  # noqa: E402
+from gravcal.calibrations.inertial_sensor import observations, offset, records, scale  # noqa: E402
+from gravcal.discovery import attribution, driver  # noqa: E402
 from gravcal.discovery.problem import baseline_of, prepare  # noqa: E402
 from gravcal.effects import catalogue  # noqa: E402
 from gravcal.simulation import inertial_sensor as simulation  # noqa: E402
@@ -45,26 +42,27 @@ def products(seed, effects=None):
     readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
     aligned = records.align(found, *readers, **settings.for_stage("align"))
     scaled = scale.scale(aligned, geometry=geometry(), **settings.for_stage("scale"))
-    return truth, (aligned, scaled, offset.offset(aligned, scaled, **settings.for_stage("offset")))
+    moved = offset.offset(aligned, scaled, **settings.for_stage("offset"))
+    return truth, {"align": aligned, "scale": scaled, "offset": moved}
 
 
 def settings():
-    """Settings of the view, and of the search."""
-    from flows.inertial_sensor import scene_settings
-
+    """Settings of the observations, and of the search."""
     chosen = catalog.parameters("inertial_sensor")
     limits = chosen.for_stage("discovery")
-    return scene_settings(chosen), {"segment_s": limits.pop("heldout_s")} | limits
+    row = (limits[n] for n in ("discovery_level", "tie_chi2", "round_limit", "heldout_s", "discovery_seed"))
+    return views(None, chosen), driver.Limits(*row)
 
 
 def ratio(clean, changed):
     """Signal-to-noise ratio of the difference of two swings with the same noise, all baseline parameters free."""
-    one, other = (views.view(*parts, **settings()[0]) for parts in (clean, changed))
-    if one.lower.shape != other.lower.shape:
+    one, other = (observations.observe(parts, **settings()[0]).swing for parts in (clean, changed))
+    if one.system.lower.shape != other.system.lower.shape:
         return np.nan
-    other = replace(other, lower=one.lower, record=replace(other.record, noise=one.record.noise))
-    pairs = zip(views.blocks(one), views.blocks(other), strict=True)
-    problem = prepare([Block(**(a | {"observed": b["observed"] - a["observed"]})) for a, b in pairs], [])
+    system = replace(other.system, lower=one.system.lower)
+    other = replace(other, system=system, record=replace(other.record, noise=one.record.noise))
+    pairs = zip(one.blocks(), other.blocks(), strict=True)
+    problem = prepare([replace(a, observed=b.observed - a.observed) for a, b in pairs], [])
     return float(np.sqrt(attribution.projected(problem.total, baseline_of(problem, ()))[0, 0]))
 
 
@@ -110,9 +108,10 @@ def case(seed, kind):
     effects = hidden(seed) if kind == "one" else {}
     truth, parts = products(seed, effects)
     scene, limits = settings()
-    found = discovery.discover(*parts, parts=discovery.SWING, scene=scene, rolling={}, **limits)
+    observed = observations.observe(parts, **scene)
+    found = driver.discover(observed, limits)
     numbers = json.loads(found.attrs["numbers"])
-    true = SWING[0] * np.concatenate([truth.beta[:2], [truth.delay], truth.offset])
+    true = observed.scale * np.concatenate([truth.beta[:2], [truth.delay], truth.offset])
     change = numbers["calibration_change"]
     error = (np.array(change["after"]) - true) / np.array(change["sigma_after"])
     found = [{k: f[k] for k in ("cause", "form", "tied_with", "parameters")} for f in numbers["findings"]]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
+from flows.inertial_sensor import assumed, geometry
 from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import bias, bins, offset, records, scale
 from gravcal.calibrations.inertial_sensor import swing as fits
@@ -24,13 +25,6 @@ START = 706190400.0
 SWING = ("beta_x", "beta_y", "delay", "offset_x", "offset_y", "offset_z")
 OFFSET_SIGMA = np.array([19e-6, 15e-6, 19e-6])  # m, of the offset that a swing hands to the roll
 CALM = 0.05  # share of the noise in the motion from which the bound is computed; its square is what remains
-
-
-def geometry():
-    """Geometry of the catalogue without error: divisors are exact in the study."""
-    from flows.inertial_sensor import _geometry
-
-    return _geometry()
 
 
 def swing(seed, chosen, settings):
@@ -172,7 +166,6 @@ def study_long(folder):
 
 def process(folder):
     """Detect, segment and bias of all files of a folder, without the store."""
-    from flows.inertial_sensor import _assumed
     from gravcal.io import inertial_files
 
     settings = catalog.parameters("inertial_sensor")
@@ -181,7 +174,7 @@ def process(folder):
     found = records.detect(*(inertial_files.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
     files = [one for d in days.values() for one in d.values()]
     reduced = records.segment(found, inertial_files.loaders(files), **settings.for_stage("segment"))
-    solved = bias.bias(reduced, assumed=_assumed(settings), **settings.for_stage("bias"))
+    solved = bias.bias(reduced, assumed=assumed(settings), **settings.for_stage("bias"))
     wall, processor = time.perf_counter() - started, time.process_time() - spent
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"1.6e6 s at 10 Hz, {int(solved.used.sum())} of {solved.used.size} segments used:")

@@ -62,11 +62,10 @@ LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_
 
 def _not_converted():
     """Flows of those that are not yet on the common records."""
-    from flows import discover_gradient, discover_ranging, discover_swing
+    from flows import discover_gradient, discover_ranging
 
     return {
         "kbr_phase_centre": discover_ranging.kbr_phase_centre,
-        "inertial_sensor": discover_swing.inertial_sensor,
         "gradient_torque": discover_gradient.gradient_torque,
     }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from datetime import timedelta
 
 from flows import models
@@ -10,160 +9,113 @@ from flows.calibration import EPOCH, Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import discovery_swing, inertial_sensor
+from tasks import discovery, inertial_sensor
 from tasks.stage import lazy, read
 
 simulator = lazy("gravcal.simulation.inertial_sensor")
 inertial_files = lazy("gravcal.io.inertial_files")
 
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
-KNOWN = ("scale", "offset")  # products of a swing that a roll is solved with
+OBSERVATIONS = "gravcal.calibrations.inertial_sensor.observations"
+#: Stages that widen the errors of a product by those of a model.
+WIDENED = {
+    "scale": inertial_sensor.scale_model_error,
+    "offset": inertial_sensor.offset_model_error,
+    "bias": inertial_sensor.bias_model_error,
+}
 
 
 @flow(name="inertial_sensor")
 def calibrate(source, chosen):
     """Scale factors and offset from a swing, bias from a roll."""
-    days = _days(source)
-    found = _detected(days, source, chosen)
-    seen = read(found)
-    parts, looked_at = {"detect": found}, []
-    if seen["swing_start"].size:
-        files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
-        looked_at += files
-        parts |= _swing(found, files, source, chosen)
-        if chosen.model:
-            parts |= _with_model(parts, chosen)
-    if seen["roll_start"].size:
-        rolled = _rolled(found, days, source, chosen, parts)
-        parts["bias"] = _roll_with_model(rolled, parts, chosen) if chosen.model else rolled["bias"]
-        looked_at += [one for one in _files(days, *_roll_span(seen), 0.0) if one not in looked_at]
-    if looked_at:
-        height = catalog.satellite("T").settings()["orbit_height"]
-        known = {"orbit_height": height, "inertia": _geometry()["inertia"]} | chosen.for_stage("checks")
-        parts["checks"] = inertial_sensor.checks(found, *looked_at, event=source.event, variant="", **known)
-    return inertial_sensor.report(*parts.values(), names=list(parts), **_report_settings(source, chosen))
-
-
-def _swing(found, files, source, chosen):
-    """Products of a swing by name."""
-    aligned = inertial_sensor.align(found, *files, event=source.event, **chosen.for_stage("align"))
-    return _solved(aligned, chosen)
-
-
-def _solved(aligned, chosen):
-    """Products of the record of a swing by name."""
-    scaled = inertial_sensor.scale(aligned, geometry=_geometry(), **chosen.for_stage("scale"))
-    moved = inertial_sensor.offset(aligned, scaled, **chosen.for_stage("offset"))
-    return {"align": aligned, "scale": scaled, "offset": moved}
-
-
-def _with_model(parts, chosen):
-    """Products of a swing without the effects of the model that was given, its errors in theirs."""
-    extended = functools.partial(_extended, parts, chosen)
-    aligned, moved = models.taken_out(chosen.model, extended, functools.partial(_solved, chosen=chosen))
-    found = _solved(aligned, chosen)
-    if moved:
-        found["scale"] = inertial_sensor.scale_model_error(found["scale"], *(one["scale"] for one in moved))
-        found["offset"] = inertial_sensor.offset_model_error(found["offset"], *(one["offset"] for one in moved))
-    return found
-
-
-def _rolled(found, days, source, chosen, swing):
-    """Products of a roll by name; `swing` holds those of a swing, if there is one."""
-    seen = read(found)
-    segmented = inertial_sensor.segment(
-        found, *_files(days, *_roll_span(seen), 0.0), event=source.event, **chosen.for_stage("segment")
-    )
-    return _turned(segmented, chosen, swing)
-
-
-def _roll_span(seen):
-    """Begin of the first and end of the last roll."""
-    return float(seen["roll_start"][0]), float(seen["roll_stop"][-1])
-
-
-def _turned(segmented, chosen, swing):
-    """Products of the bins of a roll by name."""
-    known = [swing[name] for name in KNOWN if name in swing]
-    settings = {"assumed": _assumed(chosen)} | chosen.for_stage("bias")
-    return {"segment": segmented, "bias": inertial_sensor.bias(segmented, *known, **settings)}
-
-
-def _roll_with_model(rolled, swing, chosen):
-    """Bias of a roll without the effects of the model that was given, its errors in that of the bias."""
-    extended = functools.partial(_extended_roll, swing | rolled, chosen)
-    again = functools.partial(_turned, chosen=chosen, swing=swing)
-    segmented, moved = models.taken_out(chosen.model, extended, again)
-    found = again(segmented)["bias"]
-    return inertial_sensor.bias_model_error(found, *(one["bias"] for one in moved)) if moved else found
-
-
-def _extended_roll(parts, chosen, model, variant):
-    """Bins of a roll without the effects of a model."""
-    given = [parts[name] for name in ("segment", "bias", *KNOWN) if name in parts]
-    return discovery_swing.extend_roll(*given, model=model, rolling=roll_settings(chosen), variant=variant)
-
-
-def _extended(parts, chosen, model, variant):
-    """Record of a swing without the effects of a model."""
-    swing = [parts[name] for name in ("align", "scale", "offset")]
-    return discovery_swing.extend(*swing, model=model, scene=scene_settings(chosen), variant=variant)
+    products, files = _solved(source, chosen, widened=True)
+    if files:
+        satellite = catalog.satellite("T").settings()
+        known = {"orbit_height": satellite["orbit_height"], "inertia": satellite["test_mass_inertia"]}
+        settings = {"event": source.event, "variant": ""} | known | chosen.for_stage("checks")
+        products["checks"] = inertial_sensor.checks(products["detect"], *dict.fromkeys(files), **settings)
+    products.pop("segment", None)
+    return inertial_sensor.report(*products.values(), names=list(products), **_report_settings(source, chosen))
 
 
 def baseline(source, chosen):
     """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither."""
-    days = _days(source)
-    found = _detected(days, source, chosen)
-    seen, parts = read(found), {}
-    if seen["swing_start"].size:
-        files = _files(days, float(seen["swing_start"][0]), float(seen["swing_stop"][0]), chosen.margin_s)
-        parts |= _swing(found, files, source, chosen)
-        if chosen.model:
-            parts |= _solved(_extended(parts, chosen, chosen.model, "extended"), chosen)
-    if seen["roll_start"].size:
-        parts |= _rolled(found, days, source, chosen, parts)
-        if chosen.model:
-            parts |= _turned(_extended_roll(parts, chosen, chosen.model, "extended"), chosen, parts)
-    return parts or {"detect": found}
+    products, files = _solved(source, chosen, widened=False)
+    return {name: one for name, one in products.items() if name != "detect" or not files}
 
 
-def scene_settings(chosen):
-    """What the view of a swing needs beside the products."""
-    known = chosen.for_stage("scale") | chosen.for_stage("offset")
-    names = ("bin_s", "quiet_margin_s", "drift_degree", "noise_order")
-    return {name: known[name] for name in names} | {"inertia": _geometry()["inertia"]}
+def _solved(source, chosen, *, widened):
+    """Products by name, those of a model if it is given, and the files that they were made of."""
+    days, event = inertial_files.days(source.folder, source.date), source.event
+    products, files = {"detect": _detected(days, source, chosen)}, []
+    found = read(products["detect"])
+    if found["swing_start"].size:
+        files += _files(days, found["swing_start"][0], found["swing_stop"][0], chosen.margin_s)
+        aligned = inertial_sensor.align(products["detect"], *files, event=event, **chosen.for_stage("align"))
+        products |= _without_model(chosen, _swing, aligned, {}, widened)
+    if found["roll_start"].size:
+        own = _files(days, found["roll_start"][0], found["roll_stop"][-1], 0.0)
+        segmented = inertial_sensor.segment(products["detect"], *own, event=event, **chosen.for_stage("segment"))
+        known = {name: products[name] for name in ("scale", "offset") if name in products}
+        products |= _without_model(chosen, _roll, segmented, known, widened)
+        files += own
+    return products, files
 
 
-def views(source, chosen):  # noqa: ARG001 - as for the other calibrations
+def _swing(chosen, aligned, _known):
+    """Products of the record of a swing by name."""
+    scaled = inertial_sensor.scale(aligned, geometry=geometry(), **chosen.for_stage("scale"))
+    moved = inertial_sensor.offset(aligned, scaled, **chosen.for_stage("offset"))
+    return {"align": aligned, "scale": scaled, "offset": moved}
+
+
+def _roll(chosen, segmented, known):
+    """Products of the bins of a roll by name; known are scale and offset of a swing, if there is one."""
+    settings = {"assumed": assumed(chosen)} | chosen.for_stage("bias")
+    return {"segment": segmented, "bias": inertial_sensor.bias(segmented, *known.values(), **settings)}
+
+
+def _without_model(chosen, solve, records, known, widened):
+    """Products of records; with a model without its effects, and widened by its errors."""
+    products = solve(chosen, records, known)
+    if not chosen.model:
+        return products
+    about = {"records": records.kind, "observations": OBSERVATIONS, "settings": views(None, chosen)}
+
+    def extended(model, variant):
+        parts = products | known
+        return discovery.extend(*parts.values(), names=list(parts), model=model, variant=variant, **about)
+
+    if not widened:
+        return solve(chosen, extended(chosen.model, "extended"), known)
+    without, moved = models.taken_out(chosen.model, extended, lambda one: solve(chosen, one, known))
+    products = solve(chosen, without, known)
+    wider = {name: stage for name, stage in WIDENED.items() if name in products and moved}
+    return products | {name: stage(products[name], *(one[name] for one in moved)) for name, stage in wider.items()}
+
+
+def views(_source, chosen):
     """What the views of a swing and of a roll need beside the products."""
-    return {"scene": scene_settings(chosen), "rolling": roll_settings(chosen)}
-
-
-def roll_settings(chosen):
-    """What the view of a roll needs beside the products."""
-    known = chosen.for_stage("bias")
-    names = ("segment_s", "trend_degree", "amplitude_degree", "amplitude_harmonics")
-    return {name: known[name] for name in names} | {"assumed": _assumed(chosen)}
-
-
-def _days(source):
-    """Files of every day of the source."""
-    return inertial_files.days(source.folder, source.date)
+    known = chosen.for_stage("scale") | chosen.for_stage("offset") | {"inertia": geometry()["inertia"]}
+    scene = {name: known[name] for name in ("bin_s", "quiet_margin_s", "drift_degree", "noise_order", "inertia")}
+    known = chosen.for_stage("bias") | {"assumed": assumed(chosen)}
+    names = ("segment_s", "trend_degree", "amplitude_degree", "amplitude_harmonics", "assumed")
+    return {"scene": scene, "rolling": {name: known[name] for name in names}}
 
 
 def _files(days, start, stop, margin):
     """Files of the days that a span touches."""
-    first, last = ((EPOCH + timedelta(seconds=t)).date().isoformat() for t in (start - margin, stop + margin))
+    first, last = ((EPOCH + timedelta(seconds=float(t))).date().isoformat() for t in (start - margin, stop + margin))
     return [one for date, files in days.items() if first <= date <= last for one in files.values()]
 
 
-def _geometry():
+def geometry():
     """Mass, inertia and arms of the test mass with their errors."""
     satellite = catalog.satellite("T").settings()
     return {name + end: satellite[key + end] for name, key in GEOMETRY.items() for end in ("", "_sigma")}
 
 
-def _assumed(chosen):
+def assumed(chosen):
     """Scale factors and offset for a roll without a swing."""
     return {name.removeprefix("assumed_"): value for name, value in chosen.for_stage("assumed").items()}
 
@@ -182,7 +134,7 @@ def _report_settings(source, chosen):
 @flow(name="inertial_sensor_detect")
 def detect(source, chosen):
     """Swings and rolls of the files."""
-    return _detected(_days(source), source, chosen)
+    return _detected(inertial_files.days(source.folder, source.date), source, chosen)
 
 
 def _detected(days, source, chosen):
@@ -193,7 +145,7 @@ def _detected(days, source, chosen):
 
 def level_one_files(source):
     """Files of all days of a source."""
-    return [one for files in _days(source).values() for one in files.values()]
+    return [one for files in inertial_files.days(source.folder, source.date).values() for one in files.values()]
 
 
 def manoeuvres(found):
@@ -262,5 +214,5 @@ CALIBRATION = Calibration(
     result=values,
     printed={"com_offset": printed_offset, "scale_factors": printed_factor, "bias": printed_bias},
     design="inertial_sensor_swing",
-    discovery=Discovery(baseline, views),
+    discovery=Discovery(baseline, views, observations=OBSERVATIONS, records="inertial_sensor.align"),
 )

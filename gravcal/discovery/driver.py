@@ -235,7 +235,7 @@ def _information(problem, gram, bias):
 def _product(observed, limits, result, numbers):
     """Product of a search, with the reading that the extension helps most."""
     whole = _joined(result) if observed.interleaved else result
-    place = readings.clearest(whole, observed.channels, limits.level)
+    place = readings.clearest(whole, observed.readable or observed.channels, limits.level)
     return products.dataset(whole, numbers, observed.channels, readings.variables(whole, place, observed.reading))
 
 

@@ -263,6 +263,7 @@ class Observations(Protocol):
     named_form : True if a model takes causes out in the form that was named, else with all their parameters
     whole_manoeuvres : True if a block is a manoeuvre, else what is left out is called "blocks"
     interleaved : True if blocks whose labels begin with the same word are stretches of one record
+    readable : channels whose reading the page can show, all if empty
     """
 
     name: str
@@ -283,6 +284,7 @@ class Observations(Protocol):
     named_form: bool = False
     whole_manoeuvres: bool = False
     interleaved: bool = False
+    readable: tuple[str, ...] = ()
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""

@@ -88,7 +88,7 @@ def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: n
 
 
 def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s: float) -> list[np.ndarray]:
-    """Bin means before and after the swing of values (n, m) on the time of the record, NaN where samples are missing."""
+    """Bin means before and after the swing of values (n, m) on the time of a record, NaN where samples are missing."""
     time = aligned.time.values
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
     spans = ((time[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, time[-1]))
@@ -193,7 +193,7 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
 
 
 def scale_model_error(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Scale factors with the errors of a model that was taken out of the record before; one moved scale a direction."""
+    """Scale factors with the errors of a model that was taken out of the record; one moved scale a direction."""
     sigmas = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}
     covariance = widened(scaled, moved, {"batch_value": ("covariance",)})
     return replaced(scaled, covariance | widened_sigmas(scaled, moved, sigmas))

@@ -1,0 +1,316 @@
+"""A roll as discovery sees it: whitened linear readings of each segment, and the wander of the bias between them.
+
+Bias and offset are shared by all segments. A segment has the amplitudes of its own that the calibration gives it, and a
+constant that wanders about the bias; a row for each axis says by how much. The noise is that of a fit which is wider
+than the baseline, with every form that is tried, and what such a fit takes is put back.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.inertial_sensor import bias as segments
+from gravcal.calibrations.inertial_sensor.observed_swing import (
+    EFFECTS,
+    TONE,
+    listed,
+    step,
+    unknown,
+    unknown_added,
+    waves_of,
+)
+from gravcal.effects import effect
+from gravcal.effects import inertial_sensor as electrodes
+from gravcal.effects.base import Context
+from gravcal.estimation import noise
+from gravcal.estimation.noise import fit_detrended, without_lines
+from gravcal.estimation.records import Block, Candidate, Entry
+
+CHANNEL, CONSTANT = "roll", "constant"
+MOST = 48  # segments, evenly taken: columns of more take memory and add little
+ALIKE = 0.9  # correlation of the bias of neighbouring segments, at most
+UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
+STEP_EVERY_S = 20.0
+EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
+
+
+@dataclass(frozen=True)
+class RollView:
+    """Segments of a roll and their fits.
+
+    Attributes
+    ----------
+    products : "segment", "bias" and, of a swing, "scale" and "offset"; settings : as of `view_of`
+    time : (s, b) s
+    reading, fitted : (s, b, 3) m s-2, k V as measured and as the baseline describes it
+    steady : (s, b, 3) m s-2, k V without wander: what the sensor feels by rolling, about the mean bias
+    tensor : (s, b, 3, 3) s-2, of the offset
+    turn : (s, b) complex, cosine and sine of the roll angle
+    rate_b : (s, b, 3) rad s-1; gradient_b : (s, b, 3, 3) s-2
+    designs : of each segment a design (b, p) for each axis, the constant first
+    start : (6,) m s-2 and m: bias and offset that residuals are formed with
+    k : (3,) m s-2 V-1
+    """
+
+    products: Mapping[str, xr.Dataset]
+    settings: Mapping
+    time: np.ndarray
+    reading: np.ndarray
+    fitted: np.ndarray
+    steady: np.ndarray
+    tensor: np.ndarray
+    turn: np.ndarray
+    rate_b: np.ndarray
+    gradient_b: np.ndarray
+    designs: list[list[np.ndarray]]
+    start: np.ndarray
+    k: np.ndarray
+
+    channels = (CHANNEL,)
+    parameters = ("bias_x", "bias_y", "bias_z", "offset_x", "offset_y", "offset_z")
+
+    @property
+    def step_s(self) -> float:
+        """Length of a bin."""
+        return float(self.time[0, 1] - self.time[0, 0])
+
+    @functools.cached_property
+    def wander(self) -> np.ndarray:
+        """Standard deviation (3,) m s-2 of the constants about a straight line, as large as it may be.
+
+        The bias remembers hours, so that a dozen segments show less of its wander than there is, and more of a slope.
+        """
+        biased = self.products["bias"]
+        used = biased["used"].values.astype(bool)
+        values, time = biased["segment_bias"].values[used], biased["time_segment"].values[used]
+        line = np.stack([np.ones_like(time), time - time.mean()], axis=1)
+        rest = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
+        variance = np.sum(rest**2, axis=0) / max(time.size - 2, 1) * (1 + ALIKE) / (1 - ALIKE)
+        return np.sqrt(np.maximum(variance, np.mean(biased["segment_sigma"].values[used] ** 2, axis=0)))
+
+    @functools.cached_property
+    def noise(self) -> list[noise.NoiseModel]:
+        """Noise of each axis from the residuals of a fit with every form that is tried; sharp lines are no noise."""
+        squares = (self.steady / np.abs(self.steady).max(axis=(0, 1))) ** 2
+        forms = np.stack([values for _, _, values in self.series()] + list(np.moveaxis(squares, 2, 0)), axis=2)
+        bases = []
+        for own, form in zip(self.designs, forms, strict=True):
+            wide = [np.concatenate([design, form], axis=1) for design in own]
+            parts = [np.linalg.svd(d / np.linalg.norm(d, axis=0), full_matrices=False) for d in wide]
+            bases.append([u[:, s > 1e-6 * s[0]] for u, s, _ in parts])
+
+        def clean(segment, index):
+            return np.stack([segment[:, a] - q @ (q.T @ segment[:, a]) for a, q in enumerate(bases[index])], axis=1)
+
+        pieces = [clean(one, s) for s, one in enumerate(self.reading - self.fitted)]
+        pieces, _ = without_lines(pieces, self.step_s)
+        return fit_detrended(pieces, clean, segments.MEMORY, self.step_s)
+
+    def rows(self, added: np.ndarray) -> list[np.ndarray]:
+        """Whitened rows (3 b + 3, q) of segments, of what is added to the linear readings (s, b, 3, q) m s-2.
+
+        The last three, which hold the constants, are zero.
+        """
+        whole, nothing = np.ones(added.shape[1], dtype=bool), np.zeros((3, added.shape[3]))
+        axes = [
+            [noise.whiten(self.noise[a], np.ascontiguousarray(one[:, a]), whole) for a in range(3)] for one in added
+        ]
+        return [np.concatenate([*one, nothing]) for one in axes]
+
+    def blocks(self, *, alone: bool) -> list[Block]:
+        """Each segment; global are bias and offset.
+
+        Parameters
+        ----------
+        alone : there is no swing in the search that knows the offset: one block more, of what is known of an assumed
+            one, which may be that of another year: little
+        """
+        count, size = self.time.shape
+        left = self.reading - np.matvec(self.tensor, self.start[3:]) + self.start[:3]
+        shared = np.concatenate([np.broadcast_to(-np.eye(3), (count, size, 3, 3)), self.tensor], axis=3)
+        whitened = self.rows(np.concatenate([left[..., None], shared], axis=3))
+        channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)
+        axis = np.append(np.repeat([0, 1, 2], size), [0, 1, 2])
+        found = []
+        for s, rows in enumerate(whitened):
+            time = self.time[s]
+            epochs = np.append(np.tile(time, 3), np.full(3, time[0]))
+            steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S))
+            local = self._local_columns(s)
+            found.append(Block(f"roll {s + 1}", rows[:, 0], rows[:, 1:], local, channel, axis, epochs, steps))
+        if alone:
+            known = np.hstack([np.zeros((3, 3)), np.eye(3) / UNKNOWN_M])
+            words, epochs = np.full(3, "offset"), np.full(3, self.time[0, 0])
+            found.append(Block("offset", np.zeros(3), known, np.zeros((3, 0)), words, np.arange(3), epochs))
+        return found
+
+    def _local_columns(self, index):
+        """Whitened columns of a segment alone, and the rows that hold its constants."""
+        width = sum(design.shape[1] for design in self.designs[index])
+        columns, held, place = np.zeros((self.time.shape[1], 3, width)), np.zeros((3, width)), 0
+        for axis, design in enumerate(self.designs[index]):
+            columns[:, axis, place : place + design.shape[1]] = design
+            held[axis, place] = 1 / self.wander[axis]
+            place += design.shape[1]
+        (rows,) = self.rows(columns[None])
+        rows[-3:] = held
+        return rows
+
+    def steps(self, index: int, epochs: np.ndarray) -> dict[float, np.ndarray]:
+        """Whitened rows (3 b + 3, 3) of a step of the linear readings of a segment at each of some epochs s."""
+        time = self.time[index]
+        shapes = np.clip((time[:, None] + self.step_s / 2 - epochs) / self.step_s, 0, 1)
+        (rows,) = self.rows(np.einsum("bk,ac->bakc", shapes, np.eye(3)).reshape(1, time.size, 3, -1))
+        return {float(epoch): rows[:, 3 * k : 3 * k + 3] for k, epoch in enumerate(epochs)}
+
+    def segment_of(self, epoch: float) -> int | None:
+        """Number of the segment that an epoch lies in."""
+        inside = np.flatnonzero((self.time[:, 0] <= epoch) & (epoch <= self.time[:, -1]))
+        return int(inside[0]) if inside.size else None
+
+    def steps_near(self, index: int, epochs: np.ndarray) -> list[Candidate]:
+        """Candidates of steps in a segment."""
+        count = self.time.shape[0]
+        each = self.steps(index, epochs).items()
+        return [step(at, [rows if s == index else None for s in range(count)]) for at, rows in each]
+
+    def candidates(self) -> list[Candidate]:
+        """Effects on the linear readings, then what these may follow."""
+        about, found = self.context(), []
+        for entry in (one for one in EFFECTS if one.channel == "linear_b"):
+            found += listed(entry, self.rows(entry.columns(about).reshape(*self.time.shape, 3, -1))).each_alone()
+        for driver, form, values in self.series():
+            columns = self.rows(values[:, :, None, None] * np.eye(3))
+            found.append(unknown(driver, f"{CHANNEL} reading, {form}", "linear", "m s-2", columns))
+        return found
+
+    def wave(self, axis: int, frequency: float) -> list[np.ndarray]:
+        """Whitened cosine and sine (3 b + 3, 2) of every segment, on one axis of the linear readings."""
+        both = waves_of(self.time.ravel() - self.time[0, 0], self.step_s, frequency).reshape(*self.time.shape, 2)
+        return self.rows(both[:, :, None, :] * np.eye(3)[axis][:, None])
+
+    def context(self) -> Context:
+        """What effects of the sensor look at, all segments one after the other, from the readings as fitted.
+
+        A regressor that holds the wander of the bias would explain it. Drifts count from the middle, so that the bias
+        stays that of the middle whether they are taken out or not.
+        """
+        steady, rate = self.steady.reshape(-1, 3), self.rate_b.reshape(-1, 3)
+        force = steady + self.start[:3]  # f = b + k V
+        return Context(
+            self.time.ravel(),
+            rate_b=rate,
+            rate_dot_b=np.zeros_like(rate),
+            gradient_b=self.gradient_b.reshape(-1, 3, 3),
+            linear_b=force,
+            angular_b=np.zeros_like(rate),
+            epoch=float(self.time.mean()),
+            extra={"linear_volt": steady / self.k, "displacement_b": -force / electrodes.LOOP**2},
+        )
+
+    def series(self) -> list[tuple[str, str, np.ndarray]]:
+        """Driver, form and values (s, b) 1 of what the readings may follow, each of a size near one."""
+        found = []
+        for n, name in ((1, "the roll angle"), (2, "twice the roll angle"), (3, "three times the roll angle")):
+            wave = self.turn**n
+            found += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
+        rate = self.rate_b[:, :, 1] - self.rate_b[:, :, 1].mean()
+        rate = rate / max(np.abs(rate).max(), 1e-30)
+        return [*found, ("rate", "component y", rate), ("rate", "square of y", rate**2)]
+
+    def reading_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q), axis by axis, in its unit."""
+        count, size = self.time.shape
+        each, whole = rows.reshape(3, count, size, -1), np.ones(size, dtype=bool)
+        columns = [[noise.unwhiten(self.noise[a], one, whole) for one in each[a]] for a in range(3)]
+        columns = np.moveaxis(np.array(columns).reshape(3, self.time.size, -1), (2, 1, 0), (0, 1, 2))
+        model = np.matvec(self.tensor, self.start[3:]) - self.start[:3]
+        return self.time.ravel(), model.reshape(-1, 3), columns
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Bins of the roll without the effects of a model on the linear readings; drifts count from its middle."""
+        segmented = self.products["segment"]
+        extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model))
+        parts = spans(segmented, self.settings["segment_s"])
+        names = ("linear_volt", "R_bo", "rate_b", "gradient_b")
+        whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
+        view = _view(self.products, self.settings, whole)
+        about, added = view.context(), np.zeros((view.time.size, 3))
+        rows = [(driver, form, values.ravel()) for driver, form, values in view.series()]
+        for entry in model:
+            if not entry.listed:
+                added += unknown_added(entry, "linear", CHANNEL, rows)
+                continue
+            known = effect(entry.cause)
+            before = entry.values.get("time", np.inf) < about.time[0]  # a step that the bias of the roll contains
+            if known.channel == "linear_b" and known.slug != TONE and not before:
+                added += known.contribution(about, known.values(entry.values))
+        for k, volts in zip(whole, added.reshape(*view.time.shape, 3) / view.k, strict=True):
+            extended["linear_volt"].values[parts[k]] -= volts
+        return extended
+
+
+def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView | None:
+    """View of a roll; None where fewer than three segments can be used.
+
+    Parameters
+    ----------
+    products : "segment", "bias" and, of a swing, "scale" and "offset"
+    settings : segment_s s; trend_degree, amplitude_degree, amplitude_harmonics; assumed, as of `bias.bias`
+    """
+    biased = products["bias"]
+    used = np.flatnonzero(biased["used"].values)
+    if used.size < segments.ENOUGH or not np.isfinite(biased["bias"].values).all():
+        return None
+    used = used[np.unique(np.linspace(0, used.size - 1, min(MOST, used.size)).round().astype(int))]
+    return _view(products, settings, used)
+
+
+def spans(segmented: xr.Dataset, segment_s: float) -> list[slice]:
+    """Bins of each segment."""
+    time = segmented["time"].values
+    return segments.cut(time, segments.bin_length(time, segment_s), segment_s)
+
+
+def _view(products, settings, used):
+    """View of some segments."""
+    segmented = products["segment"]
+    sensor = segments.sensor_of(tuple(products[n] for n in ("scale", "offset") if n in products), settings["assumed"])
+    parts = spans(segmented, settings["segment_s"])
+    step = segments.bin_length(segmented["time"].values, settings["segment_s"])
+    names = ("trend_degree", "amplitude_degree", "amplitude_harmonics")
+    model = segments.Model(*(settings[name] for name in names))
+    bins = {n: np.stack([segmented[n].values[parts[k]] for k in used]) for n in segmented.variables}
+    pairs = list(zip(bins["rate_b"], bins["gradient_b"], strict=True))
+    tensor = np.stack([segments.offset_terms(rate, gradient, step) for rate, gradient in pairs])
+    reading, term = sensor.k * bins["linear_volt"], np.matvec(tensor, sensor.offset)
+    fitted, turning, designs = term.copy(), term.copy(), []
+    for s, R_bo in enumerate(bins["R_bo"]):
+        phase = segments.orbital_phase(bins["gradient_b"][s], step)
+        designs.append([segments.design(axis, R_bo, model, phase) for axis in range(3)])
+        for axis, design in enumerate(designs[-1]):
+            size = np.linalg.lstsq(design, (reading - term)[s, :, axis], rcond=None)[0]
+            trend = model.trend_degree + 1
+            fitted[s, :, axis] += design @ size
+            turning[s, :, axis] += design[:, trend:] @ size[trend:]
+    start = np.concatenate([products["bias"]["bias"].values, sensor.offset])
+    return RollView(
+        products,
+        settings,
+        bins["time"],
+        reading,
+        fitted,
+        steady=turning - start[:3],
+        tensor=tensor,
+        turn=bins["R_bo"][:, :, 0, 0] + 1j * bins["R_bo"][:, :, 0, 2],
+        rate_b=bins["rate_b"],
+        gradient_b=bins["gradient_b"],
+        designs=designs,
+        start=start,
+        k=sensor.k,
+    )

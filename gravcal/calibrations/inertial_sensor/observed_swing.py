@@ -1,0 +1,341 @@
+"""A swing as discovery sees it: whitened attitude and linear voltages, in alternate stretches.
+
+All parameters of the fit are shared by all blocks: factors, delay and offset, which the calibration reports, then start
+values of the attitude and drifts of the linear readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from scipy.linalg import solve_triangular
+
+from gravcal.calibrations.inertial_sensor import bins, offset, scale
+from gravcal.calibrations.inertial_sensor import swing as fits
+from gravcal.effects import Effect, effect
+from gravcal.effects import inertial_sensor as electrodes
+from gravcal.effects.base import Context
+from gravcal.estimation import noise
+from gravcal.estimation.noise import without_lines
+from gravcal.estimation.records import Block, Candidate, Entry, at_epoch
+from gravcal.physics import frames, kinematics, sensing
+
+STEP, TONE, LOOP = "accelerometer.bias_step", "accelerometer.stray_tone", "inertial_sensor.loop_delay"
+#: Effects of other families that a sensor of this kind can have.
+OTHERS = (
+    "accelerometer.misalignment",
+    "accelerometer.angular_leak",
+    "timing.accelerometer_delay",
+    "timing.star_camera_delay",
+)
+EFFECTS = (*electrodes.EFFECTS, *map(effect, OTHERS))
+#: First of the three combinations of voltages that read a channel.
+COMBINATIONS = {"linear": slice(0, 3), "angular": slice(3, 6)}
+STILL = 3.0  # an axis moves if its angular acceleration is above this many times the noise of a bin
+STRETCH_S = 10.0  # of the blocks, between half a period of the swing and the memory of its noise
+STEP_S = 2.0  # between epochs at which a step is looked for
+MARGIN_S = 10.0  # from the ends of the record, where none is
+
+
+@dataclass(frozen=True)
+class SwingView:
+    """A swing with its fits.
+
+    Attributes
+    ----------
+    aligned : Dataset, "inertial_sensor.align"
+    swing : Swing; motion : predicted; unknowns : of the fit; system : attitude rows about the solution
+    record : Record of the linear readings; k : (3,) m s-2 V-1
+    tensor : (b, 3, 3) s-2, of the offset; good : (b,) bins of the linear readings
+    start : (6,) rad s-2 V-1, s, m, the solution
+    quiet : quiet samples an axis that the noise was measured from
+    """
+
+    aligned: xr.Dataset
+    swing: fits.Swing
+    motion: fits.Motion
+    unknowns: fits.Unknowns
+    system: fits.LinearSystem
+    record: offset.Record
+    k: np.ndarray
+    tensor: np.ndarray
+    good: np.ndarray
+    start: np.ndarray
+    quiet: float
+
+    channels = ("attitude", "linear")
+    parameters = ("beta_x", "beta_yz", "delay", "offset_x", "offset_y", "offset_z")
+
+    @property
+    def beta(self) -> np.ndarray:
+        """(3,) rad s-2 V-1 of each axis."""
+        return self.unknowns.factors[fits.OWNER]
+
+    def rows_of(self, channel: str) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Time s and axis of the rows of a channel, and the places of those in even and in odd stretches of time."""
+        if channel == "attitude":
+            middle = self.swing.middle
+            time, axis = (one[self.system.valid] for one in (np.repeat(middle, 3), np.tile([0, 1, 2], middle.size)))
+        else:
+            time, axis = np.tile(self.record.time, 3), np.repeat([0, 1, 2], self.record.time.size)
+        number = np.floor((time - time.min()) / STRETCH_S).astype(int) % 2
+        return time, axis, [np.flatnonzero(number == k) for k in (0, 1)]
+
+    def attitude_rows(self, angle_b: np.ndarray) -> np.ndarray:
+        """Whitened rows (r, q) of a rotation from predicted to measured attitude, (m, 3, q) rad at its tags."""
+        mean, _ = bins.bin_means(self.swing.time_att, angle_b, self.swing.edges)
+        rows = mean.reshape(self.system.valid.size, -1)[self.system.valid]
+        return solve_triangular(self.system.lower, np.nan_to_num(rows), lower=True)
+
+    def turned_rows(self, rate_dot_b: np.ndarray) -> np.ndarray:
+        """Whitened rows (r, q) of the attitude after angular accelerations (n, 3, q) rad s-2 of the prediction."""
+        swing = self.swing
+        rate = kinematics.running_integral(swing.time, rate_dot_b)
+        R_bi = frames.R_bi_from_quaternion(self.motion.quaternion)
+        angle = kinematics.angle_from_rate_change(swing.time, R_bi, rate)
+        epoch = np.clip(swing.time_att - self.unknowns.delay, swing.time[0], swing.time[-1])
+        return self.attitude_rows(fits.interpolated(swing.time, angle, epoch))
+
+    def linear_rows(self, reading: np.ndarray) -> np.ndarray:
+        """Whitened rows (3 b, q), axis by axis, of what is added to the linear readings, (b, 3, q) m s-2."""
+        volts = reading / self.k[:, None]
+        each = zip(self.record.noise, np.moveaxis(volts, 1, 0), strict=True)
+        return np.concatenate([noise.whiten(model, np.ascontiguousarray(v), self.good) for model, v in each])
+
+    def blocks(self) -> list[Block]:
+        """Both channels, even and odd stretches; global columns: parameters, start values, drifts."""
+        record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
+        attitude = np.column_stack([system.residual, system.design])
+        drift = np.einsum("nk,ac->nakc", record.trend, np.eye(3)).reshape(record.time.size, 3, -1)
+        left = self.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, self.start[3:])
+        linear = np.concatenate([left[:, :, None], tensor, drift], axis=2)
+        both = {
+            "attitude": solve_triangular(system.lower, attitude, lower=True),
+            "linear": self.linear_rows(np.where(self.good[:, None, None], linear, 0.0)),
+        }
+        begin = attitude.shape[1] - 4  # start values of the attitude
+        places = {
+            "attitude": [0, 1, 2, *range(6, 6 + begin)],
+            "linear": [3, 4, 5, *range(6 + begin, 6 + begin + drift.shape[2])],
+        }
+        found = []
+        for channel, rows in both.items():
+            time, axis, stretches = self.rows_of(channel)
+            columns = np.zeros((len(rows), 6 + begin + drift.shape[2]))
+            columns[:, places[channel]] = rows[:, 1:]
+            for word, part in zip(("even", "odd"), stretches, strict=True):
+                names, none = np.full(part.size, channel), np.zeros((part.size, 0))
+                words = f"{channel} {word}"
+                found.append(Block(words, rows[part, 0], columns[part], none, names, axis[part], time[part]))
+        return found
+
+    def cut(self, **rows: np.ndarray) -> list[np.ndarray | None]:
+        """Columns of every block from the rows (n, q) of whole channels."""
+        parts = []
+        for channel in self.channels:
+            whole = rows.get(channel)
+            parts += [None if whole is None else whole[part] for part in self.rows_of(channel)[2]]
+        return parts
+
+    def context(self, time: np.ndarray | None = None) -> Context:
+        """What effects of the sensor look at, from the fitted motion, on the bins or on other epochs.
+
+        A regressor made of the readings themselves would hold their noise, and explain it: the linear reading is that
+        of the model, drift and offset. Beside the record it is as at its ends.
+        """
+        record = self.record
+        term = np.matvec(np.nan_to_num(self.tensor), self.start[3:])
+        slow = (self.k * record.linear_volt - term)[self.good]
+        linear = term + record.trend @ np.linalg.lstsq(record.trend[self.good], slow, rcond=None)[0]
+        known = {"rate_b": record.rate_b, "rate_dot_b": record.rate_dot_b, "gradient_b": record.gradient_b}
+        known |= {"linear_b": linear, "angular_b": record.rate_dot_b}
+        extra = {"linear_volt": linear / self.k, "displacement_b": -linear / electrodes.LOOP**2}
+        if time is not None:
+            at = np.clip(time, record.time[0], record.time[-1])
+            known, extra = (
+                {name: fits.interpolated(record.time, np.nan_to_num(values), at) for name, values in one.items()}
+                for one in (known, extra)
+            )
+        return Context(record.time if time is None else time, epoch=record.time[0], extra=extra, **known)
+
+    def candidates(self) -> list[Candidate]:
+        """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
+        coarse, fine = self.context(), self.context(self.swing.time)
+        found = []
+        for entry in EFFECTS:
+            found += listed(entry, self.cut(**self._rows(entry, coarse, fine))).each_alone()
+        time = self.record.time
+        found += self.steps(np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
+        for driver, form, values in self.series(coarse):
+            columns = self.cut(linear=self.linear_rows(values[:, None, None] * np.eye(3)))
+            found.append(unknown(driver, f"linear reading, {form}", "linear", "m s-2", columns))
+        for driver, form, values in self.series(fine):
+            columns = self.cut(attitude=-self.turned_rows(values[:, None, None] * np.eye(3)))
+            found.append(unknown(driver, f"angular reading, {form}", "angular", "rad s-2", columns))
+        return found
+
+    def _rows(self, entry, coarse, fine):
+        """Whitened rows by channel of an effect."""
+        time_att = self.swing.time_att
+        match entry.channel:
+            case "linear_b":
+                return {"linear": self.linear_rows(entry.columns(coarse))}
+            case "angular_b":  # the offset makes a linear reading of it
+                moved = np.cross(np.moveaxis(entry.columns(coarse), 2, 1), self.start[3:])
+                linear = -self.linear_rows(np.moveaxis(moved, 1, 2))
+                return {"attitude": -self.turned_rows(entry.columns(fine)), "linear": linear}
+            case "acc_delay":  # readings of before; linear ones and their model move together
+                late = np.gradient(fine.angular_b, fine.time, axis=0)[:, :, None]
+                return {"attitude": self.turned_rows(late)}
+            case "sca_delay":
+                rate = bins.lines_between(time_att, fine.time, fine.rate_b)
+                return {"attitude": self.attitude_rows(-rate[:, :, None])}
+        return {"attitude": self.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
+
+    def steps(self, epochs: np.ndarray) -> list[Candidate]:
+        """A step of the linear readings at each of some epochs s."""
+        time, found = self.record.time, []
+        for epoch in epochs:
+            after = np.clip((time + (time[1] - time[0]) / 2 - epoch) / (time[1] - time[0]), 0, 1)
+            found.append(step(epoch, self.cut(linear=self.linear_rows(after[:, None, None] * np.eye(3)))))
+        return found
+
+    def wave(self, axis: int, frequency: float) -> list[np.ndarray | None]:
+        """Whitened cosine and sine (n, 2) of every block, on one axis of the linear readings."""
+        time = self.record.time
+        both = waves_of(time - time[0], time[1] - time[0], frequency)
+        return self.cut(linear=self.linear_rows(both[:, None, :] * np.eye(3)[axis][:, None]))
+
+    def series(self, about: Context) -> list[tuple[str, str, np.ndarray]]:
+        """Driver, form and values (n,) 1 on the epochs of a context, each of a size near one."""
+        rate = about.rate_b - about.rate_b.mean(axis=0)
+        step_s = np.diff(about.time, prepend=about.time[0])[:, None]
+        angle = np.cumsum(np.nan_to_num(rate) * step_s, axis=0)
+        rows = []
+        for name, values in (("rate", rate), ("attitude", angle), ("angular_acceleration", about.rate_dot_b)):
+            values = np.nan_to_num(values) / max(np.nanmax(np.abs(values)), 1e-30)
+            rows += [(name, f"component {a}", values[:, i]) for i, a in enumerate("xyz")]
+            pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+            rows += [(name, f"product {'xyz'[i]}{'xyz'[j]}", values[:, i] * values[:, j]) for i, j in pairs]
+            rows += [(name, f"size of {a}", np.abs(values[:, i])) for i, a in enumerate("xyz")]
+            rows += [(name, f"cube of {a}", values[:, i] ** 3) for i, a in enumerate("xyz")]
+        since = np.clip(about.time - self.record.time[0], 0, None)
+        return rows + [("time", f"decay of {t:g} s", np.exp(-since / t)) for t in (10.0, 30.0, 90.0)]
+
+    def reading(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time s, linear reading (b, 3) m s-2 that the offset predicts, rows (3 b, q) in its unit (q, b, 3)."""
+        parts = rows.reshape(3, self.record.time.size, -1)
+        columns = [self.k[a] * noise.unwhiten(self.record.noise[a], parts[a], self.good) for a in range(3)]
+        model = np.matvec(np.nan_to_num(self.tensor), self.start[3:])
+        return self.record.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Record of the swing without the effects of a model, so that the baseline describes what is left.
+
+        Contributions are taken out of the combinations of voltages that read them, tags lose their delay, the attitude
+        is turned back. A line is left where it is: the model does not hold its phase.
+        """
+        extended = self.aligned.copy(deep=True)
+        volts, time = extended["volts"].values, extended["time"].values
+        about, added = self.context(time), np.zeros((time.size, 6))
+        for entry in model:
+            for channel, part in COMBINATIONS.items():
+                added[:, part] += self._added(entry, channel, about)
+        volts -= electrodes.volts(added / np.concatenate([self.k, self.beta]))
+        for entry in (one for one in model if one.listed):  # last: what is added was read at the tags as they are
+            known = effect(entry.cause)
+            values = known.values(entry.values)
+            if known.channel == "acc_delay":
+                volts[:] = bins.lines_between(time + values[0], time, volts)
+            elif known.slug == LOOP:
+                readouts = electrodes.readouts(volts)
+                readouts[:, 3:] = bins.lines_between(time + values[0], time, readouts[:, 3:])
+                volts[:] = electrodes.volts(readouts)
+            elif known.channel == "sca_delay":
+                extended.coords["time_att"] = extended["time_att"] - values[0]
+            elif known.channel == "pointing_b":
+                attitude = extended["quaternion"].values
+                back = frames.from_rotation_vector(np.tile(-values, (len(attitude), 1)))
+                attitude[:] = frames.quaternion_product(attitude, back)
+        return extended.assign_attrs(model=" ".join(one.cause for one in model))
+
+    def _added(self, entry, channel, about):
+        """What an entry adds to linear or angular readings, (n, 3) m s-2 or rad s-2."""
+        if entry.listed:
+            known = effect(entry.cause)
+            if known.channel != f"{channel}_b" or known.slug in (TONE, LOOP):
+                return 0.0
+            return known.contribution(about, known.values(entry.values))
+        own = self.context(self.swing.time if channel == "angular" else None)  # where its candidates are made
+        rows = ((d, f, np.interp(about.time, own.time, values)) for d, f, values in self.series(own))
+        return unknown_added(entry, channel, channel, rows)
+
+
+def view_of(aligned: xr.Dataset, scaled: xr.Dataset, moved: xr.Dataset, settings: Mapping) -> SwingView:
+    """View of the products of a swing.
+
+    Parameters
+    ----------
+    aligned, scaled, moved : Dataset, "inertial_sensor.align", "inertial_sensor.scale", "inertial_sensor.offset"
+    settings : bin_s, quiet_margin_s, inertia, drift_degree, noise_order
+    """
+    bin_s, margin, order = (settings[name] for name in ("bin_s", "quiet_margin_s", "noise_order"))
+    swing = scale.prepare(aligned, bin_s, margin, np.array(settings["inertia"]))
+    fitted = fits.fit(swing, scaled["batch_value"].values[: fits.FACTORS])
+    maps = fits.noise_map(swing, fitted.motion)
+    record = offset.prepare(aligned, scaled, margin, settings["drift_degree"], order)
+    # About axes that the swing leaves at rest the voltages hold noise alone, and the electrodes that turn the test mass
+    # about z also push it along x: their noise in the columns would explain noise in the readings.
+    rate_dot = np.nan_to_num(record.rate_dot_b)
+    noise_b = fitted.unknowns.factors[fits.OWNER] * np.sqrt(swing.voltage_variance)
+    rate_dot = np.where(rate_dot.std(axis=0) < STILL * noise_b, rate_dot.mean(axis=0), rate_dot)
+    pieces, _ = without_lines(offset.quiet_readouts(aligned, bin_s, margin), bin_s)  # a tone is no noise
+    record = replace(record, rate_dot_b=rate_dot, noise=offset.noise_models(pieces, order, bin_s))
+    tensor = sensing.offset_tensor(record.rate_b, rate_dot, record.gradient_b)
+    place = np.nan_to_num(moved["offset"].values[0])
+    return SwingView(
+        aligned,
+        swing,
+        fitted.motion,
+        fitted.unknowns,
+        fits.linear_system(swing, fitted.unknowns, fitted.motion, maps),
+        record,
+        k=scaled["k"].values[int(scaled["chosen_arm"])],
+        tensor=tensor,
+        good=np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(tensor).all(axis=(1, 2)),
+        start=np.concatenate([fitted.unknowns.factors, [fitted.unknowns.delay], place]),
+        quiet=float(sum(len(b) for b in pieces)),
+    )
+
+
+def listed(entry: Effect, columns: list[np.ndarray | None]) -> Candidate:
+    """Candidate with all parameters of an effect."""
+    names, units = [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
+    return Candidate(entry.slug, "", names, units, columns, [p.prior_sigma for p in entry.parameters])
+
+
+def step(epoch: float, columns: list[np.ndarray | None]) -> Candidate:
+    """Candidate of a step of the linear readings at an epoch s."""
+    return Candidate(at_epoch(STEP, epoch), f"time {epoch:.1f} s", ["x", "y", "z"], ["m s-2"] * 3, columns)
+
+
+def unknown(driver: str, form: str, channel: str, unit: str, columns: list[np.ndarray | None]) -> Candidate:
+    """Candidate in no list, added to the three readings of a channel."""
+    return Candidate(f"unknown:{driver}", form, [f"{channel}_{a}" for a in "xyz"], [unit] * 3, columns)
+
+
+def unknown_added(entry: Entry, channel: str, words: str, series) -> np.ndarray | float:
+    """What an entry in no list adds to the readings of a channel, (n, 3); series as of a view, values (n,)."""
+    size = np.array([entry.values.get(f"{channel}_{axis}", 0.0) for axis in "xyz"])
+    named = {(f"unknown:{driver}", f"{words} reading, {form}"): values for driver, form, values in series}
+    values = named.get((entry.cause, entry.form))
+    return 0.0 if values is None else values[:, None] * size
+
+
+def waves_of(time: np.ndarray, width: float, frequency: float) -> np.ndarray:
+    """Cosine and sine (n, 2) of a frequency Hz at epochs (n,) s, means over bins of a width s."""
+    phase = 2 * np.pi * frequency * time
+    return np.stack([np.cos(phase), np.sin(phase)], axis=1) * np.sinc(frequency * width)
