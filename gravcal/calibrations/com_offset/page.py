@@ -263,17 +263,7 @@ def inertia_notes(document):
 
 
 def printed_manoeuvres(document, published):
-    """Printed values of each manoeuvre: the k-th of a kind and latitude in the paper is our k-th of them.
-
-    Parameters
-    ----------
-    document : dict of the event
-    published : {section: records}
-
-    Returns
-    -------
-    printed : {(index, variant): record}
-    """
+    """Printed values of each manoeuvre: the k-th of a kind and latitude in the paper is our k-th of them."""
     records = published.get("manoeuvres", ())
     orders = {}
     for one in records:
@@ -405,13 +395,7 @@ def field_table(document):
 
 
 def draw_field(checked, aligned):
-    """Measured field and model in the body, and their difference, the windows joined end to end.
-
-    Parameters
-    ----------
-    checked : Dataset, "com_offset.field"
-    aligned : Dataset, "com_offset.align"
-    """
+    """Measured field and model in the body, and their difference, the windows joined end to end."""
     used = (checked["used"].values != 0)[:, None]
     time, ends = _joined(checked["time_mag"].values, aligned["window_start"].values, aligned["window_stop"].values)
     measured, model = (1e6 * np.where(used, checked[name].values, np.nan) for name in ("measured_b", "model_b"))
@@ -446,12 +430,7 @@ def draw_field(checked, aligned):
 
 
 def draw_torquers(aligned, smoothed, detected):
-    """Torquer currents and the angular acceleration they make, one row for each manoeuvre.
-
-    Parameters
-    ----------
-    aligned, smoothed, detected : Dataset, "com_offset.align", "com_offset.attitude", "com_offset.detect"
-    """
+    """Torquer currents and the angular acceleration they make, one row for each manoeuvre."""
     figure, (left, right) = _rows(detected, 2, 0.55)
     left.set_title("torquer current (mA)")
     right.set_title("angular acceleration by the torquers (µrad s$^{-2}$)")
@@ -468,13 +447,7 @@ def draw_torquers(aligned, smoothed, detected):
 
 
 def draw_linear_accelerations(solved, detected):
-    """Measured and modelled linear acceleration with their difference, one row for each manoeuvre.
-
-    Parameters
-    ----------
-    solved : Dataset, "com_offset.solve"
-    detected : Dataset, "com_offset.detect"
-    """
+    """Measured and modelled linear acceleration with their difference, one row for each manoeuvre."""
     figure, panels = _rows(detected, 3, 0.72)
     index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
     for axis, panel in enumerate(panels):
@@ -526,12 +499,7 @@ def _stacked(panel, row, since, curves, styles, steps=False, size=None):
 
 
 def draw_attitude(smoothed):
-    """Star camera minus fitted dynamics, the manoeuvres joined end to end.
-
-    Parameters
-    ----------
-    smoothed : Dataset, "com_offset.attitude"
-    """
+    """Star camera minus fitted dynamics, the manoeuvres joined end to end."""
     index, time = smoothed["sca_manoeuvre"].values, smoothed["time_sca"].values
     if time.size == 0:
         return None
@@ -551,54 +519,40 @@ def draw_attitude(smoothed):
 
 
 def draw_angular_accelerations(angular, detected):
-    """The four angular accelerations over three periods, and how far each is from the torquers' in every half period.
-
-    Parameters
-    ----------
-    angular : {variant: Dataset, "com_offset.angular_acceleration"}
-    detected : Dataset, "com_offset.detect"
-    """
+    """The four angular accelerations over three periods, and their distance from the torquers in every half period."""
     kinds = detected["kind"].values.astype(int)
     chosen = [int(np.flatnonzero(kinds == kind)[0]) for kind in range(3) if (kinds == kind).any()]
     if not chosen or "mtq" not in angular:
         return None
-    names = [name for name in VARIANTS if name in angular]
-    room = {"wspace": 0.16, "hspace": 0.28}
-    figure, panels = grid(len(chosen), 2, 0.9 + 1.1 * len(chosen), sharex="col", margins=room)
+    figure, panels = grid(
+        len(chosen), 2, 0.9 + 1.1 * len(chosen), sharex="col", margins={"wspace": 0.16, "hspace": 0.28}
+    )
     for (left, right), manoeuvre in zip(panels, chosen, strict=True):
-        kind = kinds[manoeuvre]
+        axis = kinds[manoeuvre]
         edges = (detected["edge_lower"].values[manoeuvre] + detected["edge_upper"].values[manoeuvre]) / 2
-        series = {name: _about(angular[name], manoeuvre, kind, edges[0]) for name in names}
-        for name, (since, values) in series.items():
-            inside = (since >= 2) & (since <= 2 + 3 * PERIOD_S)
+        edges, start = edges[np.isfinite(edges)] - edges[0], edges[0]
+        inside = angular["mtq"]["acc_manoeuvre"].values == manoeuvre
+        since = angular["mtq"]["time_acc"].values[inside] - start
+        bounds = np.searchsorted(since, np.stack([edges[:-1] + 0.8, edges[1:] - 0.8])).T  # without the edges
+        shown = (since >= 2) & (since <= 2 + 3 * PERIOD_S)
+        series = {}
+        for name in [name for name in VARIANTS if name in angular]:
+            values = 1e6 * angular[name]["rate_dot_b"].values[inside, axis]
+            series[name] = values - (np.nanmean(values) if np.isfinite(values).any() else 0.0)
             style = VARIANTS[name] | {"marker": "", "linewidth": WIDTHS[name], "label": name}
-            left.plot(since[inside], values[inside], **style)
-        left.set_ylabel(f"ω̇$_{AXES[kind]}$ (µrad s$^{{-2}}$)")
-        left.set_title(f"manoeuvre {manoeuvre + 1}, {documented.KINDS[kind]}")
-        _half_periods(right, series, edges[np.isfinite(edges)] - edges[0])
+            left.plot(since[shown], series[name][shown], **style)
+            if name != "mtq":
+                difference = series[name] - series["mtq"]
+                means = [np.mean(difference[a:b]) if b > a else np.nan for a, b in bounds]
+                style = VARIANTS[name] | {"linewidth": 0.6, "markersize": 2.4}
+                right.plot((edges[1:] + edges[:-1]) / 2, means, **style)
+        left.set_ylabel(f"ω̇$_{AXES[axis]}$ (µrad s$^{{-2}}$)")
+        left.set_title(f"manoeuvre {manoeuvre + 1}, {documented.KINDS[axis]}")
     panels[0, 1].set_title("minus mtq, mean of each half period")
     for panel in panels[-1]:
         panel.set_xlabel(FROM_EDGE)
     legend(figure, panels[0, 0], 4)
     return figure
-
-
-def _about(angular, manoeuvre, axis, start):
-    """Time since an epoch and angular acceleration (µrad s-2) about one axis in one manoeuvre, mean removed."""
-    inside = angular["acc_manoeuvre"].values == manoeuvre
-    values = 1e6 * angular["rate_dot_b"].values[inside, axis]
-    mean = np.nanmean(values) if np.isfinite(values).any() else 0.0
-    return angular["time_acc"].values[inside] - start, values - mean
-
-
-def _half_periods(panel, series, edges):
-    """Difference to the torquers in every half period, the second round an edge left out."""
-    time, torquer = series["mtq"]
-    bounds = np.searchsorted(time, np.stack([edges[:-1] + 0.8, edges[1:] - 0.8]))
-    for name in [name for name in series if name != "mtq"]:
-        difference = series[name][1] - torquer
-        means = [np.mean(difference[a:b]) if b > a else np.nan for a, b in bounds.T]
-        panel.plot((edges[1:] + edges[:-1]) / 2, means, **VARIANTS[name] | {"linewidth": 0.6, "markersize": 2.4})
 
 
 def _joined(time, start, stop):
@@ -611,19 +565,23 @@ def _joined(time, start, stop):
 
 
 def draw_spectra(solved):
-    """Density of the residuals beside the noise as measured, and of the modelled signal.
-
-    Parameters
-    ----------
-    solved : Dataset, "com_offset.solve"
-    """
-    pieces = _pieces(solved)
+    """Density of the residuals beside the noise as measured, and of the modelled signal; manoeuvres without a gap."""
+    reading, model = solved["reading"].values, solved["model"].values
+    index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
+    pieces = [np.flatnonzero(index == one) for one in np.unique(index)]
+    pieces = [own for own in pieces if own.size > 64 and np.ptp(np.diff(time[own])) < 1e-6]
     if not pieces:
         return None
-    reading, model = solved["reading"].values, solved["model"].values
-    frequency, residual = _density(reading - model, pieces)
-    _, signal = _density(model, pieces)
-    stated = np.sqrt(solved["noise_density"].values)
+    length = min(own.size for own in pieces)
+    taper = np.hanning(length)[:, None]
+
+    def density(values):
+        """One-sided amplitude density (m, 3), mean of the manoeuvres, tapered by a cosine bell."""
+        power = [np.abs(np.fft.rfft(taper * values[own[:length]], axis=0)) ** 2 for own in pieces]
+        return np.sqrt(2 * STEP_S * np.mean(power, axis=0) / np.sum(taper**2))[1:]
+
+    frequency = np.fft.rfftfreq(length, STEP_S)[1:]
+    residual, signal, stated = density(reading - model), density(model), np.sqrt(solved["noise_density"].values)
     low = np.nanmin([np.nanmin(stated), np.nanpercentile(residual, 5)])
     figure, panels = grid(1, 3, 2.6, sharex=True, sharey=True, margins={"wspace": 0.06, "right": 0.98})
     for axis, panel in enumerate(panels[0]):
@@ -638,30 +596,8 @@ def draw_spectra(solved):
     return figure
 
 
-def _pieces(solved):
-    """Samples of every manoeuvre whose grid has no gap."""
-    index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
-    found = [np.flatnonzero(index == one) for one in np.unique(index)]
-    return [own for own in found if own.size > 64 and np.ptp(np.diff(time[own])) < 1e-6]
-
-
-def _density(values, pieces):
-    """One-sided amplitude density (m, 3), mean of the manoeuvres, tapered by a cosine bell."""
-    length = min(own.size for own in pieces)
-    taper = np.hanning(length)
-    parts = [np.abs(np.fft.rfft(taper[:, None] * values[own[:length]], axis=0)) ** 2 for own in pieces]
-    power = 2 * STEP_S * np.mean(parts, axis=0) / np.sum(taper**2)
-    return np.fft.rfftfreq(length, STEP_S)[1:], np.sqrt(power)[1:]
-
-
 def draw_estimates(document, printed):
-    """Every manoeuvre's estimate with its error, the adopted offset as a band, printed values hollow.
-
-    Parameters
-    ----------
-    document : dict of `document.document`
-    printed : {(manoeuvre, variant): record} of `printed_manoeuvres`
-    """
+    """Every manoeuvre's estimate with its error, the adopted offset as a band, printed values hollow."""
     manoeuvres = document["manoeuvres"]
     adopted = document["variants"].get(document["adopted"]["variant"])
     names = list(document["variants"])
@@ -692,12 +628,7 @@ def draw_estimates(document, printed):
 
 
 def draw_roll(survey):
-    """Roll rate of a record without manoeuvre beside the torquers' share, both with a quadratic drift removed.
-
-    Parameters
-    ----------
-    survey : Dataset, "com_offset.survey"
-    """
+    """Roll rate of a record without manoeuvre beside the torquers' share, both with a quadratic drift removed."""
     time = survey["time_sca"].values
     slope = float(survey["slope"].values)
     if time.size == 0 or not np.isfinite(slope):
