@@ -6,8 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations.align import SURVEY_S
+from gravcal.estimation.least_squares import polynomial
 from gravcal.physics import dynamics, frames, gravity
 
 
@@ -86,7 +88,7 @@ def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
     """Torque record of the integrator for an arc and a solution."""
     nodes = np.linspace(arc.origin, arc.stop + 1.0, 60)
     degree = solution.torque_coefficients.shape[0] - 1
-    extra = _legendre(arc, nodes, degree) @ solution.torque_coefficients
+    extra = polynomial(nodes, degree, arc.origin, arc.stop) @ solution.torque_coefficients
     return dynamics.Torque(
         inertia=arc.inertia + np.diag(np.diag(arc.inertia) * (solution.inertia_scale - 1)),
         edges=arc.edges + solution.shift,
@@ -98,11 +100,6 @@ def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
         extra_time=nodes if degree >= 0 else None,
         extra_b=extra if degree >= 0 else None,
     )
-
-
-def _legendre(arc, time, degree):
-    u = (2 * time - arc.origin - arc.stop) / (arc.stop - arc.origin)
-    return np.polynomial.legendre.legvander(u, degree) if degree >= 0 else np.zeros((time.size, 0))
 
 
 def mean_dipole(arc: Arc, time: np.ndarray, shift: float, width: float) -> np.ndarray:
@@ -165,8 +162,6 @@ def propagator(time: np.ndarray, transition: np.ndarray, breaks: np.ndarray) -> 
     transition : (n, 6, 6) of angle and rate from the origin
     breaks : (b,) s, where accelerations jump
     """
-    from scipy.interpolate import CubicSpline
-
     ends = np.unique(np.concatenate([[time[0]], breaks[(breaks > time[0]) & (breaks < time[-1])], time]))
     node, weight = np.polynomial.legendre.leggauss(4)
     span = np.diff(ends)
@@ -213,18 +208,18 @@ def evaluate(arc: Arc, solution: Solution, time: np.ndarray, step: float):
     return dynamics.integrate(time, solution.state, torque_of(arc, solution), max_step=step)
 
 
-def updated(solution: Solution, step: dict) -> Solution:
-    """Solution with a Gauss-Newton step added: angle, rate, torque, scale, shift, inertia."""
+def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
+    """Solution with a Gauss-Newton step added: angle, rate, slow, torque, inertia, shift; what is missing is held."""
     turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
-    state = replace(
-        solution.state, quaternion=turned / np.linalg.norm(turned), rate_b=solution.state.rate_b + step["rate"]
-    )
+    quaternion = turned / np.linalg.norm(turned)
+    state = replace(solution.state, quaternion=quaternion, rate_b=solution.state.rate_b + step["rate"])
+    slow = solution.torque_coefficients
     return Solution(
         state,
-        solution.torque_coefficients + step["torque"],
-        solution.scale_b + step["scale"],
-        solution.shift + step["shift"],
-        solution.inertia_scale + step["inertia"],
+        slow + step["slow"].reshape(slow.shape) if "slow" in step else slow,
+        solution.scale_b + step.get("torque", 0.0),
+        solution.shift + float(step["shift"][0]) if "shift" in step else solution.shift,
+        solution.inertia_scale + step.get("inertia", 0.0),
     )
 
 
@@ -252,7 +247,9 @@ class Window:
 
 
 def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: bool) -> list[Window]:
-    """Observations and torques of every manoeuvre; no star camera where a gap forbids to use it.
+    """Observations and torques of every manoeuvre, without a manoeuvre one arc at the beginning of the record.
+
+    A gap that forbids to use a manoeuvre leaves it without star camera.
 
     Parameters
     ----------
@@ -262,46 +259,43 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
     per_current : (3,) A m2 mA-1
     full : bool, with gravity-gradient torque
     """
-    parts = _manoeuvres(aligned) or _survey(aligned)
-    found = [_window(aligned, field, part, np.asarray(inertia), per_current, full) for part in parts]
-    gap = aligned["gap"].values
-    return [replace(w, good=w.good & (gap[i] == 0)) for i, w in enumerate(found)]
-
-
-def _manoeuvres(aligned):
-    """Rod, edges with their intervals and currents of every manoeuvre."""
-    parts = []
+    found = []
     for i in range(aligned.sizes["manoeuvre"]):
         count = int(np.isfinite(aligned["edge_lower"].values[i]).sum())
         lower, upper = aligned["edge_lower"].values[i, :count], aligned["edge_upper"].values[i, :count]
         edges = _regular_edges(lower, upper) if aligned["regular"][i] else _single_edges(lower, upper, aligned)
-        parts.append((int(aligned["rod"][i]), lower, upper, edges, aligned["level"].values[i, : count - 1]))
-    return parts
-
-
-def _survey(aligned):
-    """One arc at the beginning of a record without manoeuvre, no rod excited."""
-    start = float(aligned["window_start"][0])
-    stop = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
-    ends = np.array([start, stop])
-    return [(-1, ends, ends, None, np.zeros(0))]
-
-
-def _window(aligned, field, part, inertia, per_current, full):
-    rod, lower, upper, edges, level = part
-    origin, stop = float(lower[0]), float(upper[-1])
-    mag_time = aligned["time_mag"].values
-    near = (mag_time > origin - 2) & (mag_time < stop + 2)
-    current = np.nan_to_num(aligned["current_b"].values[near])
-    breaks, dipole = dipole_history(edges, level, rod, mag_time[near], current, per_current)
-    orbit_time = field["time_orbit"].values
-    nodes = (orbit_time > origin - 6) & (orbit_time < stop + 6)
-    gradient = gravity.gradient_i(field["position_i"].values[nodes]) if full else None
-    arc = Arc(origin, stop, breaks, dipole, orbit_time[nodes], field["field_i"].values[nodes], gradient, inertia)
-    ends = (float(lower[0] - edges[0]), float(upper[0] - edges[0])) if rod >= 0 else (0.0, 0.0)
-    acc_time = aligned["time_acc"].values
-    acc = slice(*np.searchsorted(acc_time, [origin + 0.1, stop - 0.1]))
-    return Window(arc, rod, *_star_camera(aligned, origin, stop), acc, *ends)
+        wave = int(aligned["rod"][i]), edges, aligned["level"].values[i, : count - 1]
+        ends = float(lower[0] - edges[0]), float(upper[0] - edges[0])
+        found.append((float(lower[0]), float(upper[-1]), wave, ends))
+    if not found:
+        start = float(aligned["window_start"][0])
+        stop = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
+        found = [(start, stop, (-1, None, np.zeros(0)), (0.0, 0.0))]
+    mag_time, orbit_time, acc_time = (
+        aligned["time_mag"].values,
+        field["time_orbit"].values,
+        aligned["time_acc"].values,
+    )
+    made = []
+    for (origin, stop, (rod, edges, level), ends), gap in zip(found, aligned["gap"].values, strict=True):
+        near = (mag_time > origin - 2) & (mag_time < stop + 2)
+        current = np.nan_to_num(aligned["current_b"].values[near])
+        breaks, dipole_b = dipole_history(edges, level, rod, mag_time[near], current, per_current)
+        nodes = (orbit_time > origin - 6) & (orbit_time < stop + 6)
+        arc = Arc(
+            origin=origin,
+            stop=stop,
+            edges=breaks,
+            dipole_b=dipole_b,
+            field_time=orbit_time[nodes],
+            field_i=field["field_i"].values[nodes],
+            gradient_i=gravity.gradient_i(field["position_i"].values[nodes]) if full else None,
+            inertia=np.asarray(inertia),
+        )
+        time, quaternion, good = _star_camera(aligned, origin, stop)
+        acc = slice(*np.searchsorted(acc_time, [origin + 0.1, stop - 0.1]))
+        made.append(Window(arc, rod, time, quaternion, good & (gap == 0), acc, *ends))
+    return made
 
 
 def _regular_edges(lower, upper):
@@ -347,7 +341,7 @@ def _star_camera(aligned, origin, stop):
     grid = np.arange(np.ceil(origin - phase + 1e-6), stop - phase, 1.0) + phase
     index = np.clip(np.searchsorted(time, grid - 1e-6), 0, time.size - 1)
     present = inside[index] & (np.abs(time[index] - grid) < 1e-3)
-    values = frames.continuous(np.where(present[:, None], quaternion[index], _first(quaternion[inside])))
+    values = frames.continuous(np.where(present[:, None], quaternion[index], quaternion[inside][0]))
     return (
         np.concatenate([[origin], grid]),
         np.concatenate([values[:1], values]),
@@ -355,14 +349,8 @@ def _star_camera(aligned, origin, stop):
     )
 
 
-def _first(quaternion):
-    return quaternion[0]
-
-
 def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
     """Field in the body (n, 3) T along the fitted attitude."""
-    from scipy.interpolate import CubicSpline
-
     at = np.clip(time, window.arc.origin, None)
     quaternion, _, _ = evaluate(window.arc, fit.solution, at, 1.0)
     field_i = CubicSpline(window.arc.field_time, window.arc.field_i)(at)
