@@ -7,6 +7,7 @@ all baseline parameters free; the lines say what was hidden and what was named, 
 import json
 import sys
 import time
+from dataclasses import replace
 from unittest import mock
 
 from flows.engine import single_threaded
@@ -17,10 +18,10 @@ import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.kbr_phase_centre import discovery_view as views  # noqa: E402
+from gravcal.calibrations.kbr_phase_centre.noise import white  # noqa: E402
+from gravcal.calibrations.kbr_phase_centre.observations import observe  # noqa: E402
 from gravcal.discovery import attribution  # noqa: E402
-from gravcal.discovery import kbr_phase_centre as discovery  # noqa: E402
-from gravcal.discovery.blocks import Block  # noqa: E402
+from gravcal.discovery.driver import Limits, discover  # noqa: E402
 from gravcal.discovery.problem import baseline_of, prepare  # noqa: E402
 from gravcal.effects import catalogue  # noqa: E402
 from gravcal.effects.base import Effect, Parameter  # noqa: E402
@@ -104,34 +105,34 @@ def products(columns):
     pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), **nominal, given=())
     equations = stages.observable(aligned, pointed, variant="range", **chosen.for_stage("observable"), **nominal)
     quiet = stages.noise(equations, **chosen.for_stage("noise"))
-    return (
-        aligned,
-        pointed,
-        equations,
-        quiet,
-        stages.solve(equations, quiet, variant="range", **chosen.for_stage("solve"), **nominal),
-    )
+    solved = stages.solve(equations, quiet, variant="range", **chosen.for_stage("solve"), **nominal)
+    return {"align": aligned, "pointing": pointed, "observable": equations, "noise": quiet, "solve": solved}
 
 
 def settings():
-    """Settings of discovery."""
+    """Settings of the observations."""
     chosen = catalog.parameters("kbr_phase_centre")
     known = chosen.for_stage("solve") | chosen.for_stage("observable")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz")
-    return {n: known[n] for n in names} | {"nominal_m": NOMINAL} | chosen.for_stage("discovery")
+    return {n: known[n] for n in names} | {"nominal_m": NOMINAL}
+
+
+def limits():
+    """Limits of the search."""
+    chosen = catalog.parameters("kbr_phase_centre").for_stage("discovery")
+    names = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
+    return Limits(*(chosen[name] for name in names))
 
 
 def ratio(clean, changed):
     """Signal-to-noise ratio of the difference of two campaigns with the same noise, all baseline parameters free."""
-    names = ("nominal_m", "orbit_degree", "crn_window_s", "crn_bandwidth_hz")
-    own = {n: v for n, v in settings().items() if n in names}
-    one, other = (views.view(*parts, **own) for parts in (clean, changed))
+    one, other = (observe(parts, **settings()) for parts in (clean, changed))
     if one.residual.size != other.residual.size:
         return np.nan
-    scale = views.factors(one, clean[3])
+    change = (other.residual - one.residual)[:, None]
     rows = [
-        Block(**(a | {"observed": b["observed"] - a["observed"]}))
-        for a, b in zip(views.blocks(one, scale), views.blocks(other, scale), strict=True)
+        replace(block, observed=white(factor, change[half.rows])[:, 0])
+        for block, factor, half in zip(one.blocks, one.factors, one.halves, strict=True)
     ]
     problem = prepare(rows, [])
     return float(np.sqrt(attribution.projected(problem.total, baseline_of(problem, ()))[0, 0]))
@@ -176,7 +177,7 @@ def case(seed, kind):
     columns, truth = simulated(seed, effects)
     parts = products(columns)
     begin = time.process_time()
-    numbers = json.loads(discovery.discover(*parts, **settings()).attrs["numbers"])
+    numbers = json.loads(discover(observe(parts, **settings()), limits()).attrs["numbers"])
     change, true = numbers["calibration_change"], np.concatenate([truth["phase_centre_mm"][x] for x in "CD"])
     errors = {
         w: ((np.array(change[w]) - true) / np.array(change[f"sigma_{w}"])).round(2).tolist()

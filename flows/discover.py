@@ -62,10 +62,9 @@ LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_
 
 def _not_converted():
     """Flows of those that are not yet on the common records."""
-    from flows import discover_gradient, discover_ranging
+    from flows import discover_gradient
 
     return {
-        "kbr_phase_centre": discover_ranging.kbr_phase_centre,
         "gradient_torque": discover_gradient.gradient_torque,
     }
 

@@ -14,7 +14,7 @@ from gravcal import catalog
 from gravcal.browse import printed
 from gravcal.io import archive
 from gravcal.store import results
-from tasks import common, discovery_ranging, kbr_phase_centre
+from tasks import common, discovery, kbr_phase_centre
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.kbr_phase_centre")
@@ -27,6 +27,7 @@ COMMON = {pair: letter for letter, pair in PAIRS.items()}
 #: Level-1 products read, most wanted first.
 RANGING = ("KBR1B", "LRI1B")
 ORBIT = ("GNI1B", "GNV1B")
+OBSERVATIONS = "gravcal.calibrations.kbr_phase_centre.observations"
 
 
 @flow(name="kbr_phase_centre")
@@ -74,29 +75,32 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
 
 def _with_model(source, chosen, aligned):
     """Records without the effects of the model that was given, and the phase centres for each of its errors."""
-    products = from_range(source, chosen, aligned)
+    products = _of_range(source, chosen, aligned)
     extended = functools.partial(_extended, source, chosen, products)
     return models.taken_out(chosen.model, extended, functools.partial(combined, source, chosen))
 
 
 def _extended(source, chosen, products, model, variant):
     """Records without the effects of a model."""
-    return discovery_ranging.extend(*products, scene=scene_settings(source, chosen), model=model, variant=variant)
+    about = {"observations": OBSERVATIONS, "records": "kbr_phase_centre.align", "names": list(products)}
+    settings = scene_settings(source, chosen)
+    return discovery.extend(*products.values(), model=model, settings=settings, variant=variant, **about)
 
 
-def from_range(source, chosen, aligned):
-    """Products of the range that discovery looks at."""
+def _of_range(source, chosen, aligned):
+    """Products of the range that discovery looks at, by name."""
     pointed, equations, quiet, solved, _ = _solved(source, chosen, aligned, OBSERVABLES[:1])
-    return aligned, pointed, equations[0], quiet, solved[0]
+    names = ("align", "pointing", "observable", "noise", "solve")
+    return dict(zip(names, (aligned, pointed, equations[0], quiet, solved[0]), strict=True))
 
 
 def baseline(source, chosen):
-    """Products that discovery looks at: aligned; pointing, observation equations, noise and solution of the range."""
+    """Products that discovery looks at, by name."""
     aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
-    products = from_range(source, chosen, aligned)
+    products = _of_range(source, chosen, aligned)
     if not chosen.model:
         return products
-    return from_range(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
+    return _of_range(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
 
 
 def combined(source, chosen, aligned):
@@ -243,5 +247,7 @@ CALIBRATION = Calibration(
     result=values,
     printed={"vkb1b": printed.vector("mm")},
     design="kbr_wiggle",
-    discovery=Discovery(baseline, scene_settings, again=from_range, result=combined),
+    discovery=Discovery(
+        baseline, scene_settings, observations=OBSERVATIONS, records="kbr_phase_centre.align", result=combined
+    ),
 )

@@ -5,8 +5,7 @@ import pytest
 from kbr_campaign import NOMINAL, process, simulated
 
 from gravcal import catalog
-from gravcal.calibrations.kbr_phase_centre import discovery_view
-from gravcal.discovery.blocks import Block
+from gravcal.calibrations.kbr_phase_centre.observations import observe
 from gravcal.discovery.problem import prepare
 
 #: Only the first satellite turns: x of the second is all but a bias.
@@ -34,12 +33,12 @@ def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz")
     parameters = catalog.parameters("kbr_phase_centre")
     given = {name: parameters.entries[name].value for name in names}
-    first = (products.aligned, products.pointed, products.equations[0], products.noise, products.solved[0])
-    seen = discovery_view.view(*first, nominal_m=NOMINAL, **given)
-    blocks = discovery_view.blocks(seen, discovery_view.factors(seen, products.noise))
-    found = prepare([Block(**block) for block in blocks], []).total
-    assert seen.column[:, 3].std() < 1e-6
-    clean = [without(np.column_stack([b["observed"], b["shared"]]), b["own"]) for b in blocks]
+    parts = (products.aligned, products.pointed, products.equations[0], products.noise, products.solved[0])
+    named = dict(zip(("align", "pointing", "observable", "noise", "solve"), parts, strict=True))
+    observed = observe(named, nominal_m=NOMINAL, **given)
+    found = prepare(observed.blocks, []).total
+    assert observed.column[:, 3].std() < 1e-6
+    clean = [without(np.column_stack([b.observed, b.global_columns]), b.local_columns) for b in observed.blocks]
     expected = sum(one.T @ one for one in clean).astype(float)
     scale = np.sqrt(np.diag(expected))
     assert found / np.outer(scale, scale) == pytest.approx(expected / np.outer(scale, scale), abs=1e-6)

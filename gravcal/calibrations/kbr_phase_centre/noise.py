@@ -26,6 +26,8 @@ CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz, of star camera noise; the las
 BINS = 4096  # frequencies between zero and Nyquist
 FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the filter shapes the residual
 FLOOR_HZ = 5e-4  # below it derivatives of the noise are held, so that their covariance keeps an inverse
+RESTRICTED_STEPS = 4  # of the scoring
+BESIDE, DEPENDENT = 1e-4, 1e-2  # share of a candidate beside the baseline, and singular values of it, that count
 SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part
 
 
@@ -335,6 +337,97 @@ def covariance_matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.
     for (a, b), values in by_lag.pointing.items():
         by_pair[a, b] = comb(d, a) * comb(d, b) * values
     return _lower(by_lag.ranging, by_pair, place, strong if by_lag.pointing else strong[:, :, :0])
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Epochs of observations of the range: numbers (n,) on an even grid, and levers (n, 1, 4) m per radian."""
+
+    place: np.ndarray
+    lever: np.ndarray
+
+
+def factor(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor (n, n) of `covariance_matrix`."""
+    from scipy.linalg import cholesky
+
+    return cholesky(covariance_matrix(by_lag, place, lever), lower=True, overwrite_a=True, check_finite=False)
+
+
+def factors(measured: xr.Dataset, stretches: list[Stretch]) -> list[np.ndarray]:
+    """Lower Cholesky factor (n, n) m of the noise of the range in each stretch."""
+    by_lag = lags(measured, 0, max((int(one.place[-1]) for one in stretches), default=0) + 3)
+    return [factor(by_lag, one.place, one.lever) for one in stretches]
+
+
+def white(lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Columns (n, q) divided by the lower Cholesky factor (n, n) of their covariance."""
+    from scipy.linalg import solve_triangular
+
+    return solve_triangular(lower, columns, lower=True, check_finite=False)
+
+
+def with_restricted_pointing(
+    measured: xr.Dataset, stretches: list[Stretch], residuals: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+) -> xr.Dataset:
+    """Noise product with the star camera noise that is left beside all candidates, by restricted maximum likelihood.
+
+    Slow orbit error, phase centres and all candidates are free in every stretch, so that what any of them could name
+    does not count as noise.
+
+    Parameters
+    ----------
+    measured : Dataset, "kbr_phase_centre.noise"
+    stretches : of the manoeuvres
+    residuals : of each, (n,) m observed, (n, k) baseline and (n, q) candidates
+
+    Returns
+    -------
+    measured : Dataset, "kbr_phase_centre.noise"
+
+    Notes
+    -----
+    Fisher scoring of l(s) = -1/2 (log|V| + log|X' V^-1 X| + y' P y), V = R + sum_c s_c K_c: score
+    (y' P K_c P y - tr P K_c) / 2, information tr(P K_c P K_d) / 2; Patterson and Thompson, Biometrika 58 (1971).
+    """
+    from scipy.optimize import nnls
+
+    if measured.attrs["source_data"] != "quiet" or not stretches:
+        return measured
+    step, kernels = float(measured.attrs["step_s"]), []
+    for one in stretches:
+        unit = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, int(one.place[-1]) + 1) for s in shapes(step)]
+        lower = [covariance_matrix(by_lag, one.place, one.lever) for by_lag in unit]
+        kernels.append([K + np.tril(K, -1).T for K in lower])
+    power = measured["pointing_power"].values
+    for _ in range(RESTRICTED_STEPS):
+        score, information = np.zeros(power.size), np.zeros((power.size, power.size))
+        for L, kinds, (observed, baseline, tried) in zip(factors(measured, stretches), kernels, residuals, strict=True):
+            basis = _basis_beside(white(L, baseline), white(L, tried))
+            y = white(L, observed)
+            y = y - basis @ (basis.T @ y)
+            PKP = []
+            for K in kinds:
+                K = white(L, white(L, K).T)
+                part = K @ basis
+                PKP.append(K - basis @ part.T - part @ basis.T + basis @ (basis.T @ part) @ basis.T)
+            score += [(y @ K @ y - np.trace(K)) / 2 for K in PKP]
+            information += [[np.sum(a * b) / 2 for b in PKP] for a in PKP]
+        size = np.sqrt(np.diag(information))
+        scaled = np.linalg.cholesky(information / np.outer(size, size) + 1e-9 * np.eye(size.size))
+        power = nnls(scaled.T, np.linalg.solve(scaled, (information @ power + score) / size))[0] / size
+        measured = measured.assign(pointing_power=measured["pointing_power"].copy(data=power))
+    return measured
+
+
+def _basis_beside(baseline, tried):
+    """Orthonormal basis of the baseline and of what the candidates add to it."""
+    first = least_squares.orthonormal(baseline)
+    left = tried - first @ (first.T @ tried)
+    size = np.linalg.norm(left, axis=0)
+    left = left[:, size > BESIDE * np.linalg.norm(tried, axis=0)]
+    second, values, _ = np.linalg.svd(left / np.linalg.norm(left, axis=0), full_matrices=False)
+    return least_squares.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values[0]]]))
 
 
 @numba.njit(cache=True)

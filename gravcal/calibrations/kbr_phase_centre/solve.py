@@ -114,8 +114,6 @@ def arcs(
     ------
     EstimationError : a stretch of more than `LONGEST` observations
     """
-    from scipy.linalg import cholesky, solve_triangular
-
     largest = max((index.size for index in indices), default=0)
     if largest > LONGEST:
         raise EstimationError(
@@ -135,9 +133,7 @@ def arcs(
         observed = observed - observed.mean()  # a bias of 220 km would cost six digits
         data = np.column_stack([observed, equations["column"].values[index], slow])
         place = np.rint((time[index] - time[index[0]]) / step).astype(int)
-        covariance = noise.covariance_matrix(lags, place, lever[index])
-        factor = cholesky(covariance, lower=True, overwrite_a=True, check_finite=False)
-        white = solve_triangular(factor, data, lower=True, check_finite=False)
+        white = noise.white(noise.factor(lags, place, lever[index]), data)
         basis = least_squares.orthonormal(white[:, 7:])
         clean = white[:, :7] - basis @ (basis.T @ white[:, :7])
         result.append(Arc(index, clean[:, 0], clean[:, 1:], basis))

@@ -1,0 +1,203 @@
+"""What discovery tries in ranging: effects of the catalogue, and regressors from the measured channels.
+
+A regressor stands for effects that are in no list: powers, waves, rates and lags of the pointing angles, products of
+two channels, waves along the orbit, sunlight, and decays from the start of a manoeuvre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from scipy.signal import lfilter
+
+from gravcal.effects import Context, Effect, catalogue
+from gravcal.physics import constants, frames, orbit_environment
+
+BREAK = "ranging.phase_break"
+FAMILIES = ("ranging", "timing", "attitude")
+#: Searched for along the time axis; the calibration itself.
+NOT_HERE = (BREAK, "ranging.phase_centre")
+PLACES = ("pitch_a", "yaw_a", "pitch_b", "yaw_b")
+SIZE = np.radians(3.0)  # rad, so that a driver is near one
+PERIODS_DEG = (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.6, 2.0, 2.4, 3.0, 3.6)
+LAGS_S = (20.0, 60.0, 180.0)
+SUNLIGHT_LAGS_S = (60.0, 200.0, 2000.0)
+#: Of waves along the argument of latitude; slower ones are taken up by the slow orbit error.
+CYCLES = range(8, 41)
+SETTLING_S = (100.0, 300.0, 900.0)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """What a cause adds to the range.
+
+    Attributes
+    ----------
+    cause, form : slug or "unknown:<driver channel>"; which of its shapes
+    names, units, prior : of the parameters; prior empty for a regressor
+    columns : (n, q) m per unit of each parameter, on whole seconds
+    """
+
+    cause: str
+    form: str
+    names: list[str]
+    units: list[str]
+    prior: list[float]
+    columns: np.ndarray
+
+
+def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Context:
+    """What the effects of the ranging look at, on whole seconds, as measured.
+
+    Parameters
+    ----------
+    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
+    nominal : (2, 3) m, phase centres of the catalogue
+    """
+    time, distance = pointed["time"].values, pointed["range_com"].values
+    line, position = np.moveaxis(pointed["line_of_sight_b"].values, 0, 1), aligned["position_i"].values[0]
+    known = np.isfinite(position).all(axis=1)
+    orbit, position = time[known][::10], position[known][::10]  # of the first satellite
+    normal = np.cross(position[0], position[min(100, len(position) - 1)])
+    along = {
+        "argument": np.unwrap(orbit_environment.argument_of_latitude(position, normal)),
+        "latitude": np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1)),
+        "sunlit": orbit_environment.sunlit(position, orbit_environment.sun_i(orbit[[0, -1]]).mean(axis=0)).astype(
+            float
+        ),
+    }
+    extra = {name: np.interp(time, orbit, values) for name, values in along.items()} | {
+        "warmth": orbit_environment.warmth(time, orbit, position),
+        "angle": np.moveaxis(pointed["angle"].values, 0, 1),
+        "range": distance,
+        "range_rate": np.gradient(distance, time),
+        "line_of_sight_b": line,
+        "antenna_x": nominal[:, 0],
+        "antenna_correction": np.einsum("nka,ka->n", line, nominal),
+    }
+    return Context(time=time, epoch=float(constants.DAY * np.round(time.mean() / constants.DAY)), extra=extra)
+
+
+def turning(aligned: xr.Dataset) -> np.ndarray:
+    """Change (n, 2, 3) s-1 of the measured lines of sight by the turning of the satellites, the line itself held.
+
+    Notes
+    -----
+    (R_bi(t + 1 s) - R_bi(t - 1 s)) e(t) / 2 s; error (2 pi / 250 s)^2 / 6, a ten thousandth.
+    """
+    position, quaternion = aligned["position_i"].values, aligned["quaternion"].values
+    line = position[1] - position[0]
+    line = line / np.linalg.norm(line, axis=1, keepdims=True)
+    result = np.zeros((line.shape[0], 2, 3))
+    for k, toward in enumerate((line, -line)):
+        q = np.where(np.isfinite(quaternion[k]), quaternion[k], [1.0, 0.0, 0.0, 0.0])
+        rotation = frames.R_bi_from_quaternion(q)
+        result[1:-1, k] = np.matvec(rotation[2:] - rotation[:-2], toward[1:-1]) / 2
+    return result
+
+
+def listed(context: Context, turning_b: np.ndarray, centre: np.ndarray) -> list[Signal]:
+    """Effects of the catalogue that a ranging calibration can show.
+
+    Parameters
+    ----------
+    context : Context on whole seconds
+    turning_b : (n, 2, 3) s-1, change of the measured line of sight by the turning of each satellite
+    centre : (2, 3) m, phase centres of the solution
+    """
+    signals = []
+    for slug, entry in catalogue().items():
+        columns = None
+        if slug.partition(".")[0] in FAMILIES and slug not in NOT_HERE:
+            columns = _columns(entry, context, turning_b, centre)
+        if columns is not None:
+            parameters = entry.parameters
+            names, units = [p.name for p in parameters], [p.unit for p in parameters]
+            signals.append(Signal(slug, "", names, units, [p.prior_sigma for p in parameters], columns))
+    return signals
+
+
+def _columns(entry: Effect, context, turning_b, centre):
+    """Range per parameter of an effect; None where no ranging feels its channel.
+
+    The orbit side of the residual holds -l . c with the measured line of sight. Star cameras late by a second measure
+    l = l_true - delay * turning; a rotation phi from true to measured attitude adds -phi . sum l x c.
+    """
+    if entry.channel == "range":
+        return entry.columns(context)
+    if entry.channel == "sca_delay":
+        return -np.einsum("nka,ka->n", turning_b, centre)[:, None] * entry.columns(context)
+    if entry.channel == "pointing_b":
+        arm = np.cross(context.extra["line_of_sight_b"], centre).sum(axis=1)
+        return -np.einsum("na,naq->nq", arm, entry.columns(context))
+    return None
+
+
+def drivers(context: Context, starts: Sequence[float]) -> list[Signal]:
+    """Regressors for effects that are in no list.
+
+    Parameters
+    ----------
+    context : Context on whole seconds
+    starts : s, of the stretches of manoeuvres
+    """
+    extra, time = context.extra, context.time
+    angle = np.nan_to_num(extra["angle"].reshape(-1, 4)) / SIZE
+    rate = np.gradient(angle, time, axis=0) * 40.0  # 250 s / 2 pi
+    signals = _each("pointing", "cube", angle**3) + _each("pointing", "fourth power", angle**4)
+    signals += _each("pointing", "size", np.abs(angle))
+    for period in PERIODS_DEG:
+        phase = 2 * np.pi * angle * SIZE / np.radians(period)
+        for k, place in enumerate(PLACES):
+            names, wave = [f"range_sine_{place}", f"range_cosine_{place}"], [np.sin(phase[:, k]), np.cos(phase[:, k])]
+            signals.append(_driver("pointing", f"wave of {period:g} deg of {place}", names, np.stack(wave, axis=1)))
+    signals += _each("pointing_rate", "itself", rate) + _each("pointing_rate", "square", rate**2)
+    signals += _each("pointing_rate", "size", np.abs(rate))
+    signals += _each("pointing_rate", "product with the angle", rate * angle)
+    for lag in LAGS_S:
+        signals += _each("pointing", f"lag {lag:g} s", _lagged(angle, lag))
+    for i, first in enumerate(PLACES):
+        for j in range(i + 1, 4):
+            form, product = f"product of {first} and {PLACES[j]}", angle[:, i] * angle[:, j]
+            signals.append(_driver("pointing", form, ["range"], product[:, None]))
+    others = {
+        "latitude": np.sin(extra["latitude"]),
+        "eclipse": extra["warmth"] - extra["warmth"].mean(),
+        "time": ((time - context.epoch) / 43200.0) ** 2,
+        "range_rate": extra["range_rate"] / max(np.nanmax(np.abs(extra["range_rate"])), 1e-9),
+    }
+    for name, values in others.items():
+        signals += _each(f"pointing*{name}", f"{name} times the angle", angle * np.nan_to_num(values)[:, None])
+    for cycles in CYCLES:
+        phase = cycles * extra["argument"]
+        wave, form = np.stack([np.sin(phase), np.cos(phase)], axis=1), f"wave of {cycles:g} cycles a revolution"
+        signals.append(_driver("latitude", form, ["range_sine", "range_cosine"], wave))
+    sunlit = extra["sunlit"][:, None]
+    signals.append(_driver("eclipse", "sunlight", ["range"], sunlit))
+    for lag in SUNLIGHT_LAGS_S:
+        signals.append(_driver("eclipse", f"sunlight with a lag of {lag:g} s", ["range"], _lagged(sunlit, lag)))
+    since = time[:, None] - np.array(starts)
+    for decay in SETTLING_S:
+        shape = np.where(since >= 0, np.exp(-np.clip(since, 0, None) / decay), 0.0).sum(axis=1, keepdims=True)
+        signals.append(_driver("time", f"decay of {decay:g} s from the start of a manoeuvre", ["range"], shape))
+    return signals
+
+
+def _driver(channel, form, names, columns):
+    return Signal(f"unknown:{channel}", form, names, ["m"] * len(names), [], columns)
+
+
+def _each(channel, form, values):
+    """A function (n, 4) of all four angles together and of each of them."""
+    names = [f"range_{place}" for place in PLACES]
+    alone = [_driver(channel, f"{form} of {p}", [names[k]], values[:, k : k + 1]) for k, p in enumerate(PLACES)]
+    return [_driver(channel, f"{form} of all angles", names, values), *alone]
+
+
+def _lagged(values, lag_s):
+    """Series (n, q) of whole seconds through a first-order lag."""
+    keep = np.exp(-1 / lag_s)
+    return lfilter([1 - keep], [1, -keep], values, axis=0)

@@ -1,0 +1,307 @@
+"""A ranging calibration as discovery sees it: half sub-manoeuvres as blocks of whitened range residuals.
+
+Range, range rate and range acceleration of a product come from one phase; the range stands for all three. With a whole
+sub-manoeuvre left out, curvature and y or z of the same satellite cannot be told apart, and nothing could be predicted;
+with half of one left out everything stays determined.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.kbr_phase_centre import noise, solve
+from gravcal.calibrations.kbr_phase_centre.align import interpolated
+from gravcal.calibrations.kbr_phase_centre.candidates import BREAK, Signal, context, drivers, listed, turning
+from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES, PARAMETERS
+from gravcal.effects import Context, effect
+from gravcal.estimation import crn
+from gravcal.estimation.records import (
+    Block,
+    Candidate,
+    Entry,
+    Fitted,
+    LineSearch,
+    Observations,
+    Parameter,
+    at_epoch,
+    epoch_of,
+)
+from gravcal.estimation.resampling import Resampler
+from gravcal.physics import frames
+
+LEAST = 60  # epochs that a half needs beyond its own columns
+#: Degree of the slow orbit error in a half over that in the whole: 10 instead of 15 leaves less than 1 nm of 5 mm.
+HALF = 2 / 3
+BREAK_STEP_S = 30.0
+FILTER_S = 35.0  # half of the filter of the ranging
+BREAK_MARGIN_S = 60.0  # of a phase break from the ends of its manoeuvre: half of the filter and some epochs
+#: Closer together where a half ends, which leaves only a few epochs of a break to be seen.
+NEAR_CUT_S = np.arange(-55.0, 56.0, 10.0)
+#: Epochs round that of the search at which a phase break is looked for again, s.
+FINE_S = np.arange(-40.0, 41.0, 2.0)
+
+
+@dataclass(frozen=True)
+class Half:
+    """Half of a sub-manoeuvre.
+
+    Attributes
+    ----------
+    manoeuvre, label : number; satellite, sign and axis, half
+    rows : places in the observations of all halves, one after the other
+    time : (n,) s
+    slow : (n, k) columns of slow orbit error and biases, not whitened
+    stretch : noise.Stretch, its epochs and levers
+    """
+
+    manoeuvre: int
+    label: str
+    rows: slice
+    time: np.ndarray
+    slow: np.ndarray
+    stretch: noise.Stretch
+
+    def feels(self, epoch: float) -> bool:
+        """True if the filter carries a break at an epoch into this half."""
+        return self.time[0] - FILTER_S < epoch < self.time[-1] + FILTER_S
+
+
+def observe(
+    products: Mapping[str, xr.Dataset], *, nominal_m, orbit_degree: int, crn_window_s: float, crn_bandwidth_hz: float
+) -> Ranging | None:
+    """Observations of a campaign, None without a wiggle.
+
+    Parameters
+    ----------
+    products : "align", "pointing", "observable", "noise" and "solve" of kbr_phase_centre, of the range
+    nominal_m : (2, 3) m, phase centres of the catalogue
+    orbit_degree : of the polynomial per sub-manoeuvre that takes up slow orbit errors
+    crn_window_s, crn_bandwidth_hz : s and Hz, of the filter of the ranging
+    """
+    aligned, pointed, equations = (products[name] for name in ("align", "pointing", "observable"))
+    if not pointed.sizes["manoeuvre"]:
+        return None
+    step, degree = float(products["noise"].attrs["step_s"]), int(np.ceil(HALF * orbit_degree))
+    at, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
+    halves, places, first = [], [], 0
+    for number, whole in enumerate(solve.of_manoeuvres(equations)):
+        satellite, axis, sign = (int(equations[n][number]) for n in ("satellite_index", "axis_index", "sign"))
+        name = f"{number + 1} {equations.attrs['satellites'][satellite]} {('', '+', '-')[sign]}{('pitch', 'yaw')[axis]}"
+        for rows, part in zip(np.array_split(whole, 2), ("begin", "end"), strict=True):
+            slow = noise.slow_columns(at[rows], segment[rows], degree, 0)
+            if rows.size <= slow.shape[1] + LEAST:
+                continue
+            place = np.rint((at[rows] - at[rows[0]]) / step).astype(int)
+            stretch = noise.Stretch(place, lever[rows, :1])
+            halves.append(Half(number, f"{name} {part}", slice(first, first + rows.size), at[rows], slow, stretch))
+            places.append(rows)
+            first += rows.size
+    rows = np.concatenate(places or [np.zeros(0, dtype=int)])
+    nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
+    centre = products["solve"]["centre"].values[0, 0]
+    centre = np.where(np.isfinite(centre), centre, nominal.reshape(6))
+    column = equations["column"].values[rows]
+    residual = equations["observed"].values[rows] - column @ centre
+    for half in halves:
+        residual[half.rows] -= residual[half.rows].mean()  # a bias of 220 km would cost six digits
+    filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
+    time, good = pointed["time"].values, pointed["usable"].values != 0
+    through = crn.operator(filter_, 0, good, (time[0], 1.0), at[rows])
+    known = context(aligned, pointed, nominal)
+    return Ranging(aligned, products["noise"], known, filter_, good, through, halves, residual, column, centre)
+
+
+@dataclass(frozen=True)
+class Ranging(Observations):
+    """Observations of a campaign; signals, noise, blocks and candidates are made when they are asked for.
+
+    Attributes
+    ----------
+    aligned, measured : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.noise"
+    context : Context on whole seconds
+    filter_ : of the ranging; good : (n,) bool, seconds that it may use; through : from whole seconds to the rows
+    halves : list of Half
+    residual : (m,) m, ranging less orbit less the phase centres of the solution, each half less its mean
+    column : (m, 6) 1, of the phase centres
+    start : (6,) m, phase centres of the solution
+    """
+
+    aligned: xr.Dataset
+    measured: xr.Dataset
+    context: Context
+    filter_: crn.Crn
+    good: np.ndarray
+    through: Resampler
+    halves: list[Half]
+    residual: np.ndarray
+    column: np.ndarray
+    start: np.ndarray
+
+    name = "kbr_phase_centre"
+    channels = ("range",)
+    parameters = PARAMETERS
+    unit, scale = "mm", np.full(6, 1e3)
+    step = BREAK
+    lines = (LineSearch("range", -1, "unknown:time", "m"),)
+
+    @property
+    def groups(self) -> list[int]:
+        """Number of the sub-manoeuvre of each half."""
+        return [half.manoeuvre for half in self.halves]
+
+    @functools.cached_property
+    def quiet(self) -> dict[str, float]:
+        """Samples that the noise is known from: quiet ones for ranging, those of the manoeuvres for star cameras."""
+        inside, step = self.residual.size, float(self.measured.attrs["step_s"])
+        samples = float(self.measured["seconds"]) / step if self.measured.attrs["source_data"] == "quiet" else inside
+        return {"range": 1 / (1 / max(samples, 1.0) + 1 / max(inside, 1))}
+
+    @functools.cached_property
+    def signals(self) -> list[Signal]:
+        """Effects of the catalogue, then regressors."""
+        known = listed(self.context, turning(self.aligned), self.start.reshape(2, 3))
+        return known + drivers(self.context, [half.time[0] for half in self.halves])
+
+    @functools.cached_property
+    def filtered(self) -> np.ndarray:
+        """Columns (m, q) m of all signals side by side at the ranging epochs."""
+        columns = np.concatenate([signal.columns for signal in self.signals], axis=1)
+        return self.through(np.where(np.isfinite(columns), columns, 0.0))
+
+    @functools.cached_property
+    def factors(self) -> list[np.ndarray]:
+        """Lower Cholesky factor (n, n) m of the noise of each half, that of the star cameras beside all effects."""
+        tried = self.filtered[:, : sum(len(one.names) for one in self.signals if one.prior)]
+        residuals = [(self.residual[half.rows], self._baseline(half), tried[half.rows]) for half in self.halves]
+        stretches = [half.stretch for half in self.halves]
+        return noise.factors(noise.with_restricted_pointing(self.measured, stretches, residuals), stretches)
+
+    def _baseline(self, half):
+        """Columns of slow orbit error, biases and phase centres, not whitened."""
+        return np.column_stack([half.slow, self.column[half.rows]])
+
+    @functools.cached_property
+    def blocks(self) -> list[Block]:
+        """One block a half."""
+        made = []
+        for half, factor in zip(self.halves, self.factors, strict=True):
+            column = self.column[half.rows] - self.column[half.rows].mean(axis=0)  # x is all bias where nothing turns
+            rows = noise.white(factor, np.column_stack([self.residual[half.rows], column, half.slow]))
+            channel, axis = np.array(["range"] * half.time.size), np.zeros(half.time.size, dtype=int)
+            made.append(Block(half.label, rows[:, 0], rows[:, 1:7], rows[:, 7:], channel, axis, half.time))
+        return made
+
+    @functools.cached_property
+    def candidates(self) -> list[Candidate]:
+        """Effects as a whole and parameter by parameter, regressors, and phase breaks at many epochs."""
+        parts = zip(self.halves, self.factors, strict=True)
+        rows = [noise.white(factor, self.filtered[half.rows]) for half, factor in parts]
+        made, first = [], 0
+        for one in self.signals:
+            last = first + len(one.names)
+            columns = [part[:, first:last] for part in rows]
+            whole = Candidate(one.cause, one.form, one.names, one.units, columns, one.prior)
+            made += whole.each_alone() if whole.listed else [whole]
+            first = last
+        for number in dict.fromkeys(self.groups):
+            members = [half for half in self.halves if half.manoeuvre == number]
+            begin, end = members[0].time[0] + BREAK_MARGIN_S, members[-1].time[-1] - BREAK_MARGIN_S
+            cuts = [half.time[0] + NEAR_CUT_S for half in members[1:]]
+            made += self.breaks(np.unique(np.concatenate([np.arange(begin, end, BREAK_STEP_S), *cuts])))
+        return made
+
+    def breaks(self, epochs: np.ndarray) -> list[Candidate]:
+        """Phase breaks at given epochs (k,) s of one sub-manoeuvre."""
+        near = [k for k, half in enumerate(self.halves) if any(half.feels(epoch) for epoch in epochs)]
+        columns = {k: noise.white(self.factors[k], self._steps(self.halves[k], epochs)) for k in near}
+        made = []
+        for i, epoch in enumerate(epochs):
+            parts = [
+                columns[k][:, i : i + 1] if k in columns and half.feels(epoch) else None
+                for k, half in enumerate(self.halves)
+            ]
+            label = next(half.label for half in self.halves if half.feels(epoch)).rpartition(" ")[0]
+            form = f"{label}, time {epoch:.0f} s"
+            made.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [1e-2]))
+        return made
+
+    def _steps(self, half, epochs):
+        """Columns (n, k) of a range that is longer from an epoch on, at the rows of a half."""
+        part = {name: getattr(self.through, name)[half.rows] for name in ("time", "start", "weights", "valid")}
+        return replace(self.through, **part)((self.context.time[:, None] >= epochs).astype(float))
+
+    def wave(self, search: LineSearch) -> Callable[[int, float], np.ndarray]:  # noqa: ARG002 - there is one
+        """Whitened cosine and sine (n, 2) of a line in a half, by its number and the frequency in Hz."""
+
+        def columns(k, frequency):
+            phase = 2 * np.pi * frequency * (self.halves[k].time - self.context.epoch)
+            return noise.white(self.factors[k], np.stack([np.cos(phase), np.sin(phase)], axis=1))
+
+        return columns
+
+    def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
+        """Time, range less orbit of a half as the phase centres of the solution predict it, and rows in metres."""
+        half = self.halves[number]
+        model = self.column[half.rows] @ self.start
+        return half.time, model[:, None], (self.factors[number] @ rows).T[:, :, None]
+
+    def near(self, fitted: Fitted) -> list[Candidate]:
+        """A phase break at the epoch that the data ask for."""
+        return self.breaks(np.array([self._refined(fitted)["time"].value]))
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:
+        """A phase break by size and epoch."""
+        return replace(entry, parameters=self._refined(fitted)) if entry.cause == BREAK else entry
+
+    def _refined(self, fitted):
+        """Size and epoch of a phase break, on a finer grid than that of the search."""
+        epochs, middle = epoch_of(fitted.candidate.cause) + FINE_S, int(np.argmin(np.abs(FINE_S)))
+        size, right = np.zeros(epochs.size), np.zeros(epochs.size)
+        for k in (i for i, columns in enumerate(fitted.candidate.columns) if columns is not None):
+            basis = fitted.bases[k]
+            shapes = noise.white(self.factors[k], self._steps(self.halves[k], epochs))
+            shapes = shapes - basis @ (basis.T @ shapes)
+            size += np.einsum("nk,nk->k", shapes, shapes)
+            right += shapes.T @ (fitted.rest[k] + shapes[:, middle] * fitted.value[0])
+        value = right / np.maximum(size, 1e-300)
+        weight = np.exp((value**2 * size - np.max(value**2 * size)) / 2)
+        weight = weight / weight.sum()
+        best, at = int(np.argmax(weight)), float(weight @ epochs)
+        spread = float(np.sqrt(weight @ (epochs - at) ** 2 + (FINE_S[1] - FINE_S[0]) ** 2 / 12))
+        sigma = max(float(fitted.sigma[0]), 1 / float(np.sqrt(size[best])))
+        return {"size": Parameter(float(value[best]), sigma, "m"), "time": Parameter(at, spread, "s")}
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Aligned records without the effects of a model.
+
+        Readings less the contribution of their effects through the filter of the ranging; attitudes turned back, at the
+        time that their tags should have had. A line is left where it is: its phase differs between manoeuvres.
+        """
+        time, records = self.context.time, self.aligned.copy(deep=True)
+        total, attitude = np.zeros(time.size), records["quaternion"].values
+        for entry in model:
+            if not entry.listed:
+                for one in (s for s in self.signals if (s.cause, s.form) == (entry.cause, entry.form)):
+                    total += np.nan_to_num(one.columns @ [entry.values.get(name, 0.0) for name in one.names])
+                continue
+            known = effect(entry.cause)
+            added = known.contribution(self.context, known.values(entry.values))
+            if known.channel == "range":
+                total += np.where(np.isfinite(added), added, 0.0)
+            for k, q in enumerate(attitude):
+                good = np.isfinite(q).all(axis=1)
+                if known.channel == "sca_delay":
+                    moved = interpolated(time[good], q[good], np.clip(time + added, *time[good][[0, -1]]), 10.0)
+                    attitude[k] = moved / np.linalg.norm(moved, axis=1, keepdims=True)
+                elif known.channel == "pointing_b":
+                    q[good] = frames.quaternion_product(q[good], frames.from_rotation_vector(-added[good]))
+        for derivative, name in enumerate(OBSERVABLES if total.any() else ()):
+            at = records["time_kbr"].values
+            operator = crn.operator(self.filter_, derivative, self.good, (time[0], 1.0), at)
+            records[f"reading_{name}"].values[:] -= np.where(operator.valid, operator(total), 0.0)
+        return records.assign_attrs(model=" ".join(entry.cause for entry in model))
