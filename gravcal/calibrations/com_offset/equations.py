@@ -33,30 +33,47 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     -------
     angular : Dataset, "com_offset.angular_acceleration"
     """
-    variant = settings["variant"]
-    if settings["method"] == "published":
-        return _published(smoothed, aligned, variant)
-    scale, sigma = _angular_scale(smoothed)
-    value, modes, shared, given = _with_modes(smoothed, _measured(smoothed, aligned), scale, sigma, settings)
+    variant, torquer = settings["variant"], smoothed["rate_dot_mtq_b"].values
+    time, manoeuvre = smoothed["time_acc"].values, smoothed["acc_manoeuvre"].values
+    measured = aligned["angular_b"].values[np.searchsorted(aligned["time_acc"].values, time)].copy()
+    for one in np.unique(manoeuvre):  # a bias only adds a constant
+        measured[manoeuvre == one] -= np.nanmean(measured[manoeuvre == one], axis=0)
+    if settings["method"] == "published":  # without errors
+        value = {"mtq": torquer, "acc": np.nan_to_num(measured)}.get(variant)
+        if variant == "acc_calibrated":
+            value = np.zeros_like(measured)
+            for one in np.unique(manoeuvre):
+                rows = manoeuvre == one
+                value[rows] = published.calibrated(np.nan_to_num(measured[rows]), torquer[rows], time[rows])
+        elif variant == "sca":
+            value = published.differenced(aligned["time_sca"].values, aligned["quaternion"].values, time)
+        modes, shared, given = np.zeros((0, time.size, 3)), 0, 0
+        scale, sigma, ratio, attrs = np.ones(3), np.zeros(3), np.ones(3), {"method": "published"}
+    else:
+        scale, sigma = _angular_scale(smoothed)
+        value, modes, shared, given = _with_modes(smoothed, measured, scale, sigma, settings)
+        ratio, attrs = _ratio(variant, scale, smoothed), {}
     index = np.arange(len(modes))
     values = {
-        "time_acc": smoothed["time_acc"].values,
-        "acc_manoeuvre": smoothed["acc_manoeuvre"].values,
+        "time_acc": time,
+        "acc_manoeuvre": manoeuvre,
         "rate_dot_b": value,
         "mode": modes,
         "mode_shared": index < shared,
         "mode_catalogue": (index >= shared - given) & (index < shared),
-        "ratio": _ratio(variant, scale, smoothed),
+        "ratio": ratio,
         "scale": scale,
         "scale_sigma": sigma,
     }
-    return build(ANGULAR, values, variant=variant)
+    return build(ANGULAR, values, variant=variant, **attrs)
 
 
 def _with_modes(smoothed, measured, scale, sigma, settings):
     """Angular acceleration, its modes, how many of them are shared and how many of those the catalogue's."""
-    variant, magnetic = settings["variant"], smoothed["magnetic_b"].values
-    catalogue = _axis_modes(magnetic, _relative_sigma(settings))
+    variant = settings["variant"]
+    inertia, inertia_sigma = (np.diag(np.asarray(settings[name])) for name in ("inertia", "inertia_sigma"))
+    dipole = np.asarray(settings["dipole_per_current_sigma"]) / np.asarray(settings["dipole_per_current"])
+    catalogue = _axis_modes(smoothed["magnetic_b"].values, np.hypot(inertia_sigma / inertia, np.max(dipole)))
     if variant == "mtq":
         return smoothed["rate_dot_mtq_b"].values, catalogue, 3, 3
     if variant == "acc":  # as it is: nothing but its prior says how far its scale is off
@@ -67,30 +84,9 @@ def _with_modes(smoothed, measured, scale, sigma, settings):
     return scaled, np.concatenate([_axis_modes(scaled, sigma / scale), catalogue]), 6, 3
 
 
-def _published(smoothed, aligned, variant):
-    """The angular acceleration as printed, without its errors."""
-    time, manoeuvre = smoothed["time_acc"].values, smoothed["acc_manoeuvre"].values
-    measured, torquer = np.nan_to_num(_measured(smoothed, aligned)), smoothed["rate_dot_mtq_b"].values
-    value = {"mtq": torquer, "acc": measured}.get(variant)
-    if variant == "acc_calibrated":
-        value = np.zeros_like(measured)
-        for one in np.unique(manoeuvre):
-            rows = manoeuvre == one
-            value[rows] = published.calibrated(measured[rows], torquer[rows], time[rows])
-    if variant == "sca":
-        value = published.differenced(aligned["time_sca"].values, aligned["quaternion"].values, time)
-    values = {
-        "time_acc": time,
-        "acc_manoeuvre": manoeuvre,
-        "rate_dot_b": value,
-        "mode": np.zeros((0, time.size, 3)),
-        "mode_shared": np.zeros(0),
-        "mode_catalogue": np.zeros(0),
-        "ratio": np.ones(3),
-        "scale": np.ones(3),
-        "scale_sigma": np.zeros(3),
-    }
-    return build(ANGULAR, values, variant=variant, method="published")
+def _axis_modes(series, sigma):
+    """Scale error of each axis as a mode (3, n, 3)."""
+    return np.einsum("a,na,ab->anb", np.where(np.isfinite(sigma), sigma, 0.0), np.nan_to_num(series), np.eye(3))
 
 
 def _ratio(variant, scale, smoothed):
@@ -104,30 +100,6 @@ def _ratio(variant, scale, smoothed):
     size = np.sum(magnetic**2, axis=0)
     ratio = np.sum(magnetic * wave, axis=0) / np.where(size > 0, size, 1.0)
     return np.where((size > 0) & (np.abs(ratio) > 0.2), ratio, 1.0)
-
-
-def _measured(smoothed, aligned):
-    """Angular accelerometer on the epochs of the manoeuvres, mean of each removed (a bias only adds a constant)."""
-    index = np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)
-    measured = aligned["angular_b"].values[index].copy()
-    manoeuvre = smoothed["acc_manoeuvre"].values
-    for one in np.unique(manoeuvre):
-        inside = manoeuvre == one
-        measured[inside] -= np.nanmean(measured[inside], axis=0)
-    return measured
-
-
-def _relative_sigma(settings):
-    """Relative uncertainty (3,) of dipole over inertia about each axis."""
-    inertia = np.diag(np.asarray(settings["inertia"]))
-    inertia_sigma = np.diag(np.asarray(settings["inertia_sigma"]))
-    dipole = np.asarray(settings["dipole_per_current_sigma"]) / np.asarray(settings["dipole_per_current"])
-    return np.hypot(inertia_sigma / inertia, np.max(dipole))
-
-
-def _axis_modes(series, sigma):
-    """Scale error of each axis as a mode (3, n, 3)."""
-    return np.einsum("a,na,ab->anb", np.where(np.isfinite(sigma), sigma, 0.0), np.nan_to_num(series), np.eye(3))
 
 
 def _angular_scale(smoothed):
@@ -147,7 +119,8 @@ def _angular_scale(smoothed):
 def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **settings) -> xr.Dataset:
     """Resampled reading, columns, instruments and modes of every manoeuvre, for one angular acceleration.
 
-    CoM paper eqs. 3-5; erratum C-12 for the operator, one for reading and columns.
+    CoM paper eqs. 3-5; erratum C-12 for the operator, one for reading and columns. The columns are linear in the
+    angular acceleration, so that this is resampled, not its nine columns.
 
     Parameters
     ----------
@@ -160,19 +133,21 @@ def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **
     -------
     resampled : Dataset, "com_offset.equations"; a manoeuvre with too few samples has no epochs in it
     """
-    given = [arrays(product) for product in (aligned, smoothed, angular)]
-    variant = angular.attrs["variant"]
-    driven, modes = int(variant != "mtq"), angular.sizes["mode_index"]
-    blocks = [_none(driven, modes)]
-    blocks += [_block(*given, i, settings | {"variant": variant}) for i in range(aligned.sizes["manoeuvre"])]
-    values = {"grid_manoeuvre": np.repeat(np.arange(-1, len(blocks) - 1), [_size(b) for b in blocks])}
-    seen = [b for b in blocks if b is not None]
-    values |= {name: np.concatenate([b[name] for b in seen]) for name in ("epoch", "valid", "reading", "still")}
-    turning = np.concatenate([b["turning"] for b in seen], axis=1)
-    values["rate_dot_b"], values["driven_b"], values["mode"] = np.split(turning, [1, 1 + driven])
-    values["rate_dot_b"] = values["rate_dot_b"][0]
-    values |= {n: angular[n].values for n in ("mode_shared", "mode_catalogue")} | where(given[0])
-    return build(EQUATIONS, values, variant=variant, step_s=settings["step_s"])
+    records, motion, turning = arrays(aligned), arrays(smoothed), arrays(angular)
+    driven, modes = int(angular.attrs["variant"] != "mtq"), angular.sizes["mode_index"]
+    blocks = {-1: {"epoch": np.zeros(0), "valid": np.zeros(0), "reading": np.zeros((0, 3))}}  # for the shapes
+    blocks[-1] |= {"still": np.zeros((0, 3, 3)), "rate_dot_b": np.zeros((1 + driven + modes, 0, 3))}
+    for index in range(aligned.sizes["manoeuvre"]):
+        block = _block(records, motion, turning, index, driven, settings)
+        blocks |= {} if block is None else {index: block}
+    sizes = [one["epoch"].size for one in blocks.values()]
+    values = {"grid_manoeuvre": np.repeat(list(blocks), sizes)}
+    for name in ("epoch", "valid", "reading", "still"):
+        values[name] = np.concatenate([one[name] for one in blocks.values()])
+    rate_dot = np.concatenate([one["rate_dot_b"] for one in blocks.values()], axis=1)
+    values |= {"rate_dot_b": rate_dot[0], "driven_b": rate_dot[1 : 1 + driven], "mode": rate_dot[1 + driven :]}
+    values |= {n: angular[n].values for n in ("mode_shared", "mode_catalogue")} | where(records)
+    return build(EQUATIONS, values, variant=angular.attrs["variant"], step_s=settings["step_s"])
 
 
 def arrays(product: xr.Dataset) -> dict[str, np.ndarray]:
@@ -245,22 +220,8 @@ def of_rotation(time, rate_dot) -> np.ndarray:
     return columns(time, np.zeros(3), rate_dot, np.zeros((3, 3)))
 
 
-def _none(driven, modes):
-    """Block without epochs, so that an event without manoeuvre has arrays of the right shape."""
-    empty = {"epoch": np.zeros(0), "valid": np.zeros(0), "reading": np.zeros((0, 3))}
-    return empty | {"still": np.zeros((0, 3, 3)), "turning": np.zeros((1 + driven + modes, 0, 3))}
-
-
-def _size(block):
-    """Number of epochs of a block."""
-    return 0 if block is None else block["epoch"].size
-
-
-def _block(aligned, smoothed, angular, index, settings):
-    """Resampled reading, columns and angular accelerations of one manoeuvre; None without samples.
-
-    The columns are linear in the angular acceleration, so that this is resampled, not its nine columns.
-    """
+def _block(aligned, smoothed, angular, index, driven, settings):
+    """Resampled reading, columns and angular accelerations of one manoeuvre; None without samples."""
     inside = samples(smoothed, index)
     if inside is None:
         return None
@@ -268,33 +229,16 @@ def _block(aligned, smoothed, angular, index, settings):
     linear, marked = reading(aligned, time)
     value, modes = angular["rate_dot_b"][inside], angular["mode"][:, inside]
     good = ~marked & np.isfinite(value).all(axis=1)
-    motion = smoothed["rate_b"][inside], smoothed["gradient_b"][inside]
-    operator, still = _still(time, good, *motion, _filter(aligned, smoothed, index, settings))
+    last = int(np.isfinite(aligned["edge_lower"][index]).sum()) - 1
+    late = np.nan_to_num(smoothed["acc_shift"][index])  # edges as the accelerometer sees them
+    start = max(aligned["edge_upper"][index, 0] + max(late, 0.0), time[0])
+    stop = min(aligned["edge_lower"][index, last] + min(late, 0.0), time[-1])
+    operator = operator_for(time, good, start, stop, *(settings[n] for n in ("lowpass_hz", "half_width_s", "step_s")))
     if operator.valid.sum() < 60:
         return None
-    driven = [value]
-    if settings["variant"] != "mtq":
-        driven.append(smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside])
-    series = np.stack([linear - linear[good].mean(axis=0), *driven, *modes], axis=1)
+    noise_free = [smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside]] if driven else []
+    series = np.stack([linear - linear[good].mean(axis=0), value, *noise_free, *modes], axis=1)
     resampled = np.moveaxis(operator(np.nan_to_num(series)), 1, 0)
+    still = operator(columns(time, smoothed["rate_b"][inside], np.zeros(3), smoothed["gradient_b"][inside]))
     block = {"epoch": operator.time, "valid": operator.valid, "reading": resampled[0]}
-    return block | {"still": still, "turning": resampled[1:]}
-
-
-def _still(time, good, rate, gradient, filtered):
-    """Low-pass and resampling, and the columns without angular acceleration."""
-    start, stop, *settings = filtered
-    operator = operator_for(time, good, max(start, time[0]), min(stop, time[-1]), *settings)
-    return operator, operator(columns(time, rate, np.zeros(3), gradient))
-
-
-def _filter(aligned, smoothed, index, settings):
-    """First and last edge, and what the low-pass and resampling between them needs."""
-    return *_ends(aligned, smoothed, index), *(settings[name] for name in ("lowpass_hz", "half_width_s", "step_s"))
-
-
-def _ends(aligned, smoothed, index):
-    """First and last edge as the accelerometer sees them."""
-    count = int(np.isfinite(aligned["edge_lower"][index]).sum())
-    late = np.nan_to_num(smoothed["acc_shift"][index])
-    return aligned["edge_upper"][index, 0] + max(late, 0.0), aligned["edge_lower"][index, count - 1] + min(late, 0.0)
+    return block | {"still": still, "rate_dot_b": resampled[1:]}

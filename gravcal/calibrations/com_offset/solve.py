@@ -43,7 +43,7 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     if not noise:
         noise = _residual_noise(blocks, settings)
     whitened = [_whitened(b, noise) for b in blocks]
-    scores = [_score(w) for w in whitened]
+    scores = [None if w is None else w["score"] for w in whitened]
     values = _values(blocks, whitened, scores, _joint_offset(scores), resampled.sizes["mode_index"])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)
     return product(values | {"noise_density": density}, given, resampled.attrs["variant"], source)
@@ -106,7 +106,7 @@ def _whitened(block, noise):
 
     Returns
     -------
-    white : dict of "reading", "design", "instruments" or None, "modes", "rows" that count, "dof"; None without block
+    white : dict of "reading", "design", "instruments" or None, "modes", their "score", "rows" that count, "dof"
     """
     if block is None:
         return None
@@ -116,47 +116,29 @@ def _whitened(block, noise):
     white = []
     for a in range(3):
         turned = whiten(noise[a], np.concatenate([columns[:, a], drift], axis=1), valid)
-        white.append(_without(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
+        white.append(least_squares.without(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
     reading, *parts = np.split(np.concatenate(white), np.arange(1, columns.shape[2], 3), axis=1)
     found = {"reading": reading[:, 0], "design": parts.pop(0)}
     found["instruments"] = None if block["instruments"] is None else parts.pop(0)
+    none = np.zeros((len(reading), 0))
+    found["score"] = least_squares.score(found["reading"], found["design"], none, found["instruments"])
     rows = 3 * int(valid.sum())
     return found | {"modes": parts, "rows": rows, "dof": rows - 3 * drift.shape[1]}
 
 
-def _without(drift, columns):
-    """Columns without drift."""
-    basis = least_squares.orthonormal(drift)
-    return columns - basis @ (basis.T @ columns)
-
-
-def _score(white):
-    """Estimating equation of one manoeuvre; None without block."""
-    if white is None:
-        return None
-    none = np.zeros((white["reading"].size, 0))
-    return least_squares.score(white["reading"], white["design"], none, white["instruments"])
-
-
 def _residual_noise(blocks, settings):
     """Noise from the residuals of a first solution with white noise, where quiet data are missing."""
-    white = [NoiseModel(np.zeros(0), np.array([1e-18]), settings["step_s"])] * 3
-    whitened = [_whitened(b, white) for b in blocks]
-    joint = _joint_offset([_score(w) for w in whitened])
-    pieces = [_residual(b, joint) for b in blocks if b is not None]
+    step_s, pieces = settings["step_s"], []
+    white = [NoiseModel(np.zeros(0), np.array([1e-18]), step_s)] * 3
+    used = [block for block in blocks if block is not None]
+    joint = _joint_offset([_whitened(block, white)["score"] for block in used])
+    for block in used:
+        valid, residual = block["valid"], block["reading"] - block["design"] @ joint
+        residual[valid] = least_squares.without(block["drift"][valid], residual[valid])
+        pieces.append(residual)
     removed = len(pieces) * (settings["drift_degree"] + 1) + 1
-    order = settings["noise_order"]
-    return (
-        [fit_noise([p[:, a] for p in pieces], order, settings["step_s"], removed) for a in range(3)] if pieces else []
-    )
-
-
-def _residual(block, value):
-    """Reading minus model with its drift removed, on the resampled grid (n, 3)."""
-    residual = block["reading"] - block["design"] @ value
-    valid = block["valid"]
-    residual[valid] = least_squares.without(block["drift"][valid], residual[valid])
-    return residual
+    axes = range(3 if pieces else 0)
+    return [fit_noise([p[:, a] for p in pieces], settings["noise_order"], step_s, removed) for a in axes]
 
 
 def _values(blocks, whitened, scores, joint, modes):
@@ -170,35 +152,24 @@ def _values(blocks, whitened, scores, joint, modes):
     for i, (block, white, score) in enumerate(zip(blocks, whitened, scores, strict=False)):
         if block is None:
             continue
-        for name, value in _estimate(white, score, joint).items():
-            table[name][i] = value
+        A, Z = white["design"], white["instruments"]
+        gain = least_squares.stable_inverse(score.information) @ (A if Z is None else Z).T
+        residual = white["reading"] - A @ joint
+        # noise of the columns weakens the equation, modes act on the joint offset
+        extra = 0.0 if Z is None else float(np.sum((least_squares.without(Z, A) @ joint) ** 2) / max(white["rows"], 1))
+        table["offset"][i] = score.determined(joint, DIRECTION_LIMIT_M)
+        for name in ("right", "normal", "information"):
+            table[name][i] = getattr(score, name) / (1 + extra)
+        table["mode_shift"][i] = np.array([-gain @ mode @ joint for mode in white["modes"]]).reshape(-1, 3)
+        table["chi2"][i], table["dof"][i] = residual @ residual, white["dof"]
         valid = block["valid"]
         both = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
-        both = _without(block["drift"][valid], both)
+        both = least_squares.without(block["drift"][valid], both)
         series["time_grid"].append(block["time"][valid])
         series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
         series["reading"].append(both[:, :3])
         series["model"].append(both[:, 3:])
     return table | {n: np.concatenate(v) for n, v in series.items()}
-
-
-def _estimate(white, score, joint):
-    """Numbers of one manoeuvre; noise of the columns weakens its equation, modes act on the joint offset."""
-    A, Z = white["design"], white["instruments"]
-    gain = least_squares.stable_inverse(score.information) @ (A if Z is None else Z).T
-    residual = white["reading"] - A @ joint
-    extra = 0.0
-    if Z is not None:
-        extra = float(np.sum((least_squares.without(Z, A) @ joint) ** 2) / max(white["rows"], 1))
-    return {
-        "offset": score.determined(joint, DIRECTION_LIMIT_M),
-        "right": score.right / (1 + extra),
-        "normal": score.normal / (1 + extra),
-        "information": score.information / (1 + extra),
-        "mode_shift": np.array([-gain @ m @ joint for m in white["modes"]]).reshape(-1, 3),
-        "chi2": float(residual @ residual),
-        "dof": white["dof"],
-    }
 
 
 def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset) -> xr.Dataset:
@@ -252,26 +223,23 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     method = settings["method"]
     turning = (settings["drag_sigma_m_s2"] * (settings["period_s"] / (2 * np.pi)) ** 2) ** 2 * np.eye(3)
     joint = {s.attrs["variant"]: _joint(s) if method == "gravcal" else _selected(s) for s in solved}
+    own = {s.attrs["variant"]: s for s in solved}
     names = [v for v in VARIANTS if v in joint]
-    single = {s.attrs["variant"]: _per_manoeuvre(s) for s in solved}
-    tests = {"variants": _between_variants(joint, limit), "catalogue": _against_catalogue(joint, limit)}
-    own = [s for name in names for s in solved if s.attrs["variant"] == name]
-    values = {
-        "offset": [np.where(_determined(joint[v]["covariance"], limit), joint[v]["offset"], np.nan) for v in names],
-        "covariance": [joint[v]["covariance"] for v in names],
-        "covariance_total": [joint[v]["covariance_total"] + turning for v in names],
-        "determined": [_determined(joint[v]["covariance"], limit) for v in names],
-        "chi2": [joint[v]["chi2"] for v in names],
-        "dof": [joint[v]["dof"] for v in names],
-        "manoeuvre_offset": [single[v][0] for v in names],
-        "manoeuvre_covariance": [single[v][1] for v in names],
-        "manoeuvre_determined": _each(names, single, limit),
-        "manoeuvre_chi2": [s["chi2"].values for s in own],
-        "manoeuvre_dof": [s["dof"].values for s in own],
-    }
+    single = {v: _single_covariances(own[v]) for v in names}
+    determined = np.array([_determined(joint[v]["covariance"], limit) for v in names])
+    values = {name: [joint[v][name] for v in names] for name in ("covariance", "chi2", "dof")}
     values |= {
-        f"{test}_{n}": value for test, pair in tests.items() for n, value in zip(("chi2", "dof"), pair, strict=True)
+        "offset": np.where(determined, [joint[v]["offset"] for v in names], np.nan),
+        "covariance_total": [joint[v]["covariance_total"] + turning for v in names],
+        "determined": determined,
+        "manoeuvre_offset": [own[v]["offset"].values for v in names],
+        "manoeuvre_covariance": [single[v] for v in names],
+        "manoeuvre_determined": [np.array([_determined(c, limit) for c in single[v]]).reshape(-1, 3) for v in names],
+        "manoeuvre_chi2": [own[v]["chi2"].values for v in names],
+        "manoeuvre_dof": [own[v]["dof"].values for v in names],
     }
+    values["variants_chi2"], values["variants_dof"] = _between_variants(joint, limit)
+    values["catalogue_chi2"], values["catalogue_dof"] = _against_catalogue(joint, limit)
     values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
     attrs = {"method": method, "consistency_level": settings["consistency_level"], "direction": "proof_mass_to_com"}
     return build(COMBINE, values, variants=" ".join(names), **attrs)
@@ -316,12 +284,6 @@ def _selected(solved):
     }
 
 
-def _each(names, single, limit):
-    """Which components every manoeuvre determines (variant, manoeuvre, axis)."""
-    each = [[_determined(c, limit) for c in single[v][1]] for v in names]
-    return np.array(each).reshape(len(names), -1, 3)
-
-
 def _joint(solved):
     """Combination of the manoeuvres of one angular acceleration with its mode errors."""
     shared = solved["mode_shared"].values.astype(bool)
@@ -360,14 +322,12 @@ def _parts(scores, own):
     return {"noise": total @ noise @ total.T, "own": total @ sum(m.T @ m for m in moves) @ total.T}
 
 
-def _per_manoeuvre(solved):
-    """Offset and covariance of each manoeuvre, noise and its own modes; the shared measured ones too."""
-    catalogue = solved["mode_catalogue"].values.astype(bool)
-    covariances = []
-    for information, shift in zip(solved["information"].values, solved["mode_shift"].values, strict=True):
-        own = shift[~catalogue]
-        covariances.append(least_squares.covariance(information + PRIOR) + own.T @ own)
-    return solved["offset"].values, np.array(covariances).reshape(-1, 3, 3)
+def _single_covariances(solved):
+    """Covariance (k, 3, 3) m2 of each manoeuvre: noise and its own modes; the shared measured ones too."""
+    kept = ~solved["mode_catalogue"].values.astype(bool)
+    own = solved["mode_shift"].values[:, kept]
+    noise = [least_squares.covariance(information + PRIOR) for information in solved["information"].values]
+    return np.array(noise).reshape(-1, 3, 3) + np.swapaxes(own, 1, 2) @ own
 
 
 def _determined(covariance, limit):
