@@ -1,5 +1,10 @@
-"""Level-1 files in a folder: loose, compressed, or members of the daily archives, read without extracting."""
+"""Level-1 files in a folder: loose, compressed, or members of the daily archives, read without extracting.
 
+What is packed is read as a stream and refused once it exceeds a limit: ``GRAVCAL_UNPACKED_LIMIT`` is that of one file
+in MB (default 256; ACC1A of a day has 100). An archive may hold 16 times as much in all, and 10,000 members.
+"""
+
+import contextlib
 import gzip
 import io
 import os
@@ -7,13 +12,12 @@ import re
 import tarfile
 import time
 import zlib
-from collections import OrderedDict
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from gravcal.errors import refuse
-from gravcal.io import unpacked
+from gravcal.store import netcdf
 
 NAME = re.compile(
     r"(?P<product>[A-Z0-9]{5})_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[A-DXY])_(?P<release>\d{2})"
@@ -22,10 +26,16 @@ NAME = re.compile(
 FORMS = ("dat", "txt", "asc")
 ARCHIVES = (".tgz", ".tar.gz", ".tar")
 TOGETHER = {"A": "X", "B": "X", "AB": "X", "C": "Y", "D": "Y", "CD": "Y"}
-FETCH_AGAIN = "Fetch the file again from the official archive."
+MEGABYTE = 1_000_000
+IN_ARCHIVE = 16  # limits that all members of an archive may have together
+MEMBERS = 10_000
 SETTLED_NS = 2_000_000_000  # a folder that changed just before it was listed may change again unnoticed
-LISTINGS = 256  # folders whose listing is kept
-_listed = OrderedDict()
+#: What is raised where the structure of a file is damaged: of netCDF, of a packed file.
+DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
+PACKED_DAMAGED = (EOFError, OSError, zlib.error, tarfile.TarError)
+FETCH_AGAIN = "Fetch the file again from the official archive."
+REMEDY = "Fetch the file again from the official archive, or raise GRAVCAL_UNPACKED_LIMIT (MB) if it is genuine."
+_listed = {}
 
 
 @dataclass(frozen=True)
@@ -50,18 +60,27 @@ class LevelOneFile:
         return f"{self.path}:{self.member}" if self.member else str(self.path)
 
 
+@dataclass(frozen=True)
+class Listing:
+    """Files of a folder, by preference and by (product, satellite, date), and what tells that it changed."""
+
+    files: tuple
+    index: dict
+    stamps: dict
+
+
 def is_archive(path) -> bool:
-    """Whether the name is that of a tar archive."""
+    """True if the name is that of a tar archive."""
     return Path(path).name.endswith(ARCHIVES)
 
 
 def from_name(path, member=None) -> LevelOneFile | None:
     """The Level-1 file a name stands for, None where it is none (reports, AppleDouble members, others)."""
     path = Path(path)
-    found = NAME.fullmatch(PurePosixPath(member).name if member else path.name)
-    if not found:
+    parts = NAME.fullmatch(PurePosixPath(member).name if member else path.name)
+    if not parts:
         return None
-    return LevelOneFile(path, member, found["product"], found["satellite"], found["date"], found["release"])
+    return LevelOneFile(path, member, parts["product"], parts["satellite"], parts["date"], parts["release"])
 
 
 def content(file: LevelOneFile) -> bytes:
@@ -74,25 +93,29 @@ def content(file: LevelOneFile) -> bytes:
     try:
         packed = io.BytesIO(_member(file)) if file.member else file.path.open("rb")
         with packed, gzip.GzipFile(fileobj=packed) if file.name.endswith(".gz") else packed as stream:
-            plain = unpacked.content(stream, file.where)
+            plain = stream.read(limit() + 1)
     except (FileNotFoundError, IsADirectoryError) as reason:
         refuse(file.where, "no file", "a Level-1 file", "Check the path.", reason=str(reason))
-    except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
+    except PACKED_DAMAGED as reason:
         refuse(file.where, f"damaged compression ({reason})", "a whole file", FETCH_AGAIN)
+    if len(plain) > limit():
+        _too_large(file.where, "content")
     if not plain:
         refuse(file.where, "an empty file", "a header and records", FETCH_AGAIN)
     return plain
 
 
 def _member(file):
-    with unpacked.archive(file.path) as archive:
-        for item in unpacked.members(archive, file.path):
+    """Bytes of a member of an archive."""
+    with opened(file.path) as tar:
+        for item in members(tar, file.path):
             if item.name == file.member:
-                return archive.extractfile(_safe(file.path, item)).read()
+                return tar.extractfile(_safe(file.path, item)).read()
     return refuse(file.where, "no such member", "a member of the archive", "List the archive with inventory().")
 
 
 def _safe(path, item):
+    """Member of an archive, refused if its name leads elsewhere or it is no regular file."""
     parts = PurePosixPath(item.name.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts:
         refuse(f"{path}:{item.name}", "a path that leaves the folder", "a path inside the archive", FETCH_AGAIN)
@@ -103,10 +126,11 @@ def _safe(path, item):
 
 @lru_cache(maxsize=64)
 def _members(path, size, changed_ns):  # noqa: ARG001 - the last two make the cache honest
+    """Names of the members of an archive."""
     try:
-        with unpacked.archive(path) as archive:
-            return tuple(_safe(path, item).name for item in unpacked.members(archive, path) if not item.isdir())
-    except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
+        with opened(path) as tar:
+            return tuple(_safe(path, item).name for item in members(tar, path) if not item.isdir())
+    except PACKED_DAMAGED as reason:
         return refuse(path, f"a damaged archive ({reason})", "a whole archive", FETCH_AGAIN)
 
 
@@ -129,61 +153,39 @@ def inventory(folder) -> list[LevelOneFile]:
 
 
 def holds(folder, product, satellite, date) -> bool:
-    """Whether a folder has a Level-1 file of exactly this product, satellite letter and day."""
+    """True if a folder has a Level-1 file of exactly this product, satellite letter and day."""
     return (product, satellite, str(date)) in _listing(folder).index
-
-
-@dataclass(frozen=True)
-class _Listing:
-    """Files of a folder, by preference and by (product, satellite, date), and what tells that it changed."""
-
-    files: tuple
-    index: dict
-    seen: dict
 
 
 def _listing(folder):
     """Files of a folder; listed again when one of its folders or archives changed."""
     folder = Path(folder)
-    known = _listed.get(folder)
-    if known is not None and known.seen == {path: _stamp(path) for path in known.seen}:
-        return known
-    made = _list(folder)
-    newest = max(stamp[1] for stamp in made.seen.values())
-    _listed.pop(folder, None)
-    if newest < time.time_ns() - SETTLED_NS:
-        _listed[folder] = made
-    while len(_listed) > LISTINGS:
-        _listed.popitem(last=False)
-    return made
+    known = _listed.pop(folder, None)
+    if known is None or known.stamps != {path: _stamp(path) for path in known.stamps}:
+        known = _list(folder)
+    if max(changed for _, changed in known.stamps.values()) < time.time_ns() - SETTLED_NS:
+        _listed[folder] = known
+    return known
 
 
 def _list(folder):
     """Look into a folder, its subfolders and archives."""
     if not folder.exists():
         refuse(folder, "nothing there", "a folder of Level-1 files", "Check the path.")
-    folders, paths = _walk(folder) if folder.is_dir() else ([], [folder])
-    seen = {path: _stamp(path) for path in [*folders, *filter(is_archive, paths)] or paths}
-    files = []
-    for path in paths:
-        if is_archive(path):
-            files += [from_name(path, name) for name in _members(path, *seen[path])]
-        else:
-            files.append(from_name(path))
-    files = sorted((f for f in files if f), key=_preference)
-    index = {}
-    for file in files:
-        index.setdefault((file.product, file.satellite, file.date), []).append(file)
-    return _Listing(tuple(files), index, seen)
-
-
-def _walk(folder):
-    """Folders below a folder, itself among them, and the files that may hold Level-1 data."""
-    folders, paths = [], []
+    folders, paths = [], [] if folder.is_dir() else [folder]
     for root, _, names in os.walk(folder):
         folders.append(Path(root))
-        paths += [Path(root) / name for name in names if is_archive(name) or NAME.fullmatch(name)]
-    return folders, sorted(path for path in paths if not path.name.startswith("._") and path.is_file())
+        wanted = (Path(root) / name for name in names if is_archive(name) or NAME.fullmatch(name))
+        paths += [path for path in wanted if not path.name.startswith("._") and path.is_file()]
+    stamps = {path: _stamp(path) for path in [*folders, *filter(is_archive, paths)] or paths}
+    files = []
+    for path in sorted(paths):
+        names = _members(path, *stamps[path]) if is_archive(path) else (None,)
+        files += [file for name in names if (file := from_name(path, name))]
+    files, index = sorted(files, key=_preference), {}
+    for file in files:
+        index.setdefault((file.product, file.satellite, file.date), []).append(file)
+    return Listing(tuple(files), index, stamps)
 
 
 def _stamp(path):
@@ -196,6 +198,7 @@ def _stamp(path):
 
 
 def _preference(file):
+    """Order of files: by kind, newest release first, loose before archived, binary before text."""
     form = FORMS.index(NAME.fullmatch(file.name)["form"])
     kind = (file.product, file.date, file.satellite)
     return (*kind, -int(file.release), bool(file.member), form, file.name.endswith(".gz"), file.where)
@@ -216,22 +219,101 @@ def find(folder, product, satellite=None, date=None) -> LevelOneFile:
     ProductError : nothing fits, or several days or satellites fit
     """
     listing = _listing(folder)
-    wanted = (satellite, TOGETHER.get(satellite))
+    date, wanted = date and str(date), (satellite, TOGETHER.get(satellite))
     if satellite and date:
-        fitting = [f for letter in wanted for f in listing.index.get((product, letter, str(date)), ())]
+        fitting = [f for letter in wanted for f in listing.index.get((product, letter, date), ())]
     else:
-        fitting = [f for f in listing.files if f.product == product]
+        fitting = [f for f in listing.files if f.product == product and date in (None, f.date)]
         fitting = [f for f in fitting if satellite is None or f.satellite in wanted]
-        fitting = [f for f in fitting if date is None or f.date == str(date)]
     what = " ".join(str(x) for x in (product, satellite, date) if x)
     if not fitting:
-        files = [f for f in listing.files if f.product == product]
-        there = sorted({f"{f.product} {f.satellite} {f.date}" for f in files}) or "no file of this product"
-        refuse(
-            folder, there, what, "Add the missing file, or choose another folder, satellite or day.", product=product
-        )
+        there = sorted({f"{f.product} {f.satellite} {f.date}" for f in listing.files if f.product == product})
+        remedy = "Add the missing file, or choose another folder, satellite or day."
+        refuse(folder, there or "no file of this product", what, remedy, product=product)
     for field, remedy in (("date", "Give the date."), ("satellite", "Give the satellite.")):
         several = sorted({getattr(f, field) for f in fitting})
         if len(several) > 1:
             refuse(folder, f"{what} for {', '.join(several)}", f"one {field}", remedy, product=product)
     return fitting[0]
+
+
+def limit() -> int:
+    """Bytes that one file may unpack to."""
+    given = os.environ.get("GRAVCAL_UNPACKED_LIMIT", "256")
+    try:
+        most = int(float(given) * MEGABYTE)
+    except (ValueError, OverflowError):
+        most = 0
+    if most <= 0:
+        refuse("GRAVCAL_UNPACKED_LIMIT", repr(given), "a positive number of MB", "Correct or unset it.")
+    return most
+
+
+def _too_large(where, what):
+    """Refuse a file that exceeds the limit."""
+    refuse(where, f"more than {limit() / MEGABYTE:g} MB of {what}", "less", REMEDY)
+
+
+class _Bounded:
+    """Readable stream that refuses to go beyond what an archive may unpack to."""
+
+    def __init__(self, stream, where):
+        self._stream, self._where = stream, where
+        self._most, self._end = limit(), IN_ARCHIVE * limit()
+        self.tell = stream.tell
+
+    def read(self, size=-1):
+        """Bytes, not more at once than one file may have: names and comments of members are read whole."""
+        if size is None or size < 0 or size > self._most:
+            _too_large(self._where, "one member")
+        self._check(self.tell() + size)
+        return self._stream.read(size)
+
+    def seek(self, offset, whence=0):
+        """Go on to a place given from the start."""
+        self._check(offset)
+        return self._stream.seek(offset, whence)
+
+    def _check(self, place):
+        if place > self._end + tarfile.RECORDSIZE:
+            refuse(self._where, f"more than {self._end / MEGABYTE:g} MB in an archive", "less", REMEDY)
+
+
+@contextlib.contextmanager
+def opened(path):
+    """Tar archive, plain or gzipped, read as a stream within the limits; iterate with `members`."""
+    with open(path, "rb") as file:  # noqa: PTH123 - path may be a str
+        packed = file.read(2) == b"\x1f\x8b"
+        file.seek(0)
+        stream = gzip.GzipFile(fileobj=file) if packed else file
+        with tarfile.open(fileobj=_Bounded(stream, path), mode="r:") as tar:
+            yield tar
+
+
+def members(tar, path):
+    """Members of an archive one by one, refused where one, their sum or their number exceeds the limits."""
+    total = 0
+    for number, item in enumerate(tar, 1):
+        total += item.size
+        if number > MEMBERS:
+            refuse(path, f"more than {MEMBERS} members", "a daily archive", REMEDY)
+        if item.size > limit():
+            _too_large(f"{path}:{item.name}", "content")
+        if total > IN_ARCHIVE * limit():
+            refuse(path, f"more than {IN_ARCHIVE * limit() / MEGABYTE:g} MB in an archive", "less", REMEDY)
+        yield item
+
+
+def check_netcdf(path) -> None:
+    """Refuse a netCDF-4 file whose variables declare more than the limit, or lie in another file; OSError if none."""
+    import h5py
+
+    total = 0
+    with netcdf.LOCK, h5py.File(path, "r") as file:
+        for name in file:
+            variable = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
+            if not isinstance(variable, h5py.Dataset) or variable.is_virtual or variable.external:
+                refuse(path, f"{name}, which is no variable of this file", "variables", REMEDY)
+            total += int(variable.size or 0) * max(variable.dtype.itemsize, 1)
+            if total > limit():
+                _too_large(path, "declared variables")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from gravcal.errors import refuse
-from gravcal.io import unpacked
+from gravcal.io import archive
 from gravcal.io.archive import LevelOneFile
 from gravcal.store import netcdf, origin, product
 
@@ -51,7 +51,7 @@ def read(file: LevelOneFile, layout, start: float | None = None, stop: float | N
     ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
     """
     try:
-        unpacked.check_netcdf(file.path)
+        archive.check_netcdf(file.path)
         with netcdf.opened(file.path) as opened:
             content = opened.variables
             _check(content, layout, file)
@@ -65,7 +65,7 @@ def read(file: LevelOneFile, layout, start: float | None = None, stop: float | N
                 time, columns = in_order(time, {name: content[name][:] for name in along})
                 part = _part(time, start, stop)
                 values |= {name: column[part] for name, column in columns.items()}
-    except unpacked.DAMAGED as reason:
+    except archive.DAMAGED as reason:
         refuse(file.path, f"no readable netCDF file ({reason})", f"an {file.product} file", "Fetch the file again.")
     if time.size < 2:
         refuse(file.path, f"{time.size} epochs", "at least two with a finite time", "Fetch the file again.")

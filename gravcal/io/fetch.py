@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
 
 from gravcal.errors import CatalogError, GravcalError, ProductError, refuse
-from gravcal.io import unpacked
+from gravcal.io.archive import members, opened
 
 ISDC = "https://isdc-data.gfz.de"
 PODAAC = "https://archive.podaac.earthdata.nasa.gov"
@@ -303,19 +303,19 @@ def _check(archive, path, digest):
         refuse(archive.name, "no compressed archive, perhaps a web page", "a tar archive", remedy)
     if digest and not archive.digests:
         return "md5"
-    wanted, members = dict(archive.digests), {}
+    wanted, came = dict(archive.digests), {}
     try:  # reading to the end checks the compression
-        with unpacked.archive(path) as packed:
-            for item in unpacked.members(packed, path):
+        with opened(path) as packed:
+            for item in members(packed, path):
                 bare = PurePosixPath(item.name).name
                 if item.isfile() and bare in wanted:
-                    members[bare] = hashlib.file_digest(packed.extractfile(item), "sha256").hexdigest()
+                    came[bare] = hashlib.file_digest(packed.extractfile(item), "sha256").hexdigest()
     except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
         refuse(archive.name, f"a damaged archive ({reason})", "a whole one", "Fetch it again.")
     for name, expected in wanted.items():
-        if members.get(name) != expected:
+        if came.get(name) != expected:
             known = f"{expected}, as catalogued"
-            refuse(archive.name, f"{name} with SHA-256 {members.get(name)}", known, remedy)
+            refuse(archive.name, f"{name} with SHA-256 {came.get(name)}", known, remedy)
     return " and ".join(["md5"] * bool(digest) + ["sha256"] * bool(wanted)) or "compression only"
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from gravcal.errors import NoDataError, refuse
-from gravcal.io import daily, unpacked
+from gravcal.io import archive, daily
 from gravcal.io.archive import LevelOneFile
 from gravcal.store import netcdf, origin
 
@@ -82,7 +82,7 @@ def sensor_positions(file: LevelOneFile) -> np.ndarray:
     try:
         with netcdf.opened(file.path) as content:
             return np.asarray(content["sensor_position"][...], dtype=float)
-    except (*unpacked.DAMAGED, IndexError) as reason:
+    except (*archive.DAMAGED, IndexError) as reason:
         return refuse(file.path, f"no sensor_position ({reason})", "an SGRS file", daily.REPAIR)
 
 

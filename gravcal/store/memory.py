@@ -65,11 +65,11 @@ def file_digest(path, member=None):
 
 def _archive_digests(path):
     """SHA-256 of every member of a tar archive, in one pass."""
-    from gravcal.io import unpacked
+    from gravcal.io import archive
 
-    with unpacked.archive(path) as archive:
-        files = (entry for entry in unpacked.members(archive, path) if entry.isfile())
-        return {one.name: hashlib.file_digest(archive.extractfile(one), "sha256").hexdigest() for one in files}
+    with archive.opened(path) as tar:
+        files = (entry for entry in archive.members(tar, path) if entry.isfile())
+        return {one.name: hashlib.file_digest(tar.extractfile(one), "sha256").hexdigest() for one in files}
 
 
 def keep(path, dataset):

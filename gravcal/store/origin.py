@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from gravcal.errors import refuse
-from gravcal.io import archive, unpacked
+from gravcal.io import archive
 from gravcal.store import netcdf
 
 MEASURED, SIMULATED, MIXED = ORIGINS = ("measured", "simulated", "mixed")
@@ -73,7 +73,7 @@ def _header(path):
                 return "\n".join(f"{name}: {value}" for name, value in netcdf.attributes(file).items())
         with (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
             return _cut(stream.read(HEAD))
-    except (*unpacked.DAMAGED, EOFError, zlib.error):
+    except (*archive.DAMAGED, EOFError, zlib.error):
         return ""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gravcal.errors import ProductError
-from gravcal.io import inertial_files, sgrs_files, unpacked
+from gravcal.io import archive, inertial_files, sgrs_files
 from gravcal.io.archive import inventory
 from gravcal.io.readers import read
 from gravcal.store import memory
@@ -77,7 +77,7 @@ def test_a_limit_that_is_none_is_refused(monkeypatch, given):
     """Contract: the setting is a positive number."""
     monkeypatch.setenv("GRAVCAL_UNPACKED_LIMIT", given)
     with pytest.raises(ProductError, match="positive number of MB"):
-        unpacked.limit()
+        archive.limit()
 
 
 def declared(path, name, shape):
