@@ -15,7 +15,7 @@ from gravcal import catalog
 from gravcal.io.readers import tables
 from gravcal.io.readers.dataset import TICKS
 from gravcal.simulation import com_offset as simulation
-from gravcal.simulation import streams
+from gravcal.simulation import sensors
 from gravcal.store.records import ProductRef
 from tasks import stage
 
@@ -52,13 +52,13 @@ def simulated(seed: int, effects: Mapping, **settings) -> Simulated:
     chosen = catalog.parameters("simulate_com_offset").with_settings(settings)
     satellite = catalog.satellite(chosen.satellite).settings()
     day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()
-    motion, read = [], streams.read_instruments
+    motion, read = [], sensors.read_instruments
 
     def tapped(epochs, moving, *rest):
         motion.append((epochs, moving.at(epochs.acc)))
         return read(epochs, moving, *rest)
 
-    with mock.patch.object(streams, "read_instruments", tapped):
+    with mock.patch.object(sensors, "read_instruments", tapped):
         columns, truth = simulation.simulate(satellite, chosen, day, seed, effects)
     return Simulated(columns, truth, motion, chosen, satellite)
 

@@ -27,7 +27,7 @@ class Steps:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Environment:
     """What the satellite flies through, at evenly spaced nodes.
 
     Attributes
@@ -44,6 +44,10 @@ class Surroundings:
     field_i: np.ndarray
     target: np.ndarray
     target_rate_b: np.ndarray
+
+    def at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Values (k, m) of the nodes at other times (n, m), linear."""
+        return np.stack([np.interp(time, self.time, column) for column in values.T], axis=1)
 
 
 @dataclass(frozen=True)
@@ -201,7 +205,7 @@ def _fly(bound, control, wave, wave_dipole, closed, rods, gas, added_dipole, add
 
 def fly(
     steps: Steps,
-    around: Surroundings,
+    around: Environment,
     body: Body,
     start: np.ndarray,
     added: tuple[np.ndarray, np.ndarray],

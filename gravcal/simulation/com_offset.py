@@ -9,7 +9,7 @@ import numpy as np
 
 from gravcal.effects import effect
 from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic
-from gravcal.simulation import attitude, orbit, streams
+from gravcal.simulation import attitude, orbit, sensors
 from gravcal.simulation.injection import channel
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
@@ -58,15 +58,7 @@ class Scene:
 
 
 def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
-    """Orbit, manoeuvre times and true values.
-
-    Parameters
-    ----------
-    satellite : numbers of the catalogue, with `_sigma` beside them
-    chosen : parameters of the simulation
-    day : GPS s of midnight
-    rng : source of randomness
-    """
+    """Orbit, manoeuvre times and true values."""
     kinds = tuple(k for k in chosen.manoeuvres if k)
     for _ in range(200):
         angles = rng.uniform(0, 2 * np.pi, 2)
@@ -84,10 +76,24 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     stop = start + chosen.manoeuvre_s
     offset = (np.array(chosen.offset_um) + chosen.offset_scatter_um * rng.standard_normal(3)) * 1e-6
     bias = chosen.magnetometer_bias_t * rng.standard_normal(3)
-    spans = _spans(start, stop, chosen, day)
-    drag = np.array([-satellite["x_along_velocity"] * chosen.drag_m_s2, 0.0, 0.0])
-    divisors, mass = _divisors(satellite, chosen, rng), float(satellite["mass_at_launch"])
-    return Scene(path, kinds, start, stop, spans, offset, *divisors, bias, mass, drag, day - 60)
+    # inertia and dipole per current of the catalogue, or drawn from its prior
+    spread = rng.standard_normal(6) * chosen.divisor_scatter
+    inertia_sigma = np.diag(np.array(satellite["inertia_sigma"]))
+    dipole_sigma = np.array(satellite["dipole_per_current_sigma"])
+    return Scene(
+        orbit=path,
+        kinds=kinds,
+        start=start,
+        stop=stop,
+        spans=_spans(start, stop, chosen, day),
+        offset=offset,
+        inertia_b=np.array(satellite["inertia"]) + np.diag(inertia_sigma * spread[:3]),
+        dipole_per_current=np.array(satellite["dipole_per_current"]) + dipole_sigma * spread[3:],
+        magnetometer_bias=bias,
+        mass=float(satellite["mass_at_launch"]),
+        drag_b=np.array([-satellite["x_along_velocity"] * chosen.drag_m_s2, 0.0, 0.0]),
+        begin=day - 60,
+    )
 
 
 def _schedule(path, kinds, chosen, day):
@@ -116,14 +122,6 @@ def _spans(start, stop, chosen, day):
     return np.clip(np.array(joined), day, day + constants.DAY)
 
 
-def _divisors(satellite, chosen, rng):
-    """True inertia and dipole per current: the catalogue's, or drawn from its prior."""
-    inertia, dipole = np.array(satellite["inertia"]), np.array(satellite["dipole_per_current"])
-    spread = rng.standard_normal(6) * chosen.divisor_scatter
-    inertia = inertia + np.diag(np.diag(np.array(satellite["inertia_sigma"])) * spread[:3])
-    return inertia, dipole + np.array(satellite["dipole_per_current_sigma"]) * spread[3:]
-
-
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
     """Level-1 columns of a simulated day and its truth.
 
@@ -143,14 +141,10 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     rng = np.random.default_rng(seed)
     scene = draw_scene(satellite, chosen, day, rng)
     injected = {slug: (effect(slug), effect(slug).values(given)) for slug, given in effects.items()}
-    clock = streams.draw_clock(chosen, day, rng)
+    clock = sensors.draw_clock(chosen, day, rng)
     parts = [_fly_span(span, scene, satellite, chosen, injected, clock, rng) for span in scene.spans]
-    columns = streams.join(parts) | streams.clock_files(clock)
-    return columns, _truth(scene, effects, seed, day, chosen)
-
-
-def _truth(scene, effects, seed, day, chosen):
-    return {
+    columns = sensors.join(parts) | sensors.clock_files(clock)
+    truth = {
         "seed": seed,
         "day": day,
         "direction": "proof_mass_to_com",
@@ -164,12 +158,13 @@ def _truth(scene, effects, seed, day, chosen):
         "effects": {slug: dict(given) for slug, given in effects.items()},
         "noise_scale": chosen.noise_scale,
     }
+    return columns, truth
 
 
 def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
     """Motion and readings of one contiguous span."""
-    epochs = streams.draw_epochs(span, clock, injected, satellite, channel)
-    around = _surroundings(span, scene, satellite, chosen.igrf_generation)
+    epochs = sensors.draw_epochs(span, clock, injected, satellite, channel)
+    around = _environment(span, scene, satellite, chosen.igrf_generation)
     steps = _steps(span, epochs, scene, satellite, chosen, rng)
     body = attitude.Body(
         scene.inertia_b,
@@ -183,24 +178,28 @@ def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
     start = np.concatenate([around.target[first], around.target_rate_b[first]])
     tilt = frames.from_rotation_vector(chosen.pointing_error_rad * rng.standard_normal(3))
     start[:4] = frames.quaternion_product(start[:4], tilt)
-    slow = _slow_torque(steps.bound, chosen, rng)
+    # aerodynamic torque that varies along the orbit, at both ends of each step
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    size = chosen.aerodynamic_torque_n_m * rng.standard_normal(3)
+    slow = size * (1 + 0.5 * np.sin(1.1e-3 * (steps.bound[:, None] - steps.bound[0]) + phase))
+    slow = np.stack([slow[:-1], slow[1:]], axis=1)
     states, control = attitude.fly(steps, around, body, start, (np.zeros_like(slow), slow))
     if any(entry.channel in EXTRA for entry, _ in injected.values()):
         states, control, added = _with_effects(steps, around, body, start, slow, states, control, injected, scene)
     else:
         added = (np.zeros_like(slow), slow)
     motion = _motion(steps, around, scene, states, control, added)
-    return streams.read_instruments(epochs, motion, scene, satellite, chosen, injected, channel, rng)
+    return sensors.read_instruments(epochs, motion, scene, satellite, chosen, injected, channel, rng)
 
 
-def _surroundings(span, scene, satellite, generation):
+def _environment(span, scene, satellite, generation):
     """Position, field and wanted attitude at 1 Hz, two seconds wider than the span."""
     nodes = np.arange(np.floor(span[0]) - 8, np.ceil(span[1]) + 8)
     state = scene.orbit(nodes)
     R_ei = earth.R_ei(nodes)
     field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), generation)
     target, rate = orbit.nominal_attitude(state, satellite["x_along_velocity"])
-    return attitude.Surroundings(nodes, state[:, :3], np.matvec(np.swapaxes(R_ei, 1, 2), field_e), target, rate)
+    return attitude.Environment(nodes, state[:, :3], np.matvec(np.swapaxes(R_ei, 1, 2), field_e), target, rate)
 
 
 def _steps(span, epochs, scene, satellite, chosen, rng):
@@ -227,14 +226,6 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
     return attitude.Steps(bound, updates, wave, dipole)
 
 
-def _slow_torque(bound, chosen, rng):
-    """Aerodynamic torque that varies along the orbit, at both ends of each step."""
-    phase = rng.uniform(0, 2 * np.pi, 3)
-    size = chosen.aerodynamic_torque_n_m * rng.standard_normal(3)
-    values = size * (1 + 0.5 * np.sin(1.1e-3 * (bound[:, None] - bound[0]) + phase))
-    return np.stack([values[:-1], values[1:]], axis=1)
-
-
 def _with_effects(steps, around, body, start, slow, states, control, injected, scene):
     """Fly again with the injected dipole and torque effects, the controller's part as it was with them.
 
@@ -243,36 +234,25 @@ def _with_effects(steps, around, body, start, slow, states, control, injected, s
     parts = np.append(0.0, (np.arange(PARTS) + 0.5) / PARTS)
     inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
     for closed in (True, False):
-        context = streams.context_of_steps(inner, parts.size, steps, around, states, control[0], scene)
-        dipole, torque = (_ends(channel(injected, n, context).reshape(-1, parts.size, 3)) for n in EXTRA)
-        again = None if closed else control
-        torque = slow + torque
-        states, control = attitude.fly(steps, around, body, start, (dipole, torque), again)
-    return states, control, (dipole, torque)
-
-
-def _ends(values):
-    """Values (n, 2, 3) at both ends of each step, (n, 1 + parts, 3) at its beginning and within it."""
-    begin, mean = values[:, 0], values[:, 1:].mean(axis=1)
-    return np.stack([begin, 2 * mean - begin], axis=1)
-
-
-def _nodes(around, time, values):
-    """Values of 1 Hz nodes at other times, linear."""
-    return np.stack([np.interp(time, around.time, values[:, c]) for c in range(values.shape[1])], axis=1)
+        context = sensors.context_of_steps(inner, parts.size, steps, around, states, control[0], scene)
+        found = [channel(injected, name, context).reshape(-1, parts.size, 3) for name in EXTRA]
+        ends = [np.stack([v[:, 0], 2 * v[:, 1:].mean(axis=1) - v[:, 0]], axis=1) for v in found]
+        added = ends[0], slow + ends[1]
+        states, control = attitude.fly(steps, around, body, start, added, None if closed else control)
+    return states, control, added
 
 
 def _motion(steps, around, scene, states, control, added):
     """True motion at every bound, values after an edge."""
     pad = [np.concatenate([a, a[-1:]]) for a in (control[0] + added[0][:, 0], control[1] + added[1][:, 0])]
     rods = np.concatenate([control[0], control[0][-1:]])
-    position_i, field_i = (_nodes(around, steps.bound, v) for v in (around.position_i, around.field_i))
+    position_i, field_i = (around.at(steps.bound, values) for values in (around.position_i, around.field_i))
     quaternion, rate = states[:, :4], states[:, 4:]
-    field_b = np.matvec(frames.R_bi_from_quaternion(quaternion), field_i)
     R_bi = frames.R_bi_from_quaternion(quaternion)
+    field_b = np.matvec(R_bi, field_i)
     gradient_b = R_bi @ gravity.gradient_i(position_i) @ np.swapaxes(R_bi, 1, 2)
     torque = np.cross(pad[0], field_b) + pad[1] + dynamics.gravity_gradient_torque(scene.inertia_b, gradient_b)
-    return streams.Motion(
+    return sensors.Motion(
         time=steps.bound,
         quaternion=quaternion,
         rate_b=rate,

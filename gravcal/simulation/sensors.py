@@ -1,11 +1,228 @@
-"""What the instruments write of a simulated motion: noise, bias, quantisation, tags."""
+"""What the instruments read of a simulated motion, and the columns of the Level-1 files."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from gravcal.effects import Context, effect
 from gravcal.estimation.noise import coloured
-from gravcal.physics import frames
+from gravcal.physics import constants, earth, frames, gravity, orbit_environment
+
+MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the real file of 2023-06-01
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Receiver clock and on-board mapping of a day.
+
+    Attributes
+    ----------
+    receiver : (c,) s, CLK1B nodes; offset : (c,) s, GPS minus receiver
+    onboard : (m,) s, TIM1B nodes; mapping_ns : (m,) ns, receiver minus on-board
+    """
+
+    receiver: np.ndarray
+    offset: np.ndarray
+    drift: float
+    onboard: np.ndarray
+    mapping_ns: np.ndarray
+
+    def gps(self, tag: np.ndarray) -> np.ndarray:
+        """GPS time of on-board tags (s)."""
+        receiver = tag + 1e-9 * np.interp(tag, self.onboard, self.mapping_ns)
+        return receiver + np.interp(receiver, self.receiver, self.offset)
+
+
+@dataclass(frozen=True)
+class Epochs:
+    """True times of the readings of one span and the tags they get.
+
+    Attributes
+    ----------
+    acc, sca, mag : (n,) s, true GPS time of the readings
+    acc_tag : (n,) us past `origin`, integer on-board tags; sca_tag, mag_tag : s, GPS
+    """
+
+    acc: np.ndarray
+    acc_tag: np.ndarray
+    sca: np.ndarray
+    sca_tag: np.ndarray
+    mag: np.ndarray
+    mag_tag: np.ndarray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """True motion at the bounds of the steps; after an edge where it jumps."""
+
+    time: np.ndarray
+    quaternion: np.ndarray
+    rate_b: np.ndarray
+    rate_dot_b: np.ndarray
+    gradient_b: np.ndarray
+    field_b: np.ndarray
+    command_b: np.ndarray
+
+    def at(self, time: np.ndarray) -> Motion:
+        """The same at some of the bounds."""
+        index = np.clip(np.searchsorted(self.time, time - 1e-7), 0, self.time.size - 1)
+        return Motion(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+def draw_clock(chosen, day: float, rng) -> Clock:
+    """Clock offset with drift and the mapping jitter of TIM1B."""
+    receiver = np.arange(day - 300, day + constants.DAY + 301, 10.0)
+    offset = rng.uniform(-1, 1) * chosen.clock_offset_s + chosen.clock_drift * (receiver - day)
+    onboard = np.arange(day - 295, day + constants.DAY + 300, 8.0)
+    return Clock(receiver, offset, chosen.clock_drift, onboard, 119.0 * rng.integers(-1, 2, onboard.size))
+
+
+def draw_epochs(span, clock: Clock, injected, satellite, channel) -> Epochs:
+    """Tags of a span and the true times behind them, late tags being earlier readings."""
+    step = satellite["accelerometer_interval"]
+    first = np.ceil((span[0] - 1) / step)
+    tag = np.round(1e6 * (np.arange(first, np.floor((span[1] + 1) / step)) * step)).astype(np.int64)
+    gps = clock.gps(tag * 1e-6)
+    inside = (gps >= span[0]) & (gps < span[1])
+    tag, gps = tag[inside], gps[inside]
+    sca = np.arange(np.ceil(span[0]), span[1])
+    mag = np.arange(np.ceil(2 * span[0]), np.floor(2 * span[1])) / 2 + MAG_FRACTION
+    late = {
+        k: lambda t, k=k: channel(injected, f"{k}_delay", Context(time=t, epoch=clock.receiver[0]))
+        for k in ("acc", "sca", "mag")
+    }
+    return Epochs(gps - late["acc"](gps), tag, sca - late["sca"](sca), sca, mag - late["mag"](mag), mag)
+
+
+def read_instruments(epochs, motion, scene, satellite, chosen, injected, channel, rng):
+    """Columns of every product for one span."""
+    return {
+        "ACC1A": _accelerometer(epochs, motion.at(epochs.acc), scene, satellite, chosen, injected, channel, rng),
+        "SCA1B": _star_camera(epochs, motion.at(epochs.sca), chosen, injected, channel, rng),
+        "MAG1B": _magnetometer(epochs, motion.at(epochs.mag), scene, satellite, chosen, injected, channel, rng),
+    } | _orbit(epochs.sca_tag, scene)
+
+
+def _accelerometer(epochs, motion, scene, satellite, chosen, injected, channel, rng):
+    shared = {name: getattr(motion, name) for name in ("rate_b", "rate_dot_b", "gradient_b", "field_b")}
+    shared |= {"dipole_b": motion.command_b, "inertia_b": scene.inertia_b, "start": scene.start, "stop": scene.stop}
+    shared["epoch"] = scene.spans[0, 0]
+    extra = _extras(epochs.acc, motion, scene) if injected else {}
+    context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, extra=extra, **shared)
+    linear = _drag(epochs, motion, scene, chosen) + effect("accelerometer.offset").contribution(context, scene.offset)
+    context = replace(context, linear_b=linear)
+    linear = linear + channel(injected, "linear_b", context)
+    angular = motion.rate_dot_b + channel(injected, "angular_b", context)
+    read = {
+        "lin": _digitised(linear, "linear", "accelerometer", satellite, chosen, rng),
+        "ang": _digitised(angular, "angular", "angular", satellite, chosen, rng),
+    }
+    seconds, micro = np.divmod(epochs.acc_tag, 1_000_000)
+    columns = {f"{kind}_accl_{axis}": read[kind][:, i] for kind in read for i, axis in enumerate("xyz")}
+    return {"rcvtime_intg": seconds, "rcvtime_frac": micro} | columns
+
+
+def _extras(time, motion, scene):
+    """What slow disturbances follow."""
+    orbit = np.arange(max(time[0] - 3 * orbit_environment.WARMING_S, scene.begin), time[-1] + 10, 5.0)
+    position_i = scene.orbit(orbit)[:, :3]
+    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
+    return orbit_environment.extras(time, orbit, position_i, R_bi, scene.mass, scene.drag_b)
+
+
+def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) -> Context:
+    """What dipole and torque effects look at, at `parts` epochs inside each integration step."""
+    begin, state = steps.bound[:-1], states[:-1]
+    R_bi, position_i = frames.R_bi_from_quaternion(state[:, :4]), around.at(begin, around.position_i)
+    extra = orbit_environment.extras(begin, around.time, around.position_i, R_bi, scene.mass, scene.drag_b)
+    spread = lambda v: v if np.ndim(v) == 0 else np.repeat(v, parts, axis=0)  # noqa: E731
+    return Context(
+        time=inner,
+        rate_b=spread(state[:, 4:]),
+        gradient_b=spread(R_bi @ gravity.gradient_i(position_i) @ np.swapaxes(R_bi, 1, 2)),
+        dipole_b=spread(dipole_b),
+        field_b=spread(np.matvec(R_bi, around.at(begin, around.field_i))),
+        inertia_b=scene.inertia_b,
+        start=scene.start,
+        stop=scene.stop,
+        epoch=scene.spans[0, 0],
+        extra={name: spread(value) for name, value in extra.items()},
+    )
+
+
+def _drag(epochs, motion, scene, chosen):
+    """Non-gravitational acceleration (n, 3) in the body, against the flight and modulated along the orbit."""
+    state = scene.orbit(epochs.acc)
+    flight = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
+    density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))
+    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
+    return np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * flight)
+
+
+def _digitised(true, kind, names, satellite, chosen, rng):
+    """Reading with noise and bias, in whole steps of the converter."""
+    noise = accelerometer_noise(len(true), satellite["accelerometer_interval"], chosen, kind, rng)
+    return quantised(true + noise + satellite[f"{names}_bias"], np.array(satellite[f"{names}_step"]))
+
+
+def _star_camera(epochs, motion, chosen, injected, channel, rng):
+    angle = star_camera_noise(epochs.sca.size, chosen, rng)
+    angle = angle + channel(injected, "pointing_b", Context(time=epochs.sca, rate_b=motion.rate_b))
+    measured = star_camera(motion.quaternion, angle, rng)
+    names = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
+    return {"gps_time": epochs.sca_tag.astype(np.int64)} | dict(zip(names, measured.T, strict=True))
+
+
+def _magnetometer(epochs, motion, scene, satellite, chosen, injected, channel, rng):
+    extra = _extras(epochs.mag, motion, scene) if injected else {}
+    context = Context(time=epochs.mag, field_b=motion.field_b, dipole_b=motion.command_b, extra=extra)
+    noise = chosen.noise_scale * np.array(satellite["magnetometer_noise"]) * rng.standard_normal((epochs.mag.size, 3))
+    field = motion.field_b + channel(injected, "field_b", context) + scene.magnetometer_bias + noise
+    held = np.maximum(np.arange(epochs.mag.size) - np.arange(epochs.mag.size) % 2, 0)
+    field = 1e6 * quantised(field[held], satellite["magnetometer_step"])
+    current = quantised(motion.command_b / scene.dipole_per_current, satellite["torquer_current_step"])
+    whole = np.floor(epochs.mag_tag)
+    micro = np.round(1e6 * (epochs.mag_tag - whole)).astype(np.int64)
+    columns = {"time_intg": whole.astype(np.int64), "time_frac": micro}
+    columns |= {f"Mfv{axis}_RAW": field[:, i] for i, axis in enumerate("XYZ")}
+    return columns | coil_currents(current)
+
+
+def _orbit(time, scene):
+    """GNI1B and GNV1B at 1 Hz."""
+    state = scene.orbit(time)
+    position_e, velocity_e = earth.state_to_fixed(time, state[:, :3], state[:, 3:])
+    names = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
+    epoch = {"gps_time": time.astype(np.int64)}
+    fixed = np.concatenate([position_e, velocity_e], axis=1)
+    return {
+        "GNI1B": epoch | dict(zip(names, state.T, strict=True)),
+        "GNV1B": epoch | dict(zip(names, fixed.T, strict=True)),
+    }
+
+
+def join(parts: list[dict]) -> dict:
+    """Columns of several spans, one after the other."""
+    return {p: {n: np.concatenate([part[p][n] for part in parts]) for n in parts[0][p]} for p in parts[0]}
+
+
+def clock_files(clock: Clock) -> dict:
+    """Columns of CLK1B and TIM1B."""
+    receiver = np.round(clock.onboard * 1e9).astype(np.int64) + clock.mapping_ns.astype(np.int64)
+    return {
+        "CLK1B": {
+            "rcv_time": clock.receiver.astype(np.int64),
+            "eps_time": clock.offset,
+            "eps_drift": np.full(clock.offset.size, clock.drift),
+        },
+        "TIM1B": {
+            "obctime": clock.onboard.astype(np.int64),
+            "rcvtime_intg": receiver // 1_000_000_000,
+            "rcvtime_frac": receiver % 1_000_000_000,
+        },
+    }
 
 
 def quantised(values: np.ndarray, step) -> np.ndarray:
@@ -30,19 +247,7 @@ def table_density(frequency_hz, amplitude):
 
 
 def accelerometer_noise(count: int, step_s: float, chosen, kind: str, rng) -> np.ndarray:
-    """Noise of the three axes of the linear or angular channels.
-
-    Parameters
-    ----------
-    count, step_s : samples and their spacing in s
-    chosen : parameters of the simulation
-    kind : "linear" or "angular"
-    rng : source of randomness
-
-    Returns
-    -------
-    noise_b : (count, 3) m s-2 or rad s-2
-    """
+    """Noise of the three axes of the linear or angular channels."""
     tables = [getattr(chosen, f"{kind}_noise_{axis}") for axis in "xyz"]
     columns = [coloured(table_density(chosen.noise_frequency_hz, t), count, step_s, rng) for t in tables]
     return chosen.noise_scale * np.stack(columns, axis=1)
@@ -64,26 +269,14 @@ def star_camera_noise(count: int, chosen, rng) -> np.ndarray:
 
 
 def star_camera(quaternion: np.ndarray, angle_b: np.ndarray, rng) -> np.ndarray:
-    """Measured quaternions: the error angle applied in the body, the sign of a few runs flipped.
-
-    Parameters
-    ----------
-    quaternion : (n, 4) true attitude
-    angle_b : (n, 3) rad
-    rng : source of randomness
-    """
+    """Measured quaternions: the error angle applied in the body, the sign of a few runs flipped."""
     measured = frames.quaternion_product(quaternion, frames.from_rotation_vector(angle_b))
     sign = np.where(np.cumsum(rng.random(len(measured)) < 2e-4) % 2 == 1, -1.0, 1.0)
     return measured * sign[:, None]
 
 
 def coil_currents(axis_current_ma: np.ndarray) -> dict[str, np.ndarray]:
-    """Readings of the six coils: positive currents in A, negative ones with their sign in B (GRACE-FO).
-
-    Parameters
-    ----------
-    axis_current_ma : (n, 3) mA
-    """
+    """Readings of the six coils: positive currents in A, negative ones with their sign in B (GRACE-FO)."""
     positive, negative = np.maximum(axis_current_ma, 0), np.minimum(axis_current_ma, 0)
     coils = {f"torque{i + 1}A": positive[:, i] for i in range(3)}
     return coils | {f"torque{i + 1}B": negative[:, i] for i in range(3)}
