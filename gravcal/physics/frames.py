@@ -118,6 +118,15 @@ def conjugate(quaternion):
     return check_shape("conjugate", quaternion, (..., 4)) * np.array([1.0, -1.0, -1.0, -1.0])
 
 
+def flight_frame(state_i):
+    """R_oi (n, 3, 3) of x radially outward, z along the flight, y = z x x, from states (n, 6) m and m s-1."""
+    position, velocity = state_i[:, :3], state_i[:, 3:]
+    x = position / np.linalg.norm(position, axis=1, keepdims=True)
+    y = np.cross(velocity, position)
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
 def continuous(quaternion):
     """The same attitudes with signs such that neighbours are close (q and -q are one attitude).
 

@@ -33,24 +33,15 @@ KNOWN = (
 
 @dataclass(frozen=True)
 class Truth:
-    """True numbers of the sensor.
+    """True numbers of the sensor."""
 
-    Attributes
-    ----------
-    k : (3,) m s-2 V-1; beta : (3,) rad s-2 V-1
-    offset : (3,) m, centre of mass to test mass
-    bias : (3,) m s-2, of f = b + k V; angular_bias : (3,) rad s-2
-    inertia : (3,) kg m2 of the test mass
-    delay : s, star-tracker tags late
-    """
-
-    k: np.ndarray
-    beta: np.ndarray
-    offset: np.ndarray
-    bias: np.ndarray
-    angular_bias: np.ndarray
-    inertia: np.ndarray
-    delay: float
+    k: np.ndarray  # (3,) m s-2 V-1
+    beta: np.ndarray  # (3,) rad s-2 V-1
+    offset: np.ndarray  # (3,) m, centre of mass to test mass
+    bias: np.ndarray  # (3,) m s-2, of f = b + k V
+    angular_bias: np.ndarray  # (3,) rad s-2
+    inertia: np.ndarray  # (3,) kg m2 of the test mass
+    delay: float  # s, star-tracker tags late
 
 
 @dataclass(frozen=True)
@@ -70,22 +61,15 @@ NOTHING = Hidden()
 
 @dataclass(frozen=True)
 class Roll:
-    """Everything drawn before the satellite rolls.
+    """Everything drawn before the satellite rolls."""
 
-    Attributes
-    ----------
-    start, stop : s; path : orbit
-    knot : (m,) s; rate : (m,) rad s-1, roll with respect to the orbit frame, linear between; angle : (m,) rad there
-    drift : (m, 3) m s-2, wander of the bias, linear between
-    """
-
-    start: float
-    stop: float
-    path: Callable
-    knot: np.ndarray
-    rate: np.ndarray
-    angle: np.ndarray
-    drift: np.ndarray
+    start: float  # s
+    stop: float  # s
+    path: Callable  # orbit
+    knot: np.ndarray  # (m,) s
+    rate: np.ndarray  # (m,) rad s-1, roll with respect to the orbit frame, linear between knots
+    angle: np.ndarray  # (m,) rad at the knots
+    drift: np.ndarray  # (m, 3) m s-2, wander of the bias, linear between knots
 
 
 def simulate(
@@ -178,26 +162,8 @@ def orbital_rate(chosen) -> float:
     return float(np.sqrt(GM / (EARTH_RADIUS + chosen.altitude_km * 1e3) ** 3))
 
 
-def R_oi(state_i: np.ndarray) -> np.ndarray:
-    """Rotation (n, 3, 3) to the pointing in normal flight: x radially outward, z along the flight, y = z x x."""
-    position, velocity = state_i[:, :3], state_i[:, 3:]
-    x = position / np.linalg.norm(position, axis=1, keepdims=True)
-    y = np.cross(velocity, position)
-    y /= np.linalg.norm(y, axis=1, keepdims=True)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
-
-
 def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, chosen) -> tuple[np.ndarray, np.ndarray]:
-    """Acceleration and angular acceleration that hold the test mass in its cage, without noise.
-
-    Parameters
-    ----------
-    time : (n,) s; quaternion : (n, 4); rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2; state_i : (n, 6)
-    truth : Truth; chosen : parameters of the simulation
-
-    Returns
-    -------
-    linear_b : (n, 3) m s-2; angular_b : (n, 3) rad s-2
+    """Linear and angular acceleration (n, 3) that hold the test mass in its cage, without noise.
 
     Notes
     -----
@@ -205,7 +171,7 @@ def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, c
     against the flight, solar pressure along the normal of the orbit.
     """
     R_bi = frames.R_bi_from_quaternion(quaternion)
-    R_bo = R_bi @ np.swapaxes(R_oi(state_i), 1, 2)
+    R_bo = R_bi @ np.swapaxes(frames.flight_frame(state_i), 1, 2)
     gradient_b = gravity.rotate_tensor(R_bi, gravity.gradient_i(state_i[:, :3]))
     phase = orbital_rate(chosen) * time
     drag = chosen.drag_m_s2 * (1 + np.sin(phase) / 3 + 0.1 * np.sin(2 * phase + 1))
@@ -271,7 +237,7 @@ def _motion(fine, swing_start, path, chosen, rng):
     rate_dot = rate_dot + 2e-8 * np.sin(2 * np.pi * fine[:, None] / sway + phase)
     rate = cumulative_trapezoid(rate_dot, dx=FINE, axis=0, initial=0.0)
     rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -orbital_rate(chosen), 0.0])
-    first = frames.quaternion_from_R_bi(R_oi(path(fine[:1])))[0]
+    first = frames.quaternion_from_R_bi(frames.flight_frame(path(fine[:1])))[0]
     start = frames.quaternion_product(first, frames.from_rotation_vector(5e-4 * rng.standard_normal(3)))
     return attitude(FINE, np.ascontiguousarray(rate), start), rate, rate_dot
 
@@ -391,7 +357,7 @@ def span(chosen, roll: Roll, bounds, truth: Truth, rng, hidden: Hidden = NOTHING
     angle = roll.angle[place] + roll.rate[place] * u + slope * u**2 / 2
     c, s, o, e = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     R_bo = np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3)
-    quaternion = frames.continuous(frames.quaternion_from_R_bi(R_bo @ R_oi(state)))
+    quaternion = frames.continuous(frames.quaternion_from_R_bi(R_bo @ frames.flight_frame(state)))
     momentum = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1)
     rate, rate_dot = np.zeros((coarse.size, 3)), np.zeros((coarse.size, 3))
     rate[:, 1] = np.interp(coarse, roll.knot, roll.rate) - momentum / np.sum(state[:, :3] ** 2, axis=1)

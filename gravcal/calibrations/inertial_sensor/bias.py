@@ -24,38 +24,23 @@ NEIGHBOURS = 5  # segments of the running median
 
 @dataclass(frozen=True)
 class Sensor:
-    """Scale factors and offset used.
+    """Scale factors and offset used."""
 
-    Attributes
-    ----------
-    k, k_sigma : (3,) m s-2 V-1, with the error of geometry
-    offset : (3,) m, centre of mass to test mass; covariance : (3, 3) m2, scale factors held
-    covariance_total : (3, 3) m2, with the error of the scale factors
-    """
-
-    k: np.ndarray
-    k_sigma: np.ndarray
-    offset: np.ndarray
-    covariance: np.ndarray
-    covariance_total: np.ndarray
+    k: np.ndarray  # (3,) m s-2 V-1
+    k_sigma: np.ndarray  # (3,) m s-2 V-1, with the error of geometry
+    offset: np.ndarray  # (3,) m, centre of mass to test mass
+    covariance: np.ndarray  # (3, 3) m2, scale factors held
+    covariance_total: np.ndarray  # (3, 3) m2, with the error of the scale factors
 
 
 @dataclass(frozen=True)
 class Model:
-    """What stands in a segment beside the bias.
+    """What stands in a segment beside the bias."""
 
-    Attributes
-    ----------
-    trend_degree : of the polynomial; its mean over the segment is the constant
-    amplitude_degree : of the polynomials by which non-gravitational accelerations change (published: 1)
-    harmonics : of the revolution by which they change beside (published: 0)
-    with_offset : keep the term of the offset (published: may be dropped; erratum T-10 says no)
-    """
-
-    trend_degree: int
-    amplitude_degree: int
-    harmonics: int = 0
-    with_offset: bool = True
+    trend_degree: int  # of the polynomial; its mean over the segment is the constant
+    amplitude_degree: int  # of the polynomials by which non-gravitational accelerations change (published: 1)
+    harmonics: int = 0  # of the revolution by which they change beside (published: 0)
+    with_offset: bool = True  # keep the term of the offset (published: may be dropped; erratum T-10 says no)
 
 
 @dataclass(frozen=True)
@@ -70,26 +55,16 @@ class Limits:
 
 @dataclass(frozen=True)
 class Segments:
-    """Constants of all segments.
+    """Constants of all segments."""
 
-    Attributes
-    ----------
-    time : (s,) s, middles; used : (s,) bool; uniformity : (s,)
-    constant, sigma : (s, 3) m s-2, of k V with the offset term taken off; minus the bias for x and z; the noise is
-        taken as the residual shows it, correlated or not
-    volt : (s, 3) V, the same before scaling, offset term included
-    offset_slope : (s, 3, 3) s-2, mean tensor: change of k V by the offset
-    amplitude : (s, 2, 2) m s-2, non-gravitational acceleration along x and z of o, as x and as z sees it
-    """
-
-    time: np.ndarray
-    used: np.ndarray
-    uniformity: np.ndarray
-    constant: np.ndarray
-    sigma: np.ndarray
-    volt: np.ndarray
-    offset_slope: np.ndarray
-    amplitude: np.ndarray
+    time: np.ndarray  # (s,) s, middles
+    used: np.ndarray  # (s,) bool
+    uniformity: np.ndarray  # (s,) relative scatter of the roll rate
+    constant: np.ndarray  # (s, 3) m s-2, of k V with the offset term taken off; minus the bias for x and z
+    sigma: np.ndarray  # (s, 3) m s-2, noise as the residual shows it, correlated or not
+    volt: np.ndarray  # (s, 3) V, the constant before scaling, offset term included
+    offset_slope: np.ndarray  # (s, 3, 3) s-2, mean tensor: change of k V by the offset
+    amplitude: np.ndarray  # (s, 2, 2) m s-2, non-gravitational acceleration along x and z of o, by x and by z
 
 
 @dataclass(frozen=True)

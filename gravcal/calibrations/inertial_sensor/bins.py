@@ -12,18 +12,7 @@ SPIKE = 6.0  # standard deviations of a sample about the mean of its bin
 
 
 def spikes(values: np.ndarray, half_width: int, limit: float) -> np.ndarray:
-    """Samples far from the running median of their neighbours.
-
-    Parameters
-    ----------
-    values : (n, m) any unit, evenly spaced
-    half_width : neighbours on each side
-    limit : standard deviations (median absolute deviation times 1.4826)
-
-    Returns
-    -------
-    spike : (n, m) bool
-    """
+    """Samples (n, m) farther than a limit, in standard deviations, from the running median of so many neighbours."""
     from scipy.ndimage import median_filter
 
     away = np.abs(values - median_filter(values, size=(2 * half_width + 1, 1), mode="nearest"))
@@ -69,20 +58,6 @@ def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[
     return mean.reshape(edges.size - 1, *np.shape(values)[1:]), count
 
 
-def scatter_about_polynomial(blocks: list[np.ndarray], degree: int) -> np.ndarray:
-    """Variance (m,) of samples about a polynomial of each block (n_i, m), over all blocks; NaN of too few samples."""
-    square, dof = 0.0, 0
-    for block in blocks:
-        good = np.isfinite(block).all(axis=1)
-        if np.count_nonzero(good) <= degree + 10:
-            continue
-        u = np.linspace(-1, 1, good.size)[good]
-        basis = np.linalg.qr(np.polynomial.legendre.legvander(u, degree))[0]
-        rest = block[good] - basis @ (basis.T @ block[good])
-        square, dof = square + np.sum(rest**2, axis=0), dof + u.size - degree - 1
-    return square / dof if dof else np.full(blocks[0].shape[1] if blocks else 3, np.nan)
-
-
 def scatter_of_third_differences(values: np.ndarray) -> np.ndarray:
     """Variance (m,) of white noise on a smooth motion (n, m), robust against jumps; the squared weights sum to 20."""
     third = np.diff(values, 3, axis=0)
@@ -120,22 +95,16 @@ def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str
         "time": middle,
         "linear_volt": mean,
         "share": np.minimum(count.min(axis=1) / np.rint(step_s / sampling), 1.0),
-        "R_bo": R_bi @ np.swapaxes(orbit_frame(state), 1, 2),
+        "R_bo": R_bi @ np.swapaxes(frames.flight_frame(state), 1, 2),
         "rate_b": rates(quaternion, step_s),
         "gradient_b": gravity.rotate_tensor(R_bi, gravity.gradient_i(position)),
     }
 
 
 def clipped_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means over bins without spikes; the limit is that of the noise, or of the motion within a bin if it is larger.
+    """Means (b, m) of samples (n, m) over bins without spikes, NaN where empty, and how many samples were used.
 
-    Parameters
-    ----------
-    time : (n,) s, increasing; values : (n, m); edges : (b + 1,) s
-
-    Returns
-    -------
-    mean : (b, m), NaN where empty; count : (b, m) samples used
+    The limit is that of the noise, or of the motion within a bin if it is larger.
     """
     pairs = np.diff(values[: values.shape[0] // 2 * 2].reshape(-1, 2, values.shape[1])[::7], axis=1)
     noise = 1.4826 * np.nanmedian(np.abs(pairs), axis=(0, 1)) / np.sqrt(2)
@@ -182,29 +151,11 @@ def _clipped_means(values, bounds, limit):
 
 
 def mean_attitude(time: np.ndarray, quaternion: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Attitude in the middle of each bin from the mean of its samples, NaN where more than half are missing (b, 4).
-
-    Parameters
-    ----------
-    time : (n,) s, increasing; quaternion : (n, 4); edges : (b + 1,) s
-    """
+    """Attitude (b, 4) in the middle of each bin from the mean of its samples, NaN where more than half are missing."""
     good = np.linalg.norm(quaternion, axis=1) > 0.5  # False of NaN
     mean, count = bin_means(time[good], frames.continuous(quaternion[good]), edges - 1e-6)
     mean[count < 0.5 * np.median(count)] = np.nan
     return mean / np.linalg.norm(mean, axis=1, keepdims=True)
-
-
-def orbit_frame(state_i: np.ndarray) -> np.ndarray:
-    """R_oi of x radially outward, z along the flight, y = z x x; the pointing of the sensor in normal flight (b, 3, 3).
-
-    Parameters
-    ----------
-    state_i : (b, 6) m and m s-1
-    """
-    x = state_i[:, :3] / np.linalg.norm(state_i[:, :3], axis=1, keepdims=True)
-    y = np.cross(state_i[:, 3:], state_i[:, :3])
-    y /= np.linalg.norm(y, axis=1, keepdims=True)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
 def rates(quaternion: np.ndarray, step_s: float) -> np.ndarray:

@@ -128,19 +128,16 @@ def _pointing(time, quaternion, orbit, rolling):
     if not covered.any():
         return np.nan
     state = bins.lines_between(time[covered], orbit["time"][known], state[known])
-    R_bo = frames.R_bi_from_quaternion(quaternion[covered]) @ np.swapaxes(bins.orbit_frame(state), 1, 2)
+    R_bo = frames.R_bi_from_quaternion(quaternion[covered]) @ np.swapaxes(frames.flight_frame(state), 1, 2)
     whole = np.trace(R_bo, axis1=1, axis2=2) / 2 - 0.5
     cosine = np.where(rolling[covered], R_bo[:, 1, 1], whole)
     return np.arccos(np.clip(cosine, -1, 1)).max()
 
 
 def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:
-    """Checks of what was found: quality of the fits, solutions against each other, plausible size.
+    """Checks of what was found in swing and roll: quality of the fits, solutions against each other, plausible size.
 
-    Parameters
-    ----------
-    products : {name: Dataset}, "align", "scale", "offset" of a swing, "bias" of a roll, as far as they are there
-    limits : all settings
+    `limits` are all settings.
     """
     tests = []
     if "scale" in products:

@@ -41,35 +41,21 @@ EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
 
 @dataclass(frozen=True)
 class RollView:
-    """Segments of a roll and their fits.
+    """Segments of a roll and their fits."""
 
-    Attributes
-    ----------
-    products : "segment", "bias" and, of a swing, "scale" and "offset"; settings : as of `view_of`
-    time : (s, b) s
-    reading, fitted : (s, b, 3) m s-2, k V as measured and as the baseline describes it
-    steady : (s, b, 3) m s-2, k V without wander: what the sensor feels by rolling, about the mean bias
-    tensor : (s, b, 3, 3) s-2, of the offset
-    turn : (s, b) complex, cosine and sine of the roll angle
-    rate_b : (s, b, 3) rad s-1; gradient_b : (s, b, 3, 3) s-2
-    designs : of each segment a design (b, p) for each axis, the constant first
-    start : (6,) m s-2 and m: bias and offset that residuals are formed with
-    k : (3,) m s-2 V-1
-    """
-
-    products: Mapping[str, xr.Dataset]
-    settings: Mapping
-    time: np.ndarray
-    reading: np.ndarray
-    fitted: np.ndarray
-    steady: np.ndarray
-    tensor: np.ndarray
-    turn: np.ndarray
-    rate_b: np.ndarray
-    gradient_b: np.ndarray
-    designs: list[list[np.ndarray]]
-    start: np.ndarray
-    k: np.ndarray
+    products: Mapping[str, xr.Dataset]  # "segment", "bias" and, of a swing, "scale" and "offset"
+    settings: Mapping  # as of `view_of`
+    time: np.ndarray  # (s, b) s
+    reading: np.ndarray  # (s, b, 3) m s-2, k V as measured
+    fitted: np.ndarray  # (s, b, 3) m s-2, as the baseline describes it
+    steady: np.ndarray  # (s, b, 3) m s-2, without wander: what the sensor feels by rolling, about the mean bias
+    tensor: np.ndarray  # (s, b, 3, 3) s-2, of the offset
+    turn: np.ndarray  # (s, b) complex, cosine and sine of the roll angle
+    rate_b: np.ndarray  # (s, b, 3) rad s-1
+    gradient_b: np.ndarray  # (s, b, 3, 3) s-2
+    designs: list[list[np.ndarray]]  # of each segment a design (b, p) for each axis, the constant first
+    start: np.ndarray  # (6,) m s-2 and m: bias and offset that residuals are formed with
+    k: np.ndarray  # (3,) m s-2 V-1
 
     channels = (CHANNEL,)
     parameters = ("bias_x", "bias_y", "bias_z", "offset_x", "offset_y", "offset_z")
@@ -122,44 +108,38 @@ class RollView:
         ]
         return [np.concatenate([*one, nothing]) for one in axes]
 
-    def blocks(self, *, alone: bool) -> list[Block]:
-        """Each segment; global are bias and offset.
+    def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
+        """Each segment; bias and offset are among the first of so many global columns, whose names are given.
 
-        Parameters
-        ----------
-        alone : there is no swing in the search that knows the offset: one block more, of what is known of an assumed
-            one, which may be that of another year: little
+        Alone, without a swing that knows the offset, one block more says what is known of an assumed one: little.
         """
-        count, size = self.time.shape
+        (count, size), places = self.time.shape, [parameters.index(name) for name in self.parameters]
         left = self.reading - np.matvec(self.tensor, self.start[3:]) + self.start[:3]
         shared = np.concatenate([np.broadcast_to(-np.eye(3), (count, size, 3, 3)), self.tensor], axis=3)
         whitened = self.rows(np.concatenate([left[..., None], shared], axis=3))
         channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)
         axis = np.append(np.repeat([0, 1, 2], size), [0, 1, 2])
         found = []
-        for s, rows in enumerate(whitened):
-            time = self.time[s]
+        for s, (time, rows) in enumerate(zip(self.time, whitened, strict=True)):
+            columns = np.zeros((len(rows), width))
+            columns[:, places] = rows[:, 1:]
+            own = np.zeros((size, 3, sum(design.shape[1] for design in self.designs[s])))
+            held, place = np.zeros((3, own.shape[2])), 0  # rows of the constants
+            for a, design in enumerate(self.designs[s]):
+                own[:, a, place : place + design.shape[1]] = design
+                held[a, place] = 1 / self.wander[a]
+                place += design.shape[1]
+            (local,) = self.rows(own[None])
+            local[-3:] = held
             epochs = np.append(np.tile(time, 3), np.full(3, time[0]))
             steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S))
-            local = self._local_columns(s)
-            found.append(Block(f"roll {s + 1}", rows[:, 0], rows[:, 1:], local, channel, axis, epochs, steps))
+            found.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps))
         if alone:
-            known = np.hstack([np.zeros((3, 3)), np.eye(3) / UNKNOWN_M])
+            known = np.zeros((3, width))
+            known[:, places[3:]] = np.eye(3) / UNKNOWN_M
             words, epochs = np.full(3, "offset"), np.full(3, self.time[0, 0])
             found.append(Block("offset", np.zeros(3), known, np.zeros((3, 0)), words, np.arange(3), epochs))
         return found
-
-    def _local_columns(self, index):
-        """Whitened columns of a segment alone, and the rows that hold its constants."""
-        width = sum(design.shape[1] for design in self.designs[index])
-        columns, held, place = np.zeros((self.time.shape[1], 3, width)), np.zeros((3, width)), 0
-        for axis, design in enumerate(self.designs[index]):
-            columns[:, axis, place : place + design.shape[1]] = design
-            held[axis, place] = 1 / self.wander[axis]
-            place += design.shape[1]
-        (rows,) = self.rows(columns[None])
-        rows[-3:] = held
-        return rows
 
     def steps(self, index: int, epochs: np.ndarray) -> dict[float, np.ndarray]:
         """Whitened rows (3 b + 3, 3) of a step of the linear readings of a segment at each of some epochs s."""
@@ -256,12 +236,9 @@ class RollView:
 
 
 def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView | None:
-    """View of a roll; None where fewer than three segments can be used.
+    """View of "segment", "bias" and, of a swing, "scale" and "offset"; None of fewer than three usable segments.
 
-    Parameters
-    ----------
-    products : "segment", "bias" and, of a swing, "scale" and "offset"
-    settings : segment_s s; trend_degree, amplitude_degree, amplitude_harmonics; assumed, as of `bias.bias`
+    Settings are segment_s, trend_degree, amplitude_degree, amplitude_harmonics and assumed, as of `bias.bias`.
     """
     biased = products["bias"]
     used = np.flatnonzero(biased["used"].values)

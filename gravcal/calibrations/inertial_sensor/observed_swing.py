@@ -42,37 +42,22 @@ MARGIN_S = 10.0  # from the ends of the record, where none is
 
 @dataclass(frozen=True)
 class SwingView:
-    """A swing with its fits.
+    """A swing with its fits."""
 
-    Attributes
-    ----------
-    aligned : Dataset, "inertial_sensor.align"
-    swing : Swing; motion : predicted; unknowns : of the fit; system : attitude rows about the solution
-    record : Record of the linear readings; k : (3,) m s-2 V-1
-    tensor : (b, 3, 3) s-2, of the offset; good : (b,) bins of the linear readings
-    start : (6,) rad s-2 V-1, s, m, the solution
-    quiet : quiet samples an axis that the noise was measured from
-    """
-
-    aligned: xr.Dataset
+    aligned: xr.Dataset  # "inertial_sensor.align"
     swing: fits.Swing
-    motion: fits.Motion
-    unknowns: fits.Unknowns
-    system: fits.LinearSystem
-    record: offset.Record
-    k: np.ndarray
-    tensor: np.ndarray
-    good: np.ndarray
-    start: np.ndarray
-    quiet: float
+    motion: fits.Motion  # predicted
+    unknowns: fits.Unknowns  # of the fit
+    system: fits.LinearSystem  # attitude rows about the solution
+    record: offset.Record  # of the linear readings
+    k: np.ndarray  # (3,) m s-2 V-1
+    tensor: np.ndarray  # (b, 3, 3) s-2, of the offset
+    good: np.ndarray  # (b,) bins of the linear readings
+    start: np.ndarray  # (6,) rad s-2 V-1, s, m, the solution
+    quiet: float  # samples an axis that the noise was measured from
 
     channels = ("attitude", "linear")
     parameters = ("beta_x", "beta_yz", "delay", "offset_x", "offset_y", "offset_z")
-
-    @property
-    def beta(self) -> np.ndarray:
-        """(3,) rad s-2 V-1 of each axis."""
-        return self.unknowns.factors[fits.OWNER]
 
     def rows_of(self, channel: str) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         """Time s and axis of the rows of a channel, and the places of those in even and in odd stretches of time."""
@@ -105,8 +90,8 @@ class SwingView:
         each = zip(self.record.noise, np.moveaxis(volts, 1, 0), strict=True)
         return np.concatenate([noise.whiten(model, np.ascontiguousarray(v), self.good) for model, v in each])
 
-    def blocks(self) -> list[Block]:
-        """Both channels, even and odd stretches; global columns: parameters, start values, drifts."""
+    def blocks(self, parameters: Sequence[str]) -> list[Block]:
+        """Both channels, even and odd stretches; global columns: all parameters, start values, drifts."""
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
         drift = np.einsum("nk,ac->nakc", record.trend, np.eye(3)).reshape(record.time.size, 3, -1)
@@ -116,15 +101,14 @@ class SwingView:
             "attitude": solve_triangular(system.lower, attitude, lower=True),
             "linear": self.linear_rows(np.where(self.good[:, None, None], linear, 0.0)),
         }
-        begin = attitude.shape[1] - 4  # start values of the attitude
-        places = {
-            "attitude": [0, 1, 2, *range(6, 6 + begin)],
-            "linear": [3, 4, 5, *range(6 + begin, 6 + begin + drift.shape[2])],
-        }
+        own = [parameters.index(name) for name in self.parameters]
+        drifts = len(parameters) + attitude.shape[1] - 4  # after the start values of the attitude
+        width = drifts + drift.shape[2]
+        places = {"attitude": [*own[:3], *range(len(parameters), drifts)], "linear": [*own[3:], *range(drifts, width)]}
         found = []
         for channel, rows in both.items():
             time, axis, stretches = self.rows_of(channel)
-            columns = np.zeros((len(rows), 6 + begin + drift.shape[2]))
+            columns = np.zeros((len(rows), width))
             columns[:, places[channel]] = rows[:, 1:]
             for word, part in zip(("even", "odd"), stretches, strict=True):
                 names, none = np.full(part.size, channel), np.zeros((part.size, 0))
@@ -244,7 +228,7 @@ class SwingView:
         for entry in model:
             for channel, part in COMBINATIONS.items():
                 added[:, part] += self._added(entry, channel, about)
-        volts -= electrodes.volts(added / np.concatenate([self.k, self.beta]))
+        volts -= electrodes.volts(added / np.concatenate([self.k, self.unknowns.factors[fits.OWNER]]))
         for entry in (one for one in model if one.listed):  # last: what is added was read at the tags as they are
             known = effect(entry.cause)
             values = known.values(entry.values)
@@ -274,14 +258,12 @@ class SwingView:
         return unknown_added(entry, channel, channel, rows)
 
 
-def view_of(aligned: xr.Dataset, scaled: xr.Dataset, moved: xr.Dataset, settings: Mapping) -> SwingView:
-    """View of the products of a swing.
+def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
+    """View of "align", "scale" and "offset" of a swing.
 
-    Parameters
-    ----------
-    aligned, scaled, moved : Dataset, "inertial_sensor.align", "inertial_sensor.scale", "inertial_sensor.offset"
-    settings : bin_s, quiet_margin_s, inertia, drift_degree, noise_order
+    Settings are bin_s, quiet_margin_s, inertia, drift_degree, noise_order.
     """
+    aligned, scaled = products["align"], products["scale"]
     bin_s, margin, order = (settings[name] for name in ("bin_s", "quiet_margin_s", "noise_order"))
     swing = scale.prepare(aligned, bin_s, margin, np.array(settings["inertia"]))
     fitted = fits.fit(swing, scaled["batch_value"].values[: fits.FACTORS])
@@ -292,10 +274,11 @@ def view_of(aligned: xr.Dataset, scaled: xr.Dataset, moved: xr.Dataset, settings
     rate_dot = np.nan_to_num(record.rate_dot_b)
     noise_b = fitted.unknowns.factors[fits.OWNER] * np.sqrt(swing.voltage_variance)
     rate_dot = np.where(rate_dot.std(axis=0) < STILL * noise_b, rate_dot.mean(axis=0), rate_dot)
-    pieces, _ = without_lines(offset.quiet_readouts(aligned, bin_s, margin), bin_s)  # a tone is no noise
+    readout = electrodes.readouts(aligned["volts"].values)[:, :3]
+    pieces, _ = without_lines(scale.quiet_blocks(aligned, readout, bin_s, margin), bin_s)  # a tone is no noise
     record = replace(record, rate_dot_b=rate_dot, noise=offset.noise_models(pieces, order, bin_s))
     tensor = sensing.offset_tensor(record.rate_b, rate_dot, record.gradient_b)
-    place = np.nan_to_num(moved["offset"].values[0])
+    place = np.nan_to_num(products["offset"]["offset"].values[0])
     return SwingView(
         aligned,
         swing,

@@ -34,23 +34,15 @@ FACTORS = {
 
 @dataclass(frozen=True)
 class Record:
-    """Bin means of a swing.
+    """Bin means of a swing."""
 
-    Attributes
-    ----------
-    time : (b,) s; linear_volt : (b, 3) V, linear readouts
-    rate_b, rate_dot_b : (b, 3) rad s-1, rad s-2; gradient_b : (b, 3, 3) s-2
-    noise : three NoiseModel of linear_volt, V
-    degree : of the polynomial that stands for bias, drag and radiation
-    """
-
-    time: np.ndarray
-    linear_volt: np.ndarray
-    rate_b: np.ndarray
-    rate_dot_b: np.ndarray
-    gradient_b: np.ndarray
-    noise: tuple[NoiseModel, NoiseModel, NoiseModel]
-    degree: int
+    time: np.ndarray  # (b,) s
+    linear_volt: np.ndarray  # (b, 3) V, linear readouts
+    rate_b: np.ndarray  # (b, 3) rad s-1
+    rate_dot_b: np.ndarray  # (b, 3) rad s-2
+    gradient_b: np.ndarray  # (b, 3, 3) s-2
+    noise: tuple[NoiseModel, NoiseModel, NoiseModel]  # of linear_volt, V
+    degree: int  # of the polynomial that stands for bias, drag and radiation
 
     @property
     def trend(self) -> np.ndarray:
@@ -129,24 +121,13 @@ def prepare(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, degr
         rate_b=scaled.rate_b.values,
         rate_dot_b=scaled.rate_dot_b.values,
         gradient_b=scaled.gradient_b.values,
-        noise=noise_models(quiet_readouts(aligned, step, quiet_margin_s), order, step),
+        noise=noise_models(quiet_blocks(aligned, readout, step, quiet_margin_s), order, step),
         degree=degree,
     )
 
 
-def quiet_readouts(aligned: xr.Dataset, step_s: float, margin_s: float) -> list[np.ndarray]:
-    """Linear readouts (n, 3) V, bin means before and after the swing with a cubic taken off, NaN rows kept."""
-    blocks = quiet_blocks(aligned, electrodes.readouts(aligned.volts.values)[:, :3], step_s, margin_s)
-    for block in blocks:
-        good = np.isfinite(block).all(axis=1)
-        basis = np.polynomial.legendre.legvander(np.linspace(-1, 1, good.size), 3)
-        block[good] = least_squares.without(basis[good], block[good])
-        block[~good] = np.nan
-    return blocks
-
-
 def noise_models(blocks: list[np.ndarray], order: int, step_s: float) -> tuple[NoiseModel, NoiseModel, NoiseModel]:
-    """Noise of each axis in `quiet_readouts`, of the order that the data ask for (Schwarz), at most a given one."""
+    """Noise of each axis of quiet blocks (n, 3), of the order that the data ask for (Schwarz), at most a given one."""
     chosen = []
     for axis in range(3):
         rows = [block[:, axis] for block in blocks]
@@ -158,14 +139,7 @@ def noise_models(blocks: list[np.ndarray], order: int, step_s: float) -> tuple[N
 
 
 def fit(record: Record, k: np.ndarray, axes: tuple[int, ...] = CHOICES[0], tensor=sensing.offset_tensor) -> Offset:
-    """Least squares for the offset.
-
-    Parameters
-    ----------
-    record : Record
-    k : (3,) m s-2 V-1
-    axes : linear axes used
-    tensor : (rate, rate_dot, gradient) -> (b, 3, 3) s-2
+    """Least squares for the offset, with k (3,) m s-2 V-1 held, by the readings of some axes.
 
     Notes
     -----

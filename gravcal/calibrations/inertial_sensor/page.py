@@ -186,12 +186,7 @@ def _roll(biased):
 
 
 def z_noise(frequency, density):
-    """Noise of z, root of the mean power between 10 and 50 mHz, with old and new factor; what of it is the factor.
-
-    Parameters
-    ----------
-    frequency : (f,) Hz; density : (3, f) m s-2 Hz-1/2, of product "inertial_sensor.bias"
-    """
+    """Noise of z, root of the mean power between 10 and 50 mHz, with old and new factor; what of it is the factor."""
     band, slow = (frequency >= 0.01) & (frequency <= 0.05), (frequency >= 1e-3) & (frequency < 3e-3)
     before, after, cleared = np.sqrt(np.mean(density[:, band] ** 2, axis=1))
     before_slow, _, cleared_slow = np.sqrt(np.mean(density[:, slow] ** 2, axis=1))

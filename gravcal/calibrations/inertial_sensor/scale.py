@@ -12,7 +12,7 @@ from gravcal.calibrations.inertial_sensor import bins, schemas, swing
 from gravcal.calibrations.model_error import widened, widened_sigmas
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
-from gravcal.estimation import crn, kalman
+from gravcal.estimation import crn, kalman, least_squares
 from gravcal.physics import frames, gravity
 from gravcal.physics.sensing import rotation_tensor
 
@@ -66,14 +66,15 @@ def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: n
     edges = start - EDGE + bin_s * np.arange(np.floor((stop - start + 2 * EDGE) / bin_s) + 1)
     part = (time >= edges[0] - 1) & (time <= edges[-1] + 1)
     part_att = (time_att >= edges[0] - 1) & (time_att <= edges[-1] + 1)
-    blocks = quiet_blocks(aligned, readout, bin_s, quiet_margin_s)
-    variance = bins.scatter_about_polynomial(blocks, 3)
+    quiet = [block[np.isfinite(block).all(axis=1)] for block in quiet_blocks(aligned, readout, bin_s, quiet_margin_s)]
+    quiet = [block for block in quiet if len(block) > 13]
+    variance = sum(np.sum(block**2, axis=0) for block in quiet) / max(sum(len(block) - 4 for block in quiet), 1)
     if not np.all(variance > 0):
         raise EstimationError(
-            f"swing from {start:.0f} s: found {sum(len(b) for b in blocks)} quiet bins beside it, expected at least "
+            f"swing from {start:.0f} s: found {sum(map(len, quiet))} quiet bins beside it, expected at least "
             f"300 s either side to measure the noise. Give a longer record, or lower quiet_margin_s.",
         )
-    quiet = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
+    calm = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
     return swing.Swing(
         time=time[part],
         angular_volt=readout[part],
@@ -83,24 +84,29 @@ def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: n
         position_i=aligned.position_i.values[part],
         inertia=inertia,
         voltage_variance=variance,
-        tracker_variance=_tracker_variance(time_att, quaternion, quiet),
+        tracker_variance=_tracker_variance(time_att, quaternion, calm),
     )
 
 
 def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s: float) -> list[np.ndarray]:
-    """Bin means before and after the swing of values (n, m) on the time of a record, NaN where samples are missing."""
-    time = aligned.time.values
+    """Bin means before and after the swing of values (n, m) less a cubic of each, NaN where samples are missing."""
+    time, cubic = aligned.time.values, np.polynomial.legendre.legvander
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
     spans = ((time[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, time[-1]))
     edges = [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
-    return [bins.bin_means(time, values, one)[0] for one in edges]
+    blocks = [bins.bin_means(time, values, one)[0] for one in edges]
+    for block in blocks:
+        good = np.isfinite(block).all(axis=1)
+        block[good] = least_squares.without(cubic(np.linspace(-1, 1, good.size), 3)[good], block[good])
+        block[~good] = np.nan
+    return blocks
 
 
-def _tracker_variance(time, quaternion, quiet):
+def _tracker_variance(time, quaternion, calm):
     """Noise of one attitude sample (3,) rad2, from third differences of the angle while nothing turns fast."""
     turn = frames.attitude_error(quaternion[1:], quaternion[:-1])
     even = np.abs(np.diff(time) - np.median(np.diff(time))) < 1e-3
-    turn[~(even & quiet[1:] & quiet[:-1])] = np.nan
+    turn[~(even & calm[1:] & calm[:-1])] = np.nan
     return bins.scatter_of_third_differences(np.nancumsum(turn, axis=0) + 0 * turn)
 
 
@@ -202,13 +208,7 @@ def scale_model_error(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
 def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
     """Beta as the paper finds it: angular acceleration of the star tracker against noisy voltages, Kalman filter.
 
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"; bin_s : s
-
-    Returns
-    -------
-    values : {"beta", "beta_sigma" (3,) rad s-2 V-1}; sigma is the scatter of the estimate after convergence
+    Its sigma is the scatter of the estimate after convergence.
 
     Notes
     -----
@@ -242,16 +242,7 @@ def _recursive(y, h):
 
 
 def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarray]:
-    """The six readouts before and after the CRN filter of the published method, for spectra.
-
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"
-
-    Returns
-    -------
-    step : s; before, after : (n, 6) V, means taken off, where the filter is complete
-    """
+    """Sampling s, and the six readouts (n, 6) V before and after the CRN filter of the published method; no means."""
     time = aligned.time.values
     step = float(np.median(np.diff(time)))
     readout = electrodes.readouts(aligned.volts.values)
@@ -263,12 +254,7 @@ def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarra
 
 
 def published_offset_matrix(rate_b, rate_dot_b, gradient_b):  # noqa: ARG001 - the printed form drops the gradient
-    """Matrix A (..., 3, 3) s-2 of eq. 13 as printed: element (3,1) of wrong sign (erratum T-1), no gravity gradient.
-
-    Parameters
-    ----------
-    rate_b, rate_dot_b : (..., 3) rad s-1, rad s-2; gradient_b : not used
-    """
+    """Matrix A (..., 3, 3) s-2 of eq. 13 as printed: element (3,1) of wrong sign (erratum T-1), no gravity gradient."""
     matrix = rotation_tensor(rate_b, rate_dot_b)
     matrix[..., 2, 0] += 2 * np.asarray(rate_dot_b)[..., 1]
     return matrix

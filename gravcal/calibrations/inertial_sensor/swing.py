@@ -28,27 +28,17 @@ STEPS = 12  # at most
 
 @dataclass(frozen=True)
 class Swing:
-    """What is known before the fit.
+    """What is known before the fit."""
 
-    Attributes
-    ----------
-    time : (n,) s, sensor epochs, evenly spaced; angular_volt : (n, 3) V, angular readouts, spikes repaired
-    time_att : (m,) s, tracker tags; quaternion : (m, 4)
-    edges : (b + 1,) s, bins of the fit
-    position_i : (n, 3) m; inertia : (3,) kg m2 of the test mass
-    voltage_variance : (3,) V2 of an angular readout averaged over a bin
-    tracker_variance : (3,) rad2 of one tracker sample
-    """
-
-    time: np.ndarray
-    angular_volt: np.ndarray
-    time_att: np.ndarray
-    quaternion: np.ndarray
-    edges: np.ndarray
-    position_i: np.ndarray
-    inertia: np.ndarray
-    voltage_variance: np.ndarray
-    tracker_variance: np.ndarray
+    time: np.ndarray  # (n,) s, sensor epochs, evenly spaced
+    angular_volt: np.ndarray  # (n, 3) V, angular readouts, spikes repaired
+    time_att: np.ndarray  # (m,) s, tracker tags
+    quaternion: np.ndarray  # (m, 4)
+    edges: np.ndarray  # (b + 1,) s, bins of the fit
+    position_i: np.ndarray  # (n, 3) m
+    inertia: np.ndarray  # (3,) kg m2 of the test mass
+    voltage_variance: np.ndarray  # (3,) V2 of an angular readout averaged over a bin
+    tracker_variance: np.ndarray  # (3,) rad2 of one tracker sample
 
     @property
     def middle(self) -> np.ndarray:
@@ -96,42 +86,28 @@ class Motion:
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """Attitude rows about some unknowns, of the bins with tracker samples.
+    """Attitude rows about some unknowns, of the bins with tracker samples."""
 
-    Attributes
-    ----------
-    residual : (r,) rad; design : (r, 15) rad per unit, regressors cleaned; lower : (r, r) rad, Cholesky factor of the
-        covariance; valid : (3 b,) rows that there are; count : (b,) tracker samples
-    voltage_noise : (b, 3) V, estimated error of the angular readouts per bin
-    """
-
-    residual: np.ndarray
-    design: np.ndarray
-    lower: np.ndarray
-    valid: np.ndarray
-    count: np.ndarray
-    voltage_noise: np.ndarray
+    residual: np.ndarray  # (r,) rad
+    design: np.ndarray  # (r, 15) rad per unit
+    lower: np.ndarray  # (r, r) rad, Cholesky factor of the covariance
+    valid: np.ndarray  # (3 b,) rows that there are
+    count: np.ndarray  # (b,) tracker samples
+    voltage_noise: np.ndarray  # (b, 3) V, estimated error of the angular readouts per bin
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Solution of a swing.
-
-    Attributes
-    ----------
-    unknowns : values; covariance : (15, 15) in the order of the columns; chi2, dof
-    motion : Motion; system : LinearSystem of the last step
-    observed : (r,) and design (r, 15), whitened rows in order of time, about the solution, for the recursive filter
-    """
+    """Solution of a swing; observed and design are whitened rows about it in order of time, for the Kalman filter."""
 
     unknowns: Unknowns
-    covariance: np.ndarray
+    covariance: np.ndarray  # (15, 15) in the order of the columns
     chi2: float
     dof: int
     motion: Motion
-    system: LinearSystem
-    observed: np.ndarray
-    design: np.ndarray
+    system: LinearSystem  # of the last step
+    observed: np.ndarray  # (r,)
+    design: np.ndarray  # (r, 15)
 
 
 def predict(swing: Swing, unknowns: Unknowns, before: Motion) -> Motion:
@@ -231,12 +207,7 @@ def linear_system(
 
 
 def fit(swing: Swing, first: np.ndarray) -> Fit:
-    """Maximum-likelihood factors, delay and start values.
-
-    Parameters
-    ----------
-    swing : Swing
-    first : (2,) rad s-2 V-1, factors to start from
+    """Maximum-likelihood factors, delay and start values, from first factors (2,) rad s-2 V-1.
 
     Raises
     ------

@@ -76,7 +76,7 @@ def test_means_leave_spikes_and_missing_samples_out():
 
 def test_the_orbit_frame_is_that_of_the_sensor_in_normal_pointing():
     """Analytic: x outward, z along the flight, y = z x x."""
-    R_oi = bins.orbit_frame(np.array([[7e6, 0, 0, 0, 7.5e3, 0]]))[0]
+    R_oi = frames.flight_frame(np.array([[7e6, 0, 0, 0, 7.5e3, 0]]))[0]
     assert_allclose(R_oi @ [1, 0, 0], [1, 0, 0], atol=1e-15)
     assert_allclose(R_oi @ [0, 1, 0], [0, 0, 1], atol=1e-15)
     assert_allclose(np.cross(R_oi[2], R_oi[0]), R_oi[1], atol=1e-15)
