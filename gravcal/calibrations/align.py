@@ -60,18 +60,7 @@ def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ..
 
 
 def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_gap_limit_s: float):
-    """GPS time of on-board tags: TIM1B to receiver time, CLK1B to GPS time.
-
-    Parameters
-    ----------
-    observed : Dataset, "ingest" of a Level-1A product
-    tim1b, clk1b : Dataset, "ingest"
-    clock_gap_limit_s : s, distance of clock records that may be bridged
-
-    Returns
-    -------
-    tags : timing.Tags in GPS time, NaN where a clock does not say
-    """
+    """GPS time of on-board tags: TIM1B to receiver time, CLK1B to GPS time."""
     limits = timing.Limits(clock_gap_limit_s, clock_gap_limit_s, 1e-6)
     onboard = timing.tim1b_clock(
         tim1b["obctime"].values,
@@ -125,10 +114,42 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
         inside = _inside(time, spans, margin)
         parts[name] = (time[inside], values[inside], flag[inside])
         if not inside.any():
-            _refuse(name, source, spans, time)
-    limits = {"orbit": settings["orbit_gap_limit_s"], "sca": settings["star_camera_gap_limit_s"]}
-    values = {"gap": _gaps(parts, detected, spans, limits), "window_start": spans[:, 0], "window_stop": spans[:, 1]}
-    return _as_dataset(parts, counts, detected, values, orbit.attrs.get("product", ""))
+            product, file = source.attrs.get("product", name), source.attrs.get("file", "")
+            have = f"{time[0]:.0f} to {time[-1]:.0f} s" if time.size else "no usable record"
+            raise EstimationError(
+                f"{file or product}: found {have}, expected records between {spans[0, 0]:.0f} and {spans[-1, 1]:.0f} s "
+                f"GPS. Give files of the same satellite and day, and check that TIM1B and CLK1B cover it.",
+                product=product,
+                file=file,
+            )
+    gap_limits = {"orbit": settings["orbit_gap_limit_s"], "sca": settings["star_camera_gap_limit_s"]}
+    inner = spans[:, 0], np.minimum(spans[:, 1], spans[:, 0] + SURVEY_S)  # what is looked at without a manoeuvre
+    if detected.sizes["manoeuvre"]:
+        inner = detected["start"].values, detected["stop"].values
+    gap = np.zeros(len(spans), dtype=np.uint8)
+    for name, bit in GAPS.items():
+        time, _, flag = parts[name]
+        for k, (start, stop) in enumerate(zip(*inner, strict=True)):
+            known = time[(flag == 0) & (time > start) & (time < stop)]
+            if np.diff(np.concatenate([[start], known, [stop]])).max() > gap_limits[name]:
+                gap[k] |= bit
+    values = {f"time_{name}": part[0] for name, part in parts.items()}
+    values |= {f"{name}_flag": part[2] for name, part in parts.items()}
+    readings, magnetic = parts["acc"][1], parts["mag"][1]
+    values |= {
+        "gap": gap,
+        "window_start": spans[:, 0],
+        "window_stop": spans[:, 1],
+        "linear_b": readings[:, :3],
+        "angular_b": readings[:, 3:],
+        "quaternion": _usable_quaternion(*parts["sca"][1:]),
+        "field_measured_b": 1e-6 * magnetic[:, :3],
+        "current_b": magnetic[:, 3:],
+    }
+    values |= _orbit(*parts["orbit"][:2], orbit.attrs.get("product", ""))
+    values |= {name: detected[name].values for name in MANOEUVRE}
+    attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
+    return build(ALIGN, values, title="Level-1 records on GPS time", **attrs)
 
 
 def orbit_i(orbit: xr.Dataset, spans: np.ndarray):
@@ -197,54 +218,6 @@ def _inside(time, spans, margin):
     for start, stop in spans:
         inside |= (time >= start - margin) & (time <= stop + margin)
     return inside
-
-
-def _gaps(parts, detected, spans, limits):
-    """Bits of `GAPS` for each window, within its manoeuvre or within what is looked at without one."""
-    inner = spans[:, 0], np.minimum(spans[:, 1], spans[:, 0] + SURVEY_S)
-    if detected.sizes["manoeuvre"]:
-        inner = detected["start"].values, detected["stop"].values
-    gap = np.zeros(len(spans), dtype=np.uint8)
-    for name, bit in GAPS.items():
-        time, _, flag = parts[name]
-        gap |= np.array(
-            [bit * (_longest(time[flag == 0], *ends) > limits[name]) for ends in zip(*inner, strict=True)], "u1"
-        )
-    return gap
-
-
-def _longest(time, start, stop):
-    """Longest distance of neighbouring epochs between two others."""
-    inside = time[(time > start) & (time < stop)]
-    return float(np.diff(np.concatenate([[start], inside, [stop]])).max())
-
-
-def _refuse(name, source, spans, time):
-    product, file = source.attrs.get("product", name), source.attrs.get("file", "")
-    have = f"{time[0]:.0f} to {time[-1]:.0f} s" if time.size else "no usable record"
-    raise EstimationError(
-        f"{file or product}: found {have}, expected records between {spans[0, 0]:.0f} and {spans[-1, 1]:.0f} s GPS. "
-        f"Give files of the same satellite and day, and check that TIM1B and CLK1B cover it.",
-        product=product,
-        file=file,
-    )
-
-
-def _as_dataset(parts, counts, detected, values, orbit_product):
-    values = values | {f"time_{name}": part[0] for name, part in parts.items()}
-    values |= {f"{name}_flag": part[2] for name, part in parts.items()}
-    acc, mag = parts["acc"][1], parts["mag"][1]
-    values |= {
-        "linear_b": acc[:, :3],
-        "angular_b": acc[:, 3:],
-        "quaternion": _usable_quaternion(*parts["sca"][1:]),
-        "field_measured_b": 1e-6 * mag[:, :3],
-        "current_b": mag[:, 3:],
-    }
-    values |= _orbit(*parts["orbit"][:2], orbit_product)
-    values |= {name: detected[name].values for name in MANOEUVRE}
-    attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
-    return build(ALIGN, values, title="Level-1 records on GPS time", **attrs)
 
 
 def _usable_quaternion(values, flag):

@@ -12,87 +12,6 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import DETECT
 from gravcal.estimation.timing import normalised
 
-KINDS = ("roll", "pitch", "yaw")
-
-
-def detect(
-    magnetometer: xr.Dataset,
-    *,
-    period_s: float,
-    period_tolerance_s: float,
-    minimum_half_periods: int,
-    current_threshold_ma: float,
-) -> xr.Dataset:
-    """Square waves of the torquers, one manoeuvre each.
-
-    The kind is the body axis about which the current turns the satellite in the measured field, m x B.
-
-    Parameters
-    ----------
-    magnetometer : Dataset, "ingest" of MAG1B
-    period_s, period_tolerance_s : s
-    minimum_half_periods : shortest wave
-    current_threshold_ma : mA
-
-    Returns
-    -------
-    manoeuvres : Dataset, "com_offset.detect"
-    """
-    settings = {
-        "period_s": period_s,
-        "period_tolerance_s": period_tolerance_s,
-        "minimum_half_periods": minimum_half_periods,
-        "current_threshold_ma": current_threshold_ma,
-    }
-    magnetometer = magnetometer.assign({f"current_{a}": magnetometer["current_b"][:, i] for i, a in enumerate("xyz")})
-    names = [f"Mfv{a}_RAW" if f"Mfv{a}_RAW" in magnetometer else f"Mfv{a}" for a in "XYZ"]
-    tags = normalised(magnetometer["time_second"].values, magnetometer["time_fraction"].values)
-    time, values, flag, _ = sorted_samples(magnetometer, tags, (*(f"current_{a}" for a in "xyz"), *names))
-    time, current, field_b = time[flag == 0], values[flag == 0, :3], values[flag == 0, 3:]
-    waves = [w for rod in range(3) for w in find_waves(time, current[:, rod], rod, settings)]
-    waves = sorted(_strongest(waves), key=lambda w: w.lower[0])
-    return _as_dataset(waves, time, field_b, period_s)
-
-
-def _strongest(waves: list[Wave]) -> list[Wave]:
-    """Of waves that overlap in time the one with the largest current."""
-    kept: list[Wave] = []
-    for wave in sorted(waves, key=lambda w: -np.mean(np.abs(w.level))):
-        if all(wave.upper[-1] < other.lower[0] or wave.lower[0] > other.upper[-1] for other in kept):
-            kept.append(wave)
-    return kept
-
-
-def _kind(wave: Wave, time, field_b) -> int:
-    """Axis of the largest torque m x B over the wave."""
-    inside = (time >= wave.lower[0]) & (time <= wave.upper[-1])
-    dipole = np.zeros(3)
-    dipole[wave.rod] = 1.0
-    return int(np.argmax(np.sum(np.cross(dipole, field_b[inside]) ** 2, axis=0)))
-
-
-def _as_dataset(waves, time, field_b, period):
-    count = max((w.level.size for w in waves), default=0)
-    table = {name: np.full((len(waves), count + 1), np.nan) for name in ("edge_lower", "edge_upper")}
-    level = np.full((len(waves), count), np.nan)
-    regular = np.zeros(len(waves), dtype=np.int8)
-    for i, wave in enumerate(waves):
-        table["edge_lower"][i, : wave.lower.size] = wave.lower
-        table["edge_upper"][i, : wave.upper.size] = wave.upper
-        level[i, : wave.level.size] = wave.level
-        regular[i] = regular_edges(wave, period) is not None
-    values = table | {
-        "start": [(w.lower[0] + w.upper[0]) / 2 for w in waves],
-        "stop": [(w.lower[-1] + w.upper[-1]) / 2 for w in waves],
-        "kind": [_kind(w, time, field_b) for w in waves],
-        "rod": [w.rod for w in waves],
-        "level": level,
-        "regular": regular,
-        "record_start": time[0] if time.size else np.nan,
-        "record_stop": time[-1] if time.size else np.nan,
-    }
-    return build(DETECT, values, title="Manoeuvres found in the torquer currents")
-
 
 @dataclass(frozen=True)
 class Wave:
@@ -112,20 +31,10 @@ class Wave:
 
 
 def plateaus(time: np.ndarray, current: np.ndarray, threshold: float, longest_step: float) -> list[tuple]:
-    """Runs of samples of one sign beyond the threshold, without a jump of more than half of their size.
+    """Runs of samples of one sign beyond the threshold (mA): (first index, last index, mean mA).
 
-    A control current of the same sign that follows the wave at once is not part of its last half period.
-
-    Parameters
-    ----------
-    time : (n,) s
-    current : (n,) mA, NaN where not usable
-    threshold : mA
-    longest_step : s, a longer step between samples ends a run
-
-    Returns
-    -------
-    runs : list of (first index, last index, mean mA)
+    A jump of more than half of the size ends a run: a control current of the same sign that follows the wave at once is
+    not part of its last half period. So does a step between samples longer than `longest_step` (s).
     """
     size = np.abs(np.nan_to_num(current))
     sign = np.where(size > threshold, np.sign(np.nan_to_num(current)), 0)
@@ -189,17 +98,60 @@ def _wave(time, rod, group, step):
 
 
 def regular_edges(wave: Wave, period: float) -> tuple[float, float] | None:
-    """Interval of the first edge if all edges are whole half periods apart.
-
-    Parameters
-    ----------
-    wave : Wave
-    period : s
-
-    Returns
-    -------
-    lower, upper : s; None if no common start fits, so the wave is not regular
-    """
+    """Interval of the first edge if all edges are whole half periods apart."""
     shift = np.arange(wave.lower.size) * period / 2
     lower, upper = float(np.max(wave.lower - shift)), float(np.min(wave.upper - shift))
     return (lower, upper) if upper - lower > 1e-4 else None
+
+
+def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
+    """Square waves of the torquers, one manoeuvre each.
+
+    The kind is the body axis about which the current turns the satellite in the measured field, m x B.
+
+    Parameters
+    ----------
+    magnetometer : Dataset, "ingest" of MAG1B
+    settings : period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma
+
+    Returns
+    -------
+    manoeuvres : Dataset, "com_offset.detect"
+    """
+    magnetometer = magnetometer.assign({f"current_{a}": magnetometer["current_b"][:, i] for i, a in enumerate("xyz")})
+    names = [f"Mfv{a}_RAW" if f"Mfv{a}_RAW" in magnetometer else f"Mfv{a}" for a in "XYZ"]
+    tags = normalised(magnetometer["time_second"].values, magnetometer["time_fraction"].values)
+    time, values, flag, _ = sorted_samples(magnetometer, tags, (*(f"current_{a}" for a in "xyz"), *names))
+    time, current, field_b = time[flag == 0], values[flag == 0, :3], values[flag == 0, 3:]
+    waves = [w for rod in range(3) for w in find_waves(time, current[:, rod], rod, settings)]
+    kept: list[Wave] = []
+    for wave in sorted(waves, key=lambda w: -np.mean(np.abs(w.level))):  # of those that overlap the strongest
+        if all(wave.upper[-1] < other.lower[0] or wave.lower[0] > other.upper[-1] for other in kept):
+            kept.append(wave)
+    return _as_dataset(sorted(kept, key=lambda w: w.lower[0]), time, field_b, settings["period_s"])
+
+
+def _kind(wave: Wave, time, field_b) -> int:
+    """Axis of the largest torque m x B over the wave."""
+    inside = (time >= wave.lower[0]) & (time <= wave.upper[-1])
+    dipole = np.zeros(3)
+    dipole[wave.rod] = 1.0
+    return int(np.argmax(np.sum(np.cross(dipole, field_b[inside]) ** 2, axis=0)))
+
+
+def _as_dataset(waves, time, field_b, period):
+    count = max((w.level.size for w in waves), default=0)
+    filled = lambda values, size: np.append(values, np.full(size - values.size, np.nan))  # noqa: E731
+    values = {
+        "edge_lower": np.array([filled(w.lower, count + 1) for w in waves]).reshape(-1, count + 1),
+        "edge_upper": np.array([filled(w.upper, count + 1) for w in waves]).reshape(-1, count + 1),
+        "level": np.array([filled(w.level, count) for w in waves]).reshape(len(waves), count),
+        "regular": [regular_edges(w, period) is not None for w in waves],
+        "start": [(w.lower[0] + w.upper[0]) / 2 for w in waves],
+        "stop": [(w.lower[-1] + w.upper[-1]) / 2 for w in waves],
+        "kind": [_kind(w, time, field_b) for w in waves],
+        "rod": [w.rod for w in waves],
+        "record_start": time[0] if time.size else np.nan,
+        "record_stop": time[-1] if time.size else np.nan,
+    }
+    return build(DETECT, values, title="Manoeuvres found in the torquer currents")

@@ -114,7 +114,12 @@ def quiet_noise(pieces: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], f
             axes=silent,
         )
     cuts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1
-    values = [_without_drift(*one, degree) for one in zip(np.split(time, cuts), np.split(reading, cuts), strict=True)]
+    values = []
+    for grid, own in zip(np.split(time, cuts), np.split(reading.copy(), cuts), strict=True):
+        valid = np.isfinite(own[:, 0])
+        drift = least_squares.polynomial(grid, degree, grid[0], grid[-1])[valid]
+        own[valid] = least_squares.without(drift, own[valid])
+        values.append(own)
     removed = len(values) * (degree + 1)
     return [fit_noise([v[:, a] for v in values], settings["noise_order"], step, removed) for a in range(3)], seconds
 
@@ -148,11 +153,3 @@ def _quiet_piece(time, linear, good, begin, end, settings):
     if operator.valid.sum() < 100:
         return None
     return grid, operator(linear[inside] - linear[inside][good[inside]].mean(axis=0))
-
-
-def _without_drift(grid, reading, degree):
-    """Reading of a piece without its drift, fitted where it has values."""
-    valid, found = np.isfinite(reading[:, 0]), reading.copy()
-    drift = least_squares.polynomial(grid, degree, grid[0], grid[-1])[valid]
-    found[valid] = least_squares.without(drift, reading[valid])
-    return found

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.equations import VARIANTS, arrays, of_rotation, reading, samples, where
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
 from gravcal.calibrations.com_offset.schemas import COMBINE, SOLVE
-from gravcal.calibrations.model_error import widened
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.gradient_torque import laws
 from gravcal.calibrations.gradient_torque.gradient import METHODS, amplitude_spectrum
 from gravcal.calibrations.gradient_torque.schemas import COMBINE, DRAG
-from gravcal.calibrations.model_error import widened
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, noise
 from gravcal.physics.dynamics import gravity_gradient_torque

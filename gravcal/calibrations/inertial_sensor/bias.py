@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.building import build, replaced, widened_sigmas
 from gravcal.calibrations.inertial_sensor import schemas
-from gravcal.calibrations.model_error import widened_sigmas
 from gravcal.errors import EstimationError
 from gravcal.estimation import noise
 from gravcal.physics import sensing

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.inertial_sensor import bins, schemas
 from gravcal.calibrations.inertial_sensor.scale import published_offset_matrix, quiet_blocks
-from gravcal.calibrations.model_error import widened
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import kalman, least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten

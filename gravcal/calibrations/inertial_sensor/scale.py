@@ -7,9 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.building import build, replaced, widened, widened_sigmas
 from gravcal.calibrations.inertial_sensor import bins, schemas, swing
-from gravcal.calibrations.model_error import widened, widened_sigmas
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, kalman, least_squares

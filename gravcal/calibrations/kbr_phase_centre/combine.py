@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced
+from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, MANOEUVRE, SUBSETS
-from gravcal.calibrations.model_error import widened
 
 STACKED = (
     *("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept"),
