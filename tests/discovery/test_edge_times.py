@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import discovery_timing
+from gravcal.calibrations.com_offset import responses
 
 
 def edges(rng, count):
@@ -25,7 +25,7 @@ def edges(rng, count):
 
 def test_an_edge_between_two_samples_is_no_delay():
     """Analytic: rows of momentary samples have the spread of their errors, chi-square 400 in 400 rows within 15 %."""
-    rows = discovery_timing.block(edges(np.random.default_rng(3), 400)).observed[:-1]
+    rows = responses.edge_block(edges(np.random.default_rng(3), 400)).observed[:-1]
     assert abs(np.mean(rows**2) - 1) < 0.15
 
 
@@ -33,6 +33,6 @@ def test_a_delay_moves_every_row_by_the_same_time():
     """Analytic: the column of the accelerometer's delay is what a later tag does to the rows."""
     product = edges(np.random.default_rng(4), 7)
     late = product.assign(acc_shift=product["acc_shift"] + 0.2, acc_delay=product["acc_delay"] + 0.2)
-    moved = discovery_timing.block(late).observed - discovery_timing.block(product).observed
-    column = discovery_timing.columns("timing.accelerometer_delay", product, np.zeros(7))[:, 0]
+    moved = responses.edge_block(late).observed - responses.edge_block(product).observed
+    column = responses.edge_column("timing.accelerometer_delay", product, np.zeros(7))[:, 0]
     np.testing.assert_allclose(moved, 0.2 * column, rtol=1e-9)

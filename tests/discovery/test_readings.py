@@ -102,9 +102,8 @@ def test_a_leak_is_seen_in_the_linear_reading(tmp_path):
     """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y."""
     made, found, views = discovered(tmp_path, {"accelerometer.current_leak.y_from_x": 6e-12})
     measured, baseline, extended = shown(found, "linear")
-    (k,) = [k for k, v in enumerate(views) if np.array_equal(v.scene.operator.time, found["time_reading"].values)]
-    scene = views[k].scene
-    direct = scene.operator(np.nan_to_num(made["align"]["linear_b"].values[scene.rows]))
+    (k,) = [k for k, v in enumerate(views) if np.array_equal(v.operator.time, found["time_reading"].values)]
+    direct = views[k].operator(np.nan_to_num(made["align"]["linear_b"].values[views[k].rows]))
     valid = np.isfinite(measured).all(axis=1)
     assert_allclose(measured[valid], (direct - np.nanmean(direct, axis=0))[valid], atol=1e-14)  # m s-2, noise 1e-10
     here = (found["block"].values == k) & (found["channel"].values == 0)
@@ -121,10 +120,10 @@ def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
     assert found.attrs["rebuilt"] == "yes"
     measured, baseline, extended = shown(found, "angular")
     time = found["time_reading"].values
-    near = min(views, key=lambda v: abs(v.scene.operator.time[0] - time[0]))
-    direct = near.scene.operator(np.nan_to_num(made["align"]["angular_b"].values[near.scene.rows]))
+    near = min(views, key=lambda v: abs(v.operator.time[0] - time[0]))
+    direct = near.operator(np.nan_to_num(made["align"]["angular_b"].values[near.rows]))
     direct = direct - np.nanmean(direct, axis=0)
-    same = np.stack([np.interp(time, near.scene.operator.time, c) for c in direct.T], axis=1)
+    same = np.stack([np.interp(time, near.operator.time, c) for c in direct.T], axis=1)
     effect = np.nanstd((extended - baseline)[:, 0])
     assert np.nanstd((measured - same)[:, 0]) < 0.1 * effect
     assert np.nanstd((measured - extended)[:, 0]) < 0.3 * np.nanstd((measured - baseline)[:, 0])
@@ -139,8 +138,8 @@ def test_attitude_and_field_give_their_readings(tmp_path):
     rows = np.searchsorted(made["field"]["time_mag"].values, time[good])
     assert_allclose((model + rest)[good], made["field"]["measured_b"].values[rows], atol=1e-9)  # T, of 3e-5
     time, model, (rest,) = found.reading("attitude", 1, observed)
-    good, index = view.scene.sca_good, view.scene.index
+    good, index = view.window.good, view.index
     left = made["attitude"]["sca_residual_b"].values[made["attitude"]["sca_manoeuvre"].values == index]
     scale = np.nan_to_num(made["attitude"]["torque_scale"].values[index], nan=1.0)
-    assert_allclose((model + rest)[good], left + (view.scene.scale_attitude @ scale)[good], atol=1e-12)  # rad
+    assert_allclose((model + rest)[good], left + (view.scale_attitude @ scale)[good], atol=1e-12)  # rad
     assert np.isnan(rest[~good]).all()

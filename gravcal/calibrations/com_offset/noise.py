@@ -33,7 +33,7 @@ def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
     """
     time, linear = aligned["time_acc"].values, aligned["linear_b"].values
     good = (aligned["acc_flag"].values == 0) & np.isfinite(linear).all(axis=1)
-    found = [_quiet_piece(time, linear, good, *ends, settings) for ends in _quiet_spans(aligned, settings)]
+    found = [_quiet_piece(time, linear, good, *ends, settings) for ends in quiet_spans(aligned, settings)]
     found = [(np.zeros(0), np.zeros((0, 3))), *(one for one in found if one is not None)]
     values = {"epoch": np.concatenate([grid for grid, _ in found])}
     values["reading"] = np.concatenate([reading for _, reading in found])
@@ -124,7 +124,7 @@ def quiet_noise(pieces: xr.Dataset, settings: dict) -> tuple[list[NoiseModel], f
     return [fit_noise([v[:, a] for v in values], settings["noise_order"], step, removed) for a in range(3)], seconds
 
 
-def _quiet_spans(aligned, settings):
+def quiet_spans(aligned, settings):
     """Pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
     start, stop = aligned["start"].values, aligned["stop"].values
     margin = settings["quiet_margin_s"]

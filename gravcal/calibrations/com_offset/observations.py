@@ -9,12 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import discovery_lag, discovery_noise, discovery_timing, discovery_tones
-from gravcal.calibrations.com_offset.discovery_candidates import attitude_of_torques, candidates, field_of_delay
-from gravcal.calibrations.com_offset.discovery_reading import reading
-from gravcal.calibrations.com_offset.discovery_scene import offset_of, scenes
-from gravcal.calibrations.com_offset.discovery_view import CHANNELS, View, block_of, view_of
-from gravcal.calibrations.com_offset.extension import contribution, without
+from gravcal.calibrations.com_offset import lag, manoeuvre, responses
+from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.effects import effect
 from gravcal.errors import ProductError
@@ -35,8 +31,8 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | None:
     if not products["align"].sizes["manoeuvre"]:
         return None
     records = products["align"], products["field"], products["attitude"]
-    offset, noise = offset_of(products["solve"]), {}
-    views = [view_of(scene, records, noise, offset, settings["mass"]) for scene in scenes(*records, settings)]
+    offset, noise = manoeuvre.offset_of(products["solve"]), {}
+    views = manoeuvre.manoeuvres(*records, offset, noise, settings)
     return ComOffset(*records, offset, views, noise, settings)
 
 
@@ -57,16 +53,16 @@ class ComOffset(Observations):
     field: xr.Dataset
     smoothed: xr.Dataset
     start: np.ndarray
-    views: list[View]
+    views: list[Manoeuvre]
     noise: dict
     settings: Mapping
 
     name = "com_offset"
-    channels = CHANNELS
+    channels = manoeuvre.CHANNELS
     parameters = ("x", "y", "z")
     unit, scale = "um", np.full(3, 1e6)
     step = "accelerometer.bias_step"
-    tones = {"linear": "accelerometer.stray_tone", "angular": "unknown:time"}  # noqa: RUF012
+    tones = responses.TONES
     widest, named_form, whole_manoeuvres = False, True, True
 
     @functools.cached_property
@@ -74,20 +70,17 @@ class ComOffset(Observations):
         """Quiet samples an axis that the noise of each channel was measured from; measures it unless it is given."""
         if self.noise:
             return {}
-        aligned, field, settings = self.aligned, self.field, self.settings
-        self.noise["linear"], samples = discovery_noise.linear(aligned, settings)
-        if samples * settings["step_s"] < QUIET_S:
+        models, samples = manoeuvre.quiet_noise(self.aligned, self.field, self.settings)
+        if samples["linear"] * self.settings["step_s"] < QUIET_S:
             raise ProductError(
                 "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be "
                 "measured in. Give files that reach further before and after them."
             )
-        quiet = {"linear": samples}
-        self.noise["magnetometer"], quiet["magnetometer"] = discovery_noise.magnetometer(aligned, field, settings)
-        wider = [attitude_of_torques(view) for view in self.views]
-        made = [view.scene for view in self.views]
-        self.noise["attitude"] = discovery_noise.attitude(self.smoothed, made, wider, settings)
-        self.noise["angular"], quiet["angular"] = discovery_noise.angular(aligned, field, settings)
-        return quiet
+        wider = [responses.attitude_of_torques(one) for one in self.views]
+        order = self.settings["attitude_noise_order"]
+        models["attitude"] = manoeuvre.attitude_noise(self.smoothed, self.views, wider, order)
+        self.noise.update(models)
+        return samples
 
     @property
     def noise_order(self) -> dict[str, int]:
@@ -99,44 +92,35 @@ class ComOffset(Observations):
     def blocks(self) -> list[Block]:
         """One block a manoeuvre, and one of the edge times."""
         _ = self.quiet  # the noise that whitens
-        made = [block_of(view, self.aligned, self.smoothed, self.settings) for view in self.views]
-        return [*made, discovery_timing.block(self.smoothed)]
+        made = [manoeuvre.block_of(one, self.aligned, self.smoothed, self.settings) for one in self.views]
+        return [*made, responses.edge_block(self.smoothed)]
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Effects of the catalogue, then regressors made of the measured channels."""
         _ = self.quiet
-        return candidates(self.views, self.smoothed, self.aligned["start"].values)
+        return responses.candidates(self.views, self.smoothed, self.aligned["start"].values)
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows of each manoeuvre and of the edge times."""
         _, rows = self.quiet, []
-        for view in self.views:
-            added = contribution(view, entry)
-            if not added and entry.listed:  # what a delay does to the field; tags themselves are moved
-                signal = field_of_delay(view, entry.cause) or {}
-                value = effect(entry.cause).values(entry.values)[0]
-                added = {channel: columns[..., 0] * value for channel, columns in signal.items()}
+        for one in self.views:
+            added = responses.contribution(one, entry)
+            signal = None if added or not entry.listed else responses.field_of_delay(one, entry.cause)
+            if signal:  # what a delay does to the field, where `without` moves tags
+                delay = effect(entry.cause).values(entry.values)[0]
+                added = {channel: columns[..., 0] * delay for channel, columns in signal.items()}
             signals = {channel: values[..., None] for channel, values in added.items()}
-            rows.append(view.rows(signals)[:, 0] if added else np.zeros(view.size))
-        return [*rows, self._edges(entry)]
-
-    def _edges(self, entry):
-        """Rows of an effect among the edge times; behind a lag the fitted edges stay where they were."""
-        column = None
-        if entry.listed and entry.cause != discovery_lag.CAUSE:
-            column = discovery_timing.columns(entry.cause, self.smoothed, self.aligned["start"].values)
-        if column is None:
-            return np.zeros(self.smoothed["acc_shift"].size + 1)
-        return column[:, 0] * effect(entry.cause).values(entry.values)[0]
+            rows.append(one.whitened(signals)[:, 0] if added else np.zeros(one.size))
+        return [*rows, responses.edge_contribution(entry, self.smoothed, self.aligned["start"].values)]
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records without the effects of a model."""
-        return without(self.aligned, self.views, model)
+        return responses.without(self.aligned, self.views, model)
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time s, reading of the model and whitened rows in its unit."""
-        return reading(self.views[number], channel, rows)
+        return manoeuvre.reading(self.views[number], channel, rows)
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:
         """True if the effects are so large, or so many, that their second order may matter."""
@@ -148,8 +132,8 @@ class ComOffset(Observations):
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:
         """Lines as amplitude and waves, saturation as its limit, shapes with their errors."""
         if "frequency" in entry.parameters and entry.cause in self.tones.values():
-            waves = discovery_tones.waves(entry, self.views, self.blocks)
-            return replace(entry, parameters=discovery_tones.amplitudes(entry, self.views), waves=waves)
+            waves = responses.waves(entry, self.views, self.blocks)
+            return replace(entry, parameters=responses.amplitudes(entry, self.views), waves=waves)
         parameters, shape = dict(entry.parameters), fitted.candidate.shape
         if entry.cause == "torque.saturation":  # found as the dipole that is missing at full current
             full = max(float(np.abs(v.context.dipole_b).max()) for v in self.views)
@@ -160,5 +144,5 @@ class ComOffset(Observations):
         errors = np.sqrt(np.diag(shape.covariance)) if shape.covariance is not None else shape.value * np.nan
         rows = zip(shape.names, shape.value.tolist(), errors.tolist(), shape.units, strict=True)
         parameters |= {name: Parameter(value, sigma, unit) for name, value, sigma, unit in rows}
-        leads = () if shape.chosen is None else discovery_lag.leads(self.views, shape.chosen)
+        leads = () if shape.chosen is None else lag.leads(self.views, shape.chosen)
         return replace(entry, parameters=parameters, leads=leads)

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import extension
+from gravcal.calibrations.com_offset import responses
 from gravcal.calibrations.com_offset.motion import _star_camera
 
 
@@ -20,7 +20,7 @@ def test_a_field_that_is_written_twice_is_changed_twice():
         extended, before = field_written_twice()
         rows = np.arange(first, before.shape[0], 2)
         added = np.random.default_rng(2).normal(0, 1e-8, (rows.size, 3))
-        extension._subtract_field(extended, extended["time_mag"].values[rows], added)
+        responses.subtract_field(extended, extended["time_mag"].values[rows], added)
         np.testing.assert_allclose(
             before - extended["field_measured_b"].values, np.repeat(added, 2, axis=0), atol=1e-20
         )
@@ -30,7 +30,7 @@ def test_a_field_that_is_written_twice_turns_as_one():
     """Analytic: the angle grows from record to record, a repeated value takes the one of its first record."""
     _, values = field_written_twice()
     angle = np.arange(12)[:, None] * np.array([0.0, 0.0, 1e-4])
-    turned = extension._rotated(angle, values)
+    turned = responses.rotated(angle, values)
     np.testing.assert_array_equal(turned[1::2], turned[::2])
     expected = values[::2] + np.cross(angle[::2], values[::2])
     np.testing.assert_allclose(turned[::2], expected, atol=2e-6 * np.abs(values).max())
@@ -42,7 +42,7 @@ def test_fields_that_are_all_different_are_changed_where_they_are_looked_at():
     values = extended["field_measured_b"].values
     values += np.arange(12)[:, None] * 1e-9
     before = values.copy()
-    extension._subtract_field(extended, extended["time_mag"].values[::2], np.full((6, 3), 1e-8))
+    responses.subtract_field(extended, extended["time_mag"].values[::2], np.full((6, 3), 1e-8))
     np.testing.assert_allclose((before - values)[::2], 1e-8, rtol=1e-6)
     np.testing.assert_array_equal(before[1::2], values[1::2])
 

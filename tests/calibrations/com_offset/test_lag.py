@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from gravcal.calibrations.com_offset import discovery_lag
+from gravcal.calibrations.com_offset import lag
 from gravcal.estimation.records import Entry
 
 EDGES = np.array([2.0, 8.0, 14.0, 20.0])
@@ -25,8 +25,8 @@ def commanded(t):
 def test_a_lagging_rod_follows_its_equation(tau):
     """Analytic: tau dm/dt = m_commanded - m, integrated between the edges; edges a lead before the fitted ones."""
     lead, time = 0.4 * tau, np.arange(0.05, 25.0, 0.1)
-    missing, _ = discovery_lag._missing(ARC, tau)
-    found = discovery_lag._lagging(time, EDGES + lead, DIPOLE, missing, tau, np.array([0.0, lead]))[:, :, 1]
+    missing, _ = lag.missing_of(ARC, tau)
+    found = lag.lagging(time, EDGES + lead, DIPOLE, missing, tau, np.array([0.0, lead]))[:, :, 1]
     state, begin, expected = np.zeros(3), 0.0, []
     for end in [*EDGES, 26.0]:
         inside = time[(time >= begin) & (time < end)]
@@ -40,13 +40,12 @@ def test_a_lagging_rod_follows_its_equation(tau):
 @pytest.mark.parametrize("tau", [0.1, 0.8])
 def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
     """Analytic: quadrature of (t - s) times lagging less late dipole over s."""
-    scene = SimpleNamespace(window=SimpleNamespace(arc=ARC), shift=tau)  # edges fitted later by the lag
     time = np.array([1.0, 2.3, 2.9, 5.0, 8.05, 9.4, 13.9, 19.0, 24.0])
-    found = discovery_lag._swung(scene, time, tau)
-    missing, _ = discovery_lag._missing(ARC, tau)
+    found = lag.swung(ARC, tau, time, tau)  # edges fitted later by the lag
+    missing, _ = lag.missing_of(ARC, tau)
 
     def weighed(s, t, axis):
-        lagging = discovery_lag._lagging(np.array([s]), EDGES, DIPOLE, missing, tau, np.zeros(1))[0, axis, 0]
+        lagging = lag.lagging(np.array([s]), EDGES, DIPOLE, missing, tau, np.zeros(1))[0, axis, 0]
         return (t - s) * (lagging - commanded(s - tau)[axis])
 
     for t, row in zip(time, found, strict=True):
@@ -58,8 +57,8 @@ def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
 
 def test_the_lead_of_a_short_lag_is_the_lag_and_of_a_long_one_less():
     """Property: the start of the search lies below the lag and grows with it."""
-    lags = np.array(discovery_lag.TRIED_S)
-    leads = discovery_lag.usual_lead(lags)
+    lags = np.array(lag.TRIED_S)
+    leads = lag.usual_lead(lags)
     assert np.all(np.diff(leads) > 0)
     assert np.all(leads < lags)
     assert leads[0] > 0.95 * lags[0]
@@ -67,8 +66,8 @@ def test_the_lead_of_a_short_lag_is_the_lag_and_of_a_long_one_less():
 
 def test_an_entry_keeps_its_leads_by_manoeuvre():
     """Property: what a finding says of one manoeuvre is not taken for another's."""
-    views = [SimpleNamespace(scene=SimpleNamespace(time=np.array([t, t + 1]))) for t in (100.0, 700.0)]
-    entry = Entry(discovery_lag.CAUSE, "", {}, leads=discovery_lag.leads(views, [0.1, 0.2]))
-    assert [discovery_lag._known(v, entry) for v in views] == [0.1, 0.2]
-    elsewhere = SimpleNamespace(scene=SimpleNamespace(time=np.array([2000.0])))
-    assert discovery_lag._known(elsewhere, entry) is None
+    views = [SimpleNamespace(time=np.array([t, t + 1])) for t in (100.0, 700.0)]
+    entry = Entry(lag.CAUSE, "", {}, leads=lag.leads(views, [0.1, 0.2]))
+    assert [lag.known_lead(v, entry) for v in views] == [0.1, 0.2]
+    elsewhere = SimpleNamespace(time=np.array([2000.0]))
+    assert lag.known_lead(elsewhere, entry) is None

@@ -14,8 +14,8 @@ import numba
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import discovery_timing, motion
-from gravcal.calibrations.com_offset.discovery_view import View, felt
+from gravcal.calibrations.com_offset import motion
+from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer
 from gravcal.estimation.least_squares import polynomial
 from gravcal.estimation.records import Entry, Lead, Shape
 
@@ -32,32 +32,28 @@ def usual_lead(tau: float) -> float:
     return tau / (1 + tau / 2.0)
 
 
-def signal(view: View, tau: float, leads) -> dict[str, np.ndarray]:
+def signal(one: Manoeuvre, tau: float, leads) -> dict[str, np.ndarray]:
     """What a lag does to the readings beside edges as they were fitted, {channel: (samples, 3, q)}.
 
-    Parameters
-    ----------
-    view : View
-    tau : s
-    leads : (q,) s, by which the commanded edges are earlier than those that the accelerometer shows
+    Leads (q,) s: by which the commanded edges are earlier than those that the accelerometer shows.
     """
-    slow = view.at(view.scene.sca_time)
-    torque = np.cross(_swung(view.scene, slow.time, tau), slow.field_b)
+    slow = one.at(one.window.time)
+    torque = np.cross(swung(one.arc, one.shift, slow.time, tau), slow.field_b)
     angle = np.linalg.solve(slow.inertia_b, torque.T).T
     attitude = {"attitude": np.repeat(angle[..., None], len(leads), axis=2)}
-    return felt(view, _acceleration(view, tau, leads)) | attitude
+    return at_accelerometer(one, _acceleration(one, tau, leads)) | attitude
 
 
-def _acceleration(view, tau, leads):
+def _acceleration(one, tau, leads):
     """Angular acceleration (n, 3, q) rad s-2 of lagging rods less that of the edges as they were fitted."""
-    arc, time = view.scene.window.arc, view.context.time
-    edges = arc.edges + view.scene.shift
-    dipole = _lagging(time, edges, arc.dipole_b, _missing(arc, tau)[0], tau, np.asarray(leads, dtype=float))
+    arc, time = one.arc, one.context.time
+    edges = arc.edges + one.shift
+    dipole = lagging(time, edges, arc.dipole_b, missing_of(arc, tau)[0], tau, np.asarray(leads, dtype=float))
     key = ("turning", CAUSE)
-    if key not in view.memory:  # what a unit dipole on each axis does
-        torque = np.stack([np.cross(unit, view.context.field_b) for unit in np.eye(3)], axis=2)
-        view.memory[key] = np.linalg.inv(view.context.inertia_b) @ torque
-    return _turning(view.memory[key], dipole, view.context.dipole_b)
+    if key not in one.memory:  # what a unit dipole on each axis does
+        torque = np.stack([np.cross(unit, one.context.field_b) for unit in np.eye(3)], axis=2)
+        one.memory[key] = np.linalg.inv(one.context.inertia_b) @ torque
+    return _turning(one.memory[key], dipole, one.context.dipole_b)
 
 
 @numba.njit(cache=True)
@@ -73,7 +69,7 @@ def _turning(response, dipole, fitted):
     return out
 
 
-def _missing(arc, tau):
+def missing_of(arc: motion.Arc, tau: float) -> tuple[np.ndarray, np.ndarray]:
     """Dipole (m + 1, 3) that lagging rods miss after each edge, and its jump there."""
     jump = np.diff(arc.dipole_b, axis=0, prepend=np.zeros((1, 3)), append=np.zeros((1, 3)))
     missing, decay = jump.copy(), np.exp(-np.diff(arc.edges) / tau)
@@ -83,7 +79,7 @@ def _missing(arc, tau):
 
 
 @numba.njit(cache=True)
-def _lagging(time, edges, dipole, missing, tau, leads):
+def lagging(time, edges, dipole, missing, tau, leads):
     """Dipole (n, 3, q) of lagging rods at increasing epochs, for each lead."""
     out = np.zeros((time.size, 3, leads.size))
     for q in range(leads.size):
@@ -101,14 +97,14 @@ def _lagging(time, edges, dipole, missing, tau, leads):
     return out
 
 
-def _swung(scene, time, tau):
+def swung(arc: motion.Arc, shift: float, time: np.ndarray, tau: float) -> np.ndarray:
     """Dipole (n, 3) A m2 s2, twice integrated, of lagging rods less that of edges later by the lag.
 
     A time t after its edge a jump D has turned the body by D (t2 / 2 - tau t + tau2 (1 - exp(-t / tau))), one that is
     late by tau by D (t - tau)2 / 2 once it has happened.
     """
-    arc, first = scene.window.arc, scene.shift - tau
-    missing, jump = _missing(arc, tau)
+    first = shift - tau
+    missing, jump = missing_of(arc, tau)
     edges = arc.edges + first
     last = np.searchsorted(edges, time, side="right") - 1
     since = np.where(last >= 0, time - edges[last], np.inf)[:, None]
@@ -117,58 +113,37 @@ def _swung(scene, time, tau):
     return settled - tau**2 * missing[last] * np.exp(-since / tau) + early
 
 
-def column(view: View, tau: float, lead: float) -> dict[str, np.ndarray]:
-    """The same per second of lag, for one lead.
-
-    Parameters
-    ----------
-    view : View
-    tau, lead : s
-    """
-    return {channel: values / tau for channel, values in signal(view, tau, [lead]).items()}
+def per_second(one: Manoeuvre, tau: float, lead: float) -> dict[str, np.ndarray]:
+    """The same per second of lag, for one lead."""
+    return {channel: values / tau for channel, values in signal(one, tau, [lead]).items()}
 
 
-def lead_of(view: View, tau: float, rest: np.ndarray, basis: np.ndarray) -> float:
-    """Lead s that takes most from a residual.
-
-    Parameters
-    ----------
-    view : View
-    tau : s
-    rest : (n,) whitened residual of the view, own columns projected out
-    basis : (n, r) orthonormal, of the own columns
-    """
-    there = view.place("angular")
+def lead_of(one: Manoeuvre, tau: float, rest: np.ndarray, basis: np.ndarray) -> float:
+    """Lead s that takes most from a whitened residual (n,) without local columns, of which (n, r) is the basis."""
+    there = one.place("angular")
     rest, basis = rest[there], np.ascontiguousarray(basis[there].T)
 
     def gain(leads):
-        rows = view.rows_of("angular", _acceleration(view, tau, leads))
+        rows = one.whitened_channel("angular", _acceleration(one, tau, leads))
         inside = basis @ rows
         return 2 * rest @ rows - np.einsum("nq,nq->q", rows, rows) + np.einsum("rq,rq->q", inside, inside)
 
     return _largest(gain, tau)
 
 
-def lead_in_records(view: View, tau: float, measured: np.ndarray) -> float:
-    """Lead s at which a lag describes a measured angular acceleration best.
-
-    Parameters
-    ----------
-    view : View
-    tau : s
-    measured : (n, 3) rad s-2, at the accelerometer epochs of the view
-    """
-    operator = view.scene.operator
+def lead_in_records(one: Manoeuvre, tau: float, measured: np.ndarray) -> float:
+    """Lead s at which a lag describes an angular acceleration (n, 3) rad s-2 measured at the epochs best."""
+    operator = one.operator
     drift = np.linalg.qr(polynomial(operator.time, 2, operator.time[0], operator.time[-1])[operator.valid])[0]
 
     def rows(values):
         low = operator(values)[operator.valid].reshape(len(drift), -1)
         return low - drift @ (drift.T @ low)
 
-    rest = rows(np.nan_to_num(measured) - view.context.rate_dot_b).ravel()
+    rest = rows(np.nan_to_num(measured) - one.context.rate_dot_b).ravel()
 
     def gain(leads):
-        each = rows(_acceleration(view, tau, leads)).reshape(rest.size, -1)
+        each = rows(_acceleration(one, tau, leads)).reshape(rest.size, -1)
         return 2 * rest @ each - np.einsum("nq,nq->q", each, each)
 
     return _largest(gain, tau)
@@ -184,40 +159,26 @@ def _largest(gain, tau):
     return float(best)
 
 
-def edge_rows(views: list[View], smoothed: xr.Dataset, tau: float, leads) -> np.ndarray:
+def edge_rows(views: list[Manoeuvre], smoothed: xr.Dataset, tau: float, leads) -> np.ndarray:
     """What a lag adds to the whitened rows of the edge times, (k + 1, 1).
 
     The star camera sees the edges later by the lag, the accelerometer by the lead.
-
-    Parameters
-    ----------
-    views : list of View
-    smoothed : Dataset, "com_offset.attitude"
-    tau : s
-    leads : one a view, s
     """
     each = np.full(smoothed["acc_shift"].size, usual_lead(tau))
-    each[[v.scene.index for v in views]] = leads
-    return discovery_timing.column_of(smoothed, np.append(each - tau, each.mean()))
+    each[[one.index for one in views]] = leads
+    return edge_rows_of(smoothed, np.append(each - tau, each.mean()))
 
 
-def shape(views: list[View], smoothed: xr.Dataset, tau: float) -> Shape:
-    """Shape of a lag about one that was tried.
-
-    Parameters
-    ----------
-    views : list of View
-    smoothed : Dataset, "com_offset.attitude"
-    tau : s
-    """
+def shape(views: list[Manoeuvre], smoothed: xr.Dataset, tau: float) -> Shape:
+    """Shape of a lag about one that was tried."""
 
     def inside(value, rest, bases):
         count = len(views)
         rows = zip(views, rest[:count], bases[:count], strict=True)
-        return np.array([lead_of(v, value[0], r[:, 0], b) for v, r, b in rows])
+        return np.array([lead_of(one, value[0], r[:, 0], b) for one, r, b in rows])
 
     def columns(value, leads):
-        made = [v.rows(column(v, value[0], lead)) for v, lead in zip(views, leads, strict=True)]
+        made = [one.whitened(per_second(one, value[0], lead)) for one, lead in zip(views, leads, strict=True)]
         return [*made, edge_rows(views, smoothed, value[0], leads) / value[0]]
 
     tried = tau * np.geomspace(0.4, 2.5, 9)[:, None]
@@ -225,44 +186,25 @@ def shape(views: list[View], smoothed: xr.Dataset, tau: float) -> Shape:
     return Shape(("tau",), ("s",), np.array([tau]), columns, tried, *ends, inside=inside, sized=True)
 
 
-def leads(views: list[View], chosen) -> tuple[Lead, ...]:
-    """Leads of the manoeuvres.
-
-    Parameters
-    ----------
-    views : list of View
-    chosen : one a view, s
-    """
-    return tuple(Lead(float(v.scene.time[0]), float(lead)) for v, lead in zip(views, chosen, strict=True))
+def leads(views: list[Manoeuvre], chosen) -> tuple[Lead, ...]:
+    """Leads of the manoeuvres."""
+    return tuple(Lead(float(one.time[0]), float(lead)) for one, lead in zip(views, chosen, strict=True))
 
 
-def placed(view: View, entry: Entry, records) -> Entry:
-    """Entry of a model that knows the lead in a manoeuvre, from the records where it did not.
-
-    Parameters
-    ----------
-    view : View
-    entry : of the lag
-    records : Dataset, "align", without other effects
-    """
-    if _known(view, entry) is not None or not _tau(entry) > 0:
+def placed(one: Manoeuvre, entry: Entry, records) -> Entry:
+    """Entry of a model that knows the lead in a manoeuvre, from the records where it did not."""
+    if known_lead(one, entry) is not None or not _tau(entry) > 0:
         return entry
-    lead = lead_in_records(view, _tau(entry), records["angular_b"].values[view.scene.rows])
-    return replace(entry, leads=leads([view], [lead]))
+    lead = lead_in_records(one, _tau(entry), records["angular_b"].values[one.rows])
+    return replace(entry, leads=leads([one], [lead]))
 
 
-def reading(view: View, entry: Entry) -> dict[str, np.ndarray]:
-    """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}.
-
-    Parameters
-    ----------
-    view : View
-    entry : of the lag
-    """
-    tau, lead = _tau(entry), _known(view, entry)
+def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
+    """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}."""
+    tau, lead = _tau(entry), known_lead(one, entry)
     if not tau > 0:
         return {}
-    found = signal(view, tau, [usual_lead(tau) if lead is None else lead])
+    found = signal(one, tau, [usual_lead(tau) if lead is None else lead])
     return {channel: values[:, :, 0] for channel, values in found.items()}
 
 
@@ -270,7 +212,33 @@ def _tau(entry):
     return entry.values.get("tau", np.nan)
 
 
-def _known(view, entry):
+def known_lead(one: Manoeuvre, entry: Entry) -> float | None:
     """Lead s in a manoeuvre, None where the entry does not know it."""
-    start = float(view.scene.time[0])
-    return next((one.lead for one in entry.leads if abs(one.start - start) < 5.0), None)
+    start = float(one.time[0])
+    return next((each.lead for each in entry.leads if abs(each.start - start) < 5.0), None)
+
+
+def edge_rows_of(smoothed: xr.Dataset, delays: np.ndarray) -> np.ndarray:
+    """Whitened column (k + 1, 1) of the edge times.
+
+    Parameters
+    ----------
+    smoothed : Dataset, "com_offset.attitude"
+    delays : (k + 1,) edges of the accelerometer less those of the star camera in each manoeuvre, and against telemetry
+    """
+    spread = edge_sigma(smoothed)
+    used = np.isfinite(spread) & (spread > 0)
+    return np.where(used, delays / np.where(used, spread, 1), 0.0)[:, None]
+
+
+def edge_sigma(smoothed: xr.Dataset) -> np.ndarray:
+    """Errors (k + 1,) s of the edge times.
+
+    Where between two samples of the accelerometer an edge falls cannot be told from momentary readings: the wave's
+    period is a whole number of samples, so that all edges of a manoeuvre fall on the same part of it.
+    """
+    steps = np.diff(smoothed["time_acc"].values)
+    between = float(np.median(steps)) / np.sqrt(12) if steps.size else 0.0
+    parts = smoothed["acc_shift_sigma"].values, smoothed["sca_shift_sigma"].values
+    each = np.sqrt(parts[0] ** 2 + parts[1] ** 2 + between**2)
+    return np.append(each, np.hypot(float(smoothed["acc_delay_sigma"]), between))

@@ -1,0 +1,483 @@
+"""A manoeuvre as discovery sees it: motion, torques, noise, and what any signal does to its whitened rows.
+
+A signal is {channel: (samples, 3, q)}: linear m s-2 and angular rad s-2 at the accelerometer epochs, attitude rad at
+those of the star camera, magnetometer T once a second.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.com_offset import motion
+from gravcal.calibrations.com_offset import noise as linear_noise
+from gravcal.calibrations.com_offset.attitude import slow_torque_response
+from gravcal.effects import Context, catalogue
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import NoiseModel, fit_beside, fit_detrended, unwhiten, whiten, without_lines
+from gravcal.estimation.records import Block
+from gravcal.estimation.resampling import Resampler, lowpass_resampler, operator_for
+from gravcal.physics import dynamics, frames, orbit_environment
+
+CHANNELS = ("linear", "angular", "attitude", "magnetometer")
+#: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
+STEP_S = 1.0
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """Manoeuvre as arrays, with what turns a signal into whitened rows.
+
+    Attributes
+    ----------
+    index : of the manoeuvre; window : its observations and torques
+    time : (n,) s, accelerometer epochs; true : (n,) s, the same less the shift of the accelerometer
+    rows : indices of these epochs in the aligned product
+    operator : low-pass and resampling of the accelerometer
+    transition : (k, 6, 6) of angle and rate from the origin, at the epochs of the window
+    local_attitude : (k, 3, p) rad, start angle, rate, slow torque and edge shift
+    scale_attitude : (k, 3, 3) rad, torque scale
+    shift : s, edges seen by the star camera
+    noise : {channel: noise model of each axis}, shared by all manoeuvres, may be completed later
+    context : Context at the accelerometer epochs
+    offset : (3,) m, present estimate
+    magnetometer : (time, difference, valid) at 1 Hz
+    orbit : (time, position_i) s, m, of the whole record
+    memory : contexts at other epochs and signals, made once
+    """
+
+    index: int
+    window: motion.Window
+    time: np.ndarray
+    true: np.ndarray
+    rows: np.ndarray
+    operator: Resampler
+    transition: np.ndarray
+    local_attitude: np.ndarray
+    scale_attitude: np.ndarray
+    shift: float
+    noise: dict[str, list[NoiseModel]]
+    context: Context
+    offset: np.ndarray
+    magnetometer: tuple
+    orbit: tuple
+    memory: dict = field(default_factory=dict)
+
+    @property
+    def arc(self) -> motion.Arc:
+        """Edges, dipoles and field of the window."""
+        return self.window.arc
+
+    @functools.cached_property
+    def propagator(self) -> motion.Propagator:
+        """Attitude after angular accelerations that jump at the edges."""
+        return motion.propagator(self.window.time, self.transition, self.arc.edges + self.shift)
+
+    @property
+    def valid(self) -> dict[str, np.ndarray]:
+        """Usable samples of each channel."""
+        valid = (self.operator.valid, self.operator.valid, self.window.good, self.magnetometer[2])
+        return dict(zip(CHANNELS, valid, strict=True))
+
+    @property
+    def times(self) -> dict[str, np.ndarray]:
+        """Epochs s of the samples of each channel, as they stand in the rows."""
+        grid = self.operator.time
+        return dict(zip(CHANNELS, (grid, grid, self.window.time, self.magnetometer[0]), strict=True))
+
+    @property
+    def size(self) -> int:
+        """Number of rows of all channels."""
+        return 3 * sum(valid.size for valid in self.valid.values())
+
+    def place(self, channel: str) -> slice:
+        """Place of the rows of one channel."""
+        sizes = [3 * valid.size for valid in self.valid.values()]
+        first = sum(sizes[: CHANNELS.index(channel)])
+        return slice(first, first + sizes[CHANNELS.index(channel)])
+
+    def whitened(self, signal: dict[str, np.ndarray]) -> np.ndarray:
+        """Whitened rows (n, q) of a signal, zero where a channel has none; readings go through the low-pass."""
+        rows = np.zeros((self.size, next(iter(signal.values())).shape[2]))
+        for channel, values in signal.items():
+            rows[self.place(channel)] = self.whitened_channel(channel, values)
+        return rows
+
+    def whitened_channel(self, channel: str, values: np.ndarray) -> np.ndarray:
+        """Those rows (3 m, q) of one channel, from its values (samples, 3, q)."""
+        if channel in ("linear", "angular"):
+            values = self.operator(values)
+        valid = self.valid[channel]
+        return np.concatenate([whiten(self.noise[channel][a], values[:, a], valid) for a in range(3)])
+
+    def at(self, time: np.ndarray) -> Context:
+        """Context at any epochs of the manoeuvre."""
+        key = (time.size, float(time[0]), float(time[-1]))
+        if key not in self.memory:
+            self.memory[key] = _context(self.window, self.shift, self.context, self.orbit, time)
+        return self.memory[key]
+
+    def remembered(self, key: tuple, make) -> dict[str, np.ndarray]:
+        """Signal of this manoeuvre, made once."""
+        if key not in self.memory:
+            self.memory[key] = make(self)
+        return self.memory[key]
+
+
+def manoeuvres(aligned: xr.Dataset, field_: xr.Dataset, smoothed: xr.Dataset, offset, noise, settings) -> list:
+    """Every manoeuvre that has an attitude and accelerometer samples.
+
+    Parameters
+    ----------
+    aligned, field_, smoothed : Dataset, "com_offset.align", "com_offset.field", "com_offset.attitude"
+    offset : (3,) m, present estimate
+    noise : {channel: noise model of each axis}, may be completed later
+    settings : inertia, dipole_per_current, mass, dynamics, torque_degree, integration_step_s, low-pass of the solution
+    """
+    per_current = np.asarray(settings["dipole_per_current"])
+    found = motion.windows(aligned, field_, settings["inertia"], per_current, settings["dynamics"] == "full")
+    made = [_manoeuvre((aligned, field_, smoothed), i, w, (offset, noise), settings) for i, w in enumerate(found)]
+    return [one for one in made if one is not None]
+
+
+def _manoeuvre(products, index, window, estimates, settings):
+    aligned, field_, smoothed = products
+    smooth = np.flatnonzero(smoothed["acc_manoeuvre"].values == index)
+    shift = float(smoothed["sca_shift"].values[index])
+    if smooth.size < 200 or window.rod < 0 or not np.isfinite(shift):
+        return None
+    late = float(np.nan_to_num(smoothed["acc_shift"].values[index] - shift))
+    time = smoothed["time_acc"].values[smooth]
+    rows = np.searchsorted(aligned["time_acc"].values, time)
+    good = aligned["acc_flag"].values[rows] == 0
+    good &= np.isfinite(aligned["linear_b"].values[rows]).all(axis=1)
+    good &= np.isfinite(aligned["angular_b"].values[rows]).all(axis=1)
+    first, last = window.arc.edges[[0, -1]] + shift + late
+    filters = (settings["lowpass_hz"], settings["half_width_s"], settings["step_s"])
+    operator = operator_for(time, good, max(first, time[0]), min(last, time[-1]), *filters)
+    if operator.valid.sum() < 60:
+        return None
+    # transition and columns of the attitude along a path that follows the measured one
+    known = np.isfinite(aligned["quaternion"].values).all(axis=1) & (aligned["sca_flag"].values == 0)
+    tags = aligned["time_sca"].values[known]
+    origin = np.clip(np.array([window.arc.origin]), tags[0], tags[-1])
+    quaternion = frames.interpolate(tags, aligned["quaternion"].values[known], origin)[0]
+    state = dynamics.State(window.arc.origin, quaternion, smoothed["rate_b"].values[smooth[0]])
+    degree, scale = settings["torque_degree"], np.nan_to_num(smoothed["torque_scale"].values[index], nan=1.0)
+    path = motion.torque_of(window.arc, motion.Solution(state, np.zeros((degree + 1, 3)), scale, shift))
+    step = settings["integration_step_s"]
+    _, _, _, sensitivity = dynamics.integrate_with_sensitivity(window.time, state, path, max_step=step)
+    slow = slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
+    local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 12:13]], axis=2)
+    # what effects look at
+    true, orbit = time - late, (aligned["time_orbit"].values, aligned["position_i"].values)
+    bare = Context(
+        time=true,
+        rate_b=smoothed["rate_b"].values[smooth],
+        gradient_b=smoothed["gradient_b"].values[smooth],
+        inertia_b=window.arc.inertia,
+        start=aligned["start"].values,
+        stop=aligned["stop"].values,
+        extra={"mass": settings["mass"]},
+    )
+    context = _context(window, shift, bare, orbit, true)
+    torque = np.cross(context.dipole_b, context.field_b)
+    rate_dot = smoothed["smooth_b"].values[smooth] + np.linalg.solve(context.inertia_b, torque.T).T
+    context = replace(context, rate_dot_b=rate_dot, angular_b=rate_dot)
+    offset, noise = estimates
+    context = replace(context, linear_b=catalogue()["accelerometer.offset"].contribution(context, offset))
+    sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
+    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 9:12], shift
+    return Manoeuvre(index, window, time, true, rows, operator, *about, noise, context, offset, sampled, orbit)
+
+
+def offset_of(solved: xr.Dataset) -> np.ndarray:
+    """Offset (3,) m of all manoeuvres together, from "com_offset.solve"."""
+    normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
+    return least_squares.stable_inverse(normal) @ right
+
+
+def attitude_at(window: motion.Window, time: np.ndarray) -> np.ndarray:
+    """Measured attitude (n, 3, 3) R_bi at any epochs of the arc."""
+    good = window.good[1:]
+    known = window.time[1:][good]
+    at = np.clip(time, known[0], known[-1])
+    return frames.R_bi_from_quaternion(frames.interpolate(known, window.quaternion[1:][good], at))
+
+
+def field_at(arc: motion.Arc, time: np.ndarray, R_bi: np.ndarray) -> np.ndarray:
+    """Field in the body (n, 3) T."""
+    inertial = np.stack([np.interp(time, arc.field_time, c) for c in arc.field_i.T], axis=1)
+    return np.matvec(R_bi, inertial)
+
+
+def _context(window, shift, base, orbit, time):
+    """Context at any epochs near a manoeuvre: motion of the accelerometer epochs, dipole and field at the epochs."""
+    same = time.size == base.time.size and np.array_equal(time, base.time)
+    thin = lambda v: v if same else np.stack([np.interp(time, base.time, c) for c in v.T], axis=1)  # noqa: E731
+    R_bi = attitude_at(window, time)
+    return replace(
+        base,
+        time=time,
+        rate_b=thin(base.rate_b),
+        rate_dot_b=None if base.rate_dot_b is None else thin(base.rate_dot_b),
+        gradient_b=thin(base.gradient_b.reshape(-1, 9)).reshape(-1, 3, 3),
+        dipole_b=motion.dipole_at(window.arc, time, shift),
+        field_b=field_at(window.arc, time, R_bi),
+        linear_b=None,
+        angular_b=None,
+        extra=orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], np.array([6e-8, 0.0, 0.0])),
+    )
+
+
+def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings) -> Block:
+    """Observed rows, columns of the offset, and local columns of one manoeuvre.
+
+    Parameters
+    ----------
+    one : Manoeuvre
+    aligned, smoothed : Dataset, "com_offset.align", "com_offset.attitude"
+    settings : linear_drift_degree, angular_drift_degree
+    """
+    linear, angular = (aligned[name].values[one.rows] for name in ("linear_b", "angular_b"))
+    residual = np.zeros((one.window.time.size, 3))
+    residual[one.window.good] = smoothed["sca_residual_b"].values[smoothed["sca_manoeuvre"].values == one.index]
+    scale = np.nan_to_num(smoothed["torque_scale"].values[one.index], nan=1.0)
+    observed = {
+        "linear": (np.nan_to_num(linear - linear[len(linear) // 2]) - one.context.linear_b)[..., None],
+        "angular": (np.nan_to_num(angular - angular[len(angular) // 2]) - one.context.rate_dot_b)[..., None],
+        "attitude": (residual + one.scale_attitude @ (scale - 1))[..., None],
+        "magnetometer": one.magnetometer[1][..., None],
+    }
+    return Block(
+        label=f"manoeuvre {one.index + 1}",
+        observed=one.whitened(observed)[:, 0],
+        global_columns=one.whitened({"linear": catalogue()["accelerometer.offset"].columns(one.context)}),
+        local_columns=one.whitened(_local(one, settings)),
+        channel=np.repeat(CHANNELS, [3 * v.size for v in one.valid.values()]),
+        axis=np.concatenate([np.repeat([0, 1, 2], v.size) for v in one.valid.values()]),
+        time=np.concatenate([np.tile(t, 3) for t in one.times.values()]),
+        steps=_steps(one),
+    )
+
+
+def _steps(one):
+    """Steps of the linear reading, {epoch: whitened rows (n, 3)}."""
+    grid = one.operator.time
+    epochs = np.arange(grid[0] + 6, grid[-1] - 6, STEP_S)
+    shapes = one.operator((one.time[:, None, None] >= epochs).astype(float))[:, 0]
+    rows = np.zeros((one.size, epochs.size, 3))
+    first = one.place("linear").start
+    for axis in range(3):
+        there = slice(first + axis * grid.size, first + (axis + 1) * grid.size)
+        rows[there, :, axis] = whiten(one.noise["linear"][axis], shapes, one.valid["linear"])
+    return {float(t): rows[:, k] for k, t in enumerate(epochs)}
+
+
+def _local(one, settings):
+    """Drift of each channel, start, slow torque and edges of the attitude, swung drag, edges of the accelerometer."""
+    grid, mag, columns = one.operator.time, one.magnetometer[0], []
+    for channel, time, degree in (
+        ("linear", one.time, settings["linear_drift_degree"]),
+        ("angular", one.time, settings["angular_drift_degree"]),
+        ("magnetometer", mag, 0),
+    ):
+        if time.size:
+            ends = (grid[0], grid[-1]) if channel != "magnetometer" else (time[0], max(time[-1], time[0] + 1))
+            shape = least_squares.polynomial(time, degree, *ends)
+            columns.append({channel: np.einsum("nk,ac->nakc", shape, np.eye(3)).reshape(time.size, 3, -1)})
+    # reading of a unit force that stays in place while the body swings about its mean rotation
+    context = one.context
+    step = np.diff(context.time, prepend=context.time[0])[:, None]
+    angle = np.cumsum((context.rate_b - context.rate_b.mean(axis=0)) * step, axis=0)
+    swung = np.stack([np.cross(unit, angle) for unit in np.eye(3)], axis=2)
+    columns += [{"attitude": one.local_attitude}, {"linear": swung}]
+    rest = one.true, context.field_b, float(np.median(np.diff(one.time)))
+    ends = [motion.magnetic_acceleration(one.arc, one.shift + d, *rest) for d in (-0.15, 0.15)]
+    columns.append(at_accelerometer(one, _edge_by_edge(one, ends[1] - ends[0])))
+    places = np.cumsum([0, *(next(iter(c.values())).shape[2] for c in columns)])
+    joined: dict[str, np.ndarray] = {}
+    for column, begin, end in zip(columns, places[:-1], places[1:], strict=True):
+        for channel, values in column.items():
+            joined.setdefault(channel, np.zeros((values.shape[0], 3, places[-1])))
+            joined[channel][:, :, begin:end] = values
+    return joined
+
+
+def _edge_by_edge(one, jump):
+    """Jump (n, 3, 2 edges) at the sample before an edge and at the one after, a column each.
+
+    Where between two samples an edge falls is known to neither model; a momentary sample near it may be on either side,
+    and from one edge of the wave to the next it may change sides.
+    """
+    change = np.abs(np.diff(one.arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0))
+    edges = one.arc.edges[change > 0.25 * change.max()] + one.shift
+    near = np.searchsorted(one.true, edges)[:, None] + np.array([-1, 0])
+    near = np.clip(near, 0, one.true.size - 1).ravel()
+    columns = np.zeros((one.true.size, 3, near.size))
+    columns[near, :, np.arange(near.size)] = jump[near]
+    return columns
+
+
+def at_accelerometer(one: Manoeuvre, alpha: np.ndarray) -> dict[str, np.ndarray]:
+    """What angular accelerations (n, 3, q) rad s-2 do to the accelerometer, -alpha x offset in the linear reading."""
+    linear = -np.moveaxis(np.cross(np.moveaxis(alpha, 2, 1), one.offset), 1, 2)
+    return {"linear": linear, "angular": alpha}
+
+
+def of_torque(one: Manoeuvre, torque_of) -> dict[str, np.ndarray]:
+    """Signals of torques, Context -> (n, 3, q) N m: angular acceleration at the accelerometer, attitude."""
+    inverse = np.linalg.inv(one.arc.inertia)
+
+    def alpha(context):
+        return np.moveaxis(torque_of(context), 2, 1) @ inverse.T
+
+    attitude = one.propagator(lambda time: alpha(one.at(time)))
+    return at_accelerometer(one, np.moveaxis(alpha(one.context), 1, 2)) | {"attitude": attitude}
+
+
+def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Reading that the model of a channel predicts, and whitened rows in its unit.
+
+    The linear and the angular reading are those after the low-pass of the solution; the attitude is the rotation from
+    a satellite whose torquers are off.
+
+    Parameters
+    ----------
+    one : Manoeuvre
+    channel : of `CHANNELS`
+    rows : (n, q) 1, of all channels
+
+    Returns
+    -------
+    time : (m,) s
+    model : (m, 3) m s-2, rad s-2, rad or T
+    columns : (q, m, 3) the same unit, NaN where there is no sample
+    """
+    valid, time = one.valid[channel], one.times[channel]
+    parts = rows[one.place(channel)].reshape(3, valid.size, -1)
+    columns = np.stack([unwhiten(one.noise[channel][a], parts[a], valid) for a in range(3)], axis=1)
+    if channel in ("linear", "angular"):
+        model = one.operator(one.context.linear_b if channel == "linear" else one.context.rate_dot_b)
+    else:  # all torques once; the field that the attitude predicts
+        model = one.scale_attitude.sum(axis=2) if channel == "attitude" else one.at(time).field_b
+    return time, model, np.moveaxis(columns, 2, 0)
+
+
+def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict, dict]:
+    """Noise models and samples an axis of the channels whose noise quiet data show, {channel: ...} each.
+
+    Parameters
+    ----------
+    aligned, field_ : Dataset, "com_offset.align", "com_offset.field"
+    settings : inertia, dipole_per_current, lowpass_hz, half_width_s, step_s, drift_degree, linear_drift_degree,
+        angular_drift_degree, noise_order, attitude_noise_order, quiet_margin_s
+    """
+    time, spans = aligned["time_acc"].values, list(linear_noise.quiet_spans(aligned, settings))
+    models, samples = {}, {}
+    for channel in ("linear", "angular"):
+        values, pieces = aligned[f"{channel}_b"].values, []
+        good = (aligned["acc_flag"].values == 0) & np.isfinite(values).all(axis=1)
+        for inside in (slice(*np.searchsorted(time, span)) for span in spans):
+            operator = _operator(time[inside], good[inside], settings)
+            if operator is not None:
+                piece = np.nan_to_num(values[inside])
+                if channel == "angular":  # the torque of the control currents is no noise
+                    piece = piece - _control(aligned, field_, time[inside], settings)
+                pieces.append(operator(piece - piece[len(piece) // 2]))
+        cleaned, _ = without_lines(pieces, settings["step_s"]) if pieces else ([], None)
+        fits = _without_drift(settings[f"{channel}_drift_degree"]), settings["noise_order"], settings["step_s"]
+        models[channel] = fit_detrended(cleaned, *fits) if pieces else []
+        samples[channel] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
+    sampled = [at_one_hertz(field_, *span) for span in spans]
+    pieces = [np.where(valid[:, None], values, np.nan) for _, values, valid in sampled if valid.sum() >= 60]
+    fits = _without_drift(settings["drift_degree"]), settings["attitude_noise_order"], 1.0
+    models["magnetometer"] = fit_detrended(pieces, *fits) if pieces else []
+    samples["magnetometer"] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
+    return models, samples
+
+
+def _operator(time, good, settings):
+    """Low-pass of a piece of quiet data, None if it is too short."""
+    if time.size < 1000:
+        return None
+    step = settings["step_s"]
+    grid = np.arange(np.ceil(time[0] / step), np.floor(time[-1] / step)) * step
+    filters = {"lowpass_hz": settings["lowpass_hz"], "half_width_s": settings["half_width_s"]}
+    operator = lowpass_resampler(time, good, grid, **filters)
+    return operator if operator.valid.sum() >= 100 else None
+
+
+def _without_drift(degree):
+    """What removes a polynomial from a segment, NaN staying where it is."""
+
+    @functools.cache
+    def basis(count, valid):
+        drift = least_squares.polynomial(np.arange(count), degree, 0, count)
+        return least_squares.orthonormal(drift[np.frombuffer(valid, dtype=bool)])
+
+    def clean(segment, _):
+        valid = np.isfinite(segment).all(axis=1)
+        slow, cleaned = basis(len(segment), valid.tobytes()), np.full_like(segment, np.nan)
+        cleaned[valid] = segment[valid] - slow @ (slow.T @ segment[valid])
+        return cleaned
+
+    return clean
+
+
+def _control(aligned, field_, time, settings):
+    """Angular acceleration (n, 3) by the control currents, held from sample to sample, rad s-2."""
+    mag = aligned["time_mag"].values
+    index = np.clip(np.searchsorted((mag[1:] + mag[:-1]) / 2, time), 0, mag.size - 1)
+    dipole = np.nan_to_num(aligned["current_b"].values[index]) * np.asarray(settings["dipole_per_current"])
+    known = np.isfinite(aligned["quaternion"].values).all(axis=1)
+    sca = aligned["time_sca"].values[known]
+    quaternion = frames.interpolate(sca, aligned["quaternion"].values[known], np.clip(time, sca[0], sca[-1]))
+    inertial = np.stack([np.interp(time, field_["time_orbit"].values, c) for c in field_["field_i"].values.T], axis=1)
+    torque = np.cross(dipole, np.matvec(frames.R_bi_from_quaternion(quaternion), inertial))
+    return np.linalg.solve(np.asarray(settings["inertia"]), torque.T).T
+
+
+def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.ndarray], order: int):
+    """Star camera from the residuals of a fit that is wider than the baseline: with every torque that is tried.
+
+    Control torques hide the noise outside the manoeuvres. Unexplained attitude signal widens the model, which costs
+    power and never names anything.
+
+    Parameters
+    ----------
+    smoothed : Dataset, "com_offset.attitude"
+    views : list of Manoeuvre
+    wider : (k, 3, q) rad a manoeuvre, attitude after every torque that is tried
+    order : coefficients of the model
+    """
+    manoeuvre, segments, columns = smoothed["sca_manoeuvre"].values, [], []
+    for one, more in zip(views, wider, strict=True):
+        residual = np.full((one.window.time.size, 3), np.nan)
+        residual[one.window.good] = smoothed["sca_residual_b"].values[manoeuvre == one.index]
+        segments.append(residual)
+        columns.append(np.concatenate([one.local_attitude, one.scale_attitude, more], axis=2))
+    return fit_beside(segments, columns, order, 1.0)
+
+
+def at_one_hertz(field_: xr.Dataset, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time (n,) s, difference (n, 3) T and valid (n,) of every second sample, as the field is written twice a second.
+
+    Parameters
+    ----------
+    field_ : Dataset, "com_offset.field"
+    begin, end : s
+    """
+    time = field_["time_mag"].values
+    inside = np.flatnonzero((time > begin) & (time < end))
+    measured = field_["measured_b"].values[inside]
+    if inside.size < 10:
+        return np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=bool)
+    renewed = [int(np.sum(np.any(np.diff(measured, axis=0)[k::2] != 0, axis=1))) for k in (0, 1)]
+    inside = inside[1::2] if renewed[0] >= renewed[1] else inside[::2]
+    difference = field_["difference_b"].values[inside]
+    valid = (field_["used"].values[inside] > 0) & np.isfinite(difference).all(axis=1)
+    return time[inside], np.where(valid[:, None], difference, 0.0), valid

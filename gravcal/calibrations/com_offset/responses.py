@@ -1,0 +1,502 @@
+"""What effects of the catalogue, and drivers in no list, do to the channels of a manoeuvre and to the edge times.
+
+Edge times are one block beside the manoeuvres: edges of the accelerometer less those of the star camera, and their
+delay against the telemetry. Lines have a phase of their own in every manoeuvre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.com_offset import lag
+from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, attitude_at, field_at, of_torque
+from gravcal.effects import Context, catalogue, effect
+from gravcal.effects.base import Effect
+from gravcal.effects.kernels import ringing
+from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape, Wave
+from gravcal.physics import frames
+
+FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
+#: Baseline parameters, searched for along the time or frequency axis, or of records that are not read here.
+NOT_HERE = (
+    "accelerometer.offset",
+    "accelerometer.bias_step",
+    "accelerometer.stray_tone",
+    "torque.thruster_firings",
+    "timing.thruster_delay",
+)
+TONES = {"linear": "accelerometer.stray_tone", "angular": "unknown:time"}
+UNITS = {"linear": "m s-2", "angular": "rad s-2"}
+MODE_STEP_HZ = 0.02
+MODES_HZ = np.arange(0.10, 0.80, MODE_STEP_HZ)
+STEP_S = 2.0  # over which the field is differentiated
+AT_ONCE = 12  # forms that go through the operators together: with more, their samples leave the cache
+DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
+BEYOND_S = 10.0  # of a manoeuvre, in which records are still turned back
+#: Channel of an effect -> channel of a manoeuvre.
+READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", "field_b": "magnetometer"}
+#: Tags that a delay moves; edges are seen in the currents, which have the tags of the magnetometer.
+TAGS = {"acc_delay": "time_acc", "sca_delay": "time_sca", "mag_delay": "time_mag"}
+EDGES = ("edge_lower", "edge_upper", "start", "stop")
+# drivers in no list
+LAGS_S = (0.5, 2.0, 6.0, 20.0)
+DECAYS_S = (0.3, 0.7, 2.0)
+PLAY = (0.3, 0.6, 1.0, 1.5)  # widths of a play operator, in units of the largest current
+SETTLING_S = (15.0, 40.0, 80.0)
+CYCLES = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)  # of a sine, per radian of latitude
+
+Signal = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Form:
+    """A cause in one form: Manoeuvre -> signal per unit of each parameter, None where it shows nothing.
+
+    `frequency` of a flexible mode and `tau` of a lag are refined where the form is near what was measured.
+    """
+
+    cause: str
+    form: str
+    names: list[str]
+    units: list[str]
+    prior: list[float]
+    signal: Callable[[Manoeuvre], Signal | None]
+    frequency: float | None = None
+    tau: float | None = None
+
+    def of(self, one: Manoeuvre) -> Signal | None:
+        """Signal in a manoeuvre, made once."""
+        return one.remembered(("signal", self.cause, self.form), self.signal)
+
+
+def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray) -> list[Candidate]:
+    """Effects of the catalogue, then regressors made of the measured channels, in each manoeuvre and the edge times.
+
+    Parameters
+    ----------
+    views : list of Manoeuvre
+    smoothed : Dataset, "com_offset.attitude"
+    starts : (k,) s, of the manoeuvres
+    """
+    forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
+    tables, found = [_table(one, forms) for one in views], []
+    for k, form in enumerate(forms):
+        columns, shape = [table[k] for table in tables], None
+        timing = None if form.form.startswith("manoeuvre") else edge_column(form.cause, smoothed, starts)
+        if form.frequency is not None:
+            shape = _mode_shape(views, form.frequency)
+        if form.tau is not None:
+            timing = lag.edge_rows(views, smoothed, form.tau, [lag.usual_lead(form.tau)] * len(views)) / form.tau
+            shape = lag.shape(views, smoothed, form.tau)
+        if timing is None and all(c is None for c in columns):
+            continue
+        words = form.cause, form.form, form.names, form.units
+        whole = Candidate(*words, [*columns, timing], form.prior, shape=shape)
+        found += [whole] if not whole.listed or whole.form.endswith("Hz") else whole.each_alone()
+    return found
+
+
+def _entries():
+    return [e for s, e in catalogue().items() if s.partition(".")[0] in FAMILIES and s not in NOT_HERE]
+
+
+def _forms(entry: Effect) -> list[Form]:
+    """Forms of an effect."""
+    slug, names, units = entry.slug, [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
+    prior = [p.prior_sigma for p in entry.parameters]
+    if slug == lag.CAUSE:
+        per_second = lambda tau: lambda one: lag.per_second(one, tau, lag.usual_lead(tau))  # noqa: E731
+        return [Form(slug, f"tau {t:g} s", names, units, prior, per_second(t), tau=t) for t in lag.TRIED_S]
+    if slug == "accelerometer.flexible_mode":
+        axes = names[2:], units[2:], prior[2:]
+        return [Form(slug, f"{f:.2f} Hz", *axes, _ringing(f, DAMPING), frequency=f) for f in MODES_HZ]
+    if slug == "torque.saturation":
+        return [Form(slug, "", names, units, prior, lambda one: of_torque(one, _clipped))]
+    if entry.channel in ("dipole_b", "torque_b"):
+        return [Form(slug, "", names, units, prior, lambda one: of_torque(one, _torque_of(entry, entry.columns)))]
+    return [Form(slug, "", names, units, prior, lambda one: _reading(one, entry, entry.columns))]
+
+
+def _table(one: Manoeuvre, forms: list[Form]) -> list[np.ndarray | None]:
+    """Whitened rows of every form in one manoeuvre, some of the same channels at once through the operators."""
+    signals, table = [form.of(one) for form in forms], [None] * len(forms)
+    groups: dict[tuple, list[int]] = {}
+    for k, signal in enumerate(signals):
+        if signal is not None:
+            groups.setdefault(tuple(sorted(signal)), []).append(k)
+    for group in groups.values():
+        for members in (group[k : k + AT_ONCE] for k in range(0, len(group), AT_ONCE)):
+            parts = [signals[k] for k in members]
+            joined = {channel: np.concatenate([part[channel] for part in parts], axis=2) for channel in parts[0]}
+            ends = np.cumsum([next(iter(part.values())).shape[2] for part in parts])[:-1]
+            for k, rows in zip(members, np.split(one.whitened(joined), ends, axis=1), strict=True):
+                table[k] = rows
+    return table
+
+
+def attitude_of_torques(one: Manoeuvre) -> np.ndarray:
+    """Attitude (k, 3, q) rad after every torque that is tried, what all of them can explain."""
+    entries = [e for e in _entries() if e.channel in ("dipole_b", "torque_b")]
+    return np.concatenate([form.of(one)["attitude"] for entry in entries for form in _forms(entry)], axis=2)
+
+
+def _torque_of(entry, values_of):
+    """Context -> torque N m of what an effect adds to the dipole or to the torque, (n, 3, q) or (n, 3)."""
+
+    def torque(context):
+        values = values_of(context)
+        if entry.channel == "torque_b":
+            return values
+        return np.moveaxis(np.cross(np.moveaxis(values, 2, 1), context.field_b[:, None, :]), 1, 2)
+
+    return torque
+
+
+def _clipped(context):
+    """Torque per dipole missing at full dipole: what saturation takes from the square wave."""
+    largest = np.abs(context.dipole_b).max()
+    missing = np.where(np.abs(context.dipole_b) > 0.5 * largest, np.sign(context.dipole_b), 0.0)
+    return np.cross(missing, context.field_b)[..., None]
+
+
+def _reading(one, entry, values_of):
+    """Signal of what an effect adds to a reading; None where the channel is not observed."""
+    channel = READ.get(entry.channel)
+    if channel is None:
+        return field_of_delay(one, entry.slug)
+    if channel == "magnetometer":
+        time = one.magnetometer[0]
+        return {channel: values_of(one.at(time))} if time.size else None
+    return {channel: values_of(Context(time=one.window.time) if channel == "attitude" else one.context)}
+
+
+def field_of_delay(one: Manoeuvre, slug: str) -> Signal | None:
+    """What a delay of one second does to the difference of measured and predicted field, T s-1; None where nothing.
+
+    A late tag of the magnetometer shows the field of before, one of the star camera predicts it with the attitude of
+    before: -dB/dt and -w x B in the body.
+    """
+    time = one.magnetometer[0]
+    if not time.size or slug not in ("timing.magnetometer_delay", "timing.star_camera_delay"):
+        return None
+    if slug == "timing.star_camera_delay":
+        there = one.at(time)
+        return {"magnetometer": -np.cross(there.rate_b, there.field_b)[..., None]}
+    fields = [field_at(one.arc, t, attitude_at(one.window, t)) for t in (time - STEP_S, time + STEP_S)]
+    return {"magnetometer": -(fields[1] - fields[0])[..., None] / (2 * STEP_S)}
+
+
+def _ringing(frequency, damping):
+    """Linear reading per ringing dipole on each axis."""
+
+    def signal(one):
+        c = one.context
+        return {"linear": ringing(c.time, c.dipole_b.sum(axis=1), frequency, damping)[:, None, None] * np.eye(3)}
+
+    return signal
+
+
+def _mode_shape(views, frequency):
+    """Shape of a flexible mode about a frequency of the grid."""
+    near = frequency + np.linspace(-MODE_STEP_HZ, MODE_STEP_HZ, 7)
+    tried = np.array([(f, d) for f in near for d in (DAMPING / 4, DAMPING, 4 * DAMPING)])
+    lower, upper = (np.array([frequency + s * 2 * MODE_STEP_HZ, d]) for s, d in ((-1, 1e-3), (1, 0.5)))
+    columns = lambda value: [*(one.whitened(_ringing(*value)(one)) for one in views), None]  # noqa: E731
+    return Shape(("frequency", "damping"), ("Hz", "1"), np.array([frequency, DAMPING]), columns, tried, lower, upper)
+
+
+# drivers in no list, from the measured channels
+
+
+def _drivers(one: Manoeuvre) -> list[Form]:
+    """Every driver in the linear and in the angular reading, three axes each."""
+    found = []
+    for channel, unit in UNITS.items():
+        for k, (driver, form, shape) in enumerate(_series(one)):
+            width = shape.shape[1]
+            names = [f"{channel}_{a}_{w}" if width > 1 else f"{channel}_{a}" for w in range(width) for a in "xyz"]
+            words = f"unknown:{driver}", f"{channel} reading, {form}", names, [unit] * len(names), []
+            found.append(Form(*words, _of_series(channel, k)))
+    return found
+
+
+def _of_series(channel, index):
+    def signal(one):
+        shape = _series(one)[index][2]
+        return {channel: np.einsum("nw,ac->nawc", shape, np.eye(3)).reshape(len(shape), 3, -1)}
+
+    return signal
+
+
+def _series(one) -> list[tuple[str, str, np.ndarray]]:
+    """Driver channels, form, and (n, k) 1 of a size near one, on the accelerometer epochs of a manoeuvre."""
+    if "drivers" not in one.memory:
+        rows = _made_series(one)
+        one.memory["drivers"] = [(a, b, c[:, None] if c.ndim == 1 else c) for a, b, c in rows]
+    return one.memory["drivers"]
+
+
+def _made_series(one):
+    c, time = one.context, one.context.time
+    current = c.dipole_b.sum(axis=1) / max(np.abs(c.dipole_b).max(), 1e-30)
+    rate = c.rate_b - c.rate_b.mean(axis=0)
+    angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
+    rate, angle = rate / max(np.abs(rate).max(), 1e-30), (angle - angle.mean(axis=0)) / max(np.abs(angle).max(), 1e-30)
+    position = np.stack([np.interp(time, one.orbit[0], p) for p in one.orbit[1].T], axis=1)
+    latitude = np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1))
+    field, u = c.field_b * 2e4, (time - time[0]) / (time[-1] - time[0])
+    rows = [("torquer_current", "itself", current), ("torquer_current", "squared", current**2)]
+    rows += [("torquer_current", f"squared, lag {t:g} s", _lagged(time, current**2, t)) for t in LAGS_S]
+    rows += [("torquer_current", f"lag {t:g} s", _lagged(time, current, t)) for t in LAGS_S]
+    rows += [("torquer_current", f"hysteresis of {w:g} of full", _play(current, w)) for w in PLAY]
+    change = np.diff(one.arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0)
+    big = np.abs(change) > 0.4 * np.abs(change).max()
+    since = time[:, None] - (one.arc.edges + one.shift)[big]
+    for decay in DECAYS_S:
+        spikes = np.where(since >= 0, np.exp(-np.clip(since, 0, None) / decay), 0.0)
+        name = f"spikes at its edges, {decay:g} s"
+        rows.append(("torquer_current", f"{name}, with their sign", spikes @ np.sign(change[big])))
+        rows.append(("torquer_current", f"{name}, without sign", spikes.sum(axis=1)))
+    strength = np.linalg.norm(field, axis=1)
+    rows.append(("torquer_current*field", "current times field strength", current * strength))
+    rows += [("torquer_current*field", f"current times field {'xyz'[i]}", current * field[:, i]) for i in range(3)]
+    rows.append(("torquer_current*latitude", "current times sine of latitude", current * np.sin(latitude)))
+    rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (u - 0.5)))
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    for name, values in (("rate", rate), ("attitude", angle)):
+        rows += [(name, f"component {'xyz'[i]}", values[:, i]) for i in range(3)]
+        rows += [(name, f"product {'xyz'[i]}{'xyz'[j]}", values[:, i] * values[:, j]) for i, j in pairs]
+    for k in CYCLES:
+        wave = np.stack([np.sin(k * latitude), np.cos(k * latitude)], axis=1)
+        rows.append(("latitude", f"sine of {k:g} times it", wave))
+    rows += [("time", f"decay {t:g} s from the start", np.exp(-(u * 180.0) / t)) for t in SETTLING_S]
+    rows.append(("time", "saw-tooth of the second", (one.time % 1.0) - 0.5))
+    rows.append(("eclipse", "sunlight with a lag", c.extra["warmth"]))
+    return rows + [("field", f"component {'xyz'[i]}", field[:, i]) for i in range(3)]
+
+
+@numba.njit(cache=True)
+def _lagged(time, values, lag_s):
+    out, state = np.empty_like(values), values[0]
+    for k in range(values.size):
+        step = time[k] - time[k - 1] if k else 0.0
+        state = values[k] + (state - values[k]) * np.exp(-step / lag_s)
+        out[k] = state
+    return out
+
+
+@numba.njit(cache=True)
+def _play(values, width):
+    out, state = np.empty_like(values), 0.0
+    for k in range(values.size):
+        state = min(max(state, values[k] - width / 2), values[k] + width / 2)
+        out[k] = state
+    return out
+
+
+# edge times
+
+
+def edge_block(smoothed: xr.Dataset) -> Block:
+    """Edges of the accelerometer less those of the star camera, and their delay against the telemetry."""
+    rows = np.append(smoothed["acc_shift"].values - smoothed["sca_shift"].values, float(smoothed["acc_delay"]))
+    spread = lag.edge_sigma(smoothed)
+    used = np.isfinite(rows) & np.isfinite(spread) & (spread > 0)
+    observed, count = np.where(used, rows / np.where(used, spread, 1), 0.0), rows.size
+    words = np.array(["timing"] * count), np.zeros(count, dtype=int), np.arange(count, dtype=float)
+    return Block("timing", observed, np.zeros((count, 3)), np.zeros((count, 0)), *words)
+
+
+def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray | None:
+    """Whitened column (k + 1, 1) of an effect on tags in the edge times; None where it does nothing.
+
+    Parameters
+    ----------
+    slug : of the effect
+    smoothed : Dataset, "com_offset.attitude"
+    starts : (k,) s, of the manoeuvres
+    """
+    one, middle = np.ones(smoothed["acc_shift"].size), starts - starts[0]
+    column = {
+        "timing.accelerometer_delay": lambda: np.append(one, 1.0),
+        "timing.star_camera_delay": lambda: np.append(-one, 0.0),
+        "timing.magnetometer_delay": lambda: np.append(0 * one, -1.0),
+        "timing.clock_drift": lambda: np.append(middle, middle.mean()),
+    }.get(slug)
+    return None if column is None else lag.edge_rows_of(smoothed, column())
+
+
+# lines
+
+
+def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wave, ...]:
+    """Cosine and sine of a line on each axis of each manoeuvre.
+
+    The search fits a sine to whitened rows. A sine of the reading, taken through low-pass and whitening, gives the
+    same rows for one size and phase, which are those of the reading.
+
+    Parameters
+    ----------
+    entry : with parameters frequency, cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre>, whitened
+    views, blocks : of the event
+    """
+    values, channel, found = entry.values, entry.form.split()[0], []
+    for number, (one, block) in enumerate(zip(views, blocks[: len(views)], strict=True)):
+        sizes: dict[str, tuple[float, float] | None] = dict.fromkeys("xyz")
+        for axis, letter in enumerate("xyz"):
+            names = (f"cosine_{letter}_{number}", f"sine_{letter}_{number}")
+            if not all(n in values for n in names):
+                continue
+            rows = (block.channel == channel) & (block.axis == axis)
+            wanted = _sine_and_cosine(2 * np.pi * values["frequency"] * block.time[rows]) @ [values[n] for n in names]
+            signal = np.zeros((one.time.size, 3, 2))
+            signal[:, axis] = _sine_and_cosine(2 * np.pi * values["frequency"] * (one.time - one.time[0]))
+            columns = one.whitened({channel: signal})[rows]
+            used = np.any(columns != 0, axis=1)
+            sizes[letter] = tuple(np.linalg.lstsq(columns[used], wanted[used], rcond=None)[0].tolist())
+        found.append(Wave(float(one.time[0]), channel, **sizes))
+    return tuple(found)
+
+
+def _sine_and_cosine(phase):
+    """Cosine and sine (n, 2)."""
+    return np.stack([np.cos(phase), np.sin(phase)], axis=1)
+
+
+def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
+    """Frequency, and amplitude on each axis: rms over the manoeuvres, its whitened size over that of a unit sine."""
+    parameters, channel = entry.parameters, entry.form.split()[0]
+    found, phase = {"frequency": parameters["frequency"]}, 2 * np.pi * parameters["frequency"].value
+    for axis, letter in enumerate("xyz"):
+        names = [(f"cosine_{letter}_{i}", f"sine_{letter}_{i}", one) for i, one in enumerate(views)]
+        squares, errors, sizes = [], [], []
+        for cosine, sine, one in (row for row in names if row[0] in parameters and row[1] in parameters):
+            squares += [parameters[n].value ** 2 for n in (cosine, sine)]
+            errors += [parameters[n].sigma ** 2 for n in (cosine, sine)]
+            signal = np.zeros((one.time.size, 3, 1))
+            signal[:, axis, 0] = np.sqrt(2) * np.sin(phase * one.time)
+            rows = one.whitened({channel: signal})[:, 0]
+            sizes.append(float(np.sqrt(np.mean(rows[rows != 0] ** 2))))
+        if sizes:
+            square = (np.sum(squares) - np.sum(errors)) / np.sum(np.square(sizes))
+            error = np.sqrt(np.mean(errors) / np.sum(np.square(sizes)))
+            found[letter] = Parameter(float(np.sqrt(max(square, 0.0))), float(error), UNITS[channel])
+    return found
+
+
+# extended models
+
+
+def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
+    """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}."""
+    if "frequency" in entry.parameters and entry.cause in TONES.values():
+        known = [w for w in entry.waves if abs(w.start - one.time[0]) < 5.0]
+        if not known:  # the phase is not known here
+            return {}
+        unit = _sine_and_cosine(2 * np.pi * entry.values["frequency"] * (one.time - known[0].start))
+        axes = [np.zeros(2) if size is None else np.array(size) for size in (known[0].x, known[0].y, known[0].z)]
+        return {known[0].channel: np.stack([unit @ size for size in axes], axis=1)}
+    if not entry.listed:
+        forms = [f for f in _drivers(one) if (f.cause, f.form) == (entry.cause, entry.form)]
+        sizes = [np.array([entry.values.get(name, 0.0) for name in form.names]) for form in forms[:1]]
+        return {c: v @ size for form, size in zip(forms, sizes, strict=False) for c, v in form.signal(one).items()}
+    known = effect(entry.cause)
+    if known.slug == lag.CAUSE:
+        return lag.contribution(one, entry)
+    values = known.values(entry.values)
+    added_to = lambda context: known.contribution(context, values)[..., None]  # noqa: E731
+    if known.channel in ("dipole_b", "torque_b"):
+        signal = of_torque(one, _torque_of(known, added_to))
+    else:
+        signal = _reading(one, known, added_to) if known.channel in READ else None
+    return {channel: columns[:, :, 0] for channel, columns in (signal or {}).items()}
+
+
+def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry]) -> xr.Dataset:
+    """Aligned records without the effects of a model, so that the baseline describes what is left.
+
+    To first order in the effects: readings less their contribution, attitude less the rotation that an extra torque
+    makes, tags less their delay. Nothing outside the manoeuvres changes but the tags.
+
+    Parameters
+    ----------
+    aligned : Dataset, "com_offset.align"
+    views : one a manoeuvre
+    model : list of Entry
+
+    Returns
+    -------
+    extended : Dataset, "com_offset.align"
+    """
+    extended = aligned.copy(deep=True)
+    for entry in sorted(model, key=lambda e: e.cause == lag.CAUSE):  # what is left says where edges fall
+        turns = entry.listed and effect(entry.cause).channel in ("dipole_b", "torque_b")
+        for one in views:
+            placed = lag.placed(one, entry, extended) if entry.cause == lag.CAUSE else entry
+            _subtract(extended, one, contribution(one, placed), turns)
+    for entry in model:  # last: the samples are found by their tags; drifts are below the tags' own error within a day
+        known = effect(entry.cause) if entry.listed else None
+        if known is not None and known.channel in TAGS and known.slug.endswith("delay"):
+            name, delay = TAGS[known.channel], known.values(entry.values)[0]
+            extended.coords[name] = extended[name] - delay
+            for other in EDGES if name == "time_mag" else ():
+                extended[other] = extended[other] - delay
+    return extended.assign_attrs(model=" ".join(e.cause for e in model))
+
+
+def _subtract(extended, one, added, turned):
+    """Contribution taken out of the records, in place; where the body itself turned, the field turns with it."""
+    for channel, name in (("linear", "linear_b"), ("angular", "angular_b")):
+        if channel in added:
+            extended[name].values[one.rows] -= added[channel]
+    if "attitude" in added:
+        rows, angle = _angle(extended["time_sca"].values, one.window.time, added["attitude"])
+        values = extended["quaternion"].values
+        values[rows] = frames.quaternion_product(values[rows], frames.from_rotation_vector(-angle))
+        if turned:  # the field as a body that did not turn would see it
+            rows, angle = _angle(extended["time_mag"].values, one.window.time, added["attitude"])
+            extended["field_measured_b"].values[rows] = rotated(angle, extended["field_measured_b"].values[rows])
+    if "magnetometer" in added:
+        subtract_field(extended, one.magnetometer[0], added["magnetometer"])
+
+
+def _angle(time, known, angle):
+    """Rows of a record near a manoeuvre, and the rotation there; held beyond its ends, where others interpolate."""
+    rows = slice(*np.searchsorted(time, [known[0] - BEYOND_S, known[-1] + BEYOND_S]))
+    return rows, np.stack([np.interp(time[rows], known, a) for a in angle.T], axis=1)
+
+
+def rotated(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Turned vectors (n, 3); one that is written a second time stays what it was the first time."""
+    from scipy.spatial.transform import Rotation
+
+    turned = Rotation.from_rotvec(angle).apply(vectors)
+    again = 1 + np.flatnonzero(np.all(vectors[1:] == vectors[:-1], axis=1))
+    turned[again] = turned[again - 1]
+    return turned
+
+
+def subtract_field(extended: xr.Dataset, time: np.ndarray, added: np.ndarray) -> None:
+    """Contribution taken out of the field, in place; a value that is written twice stays the same in both records."""
+    values = extended["field_measured_b"].values
+    rows = np.searchsorted(extended["time_mag"].values, time)
+    size = len(values) - 1
+    again = [np.all(values[np.clip(rows + d, 0, size)] == values[rows], axis=1) for d in (-1, 1)]
+    for step, same in zip((-1, 1), again, strict=True):
+        others = np.clip(rows[same] + step, 0, size)
+        fresh = ~np.isin(others, rows)
+        values[others[fresh]] -= added[same][fresh]
+    values[rows] -= added
+
+
+def edge_contribution(entry: Entry, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray:
+    """Rows (k + 1,) of an effect among the edge times; behind a lag the fitted edges stay where they were."""
+    column = edge_column(entry.cause, smoothed, starts) if entry.listed and entry.cause != lag.CAUSE else None
+    if column is None:
+        return np.zeros(smoothed["acc_shift"].size + 1)
+    return column[:, 0] * effect(entry.cause).values(entry.values)[0]
