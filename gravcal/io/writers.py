@@ -8,8 +8,7 @@ import numpy as np
 
 from gravcal.errors import refuse
 from gravcal.io import archive
-from gravcal.io.readers.checks import KNOWN_TIMES
-from gravcal.io.readers.dataset import TICKS, srf_names
+from gravcal.io.readers.dataset import KNOWN_TIMES, TICKS, srf_names
 from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Product, mission_of
 from gravcal.io.readers.tables import product as product_table
 from gravcal.io.written_headers import Origin, header_text

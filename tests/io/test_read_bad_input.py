@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from gravcal.calibrations.align import UNUSABLE
 from gravcal.errors import ProductError
-from gravcal.io.readers import checks, read
+from gravcal.io.readers import dataset, read
 from gravcal.io.writers import write
 
 END = b"# End of YAML header\n"
@@ -157,7 +157,7 @@ def test_one_tag_of_another_time_scale_is_flagged(acceleration_file):
     _damaged(acceleration_file, lambda lines: [*lines[:-2], lines[-2].replace(b"  R  ", b"  G  "), lines[-1]])
     damaged = read(acceleration_file)
     assert (damaged["flag"].values & UNUSABLE != 0).sum() == (whole["flag"].values & UNUSABLE != 0).sum() + 1
-    assert damaged["flag"].values[-2] & checks.OUT_OF_RANGE
+    assert damaged["flag"].values[-2] & dataset.OUT_OF_RANGE
     assert np.array_equal(damaged["lin_accl_x"], whole["lin_accl_x"])
 
 
@@ -199,7 +199,7 @@ def test_values_that_are_not_finite_are_kept_and_flagged(tmp_path, acceleration,
     acceleration["lin_accl_x"][11] = value
     observed = read(write(acceleration, tmp_path / "ACC1A_2023-06-01_C_04.txt"))
     assert_array_equal(np.flatnonzero(observed.flag), [11])
-    assert observed.flag[11] == checks.NOT_FINITE
+    assert observed.flag[11] == dataset.NOT_FINITE
     assert_array_equal(observed.lin_accl_x.values, acceleration["lin_accl_x"])
     assert_array_equal(observed.lin_accl_y.values, acceleration["lin_accl_y"])
 
@@ -208,7 +208,7 @@ def test_signed_nan_is_nan(attitude_file, attitude):
     """Contract: -nan, as C prints it."""
     old = f"{attitude['quaticoeff'][3]}".encode()
     observed = read(_damaged(attitude_file, _replaced(3, old, b"-nan")))
-    assert observed.flag[3] & checks.NOT_FINITE
+    assert observed.flag[3] & dataset.NOT_FINITE
     assert observed.sizes["record"] == 20
 
 
@@ -218,13 +218,13 @@ def test_quaternion_that_is_no_rotation_is_flagged(tmp_path, attitude):
     attitude["quatangle"][5] *= 1 + 1e-9
     attitude["quatangle"][6] = attitude["quaticoeff"][6] = 0.0
     observed = read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
-    assert_array_equal(np.flatnonzero(observed.flag == checks.NOT_UNIT), [4, 6])
+    assert_array_equal(np.flatnonzero(observed.flag == dataset.NOT_UNIT), [4, 6])
 
 
 def test_records_out_of_order_are_flagged(attitude_file):
     """Contract: the record that comes too late carries the bit, all are kept."""
     observed = read(_damaged(attitude_file, lambda x: [*x[:8], *x[9:12], x[8], *x[12:]]))
-    assert_array_equal(np.flatnonzero(observed.flag == checks.OUT_OF_ORDER), [11])
+    assert_array_equal(np.flatnonzero(observed.flag == dataset.OUT_OF_ORDER), [11])
     assert observed.sizes["record"] == 20
 
 
@@ -236,27 +236,27 @@ def test_repeated_records_are_flagged_by_their_values(attitude_file, attitude):
         return [*lines[:5], lines[4], *lines[5:13], lines[12].replace(old, b"0.11"), *lines[13:]]
 
     observed = read(_damaged(attitude_file, change))
-    assert observed.flag[5] == checks.REPEATED
-    assert observed.flag[14] & checks.CONFLICTING
+    assert observed.flag[5] == dataset.REPEATED
+    assert observed.flag[14] & dataset.CONFLICTING
     assert np.count_nonzero(observed.flag) == 2
 
 
 def test_records_of_another_satellite_are_flagged(attitude_file):
     """Contract: one D among the C."""
     observed = read(_damaged(attitude_file, _replaced(6, b" C ", b" D ")))
-    assert_array_equal(np.flatnonzero(observed.flag == checks.OTHER_SATELLITE), [6])
+    assert_array_equal(np.flatnonzero(observed.flag == dataset.OTHER_SATELLITE), [6])
 
 
 def test_values_outside_their_range_are_flagged(attitude_file):
     """Contract: sca_id goes to 23."""
     observed = read(_damaged(attitude_file, _replaced(6, b" 23 ", b" 24 ")))
-    assert_array_equal(np.flatnonzero(observed.flag == checks.OUT_OF_RANGE), [6])
+    assert_array_equal(np.flatnonzero(observed.flag == dataset.OUT_OF_RANGE), [6])
 
 
 def test_undefined_quality_bits_are_flagged(attitude_file):
     """Contract: bit 7 of SCA1B is not defined."""
     observed = read(_damaged(attitude_file, _replaced(6, b" 00000000", b" 10000000")))
-    assert_array_equal(np.flatnonzero(observed.flag == checks.UNDEFINED), [6])
+    assert_array_equal(np.flatnonzero(observed.flag == dataset.UNDEFINED), [6])
     assert observed.qualflg[6] == 128
 
 

@@ -1,4 +1,7 @@
-"""One Level-1 file as an xarray Dataset: native values and tags, accelerometer axes moved to SRF."""
+"""One Level-1 file as an xarray Dataset: native values and tags, accelerometer axes moved to SRF.
+
+What is doubtful keeps its value and gets a bit in ``flag``.
+"""
 
 import re
 from pathlib import Path
@@ -8,13 +11,35 @@ import xarray as xr
 
 from gravcal.errors import refuse
 from gravcal.io import archive
-from gravcal.io.readers import binary, checks, text
-from gravcal.io.readers import header as headers
-from gravcal.io.readers.tables import Product, mission_of, reordered
+from gravcal.io.readers import records
+from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Product, mission_of, reordered
 from gravcal.io.readers.tables import product as product_table
 from gravcal.store import origin
 
 TICKS = {"s": 1_000_000_000, "us": 1_000, "ns": 1}
+NOT_FINITE = 1
+NOT_UNIT = 2
+OUT_OF_ORDER = 4
+REPEATED = 8
+CONFLICTING = 16
+OTHER_SATELLITE = 32
+OUT_OF_RANGE = 64
+UNDEFINED = 128
+MEANING = {
+    NOT_FINITE: "a value is NaN or infinite",
+    NOT_UNIT: "the norm of the quaternion differs from 1 by more than 1e-6",
+    OUT_OF_ORDER: "the time tag is before an earlier record's",
+    REPEATED: "the time tag repeats an earlier record's, values equal",
+    CONFLICTING: "the time tag repeats an earlier record's, values differ",
+    OTHER_SATELLITE: "the record names another satellite than the file",
+    OUT_OF_RANGE: "a value is outside the range the product defines, or the tag is of another time scale",
+    UNDEFINED: "a quality bit that is not defined is set, or text that is not UTF-8",
+}
+NORM_LIMIT = 1e-6
+KNOWN_TIMES = {"GPS": b"G", "OBC": b"R", "receiver": b"R", "LRI": b"SB"}
+DAY_S = 86400
+MARGIN_S = 4 * 3600  # files by an on-board or receiver clock overlap their day by up to three hours
+GPS_MARGIN_S = 600  # files in GPS time hold their day; USO1B begins five minutes before
 MOVED = "columns moved from the accelerometer frame: SRF (x, y, z) = AF (z, x, y)"
 
 
@@ -44,21 +69,29 @@ def read(source, product=None, columns=None, *, expect_satellite=None, expect_da
     """
     file = _located(source, product, expect_satellite, expect_date)
     data = archive.content(file)
-    header = headers.parse(data, file.where)
+    header = records.parse_header(data, file.where)
     satellite = file.satellite or header.satellite
-    table = product_table(product or file.product or _named_in(header, file), mission_of(satellite))
+    product = product or file.product or header.product
+    if not product:
+        refuse(file.where, "no product in the name or header", "one", "Give the product.")
+    table = product_table(product, mission_of(satellite))
     _check_columns(header, table, file.where)
     if header.binary:
-        arrays = binary.parse(data, header.size, table, file.where)
+        arrays = records.parse_binary(data, header.size, table, file.where)
     else:
-        arrays = text.parse(data, header.size, header.lines, table, file.where)
+        arrays = records.parse_text(data, header.size, header.lines, table, file.where)
     seconds, ticks = _tags(arrays, table, file.where)
-    checks.check_identity(file, header, table, arrays, (expect_satellite, expect_date))
-    flag = checks.flags(arrays, ticks, table, satellite)
+    _check_identity(file, header, table, arrays, (expect_satellite, expect_date))
+    flag = flags(arrays, ticks, table, satellite)
     observed = _assembled(arrays, seconds, ticks, flag, table)
     observed.attrs = _attributes(header, table, file, satellite, len(flag))
     observed.attrs["origin"] = origin.of_header(data[: header.size].decode("latin-1"))
-    return observed if columns is None else _chosen(observed, columns, file.where)
+    if columns is None:
+        return observed
+    if missing := [c for c in columns if c not in observed]:
+        some = f"some of {', '.join(observed)}"
+        refuse(file.where, f"no column {', '.join(missing)}", some, "Correct the column names.")
+    return observed[["time_tag", "time_second", "time_fraction", "flag", *columns]]
 
 
 def _located(source, product, satellite, date):
@@ -70,10 +103,6 @@ def _located(source, product, satellite, date):
             refuse(path, "an archive", "a product to read from it", "Give the product, or use find().")
         return archive.find(path, product, satellite, date)
     return archive.from_name(path) or archive.LevelOneFile(path, None, "", "", "", "")
-
-
-def _named_in(header, file):
-    return header.product or refuse(file.where, "no product in the name or header", "one", "Give the product.")
 
 
 def _check_columns(header, table: Product, where):
@@ -121,27 +150,30 @@ def _assembled(arrays, seconds, ticks, flag, table):
         "time_tag": ("record", seconds + fractions, {**common, "long_name": f"time tag, {note}"}),
         "time_second": ("record", seconds, {**common, "long_name": f"whole part of the time tag, {note}"}),
         "time_fraction": ("record", fractions, {**common, "long_name": "fractional part of the time tag"}),
-        "flag": ("record", flag, {"units": "1", "long_name": "doubts about the record", **_bits(checks.MEANING)}),
+        "flag": ("record", flag, {"units": "1", "long_name": "doubts about the record", **_bits(MEANING)}),
     }
     names = srf_names(table)
-    for column in (*table.columns, *_held(arrays, table), *table.repeated):
+    bits = int(np.bitwise_or.reduce(arrays["prod_flag"], initial=0)) if table.optional else 0
+    held = [column for column in table.optional if bits >> column.bit & 1]  # by at least one record
+    for column in (*table.columns, *held, *table.repeated):
         dims = ("record", "slot") if column in table.repeated else "record"
         name = names.get(column.name, column.name)
         attrs = _column_attributes(table.column(name), table)
         if name != column.name:
             attrs |= {"source_column": column.name, "comment": MOVED}
         variables[name] = (dims, arrays[column.name], attrs)
-    if table.current_b_sign:
-        variables["current_b"] = _current(arrays, table)
-    if table.receiver_time:
-        variables |= _receiver_time(arrays, table)
+    if sign := table.current_b_sign:
+        values = np.stack([arrays[f"torque{n}A"] + sign * arrays[f"torque{n}B"] for n in (1, 2, 3)], axis=-1)
+        comment = f"torque nA {'+' if sign > 0 else '-'} torque nB, as {table.mission} writes nB"
+        attrs = {"units": "mA", "long_name": "torquer current along x, y, z", "frame": "b", "comment": comment}
+        variables["current_b"] = (("record", "axis"), values, attrs)
+    if table.receiver_time:  # missions write the fraction in different units
+        whole, fraction = table.receiver_time
+        values = TICKS[table.column(fraction).units] * arrays[fraction] / TICKS["s"]
+        for name, column, part in (("second", arrays[whole], "whole part"), ("fraction", values, "fraction")):
+            attrs = {"units": "s", "time_scale": "receiver", "long_name": f"{part} of receiver time"}
+            variables[f"receiver_{name}"] = ("record", column, attrs)
     return xr.Dataset({name: xr.Variable(*one, fastpath=True) for name, one in variables.items()})
-
-
-def _held(arrays, table):
-    """Optional columns that at least one record holds."""
-    bits = int(np.bitwise_or.reduce(arrays["prod_flag"], initial=0)) if table.optional else 0
-    return [c for c in table.optional if bits >> c.bit & 1]
 
 
 def srf_names(table):
@@ -169,28 +201,6 @@ def _bits(meanings):
     return {"flag_masks": list(meanings), "flag_meanings": " ".join(words), "flag_description": described}
 
 
-def _current(arrays, table):
-    sign = table.current_b_sign
-    values = np.stack([arrays[f"torque{n}A"] + sign * arrays[f"torque{n}B"] for n in (1, 2, 3)], axis=-1)
-    comment = f"torque nA {'+' if sign > 0 else '-'} torque nB, as {table.mission} writes nB"
-    return (
-        ("record", "axis"),
-        values,
-        {"units": "mA", "long_name": "torquer current along x, y, z", "frame": "b", "comment": comment},
-    )
-
-
-def _receiver_time(arrays, table):
-    """Receiver time of a clock mapping in seconds: missions write the fraction in different units."""
-    whole, fraction = table.receiver_time
-    ticks = TICKS[table.column(fraction).units] * arrays[fraction]
-    attrs = {"units": "s", "time_scale": "receiver"}
-    return {
-        "receiver_second": ("record", arrays[whole], {**attrs, "long_name": "whole part of receiver time"}),
-        "receiver_fraction": ("record", ticks / TICKS["s"], {**attrs, "long_name": "fraction of receiver time"}),
-    }
-
-
 def _attributes(header, table, file, satellite, present):
     attrs = {
         "product": table.name,
@@ -210,8 +220,135 @@ def _attributes(header, table, file, satellite, present):
     return attrs | {f"header_{k}": v for k, v in header.notes.items()}
 
 
-def _chosen(observed, columns, where):
-    missing = [c for c in columns if c not in observed]
-    if missing:
-        refuse(where, f"no column {', '.join(missing)}", f"some of {', '.join(observed)}", "Correct the column names.")
-    return observed[["time_tag", "time_second", "time_fraction", "flag", *columns]]
+def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np.ndarray:
+    """Bits of what is doubtful in each record.
+
+    Parameters
+    ----------
+    arrays : columns of the file
+    ticks : (n,) int64 ns, time tags
+    table : the product's columns
+    satellite : letter of the file
+
+    Returns
+    -------
+    flag : (n,) uint8, bits as in ``MEANING``
+    """
+    flag = np.zeros(len(ticks), np.uint8)
+    _mark(flag, arrays.get("undecodable"), UNDEFINED)
+    _mark(flag, _other_time(arrays, table), OUT_OF_RANGE)
+    for column in (*table.columns, *table.optional):
+        if column.name in arrays:
+            _check_column(flag, arrays, column, table)
+    if table.id_name and satellite:
+        _mark(flag, arrays[table.id_name] != satellite.encode(), OTHER_SATELLITE)
+    if table.quaternion:
+        with np.errstate(over="ignore", invalid="ignore"):
+            norm = np.sqrt(sum(arrays[name] * arrays[name] for name in table.quaternion))
+        _mark(flag, ~(np.abs(norm - 1) <= NORM_LIMIT), NOT_UNIT)
+    _check_order(flag, ticks, arrays, table)
+    return flag
+
+
+def _mark(flag, where, bit):
+    if where is not None and where.any():
+        flag[where] |= bit
+
+
+def _check_column(flag, arrays, column, table):
+    values = arrays[column.name]
+    if column.kind in FLOATS:
+        present = arrays["prod_flag"] >> column.bit & 1 if column.bit is not None else 1
+        if not np.isfinite(values).all():
+            _mark(flag, ~np.isfinite(values) & (present == 1), NOT_FINITE)
+    if column.kind in (*INTEGERS, *FLOATS) and len(column.range) == 2 and values.size:
+        low, high = column.range
+        if not (np.nanmin(values, initial=low) >= low and np.nanmax(values, initial=high) <= high):
+            _mark(flag, (values < low) | (values > high), OUT_OF_RANGE)
+    if column.kind in BITS and column.bit is None and (table.flags or {}).get(column.name):
+        defined = sum(1 << int(bit) for bit in table.flags[column.name])
+        _mark(flag, (values & ~values.dtype.type(defined)) != 0, UNDEFINED)
+
+
+def _check_order(flag, ticks, arrays, table):
+    steps = np.diff(ticks)
+    if (steps > 0).all():
+        return
+    latest = np.maximum.accumulate(ticks)
+    _mark(flag, np.concatenate([[False], ticks[1:] < latest[:-1]]), OUT_OF_ORDER)
+    keys = [np.unique(arrays[k], return_inverse=True)[1] for k in table.keys if k in arrays]
+    order = np.lexsort([np.arange(len(ticks)), *keys, ticks])
+    same = np.ones(len(ticks) - 1, bool)
+    for key in (ticks, *keys):
+        same &= key[order][1:] == key[order][:-1]
+    if not same.any():
+        return
+    equal = np.ones(len(order) - 1, bool)
+    for column in (*table.columns, *table.optional, *table.repeated):
+        if column.name in arrays and column.name != "qualflg":
+            values = arrays[column.name][order]
+            alike = (values[1:] == values[:-1]) | ((values[1:] != values[1:]) & (values[:-1] != values[:-1]))
+            equal &= alike.reshape(len(alike), -1).all(axis=1)
+    flag[order[1:][same & equal]] |= REPEATED
+    flag[order[1:][same & ~equal]] |= CONFLICTING
+
+
+def _check_identity(file, header, table, arrays, expected):
+    """Refuse a file of another satellite, day or time scale than its name, header or the caller says.
+
+    Parameters
+    ----------
+    file : LevelOneFile, what the name says
+    header : what the header says
+    table, arrays : the product's columns, and the records
+    expected : satellite letter and date the caller expects, None where anything will do
+
+    Raises
+    ------
+    ProductError : naming what contradicts what
+    """
+    where, (satellite, day) = file.where, expected
+    if not table.id_name:  # a combined product is the file of either satellite
+        satellite = archive.TOGETHER.get(satellite, satellite)
+    said = {"name": file.satellite, "request": satellite or ""}
+    if table.id_name and len(arrays[table.id_name]):
+        said["records"] = chr(np.bincount(arrays[table.id_name].view(np.uint8)).argmax())
+    else:  # headers are known to name the other satellite: records overrule them
+        said["header"] = header.satellite
+    letters = {k: v for k, v in said.items() if v}
+    if len(set(letters.values())) > 1:
+        found = ", ".join(f"{v} by its {k}" for k, v in letters.items())
+        refuse(where, f"satellite {found}", "one satellite", "Take the file of the right satellite.", **letters)
+    if day and file.date and file.date != day:
+        refuse(where, f"a file of {file.date}", day, "Take the file of the right day.", date=file.date)
+    seconds = arrays[table.time[0]]
+    if (day or file.date) and len(seconds) and not table.constant:
+        exact = table.time_scale == "GPS" and table.name.endswith("1B")
+        _check_day(where, day or file.date, seconds, GPS_MARGIN_S if exact else MARGIN_S)
+    wrong = _other_time(arrays, table)
+    if wrong is not None and 2 * np.count_nonzero(wrong) > wrong.size:  # fewer are flagged
+        written = ", ".join(sorted({one.decode("latin-1") for one in np.unique(arrays["time_ref"][wrong])}))
+        expected = f"{', '.join(KNOWN_TIMES[table.time_scale].decode())} for {table.time_scale} time"
+        remedy = "The tags are of another time scale: take the product of the right level."
+        refuse(where, f"time_ref {written}", expected, remedy)
+
+
+def _check_day(where, date, seconds, margin):
+    if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", date):
+        refuse(where, f"the date {date}", "YYYY-MM-DD", "Correct the date.")
+    noon_2000 = np.datetime64("2000-01-01T12:00:00")
+    start = int((np.datetime64(date) - noon_2000) / np.timedelta64(1, "s"))
+    inside = (seconds >= start - margin) & (seconds < start + DAY_S + margin)
+    if not inside.any():
+        first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
+        refuse(
+            where, f"no record of {date}, the first at {first} GPS", f"records of {date}", "Take the right day's file."
+        )
+
+
+def _other_time(arrays, table):
+    """Records whose tag is of another time scale than the product's; None where no record says."""
+    if "time_ref" not in arrays:
+        return None
+    known = np.frombuffer(KNOWN_TIMES[table.time_scale], np.uint8)
+    return ~np.isin(arrays["time_ref"].view(np.uint8), known)

@@ -1,0 +1,486 @@
+"""Records of Level-1 files to arrays: the header, then GRACE binary records or ASCII ones, by the product table.
+
+Headers are the YAML one of GRACE-FO RL04 and the 80-column one of GRACE and the constants. Binary records are numpy
+structures, big endian and packed. ASCII ones polars reads at once where all are alike; what varies is sorted by layout.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+import numpy as np
+import polars
+
+from gravcal.errors import refuse
+from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Column, Product, reordered
+
+YAML_END = b"# End of YAML header\n"
+LABEL_END = re.compile(rb"END OF HEADER *\r?\n")
+HEADER_LIMIT = 8_000_000  # bytes in which the end of a header has to come
+DEEPEST = 20  # levels; headers have five
+KEPT = ("title", "summary", "source", "institution", "processing_level", "product_version", "software_version")
+NOT_A_NUMBER = re.compile(r"[+-]?nan(\(.*\))?", re.IGNORECASE)
+TRUNCATED = "The file is cut: fetch it again."
+DAMAGED = "The file is damaged or of another layout: fetch it again, or correct the line."
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the header of a file says; ``names`` are its columns in order, empty where it lists none."""
+
+    form: str
+    binary: bool
+    size: int
+    lines: int
+    satellite: str = ""
+    declared: int | None = None
+    names: tuple[str, ...] = ()
+    product: str = ""
+    notes: dict = field(default_factory=dict)
+
+
+def parse_header(data: bytes, where) -> Header:
+    """Header at the start of a Level-1 file.
+
+    Raises
+    ------
+    ProductError : no end of header, or a header that cannot be understood
+    """
+    return _yaml_header(data, where) if data.startswith(b"header:") else _label_header(data, where)
+
+
+def _yaml_header(data, where):
+    end = data.find(YAML_END, 0, HEADER_LIMIT)
+    if end < 0:
+        refuse(where, "no end of the YAML header", repr(YAML_END.decode().strip()), "The file is cut or foreign.")
+    size = end + len(YAML_END)
+    tree = _yaml(data[:end], where)
+    try:
+        loose = {**(tree.get("global_attributes") or {}), **(tree.get("non-standard_attributes") or {})}
+        names = tuple(v if isinstance(v, str) else str(next(iter(v))) for v in tree.get("variables") or ())
+        declared = (tree.get("dimensions") or {}).get("num_records")
+        declared = None if declared is None else int(declared)
+    except (KeyError, TypeError, ValueError, AttributeError) as reason:
+        refuse(where, f"a header without {reason}", "attributes and variables as YAML", "The file is damaged.")
+    notes = {k: str(loose[k]) for k in KEPT if k in loose and not isinstance(loose[k], (dict, list))}
+    satellite = _letter(str(loose.get("platform", "")))
+    return Header("yaml", False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
+
+
+def _yaml(text, where):
+    import yaml
+
+    loader, depth = getattr(yaml, "CSafeLoader", yaml.SafeLoader), 0
+    try:
+        for event in yaml.parse(text, loader):  # the loader below recurses, and crashes where it goes too deep
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST or isinstance(event, yaml.AliasEvent):
+                refuse(where, "a header nested too deep, or with aliases", "attributes as YAML", "The file is damaged.")
+        return yaml.load(text.decode("utf-8"), loader)["header"]  # noqa: S506 - both loaders are safe ones
+    except UnicodeDecodeError as reason:
+        line = text.count(b"\n", 0, reason.start) + 1
+        return refuse(f"{where}, line {line}", "bytes that are not UTF-8", "a text header", "The file is damaged.")
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as reason:
+        return refuse(where, f"a header that is not YAML ({reason})", "a YAML header", "The file is damaged.")
+
+
+def _label_header(data, where):
+    end = LABEL_END.search(data, 0, HEADER_LIMIT)
+    if not end:
+        refuse(
+            where,
+            f"a start of {data[:20]!r}",
+            "a YAML or an 80-column header",
+            "This is no Level-1 file, or a cut one.",
+        )
+    labels = {}
+    for line in data[: end.start()].decode("latin-1").splitlines():
+        label, _, value = line.partition(":")
+        labels.setdefault(label.strip(), value.strip())
+    declared = labels.get("NUMBER OF DATA RECORDS", "")
+    binary = labels.get("FILE FORMAT 0=BINARY 1=ASCII") == "0"
+    institution = "/".join(filter(None, (labels.get(f"PRODUCER {part}") for part in ("AGENCY", "INSTITUTION"))))
+    notes = {"software_version": labels.get("SOFTWARE VERSION", ""), "institution": institution}
+    return Header(
+        "label",
+        binary,
+        end.end(),
+        data.count(b"\n", 0, end.end()),
+        _letter(labels.get("SATELLITE NAME", "")),
+        int(declared) if re.fullmatch("[0-9]{1,18}", declared) else None,
+        product=labels.get("FILENAME", "").rpartition("/")[2][:5],
+        notes={k: v for k, v in notes.items() if v},
+    )
+
+
+def _letter(platform):
+    found = re.fullmatch(r"GRACE ([A-D])(\+[A-D])?", platform.strip())
+    if not found:
+        return ""
+    return {"A": "X", "C": "Y"}.get(found[1], "") if found[2] else found[1]
+
+
+class Malformed(Exception):
+    """A token that is not of its column's kind: row (from 0), column, token and what was expected."""
+
+    def __init__(self, row, column, found, expected):
+        super().__init__(f"row {row}, column {column.name}: {found!r} is not {expected}")
+        self.row, self.column, self.found, self.expected = row, column, found, expected
+
+
+def decode(series, column: Column) -> np.ndarray:
+    """Array of one column.
+
+    Parameters
+    ----------
+    series : polars Series, numbers already or the texts of the column; no nulls
+    column : its record in the product table
+
+    Returns
+    -------
+    values : (n,) int64, float64, S1 characters, unsigned bits, or text
+    """
+    if column.kind in BITS or column.kind == "c":
+        return _by_distinct(series, column)
+    if column.kind == "text":
+        return np.array(series.to_list(), dtype=str)
+    wanted = polars.Float64 if column.kind in FLOATS else polars.Int64
+    numbers = series if series.dtype == wanted else series.cast(wanted, strict=False)
+    for row in numbers.is_null().arg_true():
+        token = str(series[row])
+        if column.kind not in FLOATS or not NOT_A_NUMBER.fullmatch(token):
+            raise Malformed(row, column, token, "a number" if column.kind in FLOATS else "a whole number")
+    return numbers.fill_null(float("nan")).to_numpy() if column.kind in FLOATS else numbers.to_numpy()
+
+
+def dtype_of(column: Column) -> np.dtype:
+    """Type of the array that stands for a column that every record has."""
+    if column.kind in INTEGERS:
+        return np.dtype("i8")
+    if column.kind in FLOATS:
+        return np.dtype("f8")
+    return np.dtype({"c": "S1", "text": "U1"}.get(column.kind) or BITS[column.kind])
+
+
+def bits_value(token: str, column: Column, row: int = 0) -> int:
+    """Number that a string of 0 and 1 stands for, bit 0 rightmost."""
+    width = int(column.kind[1:])
+    if len(token) != width or set(token) - {"0", "1"}:
+        raise Malformed(row, column, token, f"{width} characters 0 or 1")
+    return int(token, 2)
+
+
+def _by_distinct(series, column):
+    """Bits or characters, each distinct token converted once: such columns hold a few values in a million rows."""
+
+    def convert(token, row):
+        if column.kind in BITS:
+            return bits_value(token, column, row)
+        if len(token) != 1 or not token.isascii():
+            raise Malformed(row, column, token, "one character")
+        return token.encode()
+
+    if not len(series):
+        return np.empty(0, dtype_of(column))
+    if (series == series[0]).all():
+        return np.full(len(series), np.array(convert(series[0], 0), dtype_of(column)))
+    tokens = series.unique(maintain_order=True)
+    first = [series.index_of(token) for token in tokens]
+    values = np.array([convert(t, row) for t, row in zip(tokens, first, strict=True)], dtype_of(column))
+    places = series.replace_strict(tokens, list(range(len(tokens))), return_dtype=polars.Int64)
+    return values[places.to_numpy()]
+
+
+def parse_binary(data: bytes, start: int, table: Product, where) -> dict[str, np.ndarray]:
+    """Arrays of all columns of a binary file.
+
+    Parameters
+    ----------
+    data : the whole file
+    start : length of its header in bytes
+    table : the product's columns
+    where : name of the file, for messages
+
+    Returns
+    -------
+    arrays : by column name, (n,) each; absent values NaN
+
+    Raises
+    ------
+    ProductError : a cut record, or bits in prod_flag that stand for nothing
+    """
+    table = reordered(table, table.swapped_in_binary)
+    body = memoryview(data)[start:]
+    if table.is_text:
+        return _with_text(body, table, where)
+    if table.layout_key:
+        return _by_flag(body, table, where)
+    record = structure(table.columns)
+    whole, rest = divmod(len(body), record.itemsize)
+    if rest:
+        _refuse_cut(where, whole, rest, record.itemsize)
+    records = np.frombuffer(body, record, whole)
+    return {c.name: _native(records[c.name], c) for c in table.columns}
+
+
+def structure(columns) -> np.dtype:
+    """Packed big-endian record of these columns."""
+    codes = {"c": "S1", "text": "S0", **BITS}
+    return np.dtype([(c.name, ">" + codes.get(c.kind, c.kind)) for c in columns])
+
+
+def _by_flag(body, table, where):
+    """Records of several lengths: find where each starts, then read those alike together."""
+    starts, flags = _starts(body, table, where)
+    n = len(starts)
+    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns}
+    arrays |= {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
+    raw = np.frombuffer(body, np.uint8)
+    for flag in np.unique(flags):
+        columns = (*table.columns, *table.following(int(flag)))
+        record = structure(columns)
+        rows = np.flatnonzero(flags == flag)
+        packed = raw[starts[rows][:, None] + np.arange(record.itemsize)]
+        records = np.ascontiguousarray(packed).view(record)[:, 0]
+        for column in columns:
+            arrays[column.name][rows] = _native(records[column.name], column)
+    return arrays
+
+
+def _starts(body, table, where):
+    fixed = structure(table.columns)
+    offset = fixed.fields["prod_flag"][1]
+    width = fixed.fields["prod_flag"][0].itemsize
+    position, starts, flags, sizes = 0, [], [], {}
+    while position < len(body):
+        flag = int.from_bytes(body[position + offset : position + offset + width], "big")
+        if flag not in sizes:
+            if unknown := table.undefined_bits(flag):
+                here = f"{where}, record {len(starts) + 1}"
+                refuse(here, f"bits {unknown} of prod_flag set", "bits the product table defines", TRUNCATED)
+            sizes[flag] = structure((*table.columns, *table.following(flag))).itemsize
+        if position + sizes[flag] > len(body):
+            _refuse_cut(where, len(starts), len(body) - position, sizes[flag])
+        starts.append(position)
+        flags.append(flag)
+        position += sizes[flag]
+    return np.array(starts, int), np.array(flags, int)
+
+
+def _with_text(body, table, where):
+    """Records that end in a text closed by a zero byte."""
+    fixed = structure(table.columns[:-1])
+    data = bytes(body)
+    position, heads, texts = 0, [], []
+    while position < len(data):
+        end = data.find(b"\0", position + fixed.itemsize)
+        if end < 0:
+            _refuse_cut(where, len(heads), len(data) - position, fixed.itemsize + 1)
+        heads.append(data[position : position + fixed.itemsize])
+        texts.append(data[position + fixed.itemsize : end].decode(errors="backslashreplace"))
+        position = end + 1
+    records = np.frombuffer(b"".join(heads), fixed)
+    arrays = {c.name: _native(records[c.name], c) for c in table.columns[:-1]}
+    return arrays | {table.columns[-1].name: np.array(texts, dtype=str)}
+
+
+def _native(values, column):
+    if column.name == "tank_id":  # written as a digit
+        values = values - ord("0")
+    return values.astype(dtype_of(column))
+
+
+def _refuse_cut(where, whole, rest, size):
+    found = f"{rest} bytes after record {whole}"
+    refuse(f"{where}, record {whole + 1}", found, f"{size} bytes", TRUNCATED, record=whole + 1, bytes=rest)
+
+
+def parse_text(data: bytes, start: int, header_lines: int, table: Product, where) -> dict[str, np.ndarray]:
+    """Arrays of all columns of an ASCII file.
+
+    Parameters
+    ----------
+    data : the whole file
+    start, header_lines : length of its header in bytes and lines
+    table : the product's columns
+    where : name of the file, for messages
+
+    Returns
+    -------
+    arrays : by column name, (n,) each; repeated columns (n, slots); absent values NaN;
+        "undecodable" (n,) bool where bytes of a text column are not UTF-8
+
+    Raises
+    ------
+    ProductError : cut line, wrong number of columns, a token that is not of its column's kind
+    """
+    if start == len(data):
+        arrays = {c.name: np.empty(0, dtype_of(c)) for c in table.columns} | {
+            c.name: np.empty(0) for c in table.optional
+        }
+        return arrays | {c.name: np.empty((0, 0)) for c in table.repeated}
+    if not data.endswith(b"\n"):
+        line = data.count(b"\n") + 1
+        refuse(f"{where}, line {line}", "a last line cut short", "a line end", "Fetch the file again.", line=line)
+    try:
+        if table.is_text:
+            return _sorted_by_layout(data[start:], table, where, header_lines)
+        arrays = _at_once(data, start, header_lines, table)
+        if arrays is None:  # with blanks between columns made single
+            body = _single_blanks(data[start:].rstrip(b" \t\r\n") + b"\n")
+            arrays = _at_once(body, 0, 0, table) or _sorted_by_layout(body, table, where, header_lines)
+        return arrays
+    except Malformed as bad:
+        line = header_lines + bad.row + 1
+        place = f"{where}, line {line}, column {bad.column.file_name}"
+        return refuse(place, repr(bad.found), bad.expected, DAMAGED, line=line, column=bad.column.file_name)
+
+
+def _at_once(data, start, header_lines, table):
+    """All columns in one go where every record is laid out as the first one is; None where one is not."""
+    pieces = data[start : data.index(b"\n", start)].decode("utf-8", "replace").split(" ")
+    columns = _layout(table, [piece for piece in pieces if piece])
+    if columns is None or table.repeated:
+        return None
+    names = iter(columns)
+    schema = {f"{i}": _polars_type(next(names)) if piece else polars.Boolean for i, piece in enumerate(pieces)}
+    try:
+        frame = polars.read_csv(
+            data, separator=" ", has_header=False, skip_lines=header_lines, schema=schema, quote_char=None
+        )
+    except polars.exceptions.PolarsError:
+        return None
+    filled = {f"{i}": bool(piece) for i, piece in enumerate(pieces)}
+    if any(frame[i].null_count() != (0 if there else len(frame)) for i, there in filled.items()):
+        return None
+    series = dict(zip((c.name for c in columns), (frame[i] for i, there in filled.items() if there), strict=True))
+    if table.optional and not (series["prod_flag"] == series["prod_flag"][0]).all():
+        return None
+    arrays = {c.name: decode(series[c.name], c) for c in columns}
+    floats = {c.name: arrays[c.name].astype(float) for c in table.optional if c.name in arrays and c.kind != "c"}
+    return arrays | floats  # which know NaN; characters stay
+
+
+def _polars_type(column):
+    return polars.Int64 if column.kind in INTEGERS else polars.Float64 if column.kind in FLOATS else polars.String
+
+
+def _layout(table, tokens):
+    """Columns of a record with these tokens, None where they fit no layout."""
+    key, names = 0, [c.name for c in table.columns]
+    if table.layout_key:
+        place = names.index(table.layout_key)
+        try:
+            key = _key_value(table, tokens[place])
+        except (IndexError, Malformed):
+            return None
+    if table.undefined_bits(key):
+        return None
+    columns = (*table.columns, *table.following(key))
+    return columns if len(columns) == len(tokens) else None
+
+
+def _key_value(table, token, row=0):
+    column = table.column(table.layout_key)
+    if column.kind.startswith("b"):
+        return bits_value(token, column, row)
+    if not token.isdigit():
+        raise Malformed(row, column, token, "a whole number")
+    return int(token)
+
+
+def _sorted_by_layout(body, table, where, header_lines):
+    """Records of several layouts, with any blanks between columns: each layout is read by itself."""
+    lines, undecodable = _lines(body, table, where, header_lines)
+    text = polars.Series("line", lines, dtype=polars.String)
+    counts = text.str.count_matches(" ", literal=True).to_numpy() + 1
+    n = len(lines)
+    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns if c.kind != "text"}
+    arrays |= {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
+    if table.repeated:
+        slots = max((int(counts.max()) - len(table.columns)) // len(table.repeated), 0)
+        arrays |= {c.name: np.full((n, slots), np.nan) for c in table.repeated}
+    for key, rows in _groups(text, table):
+        columns = (*table.columns, *table.following(key))
+        if unknown := table.undefined_bits(key):
+            line = header_lines + int(rows[0]) + 1
+            wrong = f"bits {unknown} of prod_flag set"
+            refuse(f"{where}, line {line}", wrong, "bits the product table defines", DAMAGED, line=line)
+        if not table.is_text and (counts[rows] != len(columns)).any():
+            row = rows[np.argmax(counts[rows] != len(columns))]
+            line, count = header_lines + int(row) + 1, int(counts[row])
+            refuse(f"{where}, line {line}", f"{count} columns", f"{len(columns)}", DAMAGED, line=line, columns=count)
+        series = _text_columns(text, table) if table.is_text else _columns(text, rows, columns)
+        for place, column in enumerate(columns):
+            try:
+                values = decode(series[place], column)
+            except Malformed as bad:
+                raise Malformed(int(rows[bad.row]), column, bad.found, bad.expected) from None
+            if column.kind == "text":
+                arrays[column.name] = values
+            elif column in table.repeated:
+                arrays[column.name][rows, (place - len(table.columns)) // len(table.repeated)] = values
+            else:
+                arrays[column.name][rows] = values
+    arrays["undecodable"] = undecodable
+    return arrays
+
+
+def _columns(text, rows, columns):
+    """Columns of lines that all have as many tokens: numbers if they are, else their texts."""
+    lines = text if len(rows) == len(text) else text.gather(rows)
+    data = "\n".join(lines.to_list()).encode() + b"\n"
+    for types in (map(_polars_type, columns), (polars.String for _ in columns)):
+        schema = {str(i): kind for i, kind in enumerate(types)}
+        try:
+            frame = polars.read_csv(data, separator=" ", has_header=False, schema=schema, quote_char=None)
+        except polars.exceptions.PolarsError:
+            continue
+        if not any(frame.null_count().row(0)):
+            break
+    return frame.get_columns()
+
+
+def _lines(body, table, where, header_lines):
+    """Lines of the file, and which of them are not UTF-8."""
+    body = body.rstrip(b" \t\r\n")
+    try:
+        lines = body.decode().split("\n")
+        return lines, np.zeros(len(lines), bool)
+    except UnicodeDecodeError:
+        lines = [line.decode(errors="backslashreplace") for line in body.split(b"\n")]
+        undecodable = np.array([text.encode() != line for text, line in zip(lines, body.split(b"\n"), strict=True)])
+    if not table.is_text:
+        line = header_lines + int(np.argmax(undecodable)) + 1
+        refuse(f"{where}, line {line}", "bytes that are not UTF-8", "numbers and flags", DAMAGED, line=line)
+    return lines, undecodable
+
+
+def _single_blanks(body):
+    body = body.replace(b"\t", b" ").replace(b"\r", b" ")
+    while b"  " in body:
+        body = body.replace(b"  ", b" ")
+    return body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip(b" ")
+
+
+def _text_columns(text, table):
+    """Leading columns, then the rest of the record as it stands."""
+    leading = len(table.columns) - 1
+    pattern = r"^\s*" + r"\s+".join([r"(\S+)"] * leading) + r"(?:\s(.*?))?\r?$"
+    found = text.str.extract_groups(pattern).struct.unnest()
+    missing = found[:, 0].is_null().arg_true()
+    if len(missing):
+        raise Malformed(int(missing[0]), table.columns[0], text[int(missing[0])], f"{leading} columns and a text")
+    return found.fill_null("").get_columns()
+
+
+def _groups(text, table):
+    """Rows of each layout, by the value of the layout key."""
+    if not table.layout_key:
+        return [(0, np.arange(len(text)))]
+    place = [c.name for c in table.columns].index(table.layout_key)
+    keys = text.str.extract(rf"^(?:\S+ ){{{place}}}(\S+)").fill_null("")
+    found = []
+    for token in keys.unique(maintain_order=True):
+        rows = (keys == token).arg_true().to_numpy()
+        found.append((_key_value(table, token, int(rows[0])) if token else 0, rows))
+    return found
