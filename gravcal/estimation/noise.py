@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from gravcal.estimation.least_squares import orthonormal
 
@@ -360,7 +360,7 @@ def without_lines(
             power = _spectrum(cleaned, axis, parts)[lowest : int(0.48 * parts)]
             ratio = power / median_filter(power, BACKGROUND, mode="nearest")
             best = int(np.argmax(ratio))
-            if chi2.sf(2 * len(cleaned) * ratio[best], 2 * len(cleaned)) * grid.size > level:
+            if chdtrc(2 * len(cleaned), 2 * len(cleaned) * ratio[best]) * grid.size > level:
                 break
             near = grid[best] + np.linspace(-1, 1, 41) * (grid[1] - grid[0])
             frequency = float(near[np.argmax(_power(cleaned, axis, near, step_s))])

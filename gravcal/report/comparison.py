@@ -121,7 +121,7 @@ def page(document):
     first, second = document["configurations"]
     captions = ("Settings that differ.", f"Values of {first} and {second} with their errors by noise.", "What changed.")
     shown = [
-        pages.table(caption, heads, rows, words=(0, 1), wide=len(heads) > 4)
+        pages.Table(caption, heads, rows, words=(0, 1), wide=len(heads) > 4)
         for caption, (heads, rows) in zip(captions, tables(document), strict=True)
         if rows
     ]

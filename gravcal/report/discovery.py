@@ -6,7 +6,7 @@ import json
 
 from gravcal.report.documents import foreword
 from gravcal.report.pages import table
-from gravcal.report.words import NOT_DETERMINED, plus_minus, probability, signed
+from gravcal.report.plain import NOT_DETERMINED, plus_minus, probability, signed
 from gravcal.store.schemas import VERSION
 
 MOVED = ("change", "change_in_old_sigma")

@@ -6,7 +6,7 @@ from itertools import zip_longest
 
 from gravcal.report.discovery import scaled
 from gravcal.report.pages import table
-from gravcal.report.words import NOT_DETERMINED, probability
+from gravcal.report.plain import NOT_DETERMINED, probability
 
 #: Ends of the names of facts that are units; a name without one is a count or a ratio.
 UNITS = {"_nt": "nT", "_um": "um", "_mm": "mm", "_mrad": "mrad", "_a_m2": "A m2", "_m": "m"}

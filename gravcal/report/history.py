@@ -4,7 +4,7 @@ import datetime
 
 from gravcal.report import pages
 from gravcal.report.figures import COLOURS, grid, image, legend
-from gravcal.report.words import plus_minus, signed
+from gravcal.report.plain import plus_minus, signed
 
 #: Mark, colour and label by what a value is; no line joins ours.
 MARKS = {
@@ -78,7 +78,7 @@ def tables(rows):
             for (date, event, kind), line in lines.items()
         ]
         heads = ["date", "event", "", *(f"{name} ({unit})" for name in names)]
-        found.append(pages.table("Value ± error, ours and as printed.", heads, cells, words=(0, 1, 2)))
+        found.append(pages.Table("Value ± error, ours and as printed.", heads, cells, words=(0, 1, 2)))
     return found
 
 

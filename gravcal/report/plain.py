@@ -1,4 +1,4 @@
-"""Plain values of a result document: what is not known becomes null, never NaN."""
+"""Plain values of a result document (what is not known becomes null, never NaN), and numbers as people read them."""
 
 import datetime
 import math
@@ -10,23 +10,13 @@ EPOCH = datetime.datetime(2000, 1, 1, 12)
 
 
 def number(value):
-    """Float, or None where there is no finite number.
-
-    Parameters
-    ----------
-    value : scalar or array of one element
-    """
+    """Float of a scalar or an array of one element, None where it is not finite."""
     value = float(value)
     return value if math.isfinite(value) else None
 
 
 def numbers(values):
-    """Nested lists of an array with None for what is not finite.
-
-    Parameters
-    ----------
-    values : (...) array
-    """
+    """Nested lists of an array (...) with None for what is not finite."""
     return _finite(np.asarray(values, dtype=float).tolist())
 
 
@@ -38,16 +28,7 @@ def _finite(plain):
 
 
 def estimate(value, sigma):
-    """Value with its standard deviation; both null unless both are known.
-
-    Parameters
-    ----------
-    value, sigma : scalars or (3,)
-
-    Returns
-    -------
-    estimate : {"value", "sigma"}
-    """
+    """{"value", "sigma"} of scalars or (3,); both null unless both are known."""
     value, sigma = np.asarray(value, dtype=float), np.asarray(sigma, dtype=float)
     known = np.isfinite(value) & np.isfinite(sigma)
     return {"value": numbers(np.where(known, value, np.nan)), "sigma": numbers(np.where(known, sigma, np.nan))}
@@ -99,12 +80,7 @@ def chi_square_test(chi2, dof):
 
 
 def as_plain(value):
-    """Mappings, sequences and numbers as JSON has them; anything else as text.
-
-    Parameters
-    ----------
-    value : settings or provenance
-    """
+    """Mappings, sequences and numbers as JSON has them; anything else as text."""
     if isinstance(value, dict) or hasattr(value, "items"):
         return {str(key): as_plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -121,14 +97,56 @@ def as_plain(value):
 
 
 def gps_text(seconds, digits=0):
-    """Calendar form of GPS time.
-
-    Parameters
-    ----------
-    seconds : GPS seconds past 2000-01-01 12:00:00
-    digits : of the fraction of a second
-    """
+    """Calendar form of GPS seconds past 2000-01-01 12:00:00, with digits of the fraction of a second."""
     scale = 10**digits
     whole, part = divmod(round(float(seconds) * scale), scale)
     text = (EPOCH + datetime.timedelta(seconds=whole)).strftime("%Y-%m-%d %H:%M:%S")
     return f"{text}.{part:0{digits}d}" if digits else text
+
+
+NOT_DETERMINED = "–"
+
+
+def signed(value, digits):
+    """Number with a true minus sign; zero without one."""
+    text = f"{value:.{digits}f}"
+    if float(text) == 0:
+        text = text.lstrip("-")
+    return text.replace("-", "−")
+
+
+def plus_minus(value, sigma, total=None, digits=None):
+    """Value with its error, and the total error in brackets; digits by the error unless given."""
+    if value is None or sigma is None:
+        return NOT_DETERMINED
+    digits = _digits(sigma) if digits is None else digits
+    tail = f" ({total:.{digits}f})" if total is not None else ""
+    return f"{signed(value, digits)} ± {sigma:.{digits}f}{tail}"
+
+
+def _digits(sigma):
+    """Two digits of the error, three at most after the point."""
+    return 1 if sigma >= 1 else 2 if sigma >= 0.1 else 3
+
+
+def printed(record, index):
+    """Printed value and error of one component as in print."""
+    if record is None or record.value[index] is None:
+        return NOT_DETERMINED
+    sigma = record.sigma[index]
+    return f"{signed(record.value[index], 1)} ± {sigma:.{1 if sigma >= 0.1 else 2}f}"
+
+
+def probability(value):
+    """Probability with two digits."""
+    if value is None:
+        return NOT_DETERMINED
+    return f"{value:.2f}" if value >= 0.095 else f"{value:.3f}" if value >= 0.001 else "< 0.001"
+
+
+def chi_square(test, with_probability=True):
+    """Chi-square over its degrees of freedom."""
+    if test["chi2"] is None:
+        return NOT_DETERMINED
+    text = f"{test['chi2']:.1f} / {test['dof']}"
+    return f"{text}, {probability(test['p'])}" if with_probability else text

@@ -1,9 +1,9 @@
-"""Plain values and their words."""
+"""Plain values and their plain."""
 
 import numpy as np
 import pytest
 
-from gravcal.report import plain, words
+from gravcal.report import plain
 
 
 def test_what_is_not_finite_becomes_null():
@@ -40,10 +40,10 @@ def test_gps_seconds_read_as_a_date():
 )
 def test_numbers_show_the_digits_of_their_error(given, text):
     """Contract: two digits of the error, a true minus, no negative zero."""
-    assert words.plus_minus(*given) == text
+    assert plain.plus_minus(*given) == text
 
 
 @pytest.mark.parametrize(("p", "text"), [(0.546, "0.55"), (0.0123, "0.012"), (1e-9, "< 0.001"), (None, "–")])
 def test_probabilities_are_short(p, text):
     """Contract: no exponents in a table."""
-    assert words.probability(p) == text
+    assert plain.probability(p) == text

@@ -14,8 +14,7 @@ from gravcal.calibrations.com_offset.schemas import REPORT
 from gravcal.report import documents
 from gravcal.report.figures import AXIS, COLOURS, grid, legend, number_windows, thinned
 from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import AXES, gps_text
-from gravcal.report.words import NOT_DETERMINED, chi_square, plus_minus, printed, probability, signed
+from gravcal.report.plain import AXES, NOT_DETERMINED, chi_square, gps_text, plus_minus, printed, probability, signed
 
 #: The four angular accelerations, told apart by colour, by line and by point.
 VARIANTS = {

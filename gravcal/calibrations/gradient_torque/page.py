@@ -12,8 +12,7 @@ from gravcal.calibrations.gradient_torque.schemas import REPORT
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid, legend
 from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import AXES, as_plain, gps_text, number, numbers
-from gravcal.report.words import NOT_DETERMINED
+from gravcal.report.plain import AXES, NOT_DETERMINED, as_plain, gps_text, number, numbers
 from gravcal.store.schemas import VERSION
 
 GROUPS = ((1, 5), (6, 11), (12, 17), (18, 23))  # S-GRS paper, figures 4 to 7

@@ -16,8 +16,7 @@ from gravcal.effects.inertial_sensor import READOUT, VOLTAGES
 from gravcal.report import documents
 from gravcal.report.figures import AXIS, COLOURS, grid, legend
 from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import AXES, as_plain, estimate, gps_text, number, numbers
-from gravcal.report.words import NOT_DETERMINED
+from gravcal.report.plain import AXES, NOT_DETERMINED, as_plain, estimate, gps_text, number, numbers
 from gravcal.store.schemas import VERSION
 
 #: The two solutions of the offset, in the order of the product.

@@ -15,8 +15,7 @@ from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLE
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid, legend, thinned
 from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import gps_text
-from gravcal.report.words import NOT_DETERMINED, chi_square, plus_minus, signed
+from gravcal.report.plain import NOT_DETERMINED, chi_square, gps_text, plus_minus, signed
 
 TITLES = {name: name.replace("_", " ") for name in OBSERVABLES}
 PRINTED_IN = {"ls": ("least squares", "Table 4"), "robust": ("robust, IGG-III", "Table 6")}

@@ -15,7 +15,7 @@ from gravcal.calibrations.com_offset import page
 from gravcal.calibrations.com_offset.document import vcm_line
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, STYLE, image
-from gravcal.report.words import plus_minus
+from gravcal.report.plain import plus_minus
 
 EVENT = "grace-c-2020-02-01"
 
