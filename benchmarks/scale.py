@@ -102,7 +102,7 @@ def _memory(pid):
     """Memory in MB of the process that schedules and of the Prefect server below it; None without a server."""
     try:
         process = psutil.Process(pid)
-        server = [one for one in process.children() if "flows.prefect_server" in one.cmdline()]
+        server = [one for one in process.children() if "flows.engine.server" in one.cmdline()]
         return (process.memory_info().rss / 1e6, server[0].memory_info().rss / 1e6) if server else None
     except psutil.Error:
         return None

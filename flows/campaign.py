@@ -1,23 +1,26 @@
 """All events of a satellite: one Prefect flow, one task per event, the work in Dask worker processes.
 
 Events whose products are all there are answered from the store; if that is true of all, neither Prefect nor Dask
-starts.
+starts. Nothing here imports Prefect before it is wanted: workers import this module.
 """
 
 import collections
 import contextlib
-import functools
-import itertools
 import os
+import time
+import traceback
 from dataclasses import dataclass, field
 
-from flows import campaign_here, campaign_work, command, engine
+from flows import command, engine
+from flows.calibration import Calibration, load
 from gravcal.errors import GravcalError, ProductError
-from gravcal.store import history, location, origin, schemas
+from gravcal.store import history, location, origin, results, schemas
+from tasks import stage
 
 #: Status of a campaign: the first of these that any event has.
 ORDER = ("failed", "questionable", "delivered", "no_manoeuvre", "no_data")
-AHEAD = 4  # events handed out for each that is being worked on
+SHOWN = 6  # values of an event that a table shows; all of them are in the summary
+ROWS = 1000  # rows of a table that a page can show
 #: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
 WORKERS = {
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
@@ -38,8 +41,8 @@ class Campaign:
     engine : "prefect", "inline", or "flow": as tasks of the Prefect flow that is running
     scheduler : address of a Dask cluster, or None for processes of this machine
     workers : how many of these; None for one for each processor, 0 for none but this
-    again : whether what failed is tried again though nothing that it depends on has changed
-    remake_versions : products that other versions of numpy, scipy or numba made are made again
+    again : True to try again what failed though nothing that it depends on has changed
+    remake_versions : True to make again the products that other versions of numpy, scipy or numba made
     """
 
     calibration: str
@@ -49,6 +52,15 @@ class Campaign:
     workers: int | None = None
     again: bool = False
     remake_versions: bool = field(default_factory=history.remakes_versions)
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Stands for the source of an event that has none, and why."""
+
+    event: str
+    error: str
+    status: str = "failed"
 
 
 def sources(calibration, satellite, data):
@@ -62,19 +74,53 @@ def sources(calibration, satellite, data):
 
     Returns
     -------
-    sources : list
+    sources : list of Source or Refused
     """
-    known = command.record(calibration)
-    letters = [*known.satellites, "".join(known.satellites)]
-    command.check_satellite(calibration, satellite, letters)
+    one = command.record(calibration)
+    command.check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
     if data is not None:
-        days = _days(known, data, satellite)
-        return [_source(known, None, data=folder, satellite=one, date=date) for folder, one, date in days]
+        days = _days(one, data, satellite)
+        return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
     from gravcal import catalog
 
     own = catalog.events(calibration=calibration)
     names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
-    return [_source(known, name, data=None, satellite=None, date=None) for name in names]
+    return [_source(one, name, data=None, satellite=None, date=None) for name in names]
+
+
+def _source(calibration: Calibration, event, **where):
+    """Source of one event; where there is none, its reason, to be tabulated like any other failure."""
+    try:
+        return calibration.source(event=event, **where)
+    except GravcalError as error:
+        name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
+        return Refused(name, str(error), command.status_of(error))
+
+
+def _days(calibration: Calibration, data, satellite):
+    """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
+    if not data.is_dir():
+        raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
+    days = [day for day in calibration.days(data) if satellite is None or set(satellite) & set(day[1])]
+    if not days:
+        command.check_folder(calibration.name, data)
+        raise ProductError(
+            f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
+            f"Give another folder."
+        )
+    return days
+
+
+def failed_last(campaign, sources):
+    """Sources of the events whose last run in this configuration failed, and of those that are refused."""
+    name = load(campaign.calibration).flow.flow_name
+    with location.configured(campaign.chosen.configuration):
+        refused = [isinstance(source, Refused) and source.status == "failed" for source in sources]
+        return [
+            source
+            for source, is_refused in zip(sources, refused, strict=True)
+            if is_refused or history.failure(command.name_of(source), name)
+        ]
 
 
 def run(campaign, sources, listener=None):
@@ -92,28 +138,26 @@ def run(campaign, sources, listener=None):
     order of the sources
     """
     engine.single_threaded()
-    rows = {}
-    waiting = _waiting(campaign, sources, rows, listener)
-    head = []
-    if campaign.engine != "flow" and not campaign.scheduler:
-        work = functools.partial(_made, campaign, folder=str(location.folder()))
-        made, head = campaign_here.run(waiting, work, _processes(campaign), listener)
-        rows |= made
-    rest = ((number, source) for number, source, _ in waiting)
-    head += itertools.islice(rest, 2 * AHEAD * _processes(campaign))
-    if head:
-        rows |= _run_waiting(campaign, head, itertools.chain(head, rest), listener)
-    events = [rows[number] for number in range(len(sources))]
-    counts = collections.Counter(row["status"] for row in events)
-    told = origin.together(row.get("origin", "") for row in events) or origin.MEASURED
+    listener = listener or (lambda _: None)
+    rows, waiting = [], {}
+    for number, source in enumerate(sources):
+        rows.append(answered(campaign, source))
+        if rows[-1] is None:
+            waiting[number] = source
+        else:
+            listener(rows[-1])
+    if waiting:
+        for number, row in _made(campaign, waiting, listener).items():
+            rows[number] = row
+    counts = collections.Counter(row["status"] for row in rows)
     return {
         "schema_version": schemas.VERSION,
         "status": next((status for status in ORDER if counts[status]), "no_data"),
         "calibration": campaign.calibration,
         "configuration": campaign.chosen.configuration,
-        "origin": told,
+        "origin": origin.together(row.get("origin", "") for row in rows) or origin.MEASURED,
         "counts": dict(counts),
-        "events": events,
+        "events": rows,
     }
 
 
@@ -122,16 +166,107 @@ def exit_code(summary):
     return command.EXIT[summary["status"]] if summary["status"] in ("failed", "questionable") else 0
 
 
-def failed_last(campaign, sources):
-    """Sources of the events whose last run in this configuration failed, and of those that are refused."""
-    flow_name = command.record(campaign.calibration).flow.flow_name
-    with location.configured(campaign.chosen.configuration):
-        return [
-            source
-            for source in sources
-            if (isinstance(source, campaign_work.Refused) and source.status == "failed")
-            or history.failure(command.name_of(source), flow_name)
-        ]
+def answered(campaign, source):
+    """Row of an event that is refused, whose products are all in the store or that fails as before; else None."""
+    if isinstance(source, Refused):
+        return {"event": source.event, "status": source.status, "error": source.error} | _effort(
+            0, 0, time.perf_counter()
+        )
+    one, chosen, started = load(campaign.calibration), campaign.chosen, time.perf_counter()
+    try:
+        rest = engine.left(one.flow, source, chosen, again=campaign.again)
+        effort = _effort(0, len(rest.found), started)
+        if rest.failure:
+            failed = {"event": command.name_of(source), "status": "failed", "error": rest.failure["reason"]}
+            return failed | {"since": rest.failure["started"]} | effort
+        if rest.ref is None:
+            return None
+        with location.configured(chosen.configuration), history.recorded(one.flow.flow_name, rest.ref.event) as note:
+            for call, ref in rest.found:
+                note(call, "cached", ref)
+        return _row(one, rest.ref, note) | effort
+    except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
+        event = command.name_of(source)
+        noted = history.recorded(one.flow.flow_name, event)
+        with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
+            raise error
+        return {"event": event, "status": command.status_of(error), "error": str(error)} | _effort(0, 0, started)
+    except Exception:  # noqa: BLE001 - what goes wrong goes wrong again in its worker, which says it
+        return None
+
+
+def make(campaign, source, folder):
+    """Row of one event, calibrated with its stages in this process.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    source : record of where the event's files are
+    folder : str, of the store
+
+    Returns
+    -------
+    row : dict of "event", "status", "made", "reused", "seconds", "report" or "error", "verdict", "values", "said"
+    """
+    engine.remake_versions(campaign.remake_versions)
+    engine.single_threaded()
+    os.environ.setdefault("POLARS_MAX_THREADS", "1")  # a run of its own reads with all cores; here each worker has one
+    os.environ["GRAVCAL_PRODUCTS"] = folder
+    counts, started, event = {"made": 0, "cached": 0}, time.perf_counter(), command.name_of(source)
+
+    def count(_call, state, _ref):
+        counts[state] += 1
+
+    try:
+        with location.configured(campaign.chosen.configuration), engine.one_thread():
+            one = load(campaign.calibration)
+            noted = history.recorded(one.flow.flow_name, event)
+            with stage.using(stage.inline, count), noted as note, stage.using(stage.inline, note):
+                ref = one.flow(source, campaign.chosen)
+            row = _row(one, ref, note)
+    except GravcalError as error:
+        row = {"event": event, "status": command.status_of(error), "error": str(error)}
+    except Exception as error:  # noqa: BLE001 - one event must not stop the others
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
+        row = {"event": event, "status": "failed", "error": text}
+    finally:
+        stage.forget()  # events do not share products; a worker lives for thousands
+    return row | _effort(counts["made"], counts["cached"], started)
+
+
+def _row(calibration: Calibration, ref, note):
+    """Row of an event that has its report; the document stays in the store."""
+    document = calibration.document(ref)
+    verdict = document.get("verdict")
+    verdict = verdict.get("text", "") if isinstance(verdict, dict) else verdict or ""
+    values = list(calibration.result(document))
+    parts = ("value", "sigma", "sigma_total", "unit")
+    row = {
+        "event": ref.event,
+        "status": document["status"],
+        "origin": document.get("origin", "measured"),
+        "report": str(ref.folder),
+        "verdict": verdict,
+        "values": {one.label: {part: getattr(one, part) for part in parts} for one in values},
+        "said": results.text(values[:SHOWN]),
+    }
+    if document["status"] == "failed":
+        row["error"] = verdict
+    other = [reason for one in note.stages.values() for reason in one.get("other_versions", ())]
+    return row | ({"other_versions": other} if other else {})
+
+
+def _effort(made, reused, started):
+    """Columns of the row that say what was done."""
+    return {"made": made, "reused": reused, "seconds": round(time.perf_counter() - started, 3)}
+
+
+def version():
+    """Version of gravcal in this process."""
+    import gravcal
+
+    return gravcal.__version__
 
 
 @contextlib.contextmanager
@@ -143,7 +278,13 @@ def cluster(campaign, count):
 
     if campaign.scheduler:
         with Client(campaign.scheduler, timeout="20s") as client:
-            _check_versions(client)
+            own = version()
+            other = {worker: found for worker, found in client.run(version).items() if found != own}
+            for worker, found in other.items():
+                raise ProductError(
+                    f"{worker}: runs gravcal {found}, this is {own}. Install the same version on all workers."
+                )
+            client.get_versions(check=True)
             yield client
         return
     here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
@@ -153,137 +294,112 @@ def cluster(campaign, count):
         yield client
 
 
-def windowed(waiting, submit, settle, width):
-    """Rows by number; never more than ``width`` events are handed out, so that memory does not grow with their number.
+def _made(campaign, waiting, listener):
+    """Rows by number of the events that have something to make; workers begin while a server still starts."""
+    from flows.engine import server
+
+    folder, rows = str(location.folder()), {}
+    if campaign.workers == 0:
+        for number, source in waiting.items():
+            if campaign.engine == "flow":
+                rows |= as_tasks({number: source}, lambda _, source=source: make(campaign, source, folder))
+            else:
+                rows[number] = make(campaign, source, folder)
+                listener(rows[number])
+        return rows
+    count = min(campaign.workers or os.cpu_count() or 1, len(waiting))
+    with server.early(campaign.engine == "prefect") as begun, cluster(campaign, count) as client:
+        futures = {
+            number: client.submit(make, campaign, source, folder, pure=False, retries=2)
+            for number, source in waiting.items()
+        }
+
+        def row_of(number):
+            """Row of one event, made by a worker; one that dies is replaced twice."""
+            try:
+                row = futures[number].result()
+            except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
+                text = f"{type(error).__name__}: {error}"
+                row = {"event": command.name_of(waiting[number]), "status": "failed", "error": text}
+            futures.pop(number).release()
+            if campaign.engine != "flow":  # its tasks show them
+                listener(row)
+            return row
+
+        if campaign.engine == "flow":
+            return as_tasks(waiting, row_of)
+        if campaign.engine == "prefect":
+            try:
+                return _through_prefect(campaign, waiting, row_of, begun or server.begin())
+            except server.Unavailable as error:
+                engine.warn(f"Prefect's server is not available ({error}); running without it.")
+        return {number: row_of(number) for number in waiting}
+
+
+def _through_prefect(campaign, waiting, row_of, begun):
+    """Rows by number, each event a task of one flow on a server that answers."""
+    from flows.engine import server, through_prefect
+
+    def events():
+        from prefect.artifacts import create_table_artifact
+
+        rows = as_tasks(waiting, row_of)
+        shown, left_out = table(list(rows.values()))
+        description = f"Events of the campaign that had something to make{left_out}"
+        create_table_artifact(table=shown, key=f"{slug(campaign.calibration)}-events", description=description)
+        return rows
+
+    with server.running(begun) as url:
+        return through_prefect.flow_on(url, events, f"campaign {campaign.calibration}", lambda: len(waiting))
+
+
+def as_tasks(waiting, row_of):
+    """Rows by number, each event a task of the Prefect flow that is running; its threads only wait for workers.
 
     Parameters
     ----------
-    waiting : iterable of (number, source)
-    submit : function of a source that returns a future
-    settle : function of a future that waits for its row
-    width : int
+    waiting : {number: source}
+    row_of : function of a number
     """
-    rows, under_way = {}, collections.deque()
-    for number, source in waiting:
-        under_way.append((number, submit(source)))
-        if len(under_way) >= width:
-            number, future = under_way.popleft()
-            rows[number] = settle(future)
-    return rows | {number: settle(future) for number, future in under_way}
+    import prefect
+    from prefect.cache_policies import NO_CACHE
+
+    rows, futures = {}, []
+    for number, source in waiting.items():
+
+        def event(number=number):
+            rows[number] = row_of(number)  # not returned: Prefect would keep a state for each part of it
+            return state_of(rows[number])
+
+        name = str(command.name_of(source))
+        futures.append(prefect.task(event, name=name, cache_policy=NO_CACHE, persist_result=False).submit())
+    for future in futures:
+        future.wait()
+    return rows
 
 
-def in_threads(waiting, calibrate, slots):
-    """Rows by number; threads only wait for the workers. An interrupt leaves at once: closing the cluster ends them."""
-    from concurrent.futures import Future, ThreadPoolExecutor
+def state_of(row):
+    """Prefect's state of an event: its own name, what was done or what went wrong."""
+    from prefect.states import Completed, Failed
 
-    pool = ThreadPoolExecutor(slots)
-    try:
-        return windowed(waiting, functools.partial(pool.submit, calibrate), Future.result, AHEAD * slots)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _waiting(campaign, sources, rows, listener):
-    """Number, source and seconds left of the events that have something to make; rows of the others join ``rows``."""
-    for number, source in enumerate(sources):
-        row, seconds = _answer(campaign, source)
-        if row is None:
-            yield number, source, seconds
-            continue
-        rows[number] = row
-        if listener:
-            listener(row)
+    if row["status"] == "failed":
+        return Failed(message=row["error"])
+    message = row.get("error") or f"{row['made']} products made, {row['reused']} reused, {row['seconds']} s"
+    return Completed(name=row["status"].replace("_", " ").capitalize(), message=message)
 
 
-def _answer(campaign, source):
-    """Row of an event that needs no worker: refused, made here, or all in the store; and the seconds left to do."""
-    here = campaign.workers == 0 and campaign.engine != "flow"
-    if here or isinstance(source, campaign_work.Refused):
-        return _made(campaign, source, str(location.folder())), 0.0
-    return campaign_work.reuse(campaign.calibration, source, campaign.chosen, campaign.again)
+def table(rows):
+    """Rows as a page can show them, the failed first, so many in all; and in words what is left out, "" if nothing is.
+
+    Parameters
+    ----------
+    rows : list of dict, of events
+    """
+    ordered = sorted(rows, key=lambda row: (row["status"] != "failed", row["status"] != "questionable"))
+    left_out = f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""
+    return ordered[:ROWS], left_out
 
 
-def _processes(campaign):
-    """Worker processes of this machine that are wanted at most."""
-    return campaign.workers or os.cpu_count() or 1
-
-
-def _run_waiting(campaign, head, waiting, listener):
-    """Rows of the events that have something to make, by number; the workers begin while a server still starts."""
-    from flows import prefect_server
-
-    folder = str(location.folder())
-    if campaign.workers == 0:
-        return _hand_out(campaign, waiting, lambda source: _made(campaign, source, folder), 1)
-    early = prefect_server.early(campaign.engine == "prefect")
-    with early as server, cluster(campaign, min(_processes(campaign), len(head))) as client:
-        slots = 2 * max(sum(client.nthreads().values()), 1)  # a worker finds its next event waiting
-
-        def submit(source):
-            return client.submit(_made, campaign, source, folder, pure=False, retries=2)
-
-        begun = {id(source): submit(source) for _, source in head[: AHEAD * slots]}
-        told = None if campaign.engine == "flow" else listener
-        return _hand_out(campaign, waiting, functools.partial(_on_a_worker, submit, begun, told), slots, server)
-
-
-def _hand_out(campaign, waiting, calibrate, slots, server=None):
-    """Rows by number, through the engine of the campaign."""
-    if campaign.engine == "inline":
-        return in_threads(waiting, calibrate, slots)
-    from flows import campaign_prefect
-
-    work = campaign_prefect.in_flow if campaign.engine == "flow" else campaign_prefect.run
-    return work(campaign, waiting, calibrate, slots, server)
-
-
-def _made(campaign, source, folder):
-    """Row of one event, made in this process."""
-    engine.remake_versions(campaign.remake_versions)
-    return campaign_work.calibrate(campaign.calibration, source, campaign.chosen, folder)
-
-
-def _on_a_worker(submit, begun, listener, source):
-    """Row of one event, made by a worker; one that dies is replaced twice."""
-    future = begun.pop(id(source), None) or submit(source)
-    try:
-        row = future.result()
-    except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
-        text = f"{type(error).__name__}: {error}"
-        row = {"event": command.name_of(source), "status": "failed", "error": text}
-    if listener:
-        listener(row)
-    return row
-
-
-def _source(calibration, event, **where):
-    """Source of one event; where there is none, its reason, to be tabulated like any other failure."""
-    try:
-        return calibration.source(event=event, **where)
-    except GravcalError as error:
-        name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
-        return campaign_work.Refused(name, str(error), command.status_of(error))
-
-
-def _days(calibration, data, satellite):
-    """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
-    if not data.is_dir():
-        raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
-    days = [day for day in calibration.days(data) if satellite is None or set(satellite) & set(day[1])]
-    if not days:
-        command.check_folder(calibration.name, data)
-        raise ProductError(
-            f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
-            f"Give another folder."
-        )
-    return days
-
-
-def _check_versions(client):
-    """Raise unless all workers run this version of gravcal."""
-    own = campaign_work.version()
-    other = {worker: found for worker, found in client.run(campaign_work.version).items() if found != own}
-    if other:
-        worker, found = next(iter(other.items()))
-        raise ProductError(f"{worker}: runs gravcal {found}, this is {own}. Install the same version on all workers.")
-    client.get_versions(check=True)
+def slug(name):
+    """Name as keys of artifacts and names of deployments are written."""
+    return name.replace("_", "-")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from flows import cli_progress, engine
+from flows import engine, output
 from flows.calibration import known, load, load_all
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
 from gravcal.store import location
@@ -41,7 +41,7 @@ def chosen(calibration, settings, model=None, name=None):
     record(calibration)
     given = pairs(settings)
     if model is not None:
-        from flows import models
+        from flows.engine import models
 
         given["model"] = models.text_of(model)
     try:
@@ -120,12 +120,17 @@ def name_of(source):
     return getattr(source, "event", None)
 
 
+def check_engine(name):
+    """Raise unless this is the name of an engine."""
+    if name not in engine.ENGINES:
+        raise typer.BadParameter(f"--engine {name}: expected one of {', '.join(engine.ENGINES)}")
+
+
 def calibrate(calibration, source, chosen, engine_name, server=None):
     """Result document and report product of one event."""
-    if engine_name not in engine.ENGINES:
-        raise typer.BadParameter(f"--engine {engine_name}: expected one of {', '.join(engine.ENGINES)}")
+    check_engine(engine_name)
     one = record(calibration)
-    with cli_progress.progress(one.flow.flow_name) as listener:
+    with output.progress(one.flow.flow_name) as listener:
         ref = engine.run(one.flow, source, chosen, engine=engine_name, listener=listener, server=server)
     return one.document(ref), ref
 
@@ -134,13 +139,12 @@ def discover(calibration, source, chosen, engine_name):
     """Result document of a discovery and its files."""
     from flows import discover as flow
 
-    if engine_name not in engine.ENGINES:
-        raise typer.BadParameter(f"--engine {engine_name}: expected one of {', '.join(engine.ENGINES)}")
+    check_engine(engine_name)
     if calibration not in flow.names():
-        known = ", ".join([*flow.names(), *flow.measured_views()])
-        raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {known}")
+        names = ", ".join([*flow.names(), *flow.measured_views()])
+        raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {names}")
     body = flow.flow_of(calibration)
-    with cli_progress.progress(body.flow_name) as listener:
+    with output.progress(body.flow_name) as listener:
         ref = engine.run(body, source, chosen, engine=engine_name, listener=listener)
     return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
 
@@ -156,23 +160,18 @@ def sources(calibration, event, data, satellite, date):
         return [source(calibration, event, data, satellite, date)]
     from gravcal.store import history
 
+    one, made = record(calibration), []
     found = history.level_one_folders(calibration)
     if not found:
         raise ProductError(
             f"product store {location.folder()}: no event of {calibration} was ever run. Give an EVENT or --data DIR."
         )
-    made = [_source_again(record(calibration), *one) for one in found]
-    return [source for source in made if source is not None]
-
-
-def _source_again(calibration, event, folder, satellite, date):
-    """Source of an event of the store; None, with a warning, where its files are no more."""
-    try:
-        source = calibration.source(event=None, data=folder, satellite=satellite, date=date)
-    except GravcalError as error:
-        engine.warn(f"{event} left out: {error}")
-        return None
-    return dataclasses.replace(source, event=event)
+    for event_, folder, letters, day in found:
+        try:
+            made.append(dataclasses.replace(one.source(data=folder, satellite=letters, date=day), event=event_))
+        except GravcalError as error:  # its files are no more
+            engine.warn(f"{event_} left out: {error}")
+    return made
 
 
 def detect(calibration, source, chosen):
@@ -180,7 +179,7 @@ def detect(calibration, source, chosen):
     one = record(calibration)
     if one.detect is None:
         raise CatalogError(f"{source.event}: {calibration} uses the whole record, there is nothing to detect. Use run.")
-    with cli_progress.progress(one.detect.flow_name) as listener:
+    with output.progress(one.detect.flow_name) as listener:
         return one.detected(engine.run(one.detect, source, chosen, engine="inline", listener=listener))
 
 
@@ -213,20 +212,20 @@ def simulate(calibration, out, seed_truth, effects, settings):
         strengths = {name: float(value) for name, value in pairs(effects).items()}
     except ValueError as error:
         raise typer.BadParameter(f"--effect: {error}; expected SLUG.PARAMETER=NUMBER") from error
-    with cli_progress.waiting(f"simulating {calibration}"):
+    with output.waiting(f"simulating {calibration}"):
         return record(calibration).simulate(out, seed=seed, truth=truth, effects=strengths, settings=pairs(settings))
 
 
-def demo(out, seed, engine_name):
+def demo(calibration, out, seed, engine_name):
     """Result document, report product and truth of an invented event."""
-    from flows import prefect_server
+    from flows.engine import server
 
     folder = out or location.folder() / "demo" / f"seed-{seed}"
     first = engine_name == "prefect" and not (location.folder() / "prefect").exists()  # a first start takes ten seconds
-    with prefect_server.early(first) as server:
-        truth = simulate("com_offset", folder, (seed, folder / "truth.json"), None, None)
-        made = source("com_offset", None, folder, truth["satellite"], truth["date"])
-        document, ref = calibrate("com_offset", made, chosen("com_offset", None), engine_name, server)
+    with server.early(first) as begun:
+        truth = simulate(calibration, folder, (seed, folder / "truth.json"), None, None)
+        made = source(calibration, None, folder, truth["satellite"], truth["date"])
+        document, ref = calibrate(calibration, made, chosen(calibration, None), engine_name, begun)
     return document, ref, truth
 
 
@@ -341,3 +340,23 @@ def _is_plain(value):
     except (TypeError, ValueError):
         return False
     return True
+
+
+def save_event(calibration, source, document):
+    """Name of the event stored in the user's own catalogue with its manoeuvres and the digests of its files."""
+    from datetime import date, timedelta
+
+    from gravcal import catalog
+    from gravcal.store import memory
+
+    known = record(calibration)
+    files = known.level_one_files(source)
+    digests = {file.name: memory.file_digest(file.path, file.member) for file in files}
+    first = date(2000, 1, 1) + timedelta(
+        days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5
+    )
+    day, letters = date.fromisoformat(source.date) if source.date else first, tuple(source.satellite)
+    text = catalog.event_text(
+        calibration, known.design, letters, day, document["manoeuvres"], digests, document["origin"]
+    )
+    return catalog.save_event(source.event, text).name

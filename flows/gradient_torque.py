@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flows import models
 from flows.calibration import Calibration, Discovery
-from flows.engine import flow
+from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.store import results

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from datetime import timedelta
 
-from flows import models
 from flows.calibration import EPOCH, Calibration, Discovery
-from flows.engine import flow
+from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.store import results
 from tasks import discovery, inertial_sensor

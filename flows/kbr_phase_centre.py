@@ -7,9 +7,8 @@ from dataclasses import replace
 from datetime import timedelta
 from itertools import product
 
-from flows import models
 from flows.calibration import EPOCH, Calibration, Discovery
-from flows.engine import flow
+from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.browse import printed
 from gravcal.io import archive

@@ -16,7 +16,9 @@ from prefect.context import get_run_context
 from prefect.states import Completed, Failed
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from flows import campaign, campaign_prefect, command, prefect_server, watch
+from flows import campaign, command
+from flows.engine import server
+from flows.serve import digest
 from gravcal.store import housekeeping, location, memory
 
 REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
@@ -57,7 +59,7 @@ def new_data(
         return refused
     asked = repr([str(Path(data).absolute()), calibration, satellite, settings])
     name = "watched-" + hashlib.sha256(asked.encode()).hexdigest()[:32]
-    found = watch.digest(Path(data))
+    found = digest(Path(data))
     if found is None or memory.recall(name) == found:
         return Completed(name="Nothing new", message=f"{data}: nothing that the last run has not seen")
     state = _campaign(calibration, satellite, data, settings, workers)
@@ -71,7 +73,7 @@ def refusal():
         return None
     run = get_run_context().flow_run
     known = json.loads(os.environ[REGISTERED]).get(str(run.deployment_id), {})
-    now = prefect_server.registered(os.environ["PREFECT_API_URL"], run.deployment_id) if known else {}
+    now = server.registered(os.environ["PREFECT_API_URL"], run.deployment_id) if known else {}
     changed = sorted(name for name in now if now[name] != known[name])
     if known and not changed and run.parameters == known["parameters"]:
         return None
@@ -110,15 +112,15 @@ def _record(row):
     """Show the state of an event that had nothing to make as a task of the run that bears its name."""
 
     def event():
-        return campaign_prefect.state_of(row)
+        return campaign.state_of(row)
 
     prefect.task(event, name=str(row["event"]), cache_policy=NO_CACHE, persist_result=False)(return_state=True)
 
 
 def _show(summary):
     """Table of offsets and list of reports as artifacts of the run."""
-    key = campaign_prefect.slug(summary["calibration"])
-    rows, left_out = campaign_prefect.table(summary["events"])
+    key = campaign.slug(summary["calibration"])
+    rows, left_out = campaign.table(summary["events"])
     shown = [_table_row(row) for row in rows]
     description = f"Events and their values{left_out}"
     create_table_artifact(table=shown, key=f"{key}-values", description=description)

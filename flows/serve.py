@@ -18,8 +18,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from flows import prefect_server, watch
+from flows.engine import server
 from gravcal.errors import CatalogError, ProductError
+from gravcal.io import archive
 from gravcal.store import location, memory
 
 
@@ -53,19 +54,19 @@ def serve(served, said):
     CatalogError : no such time of the clock
     ProductError : the server does not start
     """
-    prefect_server.set_environment()
+    server.set_environment()
     schedule = _schedule(served.cron)
     from prefect.settings import temporary_settings
 
     try:
         with _alone(served.name):
-            begun = prefect_server.begin(_port(served, "pages"))
-            with prefect_server.running(begun) as url, reports(_port(served, "reports")) as address:
+            begun = server.begin(_port(served, "pages"))
+            with server.running(begun) as url, reports(_port(served, "reports")) as address:
                 _keep_ports(served, begun, url, address)
                 os.environ |= {"PREFECT_API_URL": url, "GRAVCAL_REPORTS": address}
-                with temporary_settings(prefect_server.client(url)), contextlib.suppress(KeyboardInterrupt):
+                with temporary_settings(server.client(url)), contextlib.suppress(KeyboardInterrupt):
                     _run(served, schedule, (url, begun.child is not None), said)
-    except prefect_server.Unavailable as error:
+    except server.Unavailable as error:
         raise ProductError(f"Prefect's server: {error}; expected it to answer. Look into that log.") from None
 
 
@@ -74,7 +75,7 @@ def _alone(name):
     """Keep a second process from serving the same calibration on the same server."""
     home = Path(os.environ["PREFECT_HOME"]).expanduser()
     try:
-        with (prefect_server.home() / f"serve-{name}.lock").open("w") as held:
+        with (server.home() / f"serve-{name}.lock").open("w") as held:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield
     except BlockingIOError:
@@ -100,29 +101,29 @@ def _keep_ports(served, begun, url, address):
         memory.remember(f"port-pages-{served.name}", urlsplit(url).port)
 
 
-def _run(served, schedule, server, said):
+def _run(served, schedule, where, said):
     """Register the deployments and wait for their runs, one at a time."""
     from prefect.deployments.runner import EntrypointType
     from prefect.runner import Runner
 
-    (url, is_own), ended = server, threading.Event()
+    (url, is_own), ended = where, threading.Event()
     runner = Runner(name=f"gravcal {served.name}", limit=1)
     how = {"name": served.name, "entrypoint_type": EntrypointType.MODULE_PATH}
     known = {flow.name: runner.add_flow(flow, **how, **more) for flow, more in _flows(served, schedule).items()}
-    registered = {str(one): prefect_server.registered(url, one) for one in known.values()}
+    registered = {str(one): server.registered(url, one) for one in known.values()}
     os.environ["GRAVCAL_REGISTERED"] = json.dumps(registered)
     if is_own:
-        prefect_server.bury_all(url, list(known.values()))
+        server.bury_all(url, list(known.values()))
     said(f"Prefect {url.removesuffix('/api')}")
     if is_own:
-        said(f"signed in by {prefect_server.page(url, served.name).as_uri()}")
+        said(f"signed in by {server.page(url, served.name).as_uri()}")
     said(f"reprocess-all at {served.cron} UTC")
     if served.watched:
         said(f"new-data when {served.watched} changes, looked at every {served.every_s:g} s")
         path = f"/deployments/{known['new-data']}/create_flow_run"
-        start = functools.partial(prefect_server.ask, url, path, {})
+        start = functools.partial(server.ask, url, path, {})
         looking = (served.watched, served.every_s, ended, start)
-        threading.Thread(target=watch.loop, args=looking, daemon=True).start()
+        threading.Thread(target=watch, args=looking, daemon=True).start()
     try:
         asyncio.run(_until_told(runner))
     finally:
@@ -180,15 +181,55 @@ def reports(port=None):
 
     objects = location.folder() / "objects"
     objects.mkdir(parents=True, exist_ok=True)
-    token = hmac.digest(prefect_server.auth_string().encode(), b"reports", hashlib.sha256).hex()
+    token = hmac.digest(server.auth_string().encode(), b"reports", hashlib.sha256).hex()
     files = Starlette(routes=[Mount("/", StaticFiles(directory=objects))])
-    app = access.guarded(files, token, prefect_server.NAMES)
+    app = access.guarded(files, token, server.NAMES)
     pages = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off", ws="none"))
-    with prefect_server.listener(port) as heard:
+    with server.listener(port) as heard:
         thread = threading.Thread(target=pages.run, kwargs={"sockets": [heard]}, daemon=True)
         thread.start()
         try:
-            yield f"http://{prefect_server.HOST}:{heard.getsockname()[1]}/{{}}?token={token}"
+            yield f"http://{server.HOST}:{heard.getsockname()[1]}/{{}}?token={token}"
         finally:
             pages.should_exit = True
             thread.join(10)
+
+
+def digest(folder):
+    """Digest of the names, sizes and times of change of the Level-1 files and archives of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    digest : str, or None where there is no such file
+    """
+    seen = []
+    for path in sorted(folder.rglob("*")):
+        if not path.name.startswith(".") and (archive.is_archive(path) or archive.from_name(path)):
+            with contextlib.suppress(OSError):  # it went while we looked
+                status = path.stat()
+                seen.append(f"{path.relative_to(folder)} {status.st_size} {status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(seen).encode()).hexdigest() if seen else None
+
+
+def watch(folder, every_s, ended, changed):
+    """Call a function each time the folder changed and was then the same for two looks: copying takes time.
+
+    Parameters
+    ----------
+    folder : Path
+    every_s : float, between two looks
+    ended : threading.Event, ends the loop
+    changed : function without arguments; one that raises OSError is called again at the next look
+    """
+    known = last = None
+    while not ended.wait(every_s):
+        now = digest(folder)
+        if now is not None and now == last and now != known:
+            with contextlib.suppress(OSError):
+                changed()
+                known = now
+        last = now

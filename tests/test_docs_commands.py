@@ -20,7 +20,8 @@ from pathlib import Path
 
 import pytest
 
-from flows import cli, prefect_server
+from flows import cli
+from flows.engine import server
 
 ROOT = Path(__file__).parent.parent
 MEASURED = ROOT.parent / "shared" / "data"
@@ -245,8 +246,8 @@ def test_a_line_serves(line, place, tmp_path_factory, monkeypatch):
     folder = str(simulated(place, "com_offset"))
     with begun(line, place, PREFECT_HOME=str(home), GRAVCAL_DATA=folder) as address:
         assert re.match(r"http://127\.0\.0\.1:\d+$", address)
-        monkeypatch.setenv(prefect_server.AUTH, (home / "auth").read_text())
-        found = prefect_server.ask(f"{address}/api", "/deployments/name/reprocess-all/com_offset")
+        monkeypatch.setenv(server.AUTH, (home / "auth").read_text())
+        found = server.ask(f"{address}/api", "/deployments/name/reprocess-all/com_offset")
         assert found["name"] == "com_offset"
 
 

@@ -15,7 +15,7 @@ def kill_at_random(arguments):
 
     import threadpoolctl  # noqa: E401, F401
 
-    from flows import campaign_work, cli  # noqa: F401
+    from flows import cli
 
     points, limit = int(arguments[0]), float(arguments[1])
     source, killed, ended = random.Random(7), 0, 0

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import signal
 import subprocess
@@ -13,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from flows import campaign as campaigns
-from flows import campaign_work, command
+from flows import command
 from gravcal.store import housekeeping, inputs, keys
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
@@ -115,41 +114,12 @@ def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
     read, digest = [], inputs._file_digest
     monkeypatch.setattr(inputs, "_file_digest", lambda item: read.append(item.path) or digest(item))
     source, chosen = campaigns.sources("fakecal", None, events)[0], command.chosen("fakecal", None)
-    assert campaign_work.reuse("fakecal", source, chosen) == (None, math.inf)
+    how = campaigns.Campaign("fakecal", chosen)
+    assert campaigns.answered(how, source) is None
     assert read == []
     command.record("fakecal").flow(source, chosen)
-    assert campaign_work.reuse("fakecal", source, chosen)[0]["status"] == "delivered"
+    assert campaigns.answered(how, source)["status"] == "delivered"
     assert read
-
-
-def test_little_work_starts_neither_prefect_nor_dask(environment, events, tmp_path):
-    """Contract: what took a moment the last time is done at once by forks; on an empty store nobody knows."""
-    absent = tmp_path / "absent"
-    for name in ("prefect", "distributed"):
-        (absent / name).mkdir(parents=True)
-        (absent / name / "__init__.py").write_text("raise ImportError('not to be imported')")
-    without = environment | {"PYTHONPATH": str(absent), "GRAVCAL_PRODUCTS": os.environ["GRAVCAL_PRODUCTS"]}
-    command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--workers", "2"]
-    refused = subprocess.run(command, capture_output=True, text=True, check=False, env=without)
-    assert "not to be imported" in refused.stderr
-    campaign(environment, events, "--workers", "0")
-    (events / "2" / "MAG1B_2020-02-01_C_04.txt").write_text("-" * 500)
-    code, summary = campaign(without, events, "--workers", "2", "--set", "gain=3")
-    assert code == 0
-    assert [(row["made"], row["reused"]) for row in summary["events"]] == [(1, 1), (2, 0), (1, 1), (1, 1)]
-
-
-def test_an_event_whose_fork_is_killed_is_completed_by_a_worker(environment, events, pipeline, tmp_path):
-    """Contract: kill -9 in the middle of an event that has little left to make."""
-    campaign(environment, events, "--workers", "0")
-    mark = tmp_path / "killed"
-    lines = f"    import os, pathlib\n    mark = pathlib.Path({str(mark)!r})\n    if not mark.exists():\n"
-    lines += "        mark.write_text('')\n        os.kill(os.getpid(), 9)\n    values ="
-    first = pipeline.folder / "first.py"
-    first.write_text(first.read_text().replace("    values =", lines))
-    code, summary = campaign(environment, events, "--engine", "inline")
-    assert mark.exists()
-    assert (code, summary["counts"]) == (0, {"delivered": 4})
 
 
 def test_workers_are_gone_when_their_cluster_is_closed(environment):
@@ -297,7 +267,7 @@ def test_a_failure_is_forgotten_when_a_setting_changes(environment, events, pipe
 def test_the_exit_code_of_a_campaign(fakecal, monkeypatch, given, status, code):
     """Contract: 0 if nothing failed, 4 if some are questionable, 1 if some failed."""
     rows = [{"event": str(number), "status": one} for number, one in enumerate(given)]
-    monkeypatch.setattr(campaigns, "_answer", lambda _, source: (rows[source], 0.0))
+    monkeypatch.setattr(campaigns, "answered", lambda _, source: rows[source])
     told = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", None, 0)
     summary = campaigns.run(told, list(range(len(given))))
     assert (summary["status"], campaigns.exit_code(summary)) == (status, code)
@@ -319,7 +289,7 @@ def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch, 
     assert summary["counts"] == {"no_data": len(sources) - 1, "failed": 1}
     (failed,) = (row for row in summary["events"] if row["status"] == "failed")
     assert "found no KBR1B or LRI1B" in failed["error"]
-    from flows import cli_output
+    from flows import output
 
-    cli_output.campaign(summary, None)
+    output.campaign(summary, None)
     assert capsys.readouterr().out.splitlines()[1].startswith(failed["event"])  # failed first

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from flows import cli, cli_complete, cli_progress
+from flows import cli, output
+from flows.cli import options
 from gravcal.store import configurations
 
 GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
@@ -109,10 +110,10 @@ def test_the_shell_can_complete(shell):
 def test_completion_offers_what_exists(pipeline):
     """Contract: calibrations, events of catalogue and store, products, settings."""
     pipeline.run()
-    assert cli_complete.calibrations("com") == ["com_offset"]
-    assert {"fake-1"} == set(cli_complete.events("fake"))
-    assert "grace-c-2020-02-01" in cli_complete.events("grace-c-2020")
-    assert f"fake-1/{pipeline.name}.join" in cli_complete.products("fake-1/")
+    assert options.complete_calibrations("com") == ["com_offset"]
+    assert {"fake-1"} == set(options.complete_events("fake"))
+    assert "grace-c-2020-02-01" in options.complete_events("grace-c-2020")
+    assert f"fake-1/{pipeline.name}.join" in options.complete_products("fake-1/")
 
 
 BASH = """
@@ -156,7 +157,7 @@ def test_a_real_bash_completes(typed, offered, tmp_path):
 
 def test_time_left_counts_down_and_stops_at_what_is_done():
     """Analytic: parts of 30 s and 10 s; after the first is done 10 s are left; late is said, and what is not known."""
-    left = cli_progress.Left({"long": 30.0, "short": 10.0})
+    left = output.Left({"long": 30.0, "short": 10.0})
     assert str(left) == "about 40 s left"
     left.note("long")
     assert str(left) == "about 10 s left"
@@ -164,12 +165,12 @@ def test_time_left_counts_down_and_stops_at_what_is_done():
     assert str(left) == "done in a moment"
     left.since["at"] -= 10
     assert str(left) == "takes longer than last time"
-    assert str(cli_progress.Left({})) == "no time known yet"
+    assert str(output.Left({})) == "no time known yet"
 
 
 def test_a_first_run_scales_the_usual_times_by_its_own_speed():
     """Analytic: half as fast as usual after 30 s of 40 s: twice the rest is left; what is reused tells no speed."""
-    left = cli_progress.Left({"long": 30.0, "other": 30.0, "short": 10.0}, usual=True)
+    left = output.Left({"long": 30.0, "other": 30.0, "short": 10.0}, usual=True)
     assert str(left) == "perhaps 70 s left"
     left.note("other", made=False)
     assert str(left) == "perhaps 40 s left"
@@ -182,7 +183,7 @@ def test_a_first_run_scales_the_usual_times_by_its_own_speed():
 
 def test_the_start_of_an_engine_says_nothing_of_its_speed():
     """Analytic: an engine that starts in 2 s, usually in 20 s, and is as fast as usual: 30 s of 40 s are left."""
-    left = cli_progress.Left({"start": 20.0, "one": 10.0, "two": 30.0}, usual=True)
+    left = output.Left({"start": 20.0, "one": 10.0, "two": 30.0}, usual=True)
     assert str(left) == "perhaps 60 s left"
     left.since["at"] -= 12
     assert left.begin(10.0) == pytest.approx(2.0, abs=0.1)
@@ -200,7 +201,7 @@ def test_usual_times_name_stages_that_there_are(calibration):
     kinds = {part.split(".")[0] for part in usual[calibration] if part != "start"}
     assert calibration in kinds
     assert kinds <= {"ingest", calibration}
-    assert cli_progress._part("ingest.ACC1A_C") == "ingest.ACC1A"
+    assert output._part("ingest.ACC1A_C") == "ingest.ACC1A"
 
 
 def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
@@ -209,21 +210,21 @@ def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
     from gravcal.store import memory
 
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with cli_progress.progress("fake") as listener:
+    with output.progress("fake") as listener:
         flow = pipeline.module("flow").calibrate
         engine.run(flow, pipeline.file(), pipeline.chosen, engine="inline", listener=listener)
     assert set(memory.recall("seconds-fake")) == {
         "start",
         *(f"{pipeline.name}.{stage}" for stage in ("start", "scale.one", "scale.other", "join")),
     }
-    with cli_progress.waiting("work"):
+    with output.waiting("work"):
         pass
     assert set(memory.recall("seconds-work")) == {"work"}
 
 
 def test_nothing_is_shown_in_a_pipe(capsys):
     """Contract: no progress where standard error is no terminal."""
-    with cli_progress.progress("fake") as listener, cli_progress.waiting("work"):
+    with output.progress("fake") as listener, output.waiting("work"):
         assert listener is None
     assert capsys.readouterr().err == ""
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from flows import cli, command, engine, prefect_engine
+from flows import cli, command, engine
+from flows.engine import through_prefect
 from gravcal import catalog
 from gravcal.errors import CatalogError
 from gravcal.store import configurations, history, housekeeping, location
@@ -267,7 +268,7 @@ def test_tasks_of_prefect_point_the_links_of_their_configuration(fakecal, monkey
     chosen = command.recorded(command.chosen("fakecal", ["gain=3"]))
     source = command.source("fakecal", None, fakecal, None, None)
     used = []
-    monkeypatch.setattr(prefect_engine, "warn", used.append)
+    monkeypatch.setattr(through_prefect, "warn", used.append)
     engine.run(command.record("fakecal").flow, source, chosen)
     assert used == []
     assert links() == {}

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import astropy_iers_data
 import pytest
+from flows.remake import remake
 
 import gravcal
 import tasks
-from flows import campaign, cli_output, cli_store, command, engine
-from flows.remake import remake
+from flows import campaign, command, engine, output
+from flows.cli import stored
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
 from gravcal.store import housekeeping, keys, location, memory, origin
@@ -125,7 +126,7 @@ def test_history_and_rebuild_reach_every_product(name, level_one):
     for entry in known.values():
         printed = io.StringIO()
         with redirect_stdout(printed):
-            cli_store.history(entry.ref.name)
+            stored.history(entry.ref.name)
         raw = str(level_one / name)
         assert raw in printed.getvalue() or entry.ref.kind == "gradient_torque.field"  # from a file of the package
     memory.clear()
@@ -273,7 +274,7 @@ def test_manoeuvres_and_failures_have_an_origin_too(name, level_one, tmp_path, c
     source = command.source(name, None, day[0], day[1], day[2])
     document = command.detect(name, source, command.chosen(name, None))
     assert document["origin"] == "simulated"
-    cli_output.manoeuvres(document, None)
+    output.manoeuvres(document, None)
     assert capsys.readouterr().out.splitlines()[-1].startswith("SIMULATED. ")
     assert command.failed(name, source, GravcalError("lost"))["origin"] == "simulated"
 
@@ -320,10 +321,11 @@ def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
 THROUGH_PREFECT = """
 import json, os, sys
 from pathlib import Path
-from flows import command, engine, prefect_server
+from flows import command, engine
+from flows.engine import server
 from gravcal.store import housekeeping
 found = {}
-with prefect_server.running(prefect_server.begin()) as url:
+with server.running(server.begin()) as url:
     os.environ["PREFECT_API_URL"] = url
     for name in sys.argv[2:]:
         module = command.record(name)

@@ -11,29 +11,30 @@ import uuid
 from pathlib import Path
 
 import numpy  # noqa: F401 - loads BLAS
-import threadpoolctl
 
-from flows import engine, prefect_server
+from flows import engine
+from flows.engine import server
 
 RUNNER = """
 import importlib, json, os, platform, sys, urllib.request
 sys.path.insert(0, sys.argv[1])
-from flows import engine, prefect_server
+from flows import engine
+from flows.engine import server
 from gravcal.io.archive import LevelOneFile
 from pathlib import Path
 states, seen, plan = {}, [], []
-drain = prefect_server.drain
+drain = server.drain
 def watch(url, run, expected):
     drain(url, run, expected)
-    found = prefect_server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [str(run)]}}})
+    found = server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [str(run)]}}})
     states.update({one["name"].rpartition("-")[0]: one["state"]["name"] for one in found})
-    seen.append(prefect_server.ask(url, f"/flow_runs/{run}")["tags"])
-    assert seen[-1] == [f"{prefect_server.OWN}{platform.node()}-{os.getpid()}"]
+    seen.append(server.ask(url, f"/flow_runs/{run}")["tags"])
+    assert seen[-1] == [f"{server.OWN}{platform.node()}-{os.getpid()}"]
     assert not any(one["tags"] for one in found)
     wanted = {"artifacts": {"flow_run_id": {"any_": [str(run)]}}}
-    table = prefect_server.ask(url, "/artifacts/filter", wanted)[0]["data"]
+    table = server.ask(url, "/artifacts/filter", wanted)[0]["data"]
     plan.extend(row["action"] for row in json.loads(table))
-prefect_server.drain = watch
+server.drain = watch
 chosen = {"event": "fake-1", "count": 4, "offset": 0.0, "gain_one": float(sys.argv[4]), "gain_other": 3.0}
 flow = importlib.import_module(sys.argv[2] + ".flow")
 file = LevelOneFile(Path(sys.argv[3]), None, "MAG1B", "C", "2020-02-01", "04")
@@ -74,7 +75,7 @@ def test_stages_are_tasks_and_products_there_end_as_cached(pipeline, prefect_hom
 def test_the_server_dies_with_its_parent(prefect_home, monkeypatch):
     """Contract: kill -9 of gravcal leaves no server behind."""
     code = (
-        "from flows import prefect_server as p; import time;"
+        "from flows.engine import server as p; import time;"
         "s = p.begin(); print(s.child.pid, flush=True); p._wait_for(s); print('up', flush=True); time.sleep(60)"
     )
     environment = os.environ | {"PREFECT_HOME": str(prefect_home)}
@@ -94,9 +95,9 @@ def test_without_a_server_the_flow_runs_inline(pipeline, monkeypatch, capsys):
     """Contract: one line says so, the result is the same."""
 
     def refuse():
-        raise prefect_server.Unavailable("port taken")
+        raise server.Unavailable("port taken")
 
-    monkeypatch.setattr(prefect_server, "begin", refuse)
+    monkeypatch.setattr(server, "begin", refuse)
     ref = engine.run(pipeline.module("flow").calibrate, pipeline.file(), pipeline.chosen)
     assert ref.path.exists()
     assert capsys.readouterr().err.count("\n") == 1
@@ -110,32 +111,15 @@ def test_one_thread_for_libraries(monkeypatch):
     assert {os.environ[name] for name in engine.ONE_THREAD} == {"1"}
 
 
-def test_threads_of_one_process_share_the_limit():
-    """Contract: a context that ends gives BLAS its threads back only when no other thread still computes."""
-
-    def counts():
-        return {one["num_threads"] for one in threadpoolctl.threadpool_info() if one["user_api"] == "blas"}
-
-    with threadpoolctl.threadpool_limits(2):
-        before = counts()
-        first, second = engine.one_thread(), engine.one_thread()
-        first.__enter__()
-        second.__enter__()
-        first.__exit__(None, None, None)
-        assert counts() == {1}
-        second.__exit__(None, None, None)
-        assert counts() == before
-
-
 def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
     """Contract: only those of this machine whose process is gone."""
     import platform
 
-    here = f"{prefect_server.OWN}{platform.node()}-"
+    here = f"{server.OWN}{platform.node()}-"
     tags = {
         "gone": f"{here}99999999",
         "alive": f"{here}{os.getpid()}",
-        "foreign": f"{prefect_server.OWN}other-99999999",
+        "foreign": f"{server.OWN}other-99999999",
     }
     asked = []
 
@@ -144,8 +128,8 @@ def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
         runs = [{"id": name, "tags": [tag]} for name, tag in tags.items()]
         return {"/flow_runs/filter": runs, "/task_runs/filter": [{"id": "task"}]}.get(path)
 
-    monkeypatch.setattr(prefect_server, "ask", answer)
-    prefect_server.bury("http://nowhere")
+    monkeypatch.setattr(server, "ask", answer)
+    server.bury("http://nowhere")
     marked = ["/task_runs/filter", "/task_runs/task/set_state", "/flow_runs/gone/set_state"]
     assert asked == ["/flow_runs/filter", *marked]
 
@@ -154,7 +138,7 @@ def test_a_first_serve_is_silent(tmp_path):
     """Contract: no warning of Prefect's where the store is still to be made."""
     settings = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")}
     settings |= {"GRAVCAL_PRODUCTS": str(tmp_path / "deep" / "store")}
-    line = "from flows import prefect_server, serve; prefect_server.set_environment(); serve._schedule('0 3 * * *')"
+    line = "from flows import serve; serve.server.set_environment(); serve._schedule('0 3 * * *')"
     done = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True, check=False, env=settings)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
@@ -183,16 +167,14 @@ def test_the_database_does_not_grow_with_the_runs(tmp_path, monkeypatch):
     monkeypatch.setenv("PREFECT_SERVER_SERVICES_DB_VACUUM_LOOP_SECONDS", "1")
     month = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=30, minutes=1)
     pages = []
-    with prefect_server.running(prefect_server.begin()) as url:
-        flow = prefect_server.ask(url, "/flows/", {"name": "many"})["id"]
+    with server.running(server.begin()) as url:
+        flow = server.ask(url, "/flows/", {"name": "many"})["id"]
         done = {"state": {"type": "COMPLETED"}}
-        run = prefect_server.ask(url, "/flow_runs/", {"flow_id": flow} | done)["id"]
-        prefect_server.ask(url, "/task_runs/", {"flow_run_id": run, "task_key": "one", "dynamic_key": "1"} | done)
-        prefect_server.ask(
-            url, "/artifacts/", {"key": "table", "type": "table", "data": "x" * 2000, "flow_run_id": run}
-        )
+        run = server.ask(url, "/flow_runs/", {"flow_id": flow} | done)["id"]
+        server.ask(url, "/task_runs/", {"flow_run_id": run, "task_key": "one", "dynamic_key": "1"} | done)
+        server.ask(url, "/artifacts/", {"key": "table", "type": "table", "data": "x" * 2000, "flow_run_id": run})
         line = {"name": "one", "level": 20, "message": "y" * 500, "timestamp": month.isoformat(), "flow_run_id": run}
-        prefect_server.ask(url, "/logs/", [line])
+        server.ask(url, "/logs/", [line])
         with contextlib.closing(sqlite3.connect(tmp_path / "prefect" / "prefect.db", timeout=60)) as base:
             for _ in range(3):
                 multiplied(base, 1000, month.strftime("%Y-%m-%d %H:%M:%S.%f"))
@@ -201,7 +183,7 @@ def test_the_database_does_not_grow_with_the_runs(tmp_path, monkeypatch):
                     assert time.monotonic() < limit, left
                     time.sleep(0.2)
                 pages.append(base.execute("pragma page_count").fetchone()[0])
-        assert prefect_server.ask(url, f"/flow_runs/{run}")["state_type"] == "COMPLETED"
+        assert server.ask(url, f"/flow_runs/{run}")["state_type"] == "COMPLETED"
     assert max(pages) < 1.05 * pages[0], pages
 
 
@@ -215,11 +197,11 @@ def test_the_log_of_the_server_is_begun_anew(tmp_path):
     log = tmp_path / "server.log"
     with log.open("ab") as held:
         for _ in range(3):
-            held.write(b"x" * (prefect_server.LOG_LIMIT + 1))
+            held.write(b"x" * (server.LOG_LIMIT + 1))
             held.flush()
-            prefect_server.shorten(log)
+            server.shorten(log)
             held.write(b"last\n")
             held.flush()
             assert log.read_bytes() == b"last\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["server.log", "server.log.1"]
-    assert (tmp_path / "server.log.1").stat().st_size <= prefect_server.LOG_LIMIT + 6
+    assert (tmp_path / "server.log.1").stat().st_size <= server.LOG_LIMIT + 6

@@ -16,7 +16,9 @@ import pytest
 import requests
 import yaml
 
-from flows import campaign_prefect, prefect_server, serve, watch
+from flows import campaign as campaigns
+from flows import serve
+from flows.engine import server
 from gravcal.errors import CatalogError
 from gravcal.store import memory
 
@@ -65,7 +67,7 @@ def environment(fakecal, pipeline, prefect_home):
 def _prefect(monkeypatch, prefect_home):
     """Let this process import Prefect with a home that exists; its settings end with the test."""
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home))
-    for name, value in prefect_server.SETTINGS.items():
+    for name, value in server.SETTINGS.items():
         monkeypatch.setenv(name, value)
 
 
@@ -82,7 +84,7 @@ def begin(environment, events):
     )
     address = process.stdout.readline().split()[1:]
     assert address, process.stderr.read()
-    os.environ[prefect_server.AUTH] = (Path(environment["PREFECT_HOME"]) / "auth").read_text()
+    os.environ[server.AUTH] = (Path(environment["PREFECT_HOME"]) / "auth").read_text()
     return process, f"{address[0]}/api"
 
 
@@ -97,7 +99,7 @@ def end(process, url):
     assert process.returncode == 0
     assert errors == ""
     with pytest.raises(OSError, match="refused"):
-        prefect_server.ask(url, "/health")
+        server.ask(url, "/health")
 
 
 @pytest.fixture
@@ -111,7 +113,7 @@ def served(environment, events):
 def runs(url, events, kinds):
     """Runs on a folder in such states, newest first; the server knows those of other tests too."""
     question = {"flow_runs": {"state": {"type": {"any_": kinds}}}, "sort": "START_TIME_DESC"}
-    found = prefect_server.ask(url, "/flow_runs/filter", question)
+    found = server.ask(url, "/flow_runs/filter", question)
     return [run for run in found if run["parameters"].get("data") == str(events)]
 
 
@@ -119,7 +121,7 @@ def finished(url, events, count):
     """Wait for so many runs that ended by themselves; newest first."""
     limit = time.monotonic() + LIMIT_S
     while time.monotonic() < limit:
-        found = runs(url, events, prefect_server.ENDED)
+        found = runs(url, events, server.ENDED)
         if len(found) >= count:
             return found
         time.sleep(0.3)
@@ -130,7 +132,7 @@ def states(url, run, expected):
     """Name of the state of each task of a run, once the server knows all that is expected; it records them later."""
     limit, found = time.monotonic() + SETTLE_S, None
     while found != expected and time.monotonic() < limit:
-        tasks = prefect_server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [run["id"]]}}})
+        tasks = server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [run["id"]]}}})
         found = {one["name"].rpartition("-")[0]: one["state"]["name"] for one in tasks}
         time.sleep(0.1)
     return found
@@ -138,7 +140,7 @@ def states(url, run, expected):
 
 def artifacts(url, run):
     """Content of the artifacts of a run by key."""
-    found = prefect_server.ask(url, "/artifacts/filter", {"artifacts": {"flow_run_id": {"any_": [run["id"]]}}})
+    found = server.ask(url, "/artifacts/filter", {"artifacts": {"flow_run_id": {"any_": [run["id"]]}}})
     return {one["key"]: one["data"] for one in found}
 
 
@@ -158,20 +160,20 @@ def test_new_data_and_the_clock_start_campaigns(served, events, pipeline, store_
     assert (second["state"]["type"], second["state"]["message"]) == ("FAILED", "delivered: 1, failed: 1")
     both = DELIVERED | {"fake-2": "Failed"}
     assert states(served, second, both) == both
-    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/fakecal")
+    deployment = server.ask(served, "/deployments/name/reprocess-all/fakecal")
     assert [one["schedule"]["cron"] for one in deployment["schedules"] if one["active"]] == ["30 4 * * *"]
     by_the_clock = {
         "flow_runs": {"deployment_id": {"any_": [deployment["id"]]}, "state": {"type": {"any_": ["SCHEDULED"]}}}
     }
     limit = time.monotonic() + SETTLE_S
-    while not (planned := prefect_server.ask(served, "/flow_runs/filter", by_the_clock)):
+    while not (planned := server.ask(served, "/flow_runs/filter", by_the_clock)):
         assert time.monotonic() < limit
         time.sleep(0.3)
     assert {one["expected_start_time"][11:19] for one in planned if one["auto_scheduled"]} == {"04:30:00"}
     stale = store_folder / "objects" / "ab" / ("ab" + "0" * 62)
     stale.mkdir(parents=True)
     os.utime(stale, (time.time() - 31 * 86400,) * 2)
-    prefect_server.ask(served, f"/deployments/{deployment['id']}/create_flow_run", {})
+    server.ask(served, f"/deployments/{deployment['id']}/create_flow_run", {})
     third = finished(served, events, 3)[0]
     assert third["deployment_id"] == deployment["id"]
     assert not stale.exists()
@@ -199,10 +201,10 @@ def test_strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect
     The string is in files for the user alone, one of which opens Prefect's page; on no command line, in no log.
     """
     finished(served, events, 1)
-    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/fakecal")
+    deployment = server.ask(served, "/deployments/name/reprocess-all/fakecal")
     path, made = f"/deployments/{deployment['id']}", tmp_path / "made"
     begun = {"flow_runs": {"deployment_id": {"any_": [deployment["id"]]}, "start_time": {"is_null_": False}}}
-    before = prefect_server.ask(served, "/flow_runs/count", begun)
+    before = server.ask(served, "/flow_runs/count", begun)
     wrong = f"Basic {base64.b64encode(b'gravcal:wrong').decode()}"
     for known in ({}, {"Authorization": wrong}, {"Authorization": "Bearer x"}):
         assert answer(served, path, **known).status_code == 401
@@ -218,8 +220,8 @@ def test_strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect
         assert answer(url, Host=f"localhost:{port}").status_code == 200
     heard = [one.laddr.ip for one in psutil.net_connections("tcp") if one.status == "LISTEN" and one.laddr.port == port]
     assert heard == ["127.0.0.1"]
-    assert prefect_server.ask(served, "/flow_runs/count", begun) == before
-    assert prefect_server.ask(served, path)["pull_steps"] == deployment["pull_steps"]
+    assert server.ask(served, "/flow_runs/count", begun) == before
+    assert server.ask(served, path)["pull_steps"] == deployment["pull_steps"]
     assert not made.exists()
     string, page = (prefect_home / "auth").read_text(), prefect_home / "open-fakecal.html"
     assert len(string) > 40
@@ -240,7 +242,7 @@ def test_strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect
 def test_a_deployment_that_was_changed_is_refused(served, events, tmp_path):
     """Contract: also from who knows the string, only what gravcal registered is run; no command before it."""
     finished(served, events, 1)
-    deployment = prefect_server.ask(served, "/deployments/name/reprocess-all/fakecal")
+    deployment = server.ask(served, "/deployments/name/reprocess-all/fakecal")
     path, made = f"/deployments/{deployment['id']}", tmp_path / "made"
     (tmp_path / "evil.py").write_text(f"import pathlib\npathlib.Path({str(made)!r}).touch()\n")
     asked = [({"parameters": deployment["parameters"] | {"satellite": "D"}}, {}, "parameters of the run")]
@@ -249,18 +251,16 @@ def test_a_deployment_that_was_changed_is_refused(served, events, tmp_path):
     for given, change, said in asked:
         old = {name: deployment[name] for name in change}
         if change:
-            prefect_server.ask(served, path, change, "PATCH")
-        run = prefect_server.ask(served, f"{path}/create_flow_run", given)
+            server.ask(served, path, change, "PATCH")
+        run = server.ask(served, f"{path}/create_flow_run", given)
         limit = time.monotonic() + LIMIT_S
-        while (state := prefect_server.ask(served, f"/flow_runs/{run['id']}")["state"])[
-            "type"
-        ] not in prefect_server.ENDED:
+        while (state := server.ask(served, f"/flow_runs/{run['id']}")["state"])["type"] not in server.ENDED:
             assert time.monotonic() < limit
             time.sleep(0.3)
         assert (state["type"], state["name"]) == ("FAILED", "Refused"), state
         assert f"found {said} changed" in state["message"]
         if change:
-            prefect_server.ask(served, path, old, "PATCH")
+            server.ask(served, path, old, "PATCH")
     assert not made.exists()
 
 
@@ -270,7 +270,7 @@ def test_a_second_process_does_not_serve_the_same_calibration(served, environmen
     second = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert second.returncode == 1
     assert "another gravcal serve" in " ".join(second.stderr.split())  # lines are as wide as a terminal
-    assert prefect_server.ask(served, "/health") is True
+    assert server.ask(served, "/health") is True
 
 
 def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environment, events, pipeline, store_folder):
@@ -292,7 +292,7 @@ def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environmen
     process.communicate()
     assert running == {"fake-1": "Running"}
     process, url = begin(environment, events)
-    again = prefect_server.ask(url, f"/flow_runs/{run['id']}")
+    again = server.ask(url, f"/flow_runs/{run['id']}")
     assert again["state"]["name"] == "Crashed"
     crashed = {"fake-1": "Crashed"}
     assert states(url, run, crashed) == crashed
@@ -332,7 +332,7 @@ def test_a_folder_is_new_when_it_changed_and_came_to_rest(tmp_path):
         if len(calls) == 1:
             raise OSError("no answer")
 
-    watch.loop(tmp_path, 0.0, Ticks(), changed)
+    serve.watch(tmp_path, 0.0, Ticks(), changed)
     assert calls == [5, 6]
     assert not ended.is_set()
 
@@ -393,7 +393,7 @@ def test_a_port_that_is_taken_is_replaced():
 
 def port_of(wanted):
     """Port that a listener gets."""
-    with prefect_server.listener(wanted) as door:
+    with server.listener(wanted) as door:
         return door.getsockname()[1]
 
 
@@ -407,17 +407,17 @@ def test_a_server_that_ends_before_it_answers_is_started_again(monkeypatch):
         command = [healthy, *command[1:]] if len(started) > 1 else [healthy, "-c", "raise SystemExit(7)"]
         return popen(command, **given)
 
-    popen = prefect_server.subprocess.Popen
-    monkeypatch.setattr(prefect_server.subprocess, "Popen", child)
-    with prefect_server.running(prefect_server.begin()) as url:
-        assert prefect_server.ask(url, "/health") is True
+    popen = server.subprocess.Popen
+    monkeypatch.setattr(server.subprocess, "Popen", child)
+    with server.running(server.begin()) as url:
+        assert server.ask(url, "/health") is True
     assert len(started) == 2
     monkeypatch.setattr(
-        prefect_server.subprocess, "Popen", lambda _, **given: popen([healthy, "-c", "raise SystemExit(7)"], **given)
+        server.subprocess, "Popen", lambda _, **given: popen([healthy, "-c", "raise SystemExit(7)"], **given)
     )
     with (
-        pytest.raises(prefect_server.Unavailable, match="ended with code 7"),
-        prefect_server.running(prefect_server.begin()),
+        pytest.raises(server.Unavailable, match="ended with code 7"),
+        server.running(server.begin()),
     ):
         pass
 
@@ -425,7 +425,7 @@ def test_a_server_that_ends_before_it_answers_is_started_again(monkeypatch):
 def test_the_table_of_a_page_begins_with_what_failed():
     """Contract: a thousand rows at most; it says how many are left out."""
     rows = [{"event": number, "status": "delivered" if number else "failed"} for number in range(1003)][::-1]
-    shown, left_out = campaign_prefect.table(rows)
+    shown, left_out = campaigns.table(rows)
     assert (shown[0]["event"], len(shown), left_out) == (0, 1000, "; 3 of 1003 events are not shown")
 
 
@@ -453,15 +453,15 @@ def test_the_deployments_run_on_a_server_and_a_work_pool(environment, events, tm
     assert text.count("calibration: com_offset") == 1
     (tmp_path / "prefect.yaml").write_text(text.replace("com_offset", "fakecal"))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
-    with prefect_server.running(prefect_server.begin()) as url:
-        known = environment | prefect_server.SETTINGS | {"GRAVCAL_WATCH": str(events), "PREFECT_API_URL": url}
-        known |= {prefect_server.AUTH: os.environ[prefect_server.AUTH]}
+    with server.running(server.begin()) as url:
+        known = environment | server.SETTINGS | {"GRAVCAL_WATCH": str(events), "PREFECT_API_URL": url}
+        known |= {server.AUTH: os.environ[server.AUTH]}
         prefect(tmp_path, known, "work-pool", "create", "gravcal", "--type", "process", "--overwrite")
         prefect(tmp_path, known, "--no-prompt", "deploy", "--all")
-        deployed = prefect_server.ask(url, "/deployments/name/new-data/fakecal")
+        deployed = server.ask(url, "/deployments/name/new-data/fakecal")
         assert [one["schedule"]["interval"] for one in deployed["schedules"]] == [300.0]
-        assert prefect_server.ask(url, "/deployments/name/reprocess-all/fakecal")["work_pool_name"] == "gravcal"
-        prefect_server.ask(url, f"/deployments/{deployed['id']}/create_flow_run", {})
+        assert server.ask(url, "/deployments/name/reprocess-all/fakecal")["work_pool_name"] == "gravcal"
+        server.ask(url, f"/deployments/{deployed['id']}/create_flow_run", {})
         prefect(tmp_path, known, "worker", "start", "--pool", "gravcal", "--run-once")
         (run,) = finished(url, events, 1)
         assert run["state"]["name"] == "Delivered", run["state"]

@@ -14,7 +14,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 from typer.testing import CliRunner
 
-from flows import cli, cli_fetch
+from flows import cli
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, ProductError
 from gravcal.io import fetch
@@ -378,7 +378,7 @@ def test_the_command_fetches_and_says_what(server, tmp_path):
 
     server.put(fetch.Archive("gracefo", "1A", DAY, "04"), IMAGE)
     app = typer.Typer()
-    app.command()(cli_fetch.fetch)
+    app.command()(cli.fetch)
     day = ["--satellite", "C", "--date", "2020-02-01", "--out", str(tmp_path), "--from", server.url]
     done = CliRunner().invoke(app, day)
     assert done.exit_code == 0, done.output

@@ -14,7 +14,6 @@ import functools
 import math
 import os
 import sys
-import threading
 from dataclasses import dataclass
 
 from gravcal.errors import GravcalError
@@ -77,42 +76,14 @@ def single_threaded():
 
 @contextlib.contextmanager
 def one_thread():
-    """Context in which also libraries that were loaded before use one thread; sums are then always the same.
-
-    The number of threads is one of the whole process: where contexts of several threads overlap, the last one to end
-    gives the old number back.
-    """
-    _limit.begin()
-    try:
+    """Context in which also libraries that were loaded before use one thread; sums are then always the same."""
+    if "numpy" not in sys.modules:
         yield
-    finally:
-        _limit.end()
+        return
+    import threadpoolctl
 
-
-class _Limit:
-    """The limit of a process, held while anyone asks for it."""
-
-    def __init__(self):
-        self._guard, self._holders, self._limits = threading.Lock(), 0, []
-
-    def begin(self):
-        """Hold; libraries that were loaded since the last call are limited too."""
-        with self._guard:
-            self._holders += 1
-            if "numpy" in sys.modules:
-                import threadpoolctl
-
-                self._limits.append(threadpoolctl.threadpool_limits(1))
-
-    def end(self):
-        """Let go."""
-        with self._guard:
-            self._holders -= 1
-            while not self._holders and self._limits:
-                self._limits.pop().restore_original_limits()
-
-
-_limit = _Limit()
+    with threadpoolctl.threadpool_limits(1):
+        yield
 
 
 def plan(body, *arguments):
@@ -145,13 +116,11 @@ class Left:
     ----------
     ref : ProductRef of the result, None where something is missing
     found : list of (call, ProductRef) of what is there
-    seconds : that what is missing took the last time, infinite where that is not known
     failure : record of the last run where it failed at a stage whose inputs, settings and code have not changed
     """
 
     ref: ProductRef | None
     found: list
-    seconds: float
     failure: dict | None = None
 
 
@@ -162,7 +131,7 @@ def left(body, *arguments, again=False):
     ----------
     body : flow
     *arguments : those of the flow
-    again : whether what failed is to be tried again
+    again : True if what failed is to be tried again
     """
     with location.configured(configuration_of(arguments)):
         failure = None if again else history.failure(_event(arguments), body.flow_name)
@@ -171,10 +140,10 @@ def left(body, *arguments, again=False):
         try:
             ref = body(*arguments)
         except FailsAgain:
-            return Left(None, seeker.found, 0.0, failure)
+            return Left(None, seeker.found, failure)
         except Unknown:
-            return Left(None, seeker.found, math.inf)
-    return Left(None if ref.digest is None else ref, seeker.found, seeker.seconds)
+            return Left(None, seeker.found)
+    return Left(None if ref.digest is None else ref, seeker.found)
 
 
 def run(body, *arguments, engine="prefect", listener=None, server=None):
@@ -186,7 +155,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     *arguments : those of the flow
     engine : "prefect" or "inline"
     listener : function of (call, state, ref), hears of each stage done; state is "cached" or "made"
-    server : prefect_server.Server already begun, or None
+    server : server.Server already begun, or None
 
     Returns
     -------
@@ -202,11 +171,16 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     planned = [step.stage for step in steps]
     noted = history.recorded(body.flow_name, _event(arguments), planned)
     with location.configured(configuration_of(arguments)), noted as note, one_thread():
-        heard = _both(note, listener)
-        if engine == "prefect":
-            from flows import prefect_engine
 
-            return prefect_engine.run(body, arguments, heard, server, steps)
+        def heard(*stage_done):
+            note(*stage_done)
+            if listener:
+                listener(*stage_done)
+
+        if engine == "prefect":
+            from flows.engine import through_prefect
+
+            return through_prefect.run(body, arguments, heard, server, steps)
         with stage.using(stage.inline, heard):
             return body(*arguments)
 
@@ -216,19 +190,8 @@ def _event(arguments):
     return getattr(arguments[0], "event", None) if arguments else None
 
 
-def _both(first, second):
-    """Listener that tells two; the second may be None."""
-
-    def listener(*heard):
-        first(*heard)
-        if second:
-            second(*heard)
-
-    return listener
-
-
 class Seeker:
-    """Engine that makes nothing: what is there, and how long the rest took the last time.
+    """Engine that makes nothing: what is there.
 
     Parameters
     ----------
@@ -236,30 +199,26 @@ class Seeker:
     """
 
     def __init__(self, failure=None):
-        self.found, self.seconds, self.failure = [], 0.0, failure
+        self.found, self.failure = [], failure
 
     def __call__(self, call):
-        """Reference of the product, without key and digest if it is not there.
+        """Reference of the product; what is not there ends the search.
 
-        A file of which there never was a product ends the search, unless the last run failed: who makes one reads it.
+        A file of which there never was a product is not read, unless the last run failed: who makes one reads it.
         """
-        new = any(inputs.is_file(item) for item in call.inputs) and store.last_seconds(call.unmade) == math.inf
+        name = call.unmade
+        new = any(inputs.is_file(item) for item in call.inputs) and store.last_seconds(name) == math.inf
         if new and not self.failure:
-            raise Unknown(f"{call.unmade.stage} was never made", event=call.event)
-        key = None if _unknown(call) else keys.key(stage.recipe(call)[0])
-        ref = key and stage.usable(key)
-        if key and not ref and self.failure and key == self.failure["failed_key"]:
-            raise FailsAgain(f"{call.unmade.stage} fails as before", event=call.event)
+            raise Unknown(f"{name.stage} was never made", event=call.event)
+        key = keys.key(stage.recipe(call)[0])
+        ref = stage.usable(key)
+        if not ref and self.failure and key == self.failure["failed_key"]:
+            raise FailsAgain(f"{name.stage} fails as before", event=call.event)
         if not ref:
-            self.seconds += store.last_seconds(call.unmade)
-            return call.unmade
+            raise Unknown(f"{name.stage} is to be made", event=call.event)
         store.point(ref)
         self.found.append((call, ref))
         return ref
-
-    def resolve(self, ref):
-        """The reference itself if its product is there; nobody knows what follows from its content otherwise."""
-        return _known(ref)
 
 
 class Planner:

@@ -6,8 +6,7 @@ The store decides what runs: Prefect's own cache stays off, and a product that i
 import functools
 import os
 
-from flows import prefect_server
-from flows.engine import warn
+from flows.engine import server, warn
 from gravcal.store.records import ProductRef
 from tasks import stage
 
@@ -55,7 +54,7 @@ class Submitter:
                 pending.future.result()
 
 
-def run(body, arguments, listener=None, server=None, steps=()):
+def run(body, arguments, listener=None, begun=None, steps=()):
     """Result of a flow whose stages are Prefect tasks; without a server, of the same flow inline.
 
     Parameters
@@ -63,28 +62,44 @@ def run(body, arguments, listener=None, server=None, steps=()):
     body : flow
     arguments : tuple, those of the flow
     listener : function of (call, state, ref), or None
-    server : prefect_server.Server already begun, or None
+    begun : server.Server already begun, or None
     steps : plan of the flow, shown beside the run
 
     Returns
     -------
     ref : ProductRef
     """
+    engine = Submitter(listener)
+
+    def stages():
+        _show_plan(steps)
+        with stage.using(engine):
+            ref = body(*arguments)
+            engine.raise_first()
+            return engine.resolve(ref)
+
     try:
-        begun = server or prefect_server.begin()
+        begun = begun or server.begin()
         import prefect  # noqa: F401 - takes seconds, while the server comes up
 
-        with prefect_server.running(begun) as url:
-            prefect_server.bury(url)
-            return _flow_on(url, body, arguments, Submitter(listener), steps)
-    except prefect_server.Unavailable as error:
+        with server.running(begun) as url:
+            return flow_on(url, stages, body.flow_name, lambda: len(engine.pending))
+    except server.Unavailable as error:
         warn(f"Prefect's server is not available ({error}); running without it.")
     with stage.using(stage.inline, listener):
         return body(*arguments)
 
 
-def _flow_on(url, body, arguments, engine, steps):
-    """Run the flow on a server that answers, and wait until it knows of every task."""
+def flow_on(url, body, name, count):
+    """What a function returns as a Prefect flow on a server that answers, once the server knows of all its tasks.
+
+    Parameters
+    ----------
+    url : str
+    body : function without arguments that submits tasks
+    name : str, of the flow
+    count : function without arguments: how many tasks were submitted
+    """
     import prefect
     from prefect.context import get_run_context
     from prefect.settings import PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
@@ -92,26 +107,21 @@ def _flow_on(url, body, arguments, engine, steps):
 
     known = {}
 
-    def stages():
+    def watched():
         known["run"] = get_run_context().flow_run.id
-        prefect_server.sign(url, known["run"])
-        _show_plan(steps)
-        with stage.using(engine):
-            ref = body(*arguments)
-            engine.raise_first()
-            return engine.resolve(ref)
+        server.sign(url, known["run"])
+        return body()
 
+    server.bury(url)
     # a heartbeat would make every flow last a second longer
-    with temporary_settings(prefect_server.client(url) | {PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
-        runner = ThreadPoolTaskRunner(max_workers=os.cpu_count())
-        wrapped = prefect.flow(
-            stages, name=body.flow_name, task_runner=runner, persist_result=False, validate_parameters=False
-        )
+    with temporary_settings(server.client(url) | {PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}):
+        runner = ThreadPoolTaskRunner(max_workers=2 * (os.cpu_count() or 1))
+        wrapped = prefect.flow(watched, name=name, task_runner=runner, persist_result=False, validate_parameters=False)
         try:
             return wrapped()
         finally:
             if known:
-                prefect_server.drain(url, known["run"], len(engine.pending))
+                server.drain(url, known["run"], count())
 
 
 def _show_plan(steps):
@@ -124,27 +134,21 @@ def _show_plan(steps):
 
 
 def _task(call, listener):
-    """Prefect task of one call; its parameters are the references of the inputs."""
+    """Prefect task of one call; its parameters are the references of the inputs. A product that was there is Cached."""
     import prefect
     from prefect.cache_policies import NO_CACHE
+    from prefect.states import Completed
 
     @functools.wraps(call.stage.body)
     def work(*inputs):
-        return _work(call, inputs, listener)
+        known = stage.Call(call.stage, inputs, call.settings, call.event, call.variant)
+        with stage.using(stage.inline):
+            ref, state = stage.perform(known)
+        if listener:
+            listener(known, state, ref)
+        if state == "cached":
+            return Completed(name="Cached", message=f"product {ref.key[:12]}", data=ref)
+        return ref
 
     del work.__wrapped__
     return prefect.task(work, name=call.unmade.stage, cache_policy=NO_CACHE, persist_result=False)
-
-
-def _work(call, inputs, listener):
-    """Do one call in a task; a product that was there ends it as Cached."""
-    from prefect.states import Completed
-
-    known = stage.Call(call.stage, inputs, call.settings, call.event, call.variant)
-    with stage.using(stage.inline):
-        ref, state = stage.perform(known)
-    if listener:
-        listener(known, state, ref)
-    if state == "cached":
-        return Completed(name="Cached", message=f"product {ref.key[:12]}", data=ref)
-    return ref

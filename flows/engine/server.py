@@ -8,6 +8,7 @@ It answers on loopback to its own names and origins, and only to who knows the a
 
 import base64
 import contextlib
+import ctypes
 import fcntl
 import json
 import os
@@ -24,7 +25,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from flows.children import die_with
 from gravcal.store import location
 
 HOST = "127.0.0.1"
@@ -163,7 +163,7 @@ def begin(port=None):
                 "PREFECT_SERVER_API_AUTH_STRING": os.environ[AUTH],
                 "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ",".join(f"http://{name}:{port}" for name in NAMES),
             }
-            command = [sys.executable, "-m", "flows.prefect_server", str(door.fileno()), str(os.getpid())]
+            command = [sys.executable, "-m", "flows.engine.server", str(door.fileno()), str(os.getpid())]
             channels = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log}
             child = subprocess.Popen(command, **channels, env=os.environ | known, pass_fds=[door.fileno()])
     except OSError as error:
@@ -336,6 +336,18 @@ def listener(wanted=None):
         with contextlib.suppress(OSError):
             return socket.create_server((HOST, port))
     raise OSError(f"no free port on {HOST}")
+
+
+def die_with(parent):
+    """Let the kernel end this process when its parent dies; if that is gone already, end here.
+
+    Parameters
+    ----------
+    parent : int, process that started this one
+    """
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG, linux/prctl.h
+    if os.getppid() != parent:
+        os._exit(1)
 
 
 def serve(door, parent):

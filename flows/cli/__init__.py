@@ -1,0 +1,375 @@
+"""The command line: `gravcal`.
+
+Commands only read their arguments, call a flow or the store, and say what came out. What belongs to one calibration
+is asked of its record (`flows.calibration`).
+"""
+
+import contextlib
+import datetime
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flows import command, output
+from flows.calibration import load_all
+from flows.cli import stored
+from flows.cli.options import (
+    KINDS,
+    LETTERS,
+    As,
+    Calibration,
+    Data,
+    Date,
+    Effects,
+    Engine,
+    EventName,
+    Json,
+    Model,
+    RemakeVersions,
+    Satellite,
+    Seed,
+    Settings,
+    complete_calibrations,
+    complete_events,
+    json_option,
+)
+from flows.engine import single_threaded
+from gravcal.errors import GravcalError
+
+HELP = """
+In-orbit calibration of gravity missions: Level-1 files in, calibration values with honest errors out.
+
+\b
+gravcal demo                                          simulate a calibration day, process it, compare with the truth
+gravcal fetch grace-c-2020-02-01 --out DIR            Level-1 archives of an event, from the official archives
+gravcal run com_offset --data DIR --satellite C       calibrate: any folder of Level-1 files, or an event's name
+gravcal run com_offset EVENT --set lowpass_hz=0.3     only what depends on the setting is made again
+gravcal plan com_offset EVENT --set lowpass_hz=0.3    what would be made again, and why
+gravcal run com_offset EVENT --as NAME                a what-if beside the delivery; settings, compare, promote
+gravcal campaign com_offset --data DIR                every event of a folder, in parallel
+gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
+gravcal report EVENT                                  where the report is
+gravcal browse                                        events, plots, comparisons and reports in a web browser
+gravcal products                                      what lies in the store (GRAVCAL_PRODUCTS)
+"""
+DEFAULT = "com_offset"  # calibration of demo and serve
+LAST = "event whose last report is wanted"
+VIEWS = "attitude, ranging, magnetometer, published_table"
+PAGE = "page to write; of a view of measured data discovery_VIEW.html here if not given, of a calibration a copy"
+WHAT = f"{KINDS}, or a view of measured data: {VIEWS}"
+MANY = "folder with Level-1 files of many days, or with one folder per event"
+SERVED = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
+HOST = "address to listen on; the token in the address printed is asked for everywhere"
+PRUNE = "after a run by the clock remove what nothing refers to and is older"
+QUOTA = "and of the rest the oldest, until the store has less"
+
+app = typer.Typer(help=HELP, rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
+
+
+@contextlib.contextmanager
+def _failures(calibration, source, json_path, configuration):
+    """Write a document with status "failed" before an error goes on."""
+    try:
+        yield
+    except GravcalError as problem:
+        output.write_json(command.failed(calibration, source, problem, configuration), json_path)
+        raise
+
+
+def _prepared(calibration, event, data, satellite, date, settings, model, as_, json):
+    """Source and parameters of one event; where there is none, the document says so."""
+    chosen = command.chosen(calibration, settings, model, as_)
+    with _failures(calibration, event or str(data), json, chosen.configuration):
+        source = command.source(calibration, event, data, satellite, date)
+        return source, command.recorded(chosen)
+
+
+@app.command()
+def run(
+    calibration: Calibration,
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    model: Model = None,
+    as_: As = None,
+    json: Json = None,
+    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
+    engine: Engine = "prefect",
+) -> None:
+    """Calibrate one event; what is in the store already is reused. With --set or --model: an experiment beside it."""
+    source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
+    with _failures(calibration, source, json, chosen.configuration):
+        document, ref = command.calibrate(calibration, source, chosen, engine)
+    output.write_json(document, json)
+    output.result(document, ref, json)
+    raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+@app.command()
+def plan(
+    calibration: Calibration,
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    model: Model = None,
+    as_: As = None,
+    json: Json = None,
+    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
+) -> None:
+    """Say what a run would reuse, what it would make, and why; without EVENT or folder for all events of the store."""
+    chosen = command.chosen(calibration, settings, model, as_)
+    sources = command.sources(calibration, event, data, satellite, date)
+    output.plan([step for source in sources for step in command.plan(calibration, source, chosen)], json)
+
+
+@app.command()
+def detect(
+    calibration: Calibration,
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    json: Json = None,
+    save: Annotated[
+        bool, typer.Option("--save", help="store the event in your own catalogue, GRAVCAL_CATALOG")
+    ] = False,
+) -> None:
+    """Find the manoeuvres in the data of an event or folder."""
+    chosen = command.recorded(command.chosen(calibration, settings))
+    source = command.source(calibration, event, data, satellite, date)
+    document = command.detect(calibration, source, chosen)
+    output.write_json(document, json)
+    output.manoeuvres(document, json)
+    if save:
+        output.say(f"stored as event {command.save_event(calibration, source, document)}")
+    raise typer.Exit(0 if document["manoeuvres"] else 3)
+
+
+@app.command()
+def discover(
+    calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help=WHAT, autocompletion=complete_calibrations)],
+    event: EventName = None,
+    data: Data = None,
+    satellite: Satellite = None,
+    date: Date = None,
+    settings: Settings = None,
+    model: Model = None,
+    as_: As = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE)] = None,
+    json: Json = None,
+    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
+    engine: Engine = "prefect",
+) -> None:
+    """Show what the simulation of an event gets wrong, name the cause, extend the model and measure the gain."""
+    from flows import discover
+
+    if calibration not in discover.names() and calibration in discover.measured_views():
+        if model is not None or as_ is not None:
+            raise typer.BadParameter(
+                f"--model and --as belong to a calibration ({', '.join(discover.names())}), not to a view"
+            )
+        document, page = discover.measured(calibration, data, satellite, date, command.pairs(settings))
+        files = [_written(page, out or Path(f"discovery_{calibration}.html"))]
+    else:
+        source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
+        with _failures(calibration, source, json, chosen.configuration):
+            document, files = command.discover(calibration, source, chosen, engine)
+        pages = [path.read_text() for path in files if path.name == "discovery.html"]
+        files += [_written(page, out) for page in pages if out]
+    output.write_json(document, json)
+    output.discovery(document, files, json)
+    raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+def _written(page, path):
+    """Path of a page that is written there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page)
+    return path
+
+
+@app.command()
+def simulate(
+    calibration: Calibration,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder for the Level-1 files")],
+    seed: Seed = 1,
+    truth: Annotated[Path | None, typer.Option("--truth", metavar="FILE", help="where to write the truth")] = None,
+    effect: Effects = None,
+    settings: Settings = None,
+    json: Json = None,
+) -> None:
+    """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
+    command.simulate(calibration, out, (seed, truth), effect, settings)
+    files = sorted(str(path) for path in out.iterdir() if path.is_file())
+    output.write_json({"calibration": calibration, "folder": str(out), "seed": seed, "files": files}, json)
+    if output.to_screen(json):
+        output.say(f"Level-1 files of an invented event in {out}" + (f", truth in {truth}" if truth else ""))
+
+
+@app.command()
+def demo(
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="keep the Level-1 files here")] = None,
+    seed: Seed = 1,
+    engine: Engine = "prefect",
+    json: Json = None,
+) -> None:
+    """Simulate a calibration day, process it as if it were measured, and print estimate beside truth."""
+    document, ref, truth = command.demo(DEFAULT, out, seed, engine)
+    output.write_json(document, json)
+    output.comparison(document, truth, ref, json)
+    raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+@app.command()
+def report(
+    event: Annotated[str, typer.Argument(metavar="EVENT", help=LAST, autocompletion=complete_events)],
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="copy the report's files here")] = None,
+    as_: Annotated[str | None, typer.Option("--as", metavar="NAME", help="of this experiment")] = None,
+    json: Json = None,
+) -> None:
+    """Say where the last report of an event is, or copy it."""
+    files = [str(path) for path in command.report_files(event, out, as_)]
+    output.write_json({"event": event, "files": files}, json)
+    for path in files if output.to_screen(json) else ():
+        output.say(path)
+
+
+@app.command()
+def browse(
+    port: Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="0: any that is free")] = 8765,
+    host: Annotated[str, typer.Option("--host", metavar="ADDRESS", help=HOST)] = "127.0.0.1",
+) -> None:
+    """Show products, plots, comparisons and reports in a web browser; reads only, until it is ended with Ctrl-C."""
+    try:
+        from gravcal.browse import app
+    except ModuleNotFoundError as error:
+        raise typer.BadParameter(
+            f"browse needs {error.name}, which is not installed; pip install 'gravcal[browse]'"
+        ) from error
+    app.serve(load_all(), app.bound(host, port), host, output.say_at_once)
+
+
+@app.command()
+def campaign(
+    calibration: Calibration,
+    satellite: Annotated[str | None, typer.Option("--satellite", metavar=LETTERS)] = None,
+    data: Annotated[Path | None, typer.Option("--data", metavar="DIR", help=MANY)] = None,
+    settings: Settings = None,
+    model: Model = None,
+    as_: As = None,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="tls://HOST:PORT")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", help="processes here; 0: none but this")] = None,
+    only_failed: Annotated[bool, typer.Option("--only-failed", help="try again what failed the last time")] = False,
+    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
+    engine: Engine = "prefect",
+    json: Annotated[Path | None, json_option("summary")] = None,
+) -> None:
+    """Calibrate all events of a satellite, in parallel; a failed event is tabulated and stops no other."""
+    from flows import campaign
+
+    chosen = command.chosen(calibration, settings, model, as_)
+    command.check_engine(engine)
+    sources = campaign.sources(calibration, satellite, data)
+    command.recorded(chosen)
+    how = campaign.Campaign(calibration, chosen, engine, scheduler, workers, again=only_failed)
+    if only_failed:
+        sources = campaign.failed_last(how, sources)
+        if not sources and output.to_screen(json):
+            output.say("nothing failed the last time")
+    with output.events_progress(len(sources)) as listener:
+        summary = campaign.run(how, sources, listener)
+    output.write_json(summary, json)
+    output.campaign(summary, json)
+    raise typer.Exit(campaign.exit_code(summary))
+
+
+@app.command()
+def fetch(
+    event: Annotated[str | None, typer.Argument(metavar="[EVENT]", help="event of the catalogue")] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder for the archives")] = ...,
+    satellite: Annotated[str | None, typer.Option("--satellite", metavar="C|D|CD|A|B|AB")] = None,
+    date: Date = None,
+    place: Annotated[
+        str, typer.Option("--from", metavar="podaac|isdc|URL", help="isdc needs no login, podaac that of Earthdata")
+    ] = "isdc",
+    json: Annotated[Path | None, json_option("list")] = None,
+) -> None:
+    """Fetch the daily Level-1 archives of an event or day; what broke off is resumed, what is there is kept."""
+    from gravcal import catalog
+    from gravcal.io import fetch as fetching
+
+    if (event is None) == (satellite is None or date is None) or (event and (satellite or date)):
+        raise typer.BadParameter("give an EVENT of the catalogue, or --satellite and --date")
+    if not event and satellite not in ("A", "B", "AB", "C", "D", "CD"):
+        raise typer.BadParameter(f"--satellite {satellite}: expected A, B, AB, C, D or CD")
+    day = None if event else datetime.date.fromisoformat(date)
+    archives = fetching.of_event(catalog.event(event)) if event else fetching.of_day(satellite, day)
+    with output.bytes_progress() as listener:
+        output.note(f"asking {place.rpartition('@')[2]} for {len(archives)} archive(s), from {archives[0].name} on")
+        fetched = fetching.fetch(archives, out, place, listener, fetching.Patience(tell=output.note))
+    names = ("path", "state", "checked", "size")
+    rows = [{name: getattr(one, name) for name in names} | {"path": str(one.path)} for one in fetched]
+    output.write_json(rows, json)
+    if output.to_screen(json):
+        output.table(["archive", "state", "checked by", "bytes"], [[row[name] for name in names] for row in rows])
+
+
+@app.command()
+def serve(
+    calibration: Annotated[str, typer.Argument(metavar="[CALIBRATION]", help=KINDS)] = DEFAULT,
+    cron: Annotated[
+        str, typer.Option("--cron", metavar="'M H D M W'", help="when to reprocess all, UTC")
+    ] = "0 3 * * *",
+    watched: Annotated[Path | None, typer.Option("--watch", metavar="DIR", help="run when new data are here")] = None,
+    every_s: Annotated[float, typer.Option("--every", metavar="SECONDS", min=0.1, help="between two looks")] = 60.0,
+    data: Annotated[Path | None, typer.Option("--data", metavar="DIR", help=SERVED)] = None,
+    satellite: Annotated[str | None, typer.Option("--satellite", metavar=LETTERS)] = None,
+    settings: Settings = None,
+    workers: Annotated[int | None, typer.Option("--workers", help="processes here; 0: one, without Dask")] = None,
+    prune_days: Annotated[float, typer.Option("--prune-days", metavar="DAYS", min=0.0, help=PRUNE)] = 30.0,
+    quota_gb: Annotated[float | None, typer.Option("--quota-gb", metavar="GB", min=0.0, help=QUOTA)] = None,
+) -> None:
+    """Run campaigns by the clock and as data arrive, on a Prefect server of its own, until it is ended."""
+    from flows import serve
+
+    command.chosen(calibration, settings)
+    for option, folder in (("--watch", watched), ("--data", data)):
+        if folder is not None and not folder.is_dir():
+            raise typer.BadParameter(f"{option} {folder}: found no folder, expected one with Level-1 files")
+    arguments = {"calibration": calibration, "satellite": satellite, "settings": settings, "workers": workers}
+    pruning = {"prune_days": prune_days, "quota_gb": quota_gb}
+    serve.serve(serve.Served(cron, watched, every_s, data or watched, arguments, pruning), output.say_at_once)
+
+
+app.add_typer(stored.products, name="products")
+for _command in (
+    stored.effects,
+    stored.series,
+    stored.settings,
+    stored.promote,
+    stored.compare,
+    stored.events,
+    stored.history,
+    stored.rebuild,
+):
+    app.command()(_command)
+
+
+def main() -> None:
+    """Entry point: errors of gravcal on one screen, others into a file."""
+    single_threaded()
+    try:
+        app()
+    except GravcalError as error:
+        output.error(error)
+        sys.exit(command.EXIT[command.status_of(error)])
+    except Exception as error:  # noqa: BLE001
+        output.unexpected(error)
+        sys.exit(1)
