@@ -19,7 +19,6 @@ import numpy as np  # noqa: E402
 from gravcal import catalog  # noqa: E402
 from gravcal.calibrations.gradient_torque import estimate, gradient  # noqa: E402
 from gravcal.io import icgem  # noqa: E402
-from gravcal.io.fields.generate import EARTH  # noqa: E402
 from gravcal.physics import gravity_field  # noqa: E402
 from gravcal.physics.constants import EARTH_RADIUS, GM  # noqa: E402
 from gravcal.simulation import gradient_torque as simulation  # noqa: E402
@@ -34,7 +33,7 @@ def field_of(degree, seed=0):
     n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
     rule = np.where((m <= n) & (n >= 2), 1e-5 / np.maximum(n, 1) ** 2, 0.0)
     cosine, sine = rule * rng.standard_normal(rule.shape), rule * rng.standard_normal(rule.shape) * (m > 0)
-    cosine[0, 0], cosine[2, 0] = 1.0, 1e-6 * EARTH[2, 0][0]
+    cosine[0, 0], cosine[2, 0] = 1.0, icgem.read_field(icgem.shipped(), 2).cosine[2, 0]
     return gravity_field.Field(GM, EARTH_RADIUS, cosine, sine)
 
 

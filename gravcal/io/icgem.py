@@ -6,7 +6,6 @@ static part of a `gfct` line is used, trends and periodic terms (`trnd`, `dot`, 
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -21,29 +20,15 @@ STATIC, VARIABLE = ("gfc", "gfct"), ("trnd", "dot", "acos", "asin")
 
 def shipped() -> Path:
     """Path of the field that ships with the package: see its head for what it is."""
-    return Path(__file__).parent / "fields" / SHIPPED
+    return Path(__file__).with_name(SHIPPED)
 
 
 def located(name: str) -> Path:
-    """Path of a field by name: a file of one's own, or the name of the one that ships.
-
-    Parameters
-    ----------
-    name : path, or "gravcal-60"
-
-    Raises
-    ------
-    ProductError : no such file
-    """
+    """Path of a field by name: a file of one's own, or "gravcal-60", the one that ships."""
     path = shipped() if name in (SHIPPED, Path(SHIPPED).stem) else Path(name).expanduser()
     if not path.is_file():
         refuse(f"gravity field {name}", "no such file", "a .gfc file, or gravcal-60", "Give the path of the file.")
     return path
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file, for the record."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 def read_field(path: Path, highest: int | None = None) -> Field:
@@ -72,14 +57,24 @@ def read_field(path: Path, highest: int | None = None) -> Field:
         words = line.split()
         if not words or words[0] in VARIABLE:
             continue
-        n, m, values = _coefficient(words, head, f"{path.name}, line {number}")
+        where = f"{path.name}, line {number}"
+        if words[0] not in STATIC or len(words) < 5:
+            refuse(where, f"{' '.join(words)[:40]!r}", "gfc, degree, order, C, S", "Remove or repair the line.")
+        n, m = (int(_number(word, where)) for word in words[1:3])
+        if not 0 <= m <= n <= head["degree"]:
+            refuse(where, f"degree {n}, order {m}", f"0 <= order <= degree <= {head['degree']}", "Repair the line.")
+        values = [_number(word, where) for word in words[3:7]]
         if n <= degree:
             parts[: len(values), n, m] = values
             seen[n, m] = True
     if not seen[0, 0]:
         parts[0, 0, 0] = 1.0
     if head["norm"] == "unnormalized":
-        parts = parts / _norms(degree)
+        from scipy.special import gammaln
+
+        n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
+        ratio = gammaln(np.where(m <= n, n - m, 0) + 1) - gammaln(n + m + 1)
+        parts = parts / np.where(m <= n, np.sqrt((2.0 - (m == 0)) * (2 * n + 1)) * np.exp(ratio / 2), 1.0)
     return Field(head["gm"], head["radius"], *parts, name=head["name"] or path.stem)
 
 
@@ -131,29 +126,9 @@ def _head(lines, path):
     return refuse(f"{path.name}", "no line end_of_head", "a head as in ICGEM files", "Is this a .gfc file?")
 
 
-def _coefficient(words, head, where):
-    """Degree, order and up to four numbers of a line."""
-    if words[0] not in STATIC or len(words) < 5:
-        refuse(where, f"{' '.join(words)[:40]!r}", "gfc, degree, order, C, S", "Remove or repair the line.")
-    n, m = (int(_number(word, where)) for word in words[1:3])
-    if not 0 <= m <= n <= head["degree"]:
-        refuse(where, f"degree {n}, order {m}", f"0 <= order <= degree <= {head['degree']}", "Repair the line.")
-    return n, m, [_number(word, where) for word in words[3:7]]
-
-
 def _number(word, where):
     """Number of a word; Fortran's D is an exponent too."""
     try:
         return float(word.replace("D", "e").replace("d", "e"))
     except ValueError:
         return refuse(where, f"{word!r}", "a number", "Repair the line.")
-
-
-def _norms(degree):
-    """Factors from unnormalised functions to fully normalised ones, (n + 1, n + 1)."""
-    from scipy.special import gammaln
-
-    n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
-    inside = m <= n
-    ratio = gammaln(np.where(inside, n - m, 0) + 1) - gammaln(n + m + 1)
-    return np.where(inside, np.sqrt((2.0 - (m == 0)) * (2 * n + 1)) * np.exp(ratio / 2), 1.0)

@@ -55,13 +55,7 @@ def vector_line(time, satellite, vector_b, name="VCM", comment=""):
 
 
 def commented(line, origin):
-    """Line of the sequence-of-events file as a comment that `read_vector_line` refuses: its values were not measured.
-
-    Parameters
-    ----------
-    line : str, of `vector_line`
-    origin : str, "simulated" or "mixed"
-    """
+    """A line as a comment, which `read_vector_line` refuses: its values were not measured."""
     return f"# {origin.upper()} data, no line for the sequence-of-events file: {line}"
 
 
@@ -112,19 +106,17 @@ def write_vector_file(path, time, satellite, vector_b, source=""):
     vectors = _checked(np.atleast_2d(vector_b), path, shape=(len(times), 3))
     if np.any(times != np.rint(times)):
         refuse(path, "times with fractions", "whole GPS seconds", "Round the time from which the vector holds.")
-    body = "".join(_record(int(t), satellite, v) for t, v in zip(times, vectors, strict=True))
+    body = ""
+    for t, vector in zip(times, vectors, strict=True):
+        length = float(np.linalg.norm(vector))
+        cosines = " ".join(repr(float(item)) for item in (vector / length if length > 0 else vector))
+        body += f"{int(t)} {satellite} {length!r} {cosines} 00000000\n"
     path.write_text(_header(path.name, times, satellite, source, len(body)) + body, encoding="ascii")
     return path
 
 
 def read_vector_file(path):
-    """Vectors of a VCM1B, VKB1B or like file.
-
-    Returns
-    -------
-    time : (n,) GPS seconds from which each vector holds
-    vector_b : (n, 3) m in SRF
-    """
+    """Vectors of a VCM1B, VKB1B or like file: GPS seconds (n,) from which each holds, and (n, 3) m in SRF."""
     from gravcal.io.readers import read
 
     observed = read(Path(path))
@@ -139,13 +131,6 @@ def _checked(vector, where, shape=(3,)):
         found = ", ".join(f"{item:g}" for item in array)
         refuse(where, f"({found})", f"finite numbers of shape {shape}", "Write determined vectors only.")
     return array.tolist() if len(shape) == 1 else array.reshape(shape)
-
-
-def _record(time, satellite, vector):
-    """Record of a vector file: time, letter, length, direction cosines, flags."""
-    length = float(np.linalg.norm(vector))
-    cosines = " ".join(repr(float(item)) for item in (vector / length if length > 0 else vector))
-    return f"{time} {satellite} {length!r} {cosines} 00000000\n"
 
 
 def _header(name, times, satellite, source, size):

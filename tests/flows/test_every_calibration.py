@@ -243,7 +243,7 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
     assert all("ingest.MAG1B_C" in again[part]["com_offset"] for part in keyed if "/readers/products/" in part)
     assert again["gravcal/physics/IGRF13.shc"] == again["gravcal/physics/IGRF14.shc"]
     assert again["gravcal/physics/IGRF14.shc"] == {"com_offset": ["com_offset.field"]}
-    assert again["gravcal/io/fields/gravcal-60.gfc"] == {"gradient_torque": ["gradient_torque.field"]}
+    assert again["gravcal/io/gravcal-60.gfc"] == {"gradient_torque": ["gradient_torque.field"]}
     assert again["gravcal/report/page.html"] == {name: [f"{name}.report"] for name in SMALL}
     assert {name for found in again.values() for name in found} == set(SMALL)
     assert "com_offset.align" in again[f"{EARTH.name}/data/Leap_Second.dat"]["com_offset"]

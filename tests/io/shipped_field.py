@@ -1,6 +1,6 @@
 """How the shipped field was made: low degrees as of the Earth, rounded; the rest drawn by Kaula's rule.
 
-python -m gravcal.io.fields.generate FILE
+python tests/io/shipped_field.py FILE
 """
 
 import sys

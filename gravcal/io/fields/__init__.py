@@ -1,1 +1,0 @@
-"""Gravity fields that ship with the package."""
