@@ -153,18 +153,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
 
 
 def orbit_i(orbit: xr.Dataset, spans: np.ndarray):
-    """Usable inertial states of an orbit product within windows.
-
-    Parameters
-    ----------
-    orbit : Dataset, "ingest" of GNI1B or GNV1B
-    spans : (w, 2) s, first and last epoch of each window
-
-    Returns
-    -------
-    time : (n,) s, GPS
-    position_i, velocity_i : (n, 3) m, m s-1
-    """
+    """Epochs (n,) s, inertial positions (n, 3) m and velocities m s-1 of GNI1B or GNV1B in windows (w, 2) s."""
     orbit = _near(orbit, spans)
     time, values, flag, _ = sorted_samples(orbit, _own_tags(orbit), STATE)
     usable = _inside(time, spans, 0.0) & (flag == 0)
@@ -173,14 +162,7 @@ def orbit_i(orbit: xr.Dataset, spans: np.ndarray):
 
 
 def between(at: np.ndarray, time: np.ndarray, limit: float) -> np.ndarray:
-    """Whether each epoch lies between two samples at most `limit` apart (s), or on one.
-
-    Parameters
-    ----------
-    at : (m,) s
-    time : (n,) s, at least two, in order
-    limit : s
-    """
+    """True for each epoch (m,) on or between two ordered samples (n,) that are at most `limit` apart (s)."""
     index = np.clip(np.searchsorted(time, at), 1, time.size - 1)
     inside = (at >= time[0]) & (at <= time[-1])
     return inside & (time[index] - time[index - 1] <= limit)

@@ -439,16 +439,7 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
 
 
 def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel], longest: float = 3.0) -> float:
-    """Shift in steps of the grid at which measurement and model agree best, the start of the Gauss-Newton steps.
-
-    Parameters
-    ----------
-    y, model : (n, 3) rad s-2, resampled
-    operator : Resampler
-    drift : (n, k)
-    noise : noise model of each axis
-    longest : s, beyond which it is not looked for
-    """
+    """Shift in steps of the grid at which measurement and model agree best, the start of the Gauss-Newton steps."""
     valid = operator.valid
     weight = np.array([1 / n.variance[0] if n.variance[0] > 0 else 0.0 for n in noise])
     clean = np.zeros((2, *y.shape))

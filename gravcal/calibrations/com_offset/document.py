@@ -108,13 +108,7 @@ def variants(combined):
 
 
 def manoeuvres(combined, detected, smoothed, field, settings):
-    """One entry for each manoeuvre, in order of time.
-
-    Parameters
-    ----------
-    combined, detected, smoothed, field : Dataset, "com_offset.combine", "detect", "attitude", "field"
-    settings : mapping with torque_scale_sigma, the prior
-    """
+    """One entry for each manoeuvre, in order of time."""
     joint, wave, attitude = ({n: v.values for n, v in one.variables.items()} for one in (combined, detected, smoothed))
     orbit = field["time_orbit"].values
     names = combined.attrs["variants"].split()
@@ -185,17 +179,7 @@ def scales(smoothed, settings):
 
 
 def roll_response(survey, settings):
-    """Slope of the measured roll motion on (m x B)_x, beside what the catalogue expects; for want of a manoeuvre.
-
-    Parameters
-    ----------
-    survey : Dataset, "com_offset.survey", or None
-    settings : mapping; roll_response and roll_response_sigma of the satellite, if known
-
-    Returns
-    -------
-    response : {"value", "sigma", "unit", "samples", "expected"}, or None
-    """
+    """Slope of the measured roll motion on (m x B)_x, beside what the catalogue expects; for want of a manoeuvre."""
     slope = None if survey is None else estimate(survey["slope"].values, survey["slope_sigma"].values)
     if slope is None or slope["value"] is None:
         return None
@@ -216,14 +200,7 @@ def adopted(variants):
 
 
 def consistency(combined, name, level):
-    """Agreement of manoeuvres (those of the adopted variant; all beside it), measured variants, and the catalogue.
-
-    Parameters
-    ----------
-    combined : Dataset, "com_offset.combine"
-    name : adopted variant or None
-    level : probability below which estimates disagree
-    """
+    """Agreement of manoeuvres (those of the adopted variant; all beside it), measured variants, and the catalogue."""
 
     def judged(chi2, dof):
         test = chi_square_test(chi2, dof)
@@ -244,16 +221,6 @@ def result_checks(combined, consistency, settings):
     """Checks of the result: fit of every manoeuvre, agreement at the level of the verdict, plausible size.
 
     A variant that determines no component is not judged: nothing of it is delivered.
-
-    Parameters
-    ----------
-    combined : Dataset, "com_offset.combine"
-    consistency : of the document: "level", and {"p"} of "manoeuvres", "variants", "catalogue"
-    settings : fit_limit, plausible_um
-
-    Returns
-    -------
-    checks : list of Check, without those for which there is no number
     """
     fit = [combined[f"manoeuvre_{name}"].values.astype(float) for name in ("chi2", "dof")]
     ratio = np.divide(*fit, out=np.full_like(fit[0], np.nan), where=fit[1] > 0)
@@ -273,17 +240,7 @@ def result_checks(combined, consistency, settings):
 
 
 def verdict(variants, chosen, consistency, settings):
-    """Answers to the three questions asked of every event, with a sentence for people.
-
-    Parameters
-    ----------
-    variants, chosen, consistency : parts of the document
-    settings : requirement_um, accuracy_um
-
-    Returns
-    -------
-    verdict : {"requirement_um", "requirement", "accuracy_um", "accuracy_met", "consistent", "text"}
-    """
+    """Answers to the three questions asked of every event, with a sentence for people."""
     limit, accuracy = float(settings["requirement_um"]), float(settings["accuracy_um"])
     if chosen["variant"] is None:
         text = "Manoeuvres were found, but they determine no component of the offset."

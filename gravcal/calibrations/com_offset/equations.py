@@ -156,12 +156,7 @@ def arrays(product: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def where(aligned) -> dict[str, np.ndarray]:
-    """Kind, times (s) and latitude (rad) of every manoeuvre.
-
-    Parameters
-    ----------
-    aligned : arrays of "align", by name
-    """
+    """Kind, times (s) and latitude (rad) of every manoeuvre."""
     start, stop = aligned["start"], aligned["stop"]
     position, time = aligned["position_e"], aligned["time_orbit"]
     sine = position[:, 2] / np.linalg.norm(position, axis=1)
@@ -170,13 +165,7 @@ def where(aligned) -> dict[str, np.ndarray]:
 
 
 def samples(smoothed, index):
-    """Samples of one manoeuvre, as a slice where they are in one piece; None where there are too few.
-
-    Parameters
-    ----------
-    smoothed : arrays of "com_offset.attitude", by name
-    index : of the manoeuvre
-    """
+    """Samples of a manoeuvre in "com_offset.attitude", as a slice where they are in one piece; None with too few."""
     inside = np.flatnonzero(smoothed["acc_manoeuvre"] == index)
     if inside.size < 200:
         return None
@@ -185,13 +174,7 @@ def samples(smoothed, index):
 
 
 def reading(aligned, time) -> tuple[np.ndarray, np.ndarray]:
-    """Linear acceleration (n, 3) m s-2 at epochs of the record, and which of them are not usable (n,).
-
-    Parameters
-    ----------
-    aligned : arrays of "align", by name
-    time : (n,) s
-    """
+    """Linear acceleration (n, 3) m s-2 at epochs of the record, and which of them are not usable (n,)."""
     at = np.searchsorted(aligned["time_acc"], time)
     linear = aligned["linear_b"][at]
     return linear, (aligned["acc_flag"][at] != 0) | ~np.isfinite(linear).all(axis=1)

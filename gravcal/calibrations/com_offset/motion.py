@@ -172,39 +172,16 @@ def propagator(time: np.ndarray, transition: np.ndarray, breaks: np.ndarray) -> 
 
 
 def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.ndarray, width: float) -> np.ndarray:
-    """Angular acceleration by the torquers alone, catalogue scale: J^-1 (m x B), CoM paper eq. 18.
+    """Angular acceleration (n, 3) rad s-2 by the torquers alone, catalogue scale: J^-1 (m x B), CoM paper eq. 18.
 
-    Parameters
-    ----------
-    arc : Arc
-    shift : s, all edges later by
-    time : (n,) s
-    field_b : (n, 3) T
-    width : s, sampling interval
-
-    Returns
-    -------
-    rate_dot_b : (n, 3) rad s-2
+    The dipole is the mean over the sampling interval `width` (s); all edges later by `shift` (s).
     """
     torque = np.cross(mean_dipole(arc, time, shift, width), field_b)
     return np.linalg.solve(arc.inertia, torque.T).T
 
 
 def evaluate(arc: Arc, solution: Solution, time: np.ndarray, step: float):
-    """Attitude, rate and its derivative at epochs after the origin.
-
-    Parameters
-    ----------
-    arc, solution : Arc and Solution
-    time : (n,) s
-    step : s, longest integration step
-
-    Returns
-    -------
-    quaternion : (n, 4)
-    rate_b : (n, 3) rad s-1
-    rate_dot_b : (n, 3) rad s-2, with the fitted scale of the magnetic torque
-    """
+    """Quaternion (n, 4), rate (n, 3) rad s-1 and its derivative at epochs after the origin, fitted torque scale."""
     return dynamics.integrate(time, solution.state, torque_of(arc, solution), max_step=step)
 
 
@@ -271,11 +248,8 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
         start = float(aligned["window_start"][0])
         stop = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
         found = [(start, stop, (-1, None, np.zeros(0)), (0.0, 0.0))]
-    mag_time, orbit_time, acc_time = (
-        aligned["time_mag"].values,
-        field["time_orbit"].values,
-        aligned["time_acc"].values,
-    )
+    mag_time, acc_time = aligned["time_mag"].values, aligned["time_acc"].values
+    orbit_time = field["time_orbit"].values
     made = []
     for (origin, stop, (rod, edges, level), ends), gap in zip(found, aligned["gap"].values, strict=True):
         near = (mag_time > origin - 2) & (mag_time < stop + 2)

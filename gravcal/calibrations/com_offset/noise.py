@@ -58,15 +58,7 @@ def noise(pieces: xr.Dataset, **settings) -> xr.Dataset:
 
 
 def as_dataset(models: list[NoiseModel], source: str, seconds: float, step: float) -> xr.Dataset:
-    """Product of three noise models.
-
-    Parameters
-    ----------
-    models : model of each axis, or none
-    source : where they come from
-    seconds : s, length of the data
-    step : s, spacing of the grid
-    """
+    """Product of three noise models."""
     order = models[0].reflection.size if models else 0
     values = {
         "reflection": np.array([m.reflection for m in models]) if models else np.zeros((3, 0)),

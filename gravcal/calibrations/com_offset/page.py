@@ -77,15 +77,7 @@ def report(*products, event, satellite, settings, published):
 
 
 def html(document, products, published, vcm=None):
-    """Page of one event, one self-contained HTML text.
-
-    Parameters
-    ----------
-    document : dict of `document.document`, judged
-    products : {stage or "stage.variant": Dataset}; what is missing or None leaves out its figures
-    published : {section: records} of the catalogue for this event, {} where nothing is printed
-    vcm : result line, or None
-    """
+    """Page of one event, one self-contained HTML text."""
     delivered = "variants" in document
     sections = event_sections(document, published) if delivered else survey_sections(document)
     verdict = document["verdict"]

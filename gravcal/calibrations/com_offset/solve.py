@@ -49,15 +49,7 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
 
 
 def product(values, given, variant: str, source: str) -> xr.Dataset:
-    """Product of a solution.
-
-    Parameters
-    ----------
-    values : arrays by name
-    given : arrays of "com_offset.equations" by name, or what stands for them: kind, start, stop, latitude, modes
-    variant : angular acceleration
-    source : of the noise
-    """
+    """Product of a solution."""
     kept = {n: given[n] for n in ("kind", "start", "stop", "latitude", "mode_shared", "mode_catalogue")}
     attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": source}
     return build(SOLVE, values | kept | {"frequency": FREQUENCY}, **attrs)
@@ -101,12 +93,7 @@ def _block(given, index, settings):
 
 
 def _whitened(block, noise):
-    """Whitened reading, columns and instruments without drift, modes; the rows of the three axes stacked.
-
-    Returns
-    -------
-    white : dict of "reading", "design", "instruments" or None, "modes", their "score", "rows" that count, "dof"
-    """
+    """Whitened reading, columns and instruments without drift, modes; the rows of the three axes stacked."""
     if block is None:
         return None
     valid, drift = block["valid"], block["drift"]
@@ -363,12 +350,6 @@ def _difference(joint, names, limit):
     """Chi-square of the difference of two variants over the directions that both determine, prior errors within.
 
     Directions, not components: what one manoeuvre leaves open along x leaks into z by their correlation.
-
-    Parameters
-    ----------
-    joint : solutions by variant
-    names : two variants
-    limit : m, of a direction that is determined
     """
     if not set(names) <= set(joint):
         return 0.0, 0
