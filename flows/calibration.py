@@ -66,7 +66,6 @@ class Calibration:
     detect : (source, chosen) -> ProductRef of the manoeuvres found, None if it uses the whole record
     manoeuvres : Dataset of `detect` -> list of {"kind", "start", "stop"}
     document : ProductRef of the report -> result document
-    table : (document, truth or None) -> heads, rows and remarks on a terminal; None: the values
     files : module with ``inventory(folder)``, the Level-1 files of a folder
     mission : first word of the names of its events
     pairs : {letter of the files of a pair: letters of the pair}
@@ -98,7 +97,6 @@ class Calibration:
     detect: Callable | None = None
     manoeuvres: Callable | None = None
     document: Callable = common.document
-    table: Callable | None = None
     files: Any = common.archive
     mission: str = "grace"
     pairs: Mapping[str, str] = field(default_factory=dict)

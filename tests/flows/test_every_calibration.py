@@ -14,12 +14,12 @@ from pathlib import Path
 
 import astropy_iers_data
 import pytest
-from flows.remake import remake
 
 import gravcal
 import tasks
 from flows import campaign, command, engine, output
 from flows.cli import stored
+from flows.engine.remake import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
 from gravcal.store import housekeeping, keys, location, memory, origin
