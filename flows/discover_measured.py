@@ -10,7 +10,7 @@ import numpy as np
 
 from flows import measured_attitude, measured_magnetometer, measured_ranging, measured_table
 from gravcal import catalog
-from gravcal.discovery import attribution, products
+from gravcal.discovery import attribution, product
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.rounds import Choice, baseline_of, search
 from gravcal.store.schemas import VERSION
@@ -50,7 +50,7 @@ def discovered(name: str, data=None, satellite=None, date=None, settings=None) -
     if "runs" not in prepared:
         prepared |= {"runs": [(prepared.pop("label"), prepared.pop("blocks"), prepared.pop("candidates"))]}
     found = [(label, searched(blocks, candidates, chosen)) for label, blocks, candidates in prepared.pop("runs")]
-    drawn = {label: products.dataset(result, {}, ()) for label, result in found}
+    drawn = {label: product.dataset(result, {}, ()) for label, result in found}
     return document(name, prepared, found, chosen), drawn
 
 

@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from gravcal.discovery import attribution, residuals, scan
-from gravcal.discovery.problem import Problem
+from gravcal.discovery import attribution, scan
+from gravcal.discovery.problem import Problem, observed_rows, residuals_of
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.parallel import parallel
@@ -43,18 +43,12 @@ class Test:
 def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Test:
     """Test a baseline.
 
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    noise : (n, draws) a block, of `residuals.drawn`
-
     Raises
     ------
     EstimationError : the model takes up all that was measured, and nothing is left to be tested
     """
-    both = [np.concatenate([m, n], axis=1) for m, n in zip(residuals.measured(problem), noise, strict=True)]
-    rest = residuals.projected(problem, baseline, both)
+    both = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
+    rest = residuals_of(problem, baseline, both)
     channels = sorted({c for b in problem.blocks for c in b.channel})
     here = problem, baseline, rest
     parts = [partial(scan.steps, *here), partial(_candidates, *here)]

@@ -1,4 +1,8 @@
-"""Which cause explains the residual: likelihood ratios with all baseline parameters free, tied sets."""
+"""Which cause explains the residual: likelihood ratios with all baseline parameters free, and what data cannot show.
+
+Gram matrices (m, m) hold products of all columns, the observed rows first; `place` are the columns of a candidate,
+`size` (m,) the norm of the columns before any projection.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gravcal.discovery.problem import Problem, inverse_of
 from gravcal.estimation import chi2_tail
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
 SEEN = 1e-4
 #: Share of the information on a direction below which a set of blocks does not see it.
-UNSEEN = 1e-3
+UNSEEN_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -34,43 +39,14 @@ class Ratio:
     determined: np.ndarray
 
 
-def inverse_of(inner: np.ndarray) -> np.ndarray:
-    """Inverse of products of columns of any units, without directions that are singular or below zero by rounding.
-
-    Parameters
-    ----------
-    inner : (p, p)
-    """
-    size = np.diag(inner)
-    scale = np.sqrt(np.where(size > 0, size, 1.0))
-    unit = np.where(np.outer(size > 0, size > 0), inner, 0.0) / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(unit)
-    seen = values > 1e-12 * values.max(initial=0.0)
-    half = vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
-    return half @ half.T
-
-
 def projected(gram: np.ndarray, baseline: np.ndarray) -> np.ndarray:
-    """Gram matrix with the baseline columns projected out.
-
-    Parameters
-    ----------
-    gram : (m, m)
-    baseline : (p,) indices
-    """
+    """Gram matrix with the baseline columns projected out."""
     cross = gram[:, baseline]
     return gram - cross @ inverse_of(gram[np.ix_(baseline, baseline)]) @ cross.T
 
 
 def spread(gram: np.ndarray, place: slice, size: np.ndarray) -> np.ndarray:
-    """Matrix W (r, q) with gain = |W b|^2 for products b of the candidate's columns with the residual.
-
-    Parameters
-    ----------
-    gram : (m, m), baseline projected out
-    place : columns of the candidate
-    size : (m,) norm of the columns before any projection
-    """
+    """Matrix W (r, q) with gain = |W b|^2 for products b of the candidate's columns with the residual."""
     scale = np.where(size[place] > 0, size[place], 1.0)
     values, vectors = np.linalg.eigh(gram[place, place] / np.outer(scale, scale))
     seen = values > SEEN**2
@@ -78,26 +54,14 @@ def spread(gram: np.ndarray, place: slice, size: np.ndarray) -> np.ndarray:
 
 
 def gained(gram: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int, np.ndarray]:
-    """Reduction of chi-square by a candidate, its independent parameters, and the matrix of `spread`.
-
-    Parameters
-    ----------
-    gram, place, size : as of `ratio`
-    """
+    """Reduction of chi-square by a candidate, its independent parameters, and the matrix of `spread`."""
     factor = spread(gram, place, size)
     part = factor @ gram[place, 0]
     return float(part @ part), factor.shape[0], factor
 
 
 def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
-    """Gain of adding the columns of a candidate to a projected Gram matrix.
-
-    Parameters
-    ----------
-    gram : (m, m), baseline projected out, observed first
-    place : columns of the candidate
-    size : (m,) norm of the columns before any projection
-    """
+    """Gain of adding the columns of a candidate to a projected Gram matrix."""
     gain, dof, factor = gained(gram, place, size)
     part = factor @ gram[place, 0]
     log_p = float(chi2_tail.log_tail(gain, dof)) if dof else 0.0
@@ -108,15 +72,7 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
 
 
 def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size: np.ndarray) -> float:
-    """Expected chi-square that remains when one cause is true and another is fitted.
-
-    Parameters
-    ----------
-    gram : (m, m), baseline projected out
-    true : columns of the true cause, with its value (q,)
-    other : columns of the fitted cause
-    size : (m,) norm of the columns before any projection
-    """
+    """Expected chi-square that remains when one cause is true and another is fitted."""
     whole = float(value @ gram[true, true] @ value)
     part = spread(gram, other, size) @ (gram[other, true] @ value)
     return whole - float(part @ part)
@@ -142,7 +98,7 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
     def one(block):
         others = total - block
         share, directions = _shares(block, others, both)
-        own = np.concatenate([np.zeros((1, np.sum(share < UNSEEN))), directions[:, share < UNSEEN]])
+        own = np.concatenate([np.zeros((1, np.sum(share < UNSEEN_SHARE))), directions[:, share < UNSEEN_SHARE]])
         crossed = block @ own
         rest = block - crossed @ inverse_of(own.T @ crossed) @ crossed.T
         return _foretold(rest, others, both) - _foretold(rest, others, both[: baseline.size])
@@ -169,7 +125,7 @@ def _foretold(one, others, index):
     b / (1 - m) and p, with the variances 1 / (1 - m) and 1 / m.
     """
     share, directions = _shares(one, others, index)
-    seen = (share > UNSEEN) & (share < 1 - 1e-9)
+    seen = (share > UNSEEN_SHARE) & (share < 1 - 1e-9)
     m, directions = share[seen], directions[:, seen]
     b, p = directions.T @ one[index, 0], directions.T @ others[index, 0] / m
     return float(np.sum((b**2 - m * (b - (1 - m) * p) ** 2) / (1 - m) + np.log(m)))
@@ -200,3 +156,88 @@ def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np
     apart = ratio(projected(wide, np.arange(1, first)), slice(first, wide.shape[0]), scale)
     joint = ratio(projected(grams.sum(axis=0), baseline), place, size)
     return apart.gain - joint.gain, apart.dof - joint.dof
+
+
+#: Signal-to-noise ratio at a plausible size below which a direction counts as not seen.
+UNSEEN = 3.0
+#: Bias at a plausible size, in standard deviations of the calibration, from which it is worth a word.
+BIAS = 0.5
+#: Share of the power of a signature that is rounding when its part along the calibration parameters is taken off.
+ROUNDING = 1e-7
+
+
+def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray) -> list[dict]:
+    """Directions of listed causes that vanish beside the calibration parameters, with the bias they could cause.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted, the shared ones first
+    scale : (s,) factor from the shared parameters to the numbers that are reported
+
+    Returns
+    -------
+    rows : {"cause", "direction": {parameter: share of its plausible size}, "signal_to_noise", "bias": [s],
+        "bias_in_sigma"} at the plausible size
+    """
+    total, width = problem.total, scale.size
+    inverse = inverse_of(total[np.ix_(baseline, baseline)])
+    gram = projected(total, baseline)
+    rows = []
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
+            continue
+        prior = np.asarray(candidate.prior)
+        whole, seen = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
+        shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
+        rows += _directions(candidate, (whole, seen), shift, inverse[:width, :width], scale)
+    return rows
+
+
+def _directions(candidate, grams, shift, covariance, scale):
+    whole, seen = grams
+    values, vectors = np.linalg.eigh(seen)
+    precision = np.linalg.inv(covariance)
+    rows = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        bias = shift @ vector
+        left = value if value > ROUNDING * (vector @ whole @ vector) else 0.0
+        ratio, size = float(np.sqrt(left)), float(np.sqrt(bias @ precision @ bias))
+        if ratio < UNSEEN and size > BIAS:
+            shares = zip(candidate.names, vector.tolist(), strict=True)
+            direction = {n: round(v, 4) for n, v in shares if abs(v) > 0.05}
+            one = {"cause": candidate.cause, "direction": direction, "signal_to_noise": ratio}
+            rows.append(one | {"bias": (scale * bias).tolist(), "bias_in_sigma": size})
+    return rows
+
+
+def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, tie: float) -> dict:
+    """How well this data tells two causes apart, where it does so best, and how much data would do.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted beside both
+    index : of the candidate that is taken for true, at its fitted value
+    other : of the candidate that is fitted instead
+    tie : expected chi-square from which two causes are told apart
+
+    Returns
+    -------
+    row : {"cause", "expected_chi2", "best_block", "events_needed"}, None for events that cannot tell them apart
+    """
+    total = problem.total
+    gram = projected(total, baseline)
+    true, place = problem.places[index], problem.places[other]
+    value = ratio(gram, true, problem.size).value
+    fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
+    signature = total[fixed][:, true] @ value
+    whole = np.zeros(total.shape[0])
+    whole[true] = value
+    whole[fixed] -= inverse_of(total[np.ix_(fixed, fixed)]) @ signature
+    parts = np.einsum("m,bmk,k->b", whole, problem.gram, whole)
+    expected = float(max(parts.sum(), 0.0))
+    needed = int(np.ceil(tie / expected)) if expected > 1e-3 * tie else None
+    best = problem.blocks[int(np.argmax(parts))].label if expected > 1e-6 else None
+    cause = problem.candidates[other].cause
+    return {"cause": cause, "expected_chi2": expected, "best_block": best, "events_needed": needed}

@@ -7,20 +7,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
-from gravcal.discovery import attribution, products, readings, residuals
-from gravcal.discovery.lines import Line, amplitude, lines
+from gravcal.discovery import attribution, product
+from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.model_average import named_parameters, widened, with_ties
-from gravcal.discovery.problem import Problem, baseline_of
+from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, random_source
+from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, search
-from gravcal.discovery.summary import summary
-from gravcal.discovery.unobservable import ROUNDING, UNSEEN
-from gravcal.estimation.records import Block, Entry, Fitted, Observations, Parameter, epoch_of, slug_of
+from gravcal.discovery.trials import SHARES
+from gravcal.estimation import chi2_tail
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, epoch_of, slug_of
 
 BIASED = 0.1  # of the error of a result, from which a bias is worth a word
 
@@ -49,7 +50,7 @@ def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
     found : Dataset of kind discovery; attribute `numbers` holds the summary as JSON
     """
     if observed is None:
-        return products.nothing()
+        return product.nothing()
     result, numbers = _searched(observed, limits, ())
     return _product(observed, limits, result, numbers)
 
@@ -115,16 +116,16 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     choice : Choice
     seed : of the draws of noise
     """
-    result = search(rows, observed.candidates, choice, residuals.source(seed, rows))
+    result = search(rows, observed.candidates, choice, random_source(seed, rows))
     found: list[Line] = []
     for one in observed.lines:
         about = one.cause, one.unit, choice.level
-        found += lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
+        found += joint_lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause]
     if found or steps:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
         tried = [*observed.candidates, *near, *(one.candidate for one in found)]
-        result = search(rows, tried, choice, residuals.source(seed, rows))
+        result = search(rows, tried, choice, random_source(seed, rows))
     return result, {one.candidate.form: one for one in found}
 
 
@@ -235,8 +236,8 @@ def _information(problem, gram, bias):
 def _product(observed, limits, result, numbers):
     """Product of a search, with the reading that the extension helps most."""
     whole = _joined(result) if observed.interleaved else result
-    place = readings.clearest(whole, observed.readable or observed.channels, limits.level)
-    return products.dataset(whole, numbers, observed.channels, readings.variables(whole, place, observed.reading))
+    place = product.clearest(whole, observed.readable or observed.channels, limits.level)
+    return product.dataset(whole, numbers, observed.channels, product.variables(whole, place, observed.reading))
 
 
 def _joined(result: Result) -> Result:
@@ -259,3 +260,119 @@ def _joined(result: Result) -> Result:
         for test, rest in ((result.before, before), (result.after, after))
     ]
     return replace(result, problem=replace(result.problem, blocks=blocks), before=tests[0], after=tests[1])
+
+
+AXES = "xyz"
+PEAKS = 4
+#: Frequencies tried round a peak, in steps of the scan.
+FINE = np.arange(-1.0, 1.01, 1 / 16)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line with its frequency.
+
+    Attributes
+    ----------
+    candidate : Candidate; its parameters have the unit of the channel
+    frequency, sigma : Hz
+    """
+
+    candidate: Candidate
+    frequency: float
+    sigma: float
+
+
+def joint_lines(result: Result, where: tuple[str, int], shape: Callable, groups: list[int], about: tuple) -> list[Line]:
+    """Lines in what a search has left, those that are significant by themselves.
+
+    Parameters
+    ----------
+    result : Result of a search without lines
+    where : channel, and axis or -1 for all
+    shape : (block, Hz) -> whitened cosine and sine (n, 2) of that block
+    groups : number of the manoeuvre of each block
+    about : cause, unit and family-wise level
+    """
+    channel, axis = where
+    found = [s for s in result.after.scans if s.kind == "line" and s.channel == channel]
+    if not found:
+        return []
+    joint = np.flatnonzero(found[0].place == axis)
+    at, score = found[0].at[joint], (found[0].gain[:, 0] - 2 * found[0].dof)[joint]
+    step, kept = float(np.median(np.diff(at))), []
+    for peak in _peaks(at, score, step):
+        grid = peak + step * FINE
+        gains = [_gain(result, _columns(shape, f, groups)) for f in grid]
+        gain, dof = max(gains)
+        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
+        if chance < np.log(about[2]):
+            kept.append(_line(grid, np.array([g for g, _ in gains]), (shape, groups), (where, *about)))
+    return kept
+
+
+def _peaks(at, score, step):
+    """Frequencies of the best scores, apart from each other by more than a few steps."""
+    found = []
+    for k in np.argsort(-score):
+        if all(abs(at[k] - other) > 4 * step for other in found):
+            found.append(float(at[k]))
+        if len(found) == PEAKS:
+            break
+    return found
+
+
+def _columns(shape, frequency, groups):
+    """Whitened columns (n, 2 g) of every block."""
+    width, found = 2 * (max(groups) + 1), []
+    for k, group in enumerate(groups):
+        part = shape(k, frequency)
+        columns = np.zeros((part.shape[0], width))
+        columns[:, 2 * group : 2 * group + 2] = part
+        found.append(columns)
+    return found
+
+
+def _gain(result, columns):
+    """Chi-square gained, and how many parameters gain it, with own and baseline columns free."""
+    problem, baseline = result.problem, result.baseline
+    clean = [c - q @ (q.T @ c) for c, q in zip(columns, problem.bases, strict=True)]
+    cross = sum(b.of(baseline).T @ c for b, c in zip(problem.columns, clean, strict=True))
+    inner = sum(c.T @ c for c in clean) - cross.T @ inverse_of_baseline(problem, baseline) @ cross
+    right = sum(c.T @ r for c, r in zip(clean, result.after.rest, strict=True))
+    values, vectors = np.linalg.eigh(inner)
+    seen = values > 1e-6 * max(values[-1], 1e-300)
+    return float(np.sum((vectors[:, seen].T @ right) ** 2 / values[seen])), int(seen.sum())
+
+
+def _line(grid, gains, made_of, about):
+    """Line at the mean frequency under the likelihood of the grid."""
+    (shape, groups), ((channel, axis), cause, unit, _) = made_of, about
+    weight = np.exp((gains - gains.max()) / 2)
+    weight = weight / weight.sum()
+    frequency = float(weight @ grid)
+    sigma = float(np.sqrt(weight @ (grid - frequency) ** 2 + (grid[1] - grid[0]) ** 2 / 12))
+    columns = _columns(shape, frequency, groups)
+    names = [f"{part}_{k}" for k in range(max(groups) + 1) for part in ("cosine", "sine")]
+    used = np.sum([np.sum(c**2, axis=0) for c in columns], axis=0) > 0
+    names = [n for n, u in zip(names, used, strict=True) if u]
+    form = f"{channel} reading{f' {AXES[axis]}' if axis >= 0 else ''}, {frequency:.5f} Hz"
+    candidate = Candidate(cause, form, names, [unit] * len(names), [c[:, used] for c in columns])
+    return Line(candidate, frequency, sigma)
+
+
+def amplitude(line: Line, parameters: dict, name: str = "amplitude") -> dict:
+    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}.
+
+    Parameters
+    ----------
+    line : Line
+    parameters : cosines and sines as a finding has them
+    name : of the amplitude
+    """
+    rows = [p for p in parameters.values() if np.isfinite(p["value"])]
+    squares, errors = (np.array([p[n] for p in rows]) ** 2 for n in ("value", "sigma"))
+    size = np.sqrt(max(2 * np.mean(squares - errors), 0.0))
+    sigma = np.sqrt(np.mean(errors) / max(len(rows) / 2, 1))
+    found = {"frequency": {"value": line.frequency, "sigma": line.sigma, "unit": "Hz"}}
+    return found | {name: {"value": float(size), "sigma": float(sigma), "unit": line.candidate.units[0]}}

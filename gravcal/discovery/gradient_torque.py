@@ -10,13 +10,13 @@ import xarray as xr
 from gravcal.calibrations.gradient_torque import discovery_candidates as listed
 from gravcal.calibrations.gradient_torque.discovery_reading import reading
 from gravcal.calibrations.gradient_torque.discovery_view import CHANNELS, PARAMETERS, View, blocks, places, view
-from gravcal.discovery import attribution, products, readings, residuals
+from gravcal.discovery import attribution, product
+from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.blocks import Block, Candidate
 from gravcal.discovery.model_average import named_parameters, widened
-from gravcal.discovery.problem import Problem, baseline_of
+from gravcal.discovery.problem import Problem, baseline_of, random_source
+from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, search
-from gravcal.discovery.summary import summary
-from gravcal.discovery.unobservable import ROUNDING, UNSEEN
 from gravcal.effects.entries import determined
 from gravcal.effects.gradient import EFFECTS
 
@@ -36,7 +36,7 @@ def discover(observed: xr.Dataset, modelled: xr.Dataset, found: xr.Dataset, **se
     -------
     found : Dataset, "gradient_torque.discovery"; attribute `numbers` holds the summary as JSON
     """
-    return products.dataset(*_searched((observed, modelled, found), (), settings))
+    return product.dataset(*_searched((observed, modelled, found), (), settings))
 
 
 def discover_again(observed, modelled, found, first, **settings) -> xr.Dataset:
@@ -62,7 +62,7 @@ def discover_again(observed, modelled, found, first, **settings) -> xr.Dataset:
     if not again["adequate_after"] and again["p_after"] < numbers["p_after"]:
         return first
     again |= {name: numbers[name] for name in ("adequate_before", "p_before", "tried")}
-    return products.dataset(result, again, *rest).assign_attrs(rebuilt="yes")
+    return product.dataset(result, again, *rest).assign_attrs(rebuilt="yes")
 
 
 def _searched(given, model, settings):
@@ -73,7 +73,7 @@ def _searched(given, model, settings):
     limits = (settings["discovery_level"], settings["tie_chi2"], settings["round_limit"])
     order = {"linear": settings["noise_order"], "torque": settings["torque_noise_order"]}
     choice = Choice(*limits, "", {}, segment_s=settings["segment_s"], order=order)
-    result = search(rows, tried, choice, residuals.source(settings["discovery_seed"], rows))
+    result = search(rows, tried, choice, random_source(settings["discovery_seed"], rows))
     numbers = summary(widened(result), choice, list(PARAMETERS), "mm", 1e3, np.append(seen.start, np.zeros(6)))
     numbers["calibration_change"] = {n: _reported(v) for n, v in numbers["calibration_change"].items()}
     for position, finding in enumerate(numbers["findings"]):
@@ -82,8 +82,8 @@ def _searched(given, model, settings):
     numbers["indistinguishable_from_calibration"] += [
         one for one in beside_drag(result.problem, seen) if one["cause"] not in named
     ]
-    place = readings.clearest(result, ("linear",), choice.level)
-    shown = readings.variables(result, place, lambda _, k, __: _reading(result, seen, k))
+    place = product.clearest(result, ("linear",), choice.level)
+    shown = product.variables(result, place, lambda _, k, __: _reading(result, seen, k))
     return result, numbers, CHANNELS, shown
 
 

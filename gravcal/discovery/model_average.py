@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from gravcal.discovery import attribution, trials
-from gravcal.discovery.problem import baseline_of
+from gravcal.discovery.attribution import UNSEEN
+from gravcal.discovery.problem import baseline_of, inverse_of
 from gravcal.discovery.rounds import Result
-from gravcal.discovery.unobservable import UNSEEN
 
 CLEAR = 5.0  # sigma from which a direction is believed against its prior
 UNLIKELY = 12.0  # less of score than the best form: a weight of a quarter of a percent
@@ -21,10 +21,6 @@ def widened(result: Result) -> Result:
     A cause is often named by one of its parameters; the others move the calibration too, and what the data say of them
     is part of the error. Where the data do not determine them all, the cause stays as it was named. Where causes are
     tied, the error holds how far the calibration would move with each of the others.
-
-    Parameters
-    ----------
-    result : Result
     """
     problem, width = result.problem, result.shared[1].size
     total, named = problem.total, [one.index for one in result.findings]
@@ -35,17 +31,12 @@ def widened(result: Result) -> Result:
         if found.determined.all():
             named[position] = widest
     fixed = baseline_of(problem, named)
-    covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])
+    covariance = inverse_of(total[np.ix_(fixed, fixed)])
     return _after(result, (covariance @ total[fixed, 0])[:width], covariance[:width, :width], named)
 
 
 def with_ties(result: Result) -> Result:
-    """Result whose error after the extension holds how far the calibration would move with each tied cause.
-
-    Parameters
-    ----------
-    result : Result
-    """
+    """Result whose error after the extension holds how far the calibration would move with each tied cause."""
     return _after(result, result.shared[1], result.covariance[1], [one.index for one in result.findings])
 
 
@@ -97,7 +88,7 @@ def _unseen(problem, gram, baseline, index, width):
     As large as those that they see, in units of what is plausible of each parameter.
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
-    inverse = attribution.inverse_of(problem.total[np.ix_(baseline, baseline)])
+    inverse = inverse_of(problem.total[np.ix_(baseline, baseline)])
     known, vectors = np.linalg.eigh(gram[place, place] * np.outer(prior, prior))
     hidden = known < UNSEEN**2
     square = _scale(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
@@ -120,7 +111,7 @@ def _with(problem, total, baseline, index):
     inner = total[np.ix_(fixed, fixed)].copy()
     if len(prior) == place.stop - place.start:
         inner[baseline.size :, baseline.size :] += np.diag(1 / np.square(prior))
-    return attribution.inverse_of(inner) @ total[fixed, 0]
+    return inverse_of(inner) @ total[fixed, 0]
 
 
 def named_parameters(result: Result, position: int) -> dict:
@@ -128,11 +119,6 @@ def named_parameters(result: Result, position: int) -> dict:
 
     Directions that stay below five sigma and of which the data know less than the catalogue, such as a leak that looks
     like an offset, are held by their prior: they would carry many times what is plausible into the records.
-
-    Parameters
-    ----------
-    result : Result
-    position : of the finding
 
     Returns
     -------

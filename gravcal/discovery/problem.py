@@ -1,16 +1,187 @@
-"""All columns of all blocks, and their products with each block's own columns projected out."""
+"""All columns of all blocks, their products with each block's local columns projected out, and residuals of a baseline.
+
+The baseline is given by the indices (p,) of the columns that are fitted, of the column 0 the observed rows.
+"""
 
 from __future__ import annotations
 
 import functools
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery.columns import Columns, columns_of, without_rounding
-from gravcal.discovery.linear_algebra import basis_of
+from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.parallel import parallel
 from gravcal.estimation.records import Block, Candidate
+
+
+def inverse_of(inner: np.ndarray) -> np.ndarray:
+    """Inverse of products of columns of any units, without directions that are singular or below zero by rounding.
+
+    Parameters
+    ----------
+    inner : (p, p)
+    """
+    size = np.diag(inner)
+    scale = np.sqrt(np.where(size > 0, size, 1.0))
+    unit = np.where(np.outer(size > 0, size > 0), inner, 0.0) / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(unit)
+    seen = values > 1e-12 * values.max(initial=0.0)
+    half = vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
+    return half @ half.T
+
+
+def basis_of(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis (n, r) of many long columns: eigenvectors of their products, twice for rounding."""
+    scale = np.linalg.norm(columns, axis=0)
+    used = columns[:, scale > 0] / scale[scale > 0]
+    for limit in (1e-11, 1e-3):
+        if used.shape[1] == 0:
+            return np.zeros((columns.shape[0], 0))
+        values, vectors = np.linalg.eigh(used.T @ used)
+        kept = values > limit * values[-1]
+        used = (used @ vectors[:, kept]) / np.sqrt(values[kept])
+    return used
+
+
+GROUPS = 12  # of rows, at most; a block whose channels alternate is one group
+REMEMBERED = 8  # choices of columns
+#: Share of the square of a column that is rounding when its part along the own columns is taken off.
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True)
+class Part:
+    """Columns that are not zero in a group of rows.
+
+    Attributes
+    ----------
+    rows : slice
+    index : (k,) of the columns
+    values : (n, k) their rows
+    """
+
+    rows: slice
+    index: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a block.
+
+    Attributes
+    ----------
+    count : number of columns
+    groups : slices of rows, one a channel
+    parts : list of Part
+    basis : (n, r) orthonormal basis of the block's own columns
+    inside : (r, m) products of basis and columns
+    memory : choices of columns without own columns, made once
+    """
+
+    count: int
+    groups: list[slice]
+    parts: list[Part]
+    basis: np.ndarray
+    inside: np.ndarray
+    memory: dict = field(default_factory=dict)
+
+    def of(self, wanted: np.ndarray) -> np.ndarray:
+        """Some columns (n, w), own columns projected out."""
+        wanted = np.asarray(wanted, dtype=np.intp)
+        made = self.memory.get(wanted.tobytes())
+        if made is None:
+            made = self._made(wanted)
+            if len(self.memory) >= REMEMBERED:
+                self.memory.clear()
+            self.memory[wanted.tobytes()] = made
+        return made
+
+    def _made(self, wanted):
+        made = self.basis @ -self.inside[:, wanted]
+        for part in self.parts:
+            place = np.full(self.count, -1)
+            place[part.index] = np.arange(part.index.size)
+            here = np.flatnonzero(place[wanted] >= 0)
+            made[part.rows, here] += part.values[:, place[wanted[here]]]
+        return made
+
+    @functools.cached_property
+    def squares(self) -> np.ndarray:
+        """Sums of squares (m,) before anything is projected out."""
+        total = np.zeros(self.count)
+        for part in self.parts:
+            total[part.index] += np.einsum("nk,nk->k", part.values, part.values)
+        return total
+
+    def products(self) -> np.ndarray:
+        """Products (m, m) with each other, own columns projected out; zero for what lies along own columns."""
+        total = -(self.inside.T @ self.inside)
+        for one, other in itertools.product(self.parts, repeat=2):
+            if one.rows == other.rows:
+                total[np.ix_(one.index, other.index)] += one.values.T @ other.values
+        return without_rounding(total, self.squares)
+
+    def onto(self, signals: np.ndarray) -> np.ndarray:
+        """Products (m, d) with signals (n, d) that have no own columns left in them."""
+        total = np.zeros((self.count, signals.shape[1]))
+        for part in self.parts:
+            total[part.index] += part.values.T @ signals[part.rows]
+        return total
+
+    def wider(self, more: np.ndarray) -> Columns:
+        """With more columns (n, q) after these."""
+        index = self.count + np.arange(more.shape[1])
+        found = [Part(rows, index, more[rows]) for rows in self.groups if more[rows].any()]
+        inside = np.concatenate([self.inside, self.basis.T @ more], axis=1)
+        return replace(self, count=self.count + index.size, parts=[*self.parts, *found], inside=inside, memory={})
+
+
+def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """Products of columns, in place, with zeros for columns of which nothing but rounding is left.
+
+    Parameters
+    ----------
+    products : (m, m), own columns projected out
+    squares : (m,) of the columns before that; 0 for those looked at before
+    """
+    lost = np.diag(products) <= ROUNDING * squares
+    products[lost] = 0.0
+    products[:, lost] = 0.0
+    return products
+
+
+def columns_of(channel: np.ndarray, basis: np.ndarray, pieces: Sequence[np.ndarray | None], widths) -> Columns:
+    """Columns from pieces that stand side by side.
+
+    Parameters
+    ----------
+    channel : (n,) of each row
+    basis : (n, r) orthonormal, of the own columns
+    pieces : (n, q) each, None where all of it is zero
+    widths : q of each piece
+    """
+    ends = np.cumsum([0, *widths])
+    groups = _groups(channel)
+    parts, inside = [], np.zeros((basis.shape[1], ends[-1]))
+    for rows in groups:
+        used = [k for k, piece in enumerate(pieces) if piece is not None and piece[rows].any()]
+        if used:
+            index = np.concatenate([np.arange(ends[k], ends[k + 1]) for k in used])
+            parts.append(Part(rows, index, np.concatenate([pieces[k][rows] for k in used], axis=1)))
+            inside[:, index] += basis[rows].T @ parts[-1].values
+    return Columns(int(ends[-1]), groups, parts, basis, inside)
+
+
+def _groups(channel):
+    """Slices of rows of one channel each, or all rows."""
+    starts = np.concatenate([[0], 1 + np.flatnonzero(channel[1:] != channel[:-1]), [channel.size]])
+    if starts.size - 1 > GROUPS:
+        return [slice(0, channel.size)]
+    return [slice(int(a), int(b)) for a, b in zip(starts[:-1], starts[1:], strict=True)]
 
 
 @dataclass(frozen=True)
@@ -54,13 +225,7 @@ class Problem:
 
 
 def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
-    """Problem of blocks and candidates.
-
-    Parameters
-    ----------
-    blocks : list of Block
-    candidates : list of Candidate
-    """
+    """Problem of blocks and candidates."""
     width = blocks[0].global_columns.shape[1]
     widths = [1, width, *(len(c.names) for c in candidates)]
     ends = np.cumsum(widths)[1:]
@@ -81,13 +246,7 @@ def _used(block):
 
 
 def extended(problem: Problem, candidate: Candidate) -> Problem:
-    """Problem with one more candidate.
-
-    Parameters
-    ----------
-    problem : Problem
-    candidate : Candidate
-    """
+    """Problem with one more candidate."""
     count = len(candidate.names)
     place = slice(problem.size.size, problem.size.size + count)
 
@@ -144,3 +303,98 @@ def baseline_of(problem: Problem, indices) -> np.ndarray:
     shared = np.arange(problem.shared.start, problem.shared.stop)
     parts = [np.arange(problem.places[k].start, problem.places[k].stop) for k in indices]
     return np.concatenate([shared, *parts]).astype(int)
+
+
+def residuals_of(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> list[np.ndarray]:
+    """Signals (n, d) a block less the best fit of own and baseline columns."""
+    rest = [e - q @ (q.T @ e) for e, q in zip(noise, problem.bases, strict=True)]
+    right = sum(c.of(baseline).T @ r for c, r in zip(problem.columns, rest, strict=True))
+    value = inverse_of_baseline(problem, baseline) @ right
+    return [r - c.of(baseline) @ value for c, r in zip(problem.columns, rest, strict=True)]
+
+
+def inverse_of_baseline(problem: Problem, baseline: np.ndarray) -> np.ndarray:
+    """Covariance (p, p) of the baseline parameters."""
+    return inverse_of(problem.total[np.ix_(baseline, baseline)])
+
+
+def observed_rows(problem: Problem) -> list[np.ndarray]:
+    """Observed rows (n, 1) of every block."""
+    return [c.of(np.zeros(1)) for c in problem.columns]
+
+
+def random_source(seed: int, blocks) -> np.random.Generator:
+    """Source of the draws of an event: its own, so that the probabilities of several events do not err alike.
+
+    Parameters
+    ----------
+    seed : of all events
+    blocks : list of Block; the second that each begins in
+    """
+    return np.random.default_rng([seed, *(abs(int(b.time.min())) for b in blocks if b.time.size)])
+
+
+def drawn_noise(
+    problem: Problem,
+    count: int,
+    quiet: Mapping[str, float],
+    rng: np.random.Generator,
+    order: Mapping[str, int] | None = None,
+) -> list[np.ndarray]:
+    """Noise (n, count) of every block, with the error of the noise model that it was whitened with.
+
+    A model from N quiet samples is off by 1/sqrt(2 N) of its size, and each of its coefficients by 1/sqrt(N): whitened
+    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8). A model that was measured in the
+    rows has made them whiter than noise is, and every draw goes through the same fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    count : number of draws
+    quiet : {channel: quiet samples an axis that its noise was measured from, elsewhere than here}
+    rng : source of randomness
+    order : {channel: coefficients of its noise model}, measured in these rows if it has no quiet samples; none where
+        its shape was given or the rows are too short to follow it
+    """
+    channels = sorted({c for b in problem.blocks for c in b.channel})
+    error = {c: np.sqrt(2 / quiet[c]) if quiet.get(c) else 0.0 for c in channels}
+    known = {c: (order or {}).get(c, 0) if quiet.get(c) else 0 for c in channels}
+    both = [(c, a) for c in channels for a in range(3)]
+    scale = {place: 1 + error[place[0]] / 2 * rng.standard_normal(count) for place in both}
+    shape = {(c, a): error[c] / np.sqrt(2) * rng.standard_normal((known[c], count)) for c, a in both}
+    rows = []
+    for block in problem.blocks:
+        noise = rng.standard_normal((block.observed.size, count), dtype=np.float32)
+        noise[~weighted_rows(block)] = 0.0
+        for (channel, axis), factor in scale.items():
+            here = (block.channel == channel) & (block.axis == axis)
+            noise[here] = _neighbouring(noise[here], shape[channel, axis]) * factor.astype(np.float32)
+        rows.append(noise)
+    for channel, coefficients in (order or {}).items():
+        for axis in range(3) if not quiet.get(channel) else ():
+            _whitened(problem.blocks, rows, (channel, axis), coefficients)
+    return rows
+
+
+def _whitened(blocks, rows, place, order):
+    """Every draw of a channel and axis by the model that is fitted to all its blocks together, in place."""
+    here = [weighted_rows(b) & (b.channel == place[0]) & (b.axis == place[1]) for b in blocks]
+    here = [(row, at) for row, at in zip(rows, here, strict=True) if at.any()]
+    for draw in range(rows[0].shape[1] if here else 0):
+        pieces = [row[at, draw].astype(float) for row, at in here]
+        model = fit_noise(pieces, order, 1.0)
+        for (row, at), piece in zip(here, pieces, strict=True):
+            row[at, draw] = whiten(model, piece, np.ones(piece.size, dtype=bool))
+
+
+def _neighbouring(noise, shares):
+    """Noise (n, d) with shares (p, d) of the rows before each."""
+    mixed = noise.copy()
+    for k, share in enumerate(shares.astype(np.float32), start=1):
+        mixed[k:] += share * noise[:-k]
+    return mixed
+
+
+def weighted_rows(block) -> np.ndarray:
+    """Rows (n,) that carry weight."""
+    return (block.observed != 0) | np.any(block.local_columns != 0, axis=1) | np.any(block.global_columns != 0, axis=1)

@@ -1,4 +1,7 @@
-"""The rounds: name the best cause, check it on held-out data, add it, begin again; then look at every name anew."""
+"""The rounds: name the best cause, check it on held-out data, add it, begin again; then look at every name anew.
+
+A second look gives one name a cause, one value for all blocks, and nothing listed where too much is left.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, naming, pairs, residuals, scan, shaping, trials, unobservable
-from gravcal.discovery.problem import Problem, baseline_of, prepare
+from gravcal.discovery import adequacy, attribution, scan, shaping, trials
+from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, inverse_of, prepare
 from gravcal.estimation.records import Block, Candidate
 
 
@@ -24,7 +27,7 @@ class Choice:
     step_cause : slug of a step; tone_causes : {channel: slug}
     segment_s : s, stretch of time that is left out for causes of a single block
     quiet : {channel: quiet samples an axis that its noise was measured from}
-    order : {channel: coefficients of its noise model}, as `residuals.drawn` takes them
+    order : {channel: coefficients of its noise model}, as `drawn_noise` takes them
     """
 
     level: float
@@ -50,7 +53,7 @@ class Finding:
     significance : probability corrected for everything that was tried
     heldout : twice the log likelihood gained on data left out; kind : "manoeuvres" or "blocks"
     at, at_sigma : epoch s or frequency Hz of a step or a line
-    separation : of `unobservable.separation`, for each tied cause
+    separation : of `attribution.separation`, for each tied cause
     imitators : {"cause", "form", "expected_chi2"} of drivers in no list that a listed cause cannot be told from
     """
 
@@ -102,21 +105,13 @@ class Result:
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
-    """All rounds.
-
-    Parameters
-    ----------
-    blocks : list of Block
-    candidates : list of Candidate
-    choice : Choice
-    rng : source of randomness, for the distribution of the adequacy under noise
-    """
+    """All rounds."""
     problem = prepare(blocks, candidates)
     scan.looked_at(problem, sorted({c for b in blocks for c in b.channel}))
-    noise = residuals.drawn(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
+    noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)
-    chosen, after = naming.settled(problem, chosen, choice, noise, before)
+    chosen, after = settled(problem, chosen, choice, noise, before)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return _result(problem, findings, (before, after), baseline, first)
@@ -132,8 +127,8 @@ def _named(problem, choice):
         if found is None:
             break
         problem, chosen = _revised(problem, [*chosen, found], choice)
-    chosen = naming.renamed(problem, naming.merged(problem, chosen, choice), choice)
-    return problem, naming.without_shadows(problem, chosen), first
+    chosen = renamed(problem, merged(problem, chosen, choice), choice)
+    return problem, without_shadows(problem, chosen), first
 
 
 def _best(problem, used, rows, choice):
@@ -142,7 +137,7 @@ def _best(problem, used, rows, choice):
     problem, rows = shaping.sized(problem, baseline_of(problem, used), rows)
     ranked = _ranked(problem, baseline_of(problem, used), rows, choice.tie)
     if ranked and ranked[0].kind == "unknown":
-        pair = pairs.best_pair(problem, baseline_of(problem, used), everything, choice.level)
+        pair = trials.best_pair(problem, baseline_of(problem, used), everything, choice.level)
         if pair and pair[1] > ranked[0].score - choice.tie:
             ranked = [pair[0], *ranked]
     for trial in ranked[:12]:
@@ -216,7 +211,7 @@ def _finding(problem, chosen, position, choice):
     gain, kind = trials.held_out(problem, baseline, index, choice.segment_s)
     near = _near(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
-    apart = [unobservable.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
+    apart = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     names, units, value, sigma = _parameters(problem, gram, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
@@ -286,7 +281,7 @@ def _result(problem, findings, tests, baseline, first):
     total, width = problem.total, problem.shared.stop - 1
     ends = []
     for fixed in (baseline_of(problem, ()), baseline):
-        covariance = attribution.inverse_of(total[np.ix_(fixed, fixed)])
+        covariance = inverse_of(total[np.ix_(fixed, fixed)])
         chi2 = float(attribution.projected(total, fixed)[0, 0])
         ends.append(((covariance @ total[fixed, 0])[:width], covariance[:width, :width], chi2))
     value, covariance, chi2 = (tuple(e) for e in zip(*ends, strict=True))
@@ -294,3 +289,97 @@ def _result(problem, findings, tests, baseline, first):
     numbers = {"chi2": chi2, "dof": int(problem.samples.sum()) - width, "shared": value, "sigma": sigma}
     more = {"covariance": covariance, "problem": problem, "baseline": baseline, "first": first or []}
     return Result(findings, *tests, **numbers, **more)
+
+
+#: Extra chi-square per gained chi-square, and its probability, at which the blocks do not agree on one value.
+DISAGREE = (0.15, 1e-4)
+#: Share of the gain of a cause in no list that its form may leave.
+SHADOW = 0.05
+
+
+def merged(problem: Problem, chosen: list, choice) -> list:
+    """Several forms of one listed cause become the form with all its parameters, of several shapes the best."""
+    causes = [problem.candidates[k].cause for k, _ in chosen]
+    twice = next((c for c in causes if causes.count(c) > 1 and not c.startswith("unknown:")), None)
+    wide = [k for k, c in enumerate(problem.candidates) if c.cause == twice and not c.local]
+    if twice is None or not wide:
+        return chosen
+    most = max(len(problem.candidates[k].names) for k in wide)
+    whole = {k for k in wide if len(problem.candidates[k].names) == most}
+    kept = [one for one, cause in zip(chosen, causes, strict=True) if cause != twice]
+    rows = trials.tried(problem, baseline_of(problem, [k for k, _ in kept]), choice, [k for k, _ in kept])
+    found = max((t for t in rows if t.index in whole), key=lambda t: t.gain, default=None)
+    return [*kept, (found.index, found)] if found else chosen
+
+
+def renamed(problem, chosen, choice):
+    """A listed cause on whose value the blocks do not agree gives way to the best one in no list."""
+    for position, (index, _) in enumerate(chosen):
+        others = [k for i, (k, _) in enumerate(chosen) if i != position]
+        if problem.candidates[index].listed and not _agreed(problem, others, index):
+            chosen = _given_way(problem, chosen, position, choice, -np.inf)
+    return chosen
+
+
+def without_shadows(problem: Problem, chosen: list) -> list:
+    """Names without those that gain little beside a cause in no list.
+
+    A regressor made of measured channels follows an unknown effect to some ten percent of its size; what it leaves, a
+    percent of its gain, looks like anything. That stays unexplained rather than get a name.
+    """
+    gains = []
+    for position, (index, _) in enumerate(chosen):
+        others = baseline_of(problem, [k for i, (k, _) in enumerate(chosen) if i != position])
+        gram = attribution.projected(problem.total, others)
+        gains.append(attribution.ratio(gram, problem.places[index], problem.size).gain)
+    unknown = [g for g, (k, _) in zip(gains, chosen, strict=True) if not problem.candidates[k].listed]
+    least = SHADOW * max(unknown, default=0.0)
+    return [one for one, gain in zip(chosen, gains, strict=True) if gain >= least]
+
+
+def settled(problem, chosen, choice, noise, before):
+    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good.
+
+    Parameters
+    ----------
+    problem : Problem
+    chosen : list of (index, Trial)
+    choice : rounds.Choice
+    noise : (n, draws) a block, of `drawn_noise`
+    before : adequacy of the baseline
+    """
+    if not chosen:
+        return chosen, before
+    after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
+    if after.p >= choice.level:
+        return chosen, after
+    other = chosen
+    for position, (index, trial) in enumerate(chosen):
+        if problem.candidates[index].listed:
+            other = _given_way(problem, other, position, choice, trial.score - choice.tie)
+    if other == chosen:
+        return chosen, after
+    again = adequacy.test(problem, baseline_of(problem, [k for k, _ in other]), noise)
+    return (other, again) if again.p > after.p else (chosen, after)
+
+
+def _given_way(problem, chosen, position, choice, least):
+    """Names with one replaced by the best significant cause in no list, if its score is above the least."""
+    others = [k for i, (k, _) in enumerate(chosen) if i != position]
+    rows = trials.tried(problem, baseline_of(problem, others), choice, others)
+    rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level and t.score > least]
+    if not rows:
+        return chosen
+    best = max(rows, key=lambda t: t.score)
+    return [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
+
+
+def _agreed(problem, others, index):
+    """Whether all blocks agree on the value of a cause."""
+    from scipy.stats import chi2 as chi2_distribution
+
+    baseline, place = baseline_of(problem, others), problem.places[index]
+    extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
+    gain = attribution.ratio(attribution.projected(problem.total, baseline), place, problem.size).gain
+    share, level = DISAGREE
+    return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.discovery import residuals
-from gravcal.discovery.problem import Problem
+from gravcal.discovery.problem import Problem, inverse_of_baseline, weighted_rows
 from gravcal.estimation.parallel import parallel
 from gravcal.estimation.records import Block
 
@@ -36,13 +35,7 @@ class Scan:
 
 
 def looked_at(problem: Problem, channels) -> None:
-    """Make what all scans of a problem have in common, where it is not yet made.
-
-    Parameters
-    ----------
-    problem : Problem
-    channels : names of those in which lines are looked for
-    """
+    """Make what all scans of a problem have in common, where it is not yet made."""
     grids = {channel: frequencies(problem.blocks, channel) for channel in channels}
 
     def one(index):
@@ -55,15 +48,8 @@ def looked_at(problem: Problem, channels) -> None:
 
 
 def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Scan:
-    """A step of the linear reading in one block, at every epoch that the block offers: on all axes, then on each.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    rest : (n, d) a block, of `residuals.projected`
-    """
-    inverse = residuals.inverse_of_baseline(problem, baseline)
+    """A step of the linear reading in one block, at every epoch that the block offers: on all axes, then on each."""
+    inverse = inverse_of_baseline(problem, baseline)
     place, at, dof, gain = [np.zeros(0, dtype=int)], [np.zeros(0)], [np.zeros(0, dtype=int)], []
     for i, block in enumerate(problem.blocks):
         if block.steps:
@@ -118,13 +104,7 @@ def _axis_gains(inner, right):
 
 
 def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
-    """Frequencies (f,) Hz that a channel can tell apart, up to where its low-pass leaves something.
-
-    Parameters
-    ----------
-    blocks : list of Block
-    channel : name
-    """
+    """Frequencies (f,) Hz that a channel can tell apart, up to where its low-pass leaves something."""
     spans, spacing = [], []
     for block in blocks:
         time = block.time[(block.channel == channel) & (block.axis == 0)]
@@ -141,13 +121,6 @@ def lines(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channe
     """A sine of any phase and size in each block, along one axis or along all.
 
     The whitening filter leaves a sine a sine, so that sine and cosine stand for it in the whitened rows.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    rest : (n, d) a block, of `residuals.projected`
-    channel : name
     """
     grid = frequencies(problem.blocks, channel)
     gain, dof = _gains(problem, baseline, rest, channel, grid)
@@ -172,7 +145,7 @@ def line_gain(
 def _gains(problem, baseline, rest, channel, grid):
     """Gain (4, f, d) and parameters (4, f): each axis, then all together."""
     count = rest[0].shape[1]
-    inverse = residuals.inverse_of_baseline(problem, baseline)
+    inverse = inverse_of_baseline(problem, baseline)
     gain, dof = np.zeros((4, grid.size, count)), np.zeros((4, grid.size), dtype=int)
     for i in range(len(problem.blocks)):
         for axis in range(3):
@@ -195,7 +168,7 @@ def _waves(problem, index, channel, axis, grid):
     key = ("waves", index, channel, axis, grid.tobytes())
     if key not in problem.memory:
         block = problem.blocks[index]
-        rows = np.flatnonzero((block.channel == channel) & (block.axis == axis) & residuals.weighted(block))
+        rows = np.flatnonzero((block.channel == channel) & (block.axis == axis) & weighted_rows(block))
         problem.memory[key] = (rows, None, None) if rows.size < 40 else (rows, *_seen(problem, index, rows, grid))
     return problem.memory[key]
 
@@ -233,7 +206,7 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
     """
     columns = np.zeros((block.observed.size, 2 * len(axes)))
     for k, axis in enumerate(axes):
-        rows = (block.channel == channel) & (block.axis == axis) & residuals.weighted(block)
+        rows = (block.channel == channel) & (block.axis == axis) & weighted_rows(block)
         phase = 2 * np.pi * frequency * block.time[rows]
         columns[rows, 2 * k], columns[rows, 2 * k + 1] = np.cos(phase), np.sin(phase)
     return columns

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gravcal.discovery import attribution, residuals
-from gravcal.discovery.problem import Problem, extended
+from gravcal.discovery import attribution
+from gravcal.discovery.problem import Problem, extended, inverse_of, inverse_of_baseline, observed_rows, residuals_of
 from gravcal.estimation.records import Candidate, Shape
 
 SHARE = 0.2  # of the largest gain of a round, from which a cause of any size may win
@@ -37,7 +37,7 @@ class _Beside:
     def gain(self, parts, size=None):
         """Gain of columns, and their values (q,), which are fitted unless given."""
         inner, right = self.products(parts)
-        value = attribution.inverse_of(inner) @ right if size is None else np.array([size])
+        value = inverse_of(inner) @ right if size is None else np.array([size])
         return float(2 * right @ value - value @ inner @ value), value
 
     def inside(self, shape, value):
@@ -62,14 +62,7 @@ def _products(basis, rest, known, part):
 
 
 def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem, int]:
-    """Problem with a candidate in the shape of largest gain, and its index; as it was if it has none or is refined.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    index : of the candidate
-    """
+    """Problem with a candidate in the shape of largest gain, and its index; as it was if it has none or is refined."""
     candidate = problem.candidates[index]
     if candidate.shape is None or candidate.shape.covariance is not None:
         return problem, index
@@ -80,8 +73,8 @@ def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem
 
 
 def _beside(problem, baseline):
-    rest = residuals.projected(problem, baseline, residuals.measured(problem))
-    inverse = residuals.inverse_of_baseline(problem, baseline)
+    rest = residuals_of(problem, baseline, observed_rows(problem))
+    inverse = inverse_of_baseline(problem, baseline)
     return _Beside(problem, rest, [c.of(baseline) for c in problem.columns], inverse)
 
 
@@ -106,12 +99,6 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
 
     What is tried of them is far from linear in the size, so that a form of the grid says little of how well they fit.
     Their errors cost twice as much as that and are found when one of them has won.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    rows : list of trials.Trial
     """
     most = max((t.gain for t in rows), default=0.0)
     shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
@@ -162,8 +149,8 @@ def _with_errors(candidate: Candidate, value, beside):
     slopes = [_slope(shape, value, k, size) for k in range(value.size)]
     both = [None if p is None else np.column_stack([p, *(s[i] for s in slopes)]) for i, p in enumerate(parts)]
     inner, _ = beside.products(both)
-    joint, count = attribution.inverse_of(inner), size.size
-    alone = attribution.inverse_of(inner[:count, :count])
+    joint, count = inverse_of(inner), size.size
+    alone = inverse_of(inner[:count, :count])
     known = replace(shape, value=value, covariance=joint[count:, count:])
     spread = joint[:count, :count] - alone
     return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
@@ -185,7 +172,7 @@ def _with_spread(candidate: Candidate, value, beside):
     value, variance = np.exp(about), (np.exp(about) * width) ** 2
     chosen = beside.inside(shape, value)
     parts = shape.columns(value, *chosen)
-    alone = attribution.inverse_of(beside.products(parts)[0])
+    alone = inverse_of(beside.products(parts)[0])
     held = {"covariance": np.diag(variance), "chosen": next(iter(chosen), None)}
     known = replace(shape, value=value, tried=value[None], **held)
     spread = np.maximum(np.diag(variance) - alone, 0.0)

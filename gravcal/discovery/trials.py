@@ -1,4 +1,4 @@
-"""Everything that is tried in a round: candidates, lines and steps, with probabilities corrected for their number."""
+"""Everything that is tried in a round: candidates, lines, steps and pairs, corrected for their number."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gravcal.discovery import attribution, residuals, scan
-from gravcal.discovery.problem import Problem, extended, halves
+from gravcal.discovery import attribution, scan
+from gravcal.discovery.problem import Problem, extended, halves, observed_rows, residuals_of
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Candidate
 
@@ -53,15 +53,7 @@ class Trial(NamedTuple):
 
 
 def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial]:
-    """Trials beside a baseline.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    choice : rounds.Choice
-    used : indices of candidates that are in the baseline
-    """
+    """Trials beside a baseline."""
     gram = attribution.projected(problem.total, baseline)
     rows = []
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
@@ -78,7 +70,7 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
 
 def _along(problem, baseline, choice):
     """Lines and steps: fields of `Trial` without their significance."""
-    rest = residuals.projected(problem, baseline, residuals.measured(problem))
+    rest = residuals_of(problem, baseline, observed_rows(problem))
     found = [scan.lines(problem, baseline, rest, c) for c in choice.tone_causes]
     found.append(scan.steps(problem, baseline, rest))
     rows = []
@@ -102,15 +94,8 @@ def _corrected(rows):
 
 
 def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, float]:
-    """Frequency of a line with its error, between the frequencies of the search: where the gain is largest.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    trial : Trial of kind "line"
-    """
-    rest = residuals.projected(problem, baseline, residuals.measured(problem))
+    """Frequency of a line with its error, between the frequencies of the search: where the gain is largest."""
+    rest = residuals_of(problem, baseline, observed_rows(problem))
     at, width = trial.at, np.sqrt(12) * trial.at_sigma
     for _ in range(3):
         grid = at + width * np.linspace(-1, 1, 21)
@@ -123,13 +108,7 @@ def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, 
 
 
 def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
-    """Epoch of a step with its error: mean and spread under the likelihood of its neighbours.
-
-    Parameters
-    ----------
-    trial : Trial
-    rows : everything tried in its round
-    """
+    """Epoch of a step with its error: mean and spread under the likelihood of its neighbours."""
     like = (trial.kind, trial.channel, trial.place, trial.dof)
     near = [r for r in rows if (r.kind, r.channel, r.place, r.dof) == like]
     near = [r for r in near if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
@@ -141,13 +120,7 @@ def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
 
 
 def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
-    """Problem that holds the trial as a candidate, and its index.
-
-    Parameters
-    ----------
-    problem : Problem
-    trial : Trial
-    """
+    """Problem that holds the trial as a candidate, and its index."""
     if trial.index >= 0:
         return problem, trial.index
     make = _step if trial.kind == "step" else _line
@@ -206,3 +179,39 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
         fixed = 1 + np.arange(baseline.size)
         gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(mine.size))
     return (float(across), "manoeuvres") if across > gain else (float(gain), "blocks")
+
+
+#: Candidates, best first, of which all pairs are tried.
+PAIRED = 30
+
+
+def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], level: float) -> tuple[Trial, float] | None:
+    """Better half of the best pair of listed causes, and the score of the pair; None if no pair passes.
+
+    Each of the two has to be significant beside the other, corrected for the number of listed trials.
+    """
+    gram = attribution.projected(problem.total, baseline)
+    listed = [t for t in rows if t.kind == "listed"]
+    limit = np.log(level * SHARES["listed"] / max(len(listed), 1))
+    tops = sorted(listed, key=lambda t: -t.score)[:PAIRED]
+    found = None
+    for i, one in enumerate(tops):
+        for other in tops[i + 1 :]:
+            if one.cause == other.cause:
+                continue
+            places = [problem.places[t.index] for t in (one, other)]
+            gain, dof = _joint_gain(gram, np.r_[places[0], places[1]], problem.size)
+            alone = [chi2_tail.log_tail(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
+            score = gain - COST * dof
+            if max(alone) < limit and (found is None or score > found[1]):
+                found = (one if one.score > other.score else other, score)
+    return found
+
+
+def _joint_gain(gram, index, size):
+    """Gain of several columns, and how many directions they span."""
+    scale = np.where(size[index] > 0, size[index], 1.0)
+    values, vectors = np.linalg.eigh(gram[np.ix_(index, index)] / np.outer(scale, scale))
+    seen = values > attribution.SEEN**2
+    part = (vectors[:, seen] / np.sqrt(values[seen])).T @ (gram[index, 0] / scale)
+    return float(part @ part), int(seen.sum())

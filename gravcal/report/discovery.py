@@ -17,7 +17,7 @@ def document(numbers: dict, calibration: str, event: str, provenance: dict) -> d
 
     Parameters
     ----------
-    numbers : of `gravcal.discovery.summary.summary`
+    numbers : of `gravcal.discovery.product.summary`
     calibration, event : names
     provenance : mapping
     """

@@ -42,7 +42,7 @@ def with_calibration(numbers: dict, calibration: str, before, after) -> dict:
 
     Parameters
     ----------
-    numbers : of `gravcal.discovery.summary.summary`
+    numbers : of `gravcal.discovery.product.summary`
     calibration : name
     before, after : Dataset, combined products of the baseline and of the records without the findings
     """

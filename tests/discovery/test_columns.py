@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.discovery.columns import columns_of, without_rounding
-from gravcal.discovery.linear_algebra import basis_of
+from gravcal.discovery.problem import basis_of, columns_of, without_rounding
 
 CHANNELS = {
     "by channel": np.repeat(["linear", "angular", "attitude"], [40, 30, 20]),

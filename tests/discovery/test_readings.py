@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from flows import com_offset, discover
 from gravcal import catalog
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.discovery import products, readings
+from gravcal.discovery.product import clearest, dataset, variables
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
 from gravcal.estimation.records import Block, Candidate
@@ -42,33 +42,33 @@ def doubled(channel, index, rows):  # noqa: ARG001 - all that a calibration is g
 def test_what_the_extension_helps_most_is_shown():
     """Contract: channel and block with the signal; measured less simulated is the residual in its own unit."""
     found = result(2.0)
-    place = readings.clearest(found, ("angular", "linear"), 0.005)
+    place = clearest(found, ("angular", "linear"), 0.005)
     assert place == ("linear", 1)
-    shown = readings.variables(found, place, doubled)
+    shown = variables(found, place, doubled)
     difference = {p: shown["linear_measured"] - shown[f"linear_{p}"] for p in PARTS[1:]}
     assert_allclose(difference["baseline"][:, 0], 2 * found.before.rest[1][120:], atol=1e-12)  # rounding
     assert_allclose(difference["extended"][:, 0], 2 * found.after.rest[1][120:], atol=1e-12)
     assert abs(shown["linear_measured"].mean()) < 1e-12
-    product = products.dataset(found, {}, (), shown)
+    product = dataset(found, {}, (), shown)
     assert product["linear_measured"].attrs["units"] == "m s-2"
     assert "angular_measured" not in product
 
 
 def test_a_channel_that_cannot_be_shown_is_left_out():
     """Contract: no picture of another channel in its place."""
-    assert readings.clearest(result(2.0), ("angular",), 0.005) is None
+    assert clearest(result(2.0), ("angular",), 0.005) is None
 
 
 def test_where_nothing_is_named_the_least_likely_band_is_shown():
     """Contract: a signal that no candidate holds: measured and baseline, no extended model; clean data show nothing."""
     found = result(2.0, listed=False)
     assert not found.findings
-    place = readings.clearest(found, ("angular", "linear"), 0.005)
+    place = clearest(found, ("angular", "linear"), 0.005)
     assert place == ("linear", 1)
-    assert "linear_extended" not in readings.variables(found, place, doubled)
+    assert "linear_extended" not in variables(found, place, doubled)
     clean = result(0.0)
-    assert readings.clearest(clean, ("angular", "linear"), 1e-4) is None
-    assert readings.variables(clean, None, doubled) == {}
+    assert clearest(clean, ("angular", "linear"), 1e-4) is None
+    assert variables(clean, None, doubled) == {}
 
 
 def viewed(folder, effects):

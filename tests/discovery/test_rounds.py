@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gravcal.discovery import residuals
-from gravcal.discovery.linear_algebra import basis_of
+from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.model_average import _held, widened, with_ties
-from gravcal.discovery.problem import baseline_of, prepare
+from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepare
+from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, search
-from gravcal.discovery.summary import summary
-from gravcal.discovery.unobservable import beside_calibration
 from gravcal.errors import EstimationError
 from gravcal.estimation.records import Block, Candidate, Shape
 from gravcal.report.discovery import tied_table, verdict
@@ -335,7 +333,7 @@ def _drawn(rng, count, draws, quiet):
     nothing = np.zeros((time.size, 1))
     words = np.array(["linear"] * time.size), np.repeat([0, 1, 2], count)
     block = Block("one", np.ones(time.size), nothing, nothing, *words, time)
-    return residuals.drawn(prepare([block], []), draws, quiet, rng, {"linear": 3})[0]
+    return drawn_noise(prepare([block], []), draws, quiet, rng, {"linear": 3})[0]
 
 
 def test_noise_measured_in_the_rows_is_whiter_than_noise():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from gravcal.discovery import residuals, scan
-from gravcal.discovery.problem import prepare
+from gravcal.discovery import scan
+from gravcal.discovery.problem import observed_rows, prepare, residuals_of
 from gravcal.estimation.records import Block
 
 
@@ -27,7 +27,7 @@ def test_gain_of_a_step_is_that_of_least_squares():
     blocks = blocks_of(np.random.default_rng(3))
     problem = prepare(blocks, [])
     baseline = np.array([1])
-    rest = residuals.projected(problem, baseline, residuals.measured(problem))
+    rest = residuals_of(problem, baseline, observed_rows(problem))
     found = scan.steps(problem, baseline, rest)
     assert found.at.size == 2 * 4 * 4
     assert sorted(set(found.dof)) == [1, 3]

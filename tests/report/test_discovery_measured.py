@@ -10,7 +10,7 @@ import pytest
 
 from flows import cli, discover_measured
 from gravcal import catalog
-from gravcal.discovery import products
+from gravcal.discovery import product
 from gravcal.report import discovery, discovery_measured
 from gravcal.store.schemas import validate
 
@@ -73,7 +73,7 @@ def made(view, amplitude=5.0, origin="measured"):
     prepared |= {"origin": origin}
     prepared |= {"said": "nothing is adopted", "notes": ["A note with <angle> brackets."]}
     document = discover_measured.document(view, prepared, found, CHOSEN)
-    return document, {label: products.dataset(result, {}, ()) for label, result in found}
+    return document, {label: product.dataset(result, {}, ()) for label, result in found}
 
 
 @pytest.mark.parametrize("view", CAUSES)

@@ -1,0 +1,237 @@
+"""What a search delivers: its numbers in one document, residuals and adequacy, and the reading that shows most."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.building import build
+from gravcal.discovery.attribution import beside_calibration
+from gravcal.discovery.problem import baseline_of
+from gravcal.discovery.rounds import Choice, Finding, Result
+from gravcal.discovery.schemas import DISCOVERY
+
+
+def nothing() -> xr.Dataset:
+    """Product of a record without manoeuvre."""
+    values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional")}
+    return build(DISCOVERY, values, numbers=json.dumps({"status": "no_manoeuvre"}), channels="", blocks="")
+
+
+def dataset(result: Result, numbers: dict, channels: Sequence[str], reading: Mapping | None = None) -> xr.Dataset:
+    """Product of a search: residuals before and after, adequacy, and the numbers.
+
+    Parameters
+    ----------
+    result : Result
+    numbers : of `summary.summary`
+    channels : names in the order of the pages
+    reading : of `readings.variables`
+    """
+    blocks, before, after = result.problem.blocks, result.before, result.after
+    rows = before.rows
+    names = list(dict.fromkeys([*channels, *(str(c) for b in blocks for c in b.channel)]))
+    place = {name: k for k, name in enumerate(names)}
+    labels = {b.label: k for k, b in enumerate(blocks)}
+    values = {
+        "time_row": np.concatenate([b.time for b in blocks]),
+        "channel": np.concatenate([[place[str(c)] for c in b.channel] for b in blocks]),
+        "component": np.concatenate([b.axis for b in blocks]),
+        "block": np.concatenate([np.full(b.time.size, k) for k, b in enumerate(blocks)]),
+        "observed": np.concatenate([b.observed for b in blocks]),
+        "residual_before": np.concatenate(before.rest),
+        "residual_after": np.concatenate(after.rest),
+        "test_block": [labels[r["block"]] for r in rows],
+        "test_channel": [place[r["channel"]] for r in rows],
+        "test_band": [r["band"] for r in rows],
+        "power_before": [r["ratio"] for r in rows],
+        "power_after": [r["ratio"] for r in after.rows],
+        "p_band_before": [r["p"] for r in rows],
+        "p_band_after": [r["p"] for r in after.rows],
+    }
+    text = json.dumps(_known(numbers), allow_nan=False, sort_keys=True)
+    words = {"numbers": text, "channels": " ".join(names), "blocks": ", ".join(labels)}
+    return build(DISCOVERY, values | (reading or {}), **words)
+
+
+def _known(value):
+    """NaN and infinity become null."""
+    if isinstance(value, dict):
+        return {k: _known(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_known(v) for v in value]
+    if isinstance(value, (np.floating, float)):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: float, start: np.ndarray) -> dict:
+    """Numbers of a discovery.
+
+    Parameters
+    ----------
+    result : Result
+    choice : Choice
+    names : of the shared parameters; unit : of the numbers that are reported
+    scale : factor to that unit
+    start : (s,) values of the shared parameters that the residuals were formed with
+
+    Returns
+    -------
+    numbers : plain lists and floats, NaN where not determined
+    """
+    return {
+        "adequate_before": bool(result.before.p >= choice.level),
+        "adequate_after": bool(result.after.p >= choice.level),
+        "p_before": result.before.p,
+        "p_after": result.after.p,
+        "level": choice.level,
+        "findings": [_finding(f, choice) for f in result.findings],
+        "indistinguishable_from_calibration": beside_calibration(
+            result.problem, baseline_of(result.problem, ()), np.full(len(names), scale)
+        ),
+        "unexplained": _unexplained(result, choice),
+        "calibration_change": _change(result, names, unit, scale, start),
+        "gain": _gain(result),
+        "tried": _tried(result),
+    }
+
+
+def _finding(found: Finding, choice):
+    values = zip(found.names, found.value.tolist(), found.sigma.tolist(), found.units, strict=True)
+    parameters = {n: {"value": v, "sigma": s, "unit": u} for n, v, s, u in values}
+    if np.isfinite(found.at):
+        name, unit = ("time", "s") if "time" in found.form else ("frequency", "Hz")
+        parameters[name] = {"value": found.at, "sigma": found.at_sigma, "unit": unit}
+    return {
+        "cause": found.cause,
+        "form": found.form,
+        "tied_with": [*found.tied, *(one["cause"] for one in found.imitators)],
+        "in_catalogue": not found.cause.startswith("unknown:"),
+        "parameters": parameters,
+        "significance": found.significance,
+        "level": choice.level,
+        "heldout": found.kind,
+        "heldout_gain": {"chi2": found.heldout, "in_sample_chi2": found.gain, "parameters": found.dof},
+        "separation": found.separation,
+        "imitators": found.imitators,
+    }
+
+
+def _unexplained(result, choice):
+    """What is left where the extended model is not adequate: worst bands, lines and steps."""
+    if result.after.p >= choice.level:
+        return {}
+    rows = sorted(result.after.rows, key=lambda r: r["p"])[:5]
+    scans = []
+    for one in result.after.scans:
+        best = int(np.argmax(one.gain[:, 0] - one.dof))
+        name = "frequency_hz" if one.kind == "line" else "time"
+        scans.append({"kind": one.kind, "channel": one.channel, name: float(one.at[best])})
+        scans[-1] |= {"chi2": float(one.gain[best, 0]), "parameters": int(one.dof[best])}
+    return {"p": result.after.p, "bands": rows, "scans": scans}
+
+
+def _change(result, names, unit, scale, start):
+    """Shared parameters before and after, in their reported unit."""
+    (before, after), (old, new) = result.shared, result.sigma
+    change = scale * (after - before)
+    return {
+        "names": names,
+        "unit": unit,
+        "before": (scale * (start + before)).tolist(),
+        "sigma_before": (scale * old).tolist(),
+        "after": (scale * (start + after)).tolist(),
+        "sigma_after": (scale * new).tolist(),
+        "variant": "joint fit",
+        "covariance_of_findings": (scale**2 * (result.covariance[1] - result.covariance[0])).tolist(),
+        "change": change.tolist(),
+        "change_in_old_sigma": (change / np.where(old > 0, scale * old, np.inf)).tolist(),
+    }
+
+
+def _gain(result):
+    """Chi-square, likelihood and criterion before and after, rms of the whitened residuals by channel."""
+    (before, after), count = result.chi2, result.problem.samples.sum()
+    more = result.baseline.size - (result.problem.shared.stop - result.problem.shared.start)
+    return {
+        "chi2_before": before,
+        "chi2_after": after,
+        "dof_before": result.dof,
+        "dof_after": result.dof - more,
+        "heldout_chi2": float(sum(f.heldout for f in result.findings)),
+        "log_likelihood_before": -before / 2,
+        "log_likelihood_after": -after / 2,
+        "bic_change": after - before + more * float(np.log(max(count, 1))),
+        "rms_before": _rms(result.problem.blocks, result.before.rest),
+        "rms_after": _rms(result.problem.blocks, result.after.rest),
+    }
+
+
+def _rms(blocks, rest):
+    """Rms of the whitened residual of each channel over the rows that carry weight; one is the noise."""
+    found = {}
+    for channel in dict.fromkeys(str(c) for b in blocks for c in b.channel):
+        values = np.concatenate([r[b.channel == channel] for b, r in zip(blocks, rest, strict=True)])
+        values = values[values != 0]
+        found[channel] = float(np.sqrt(np.mean(values**2))) if values.size else np.nan
+    return found
+
+
+def _tried(result):
+    """Best trial of each cause in the first round."""
+    rows = {}
+    for trial in result.first:
+        one = {"cause": trial.cause, "form": trial.form, "chi2": trial.gain, "parameters": trial.dof}
+        rows.setdefault(trial.cause, one | {"significance": trial.significance})
+    return list(rows.values())
+
+
+#: Rows of a channel and block below which they are no curve.
+CURVE = 60
+#: Chi-square that the extension has to gain there to be seen at all.
+CLEAR = 10.0
+
+
+def clearest(result: Result, channels: Sequence[str], level: float) -> tuple[str, int] | None:
+    """Channel and index of the block to be shown, None where there is nothing to show.
+
+    Where something was named it is that which the extension helps most; where nothing was named and the baseline is
+    not adequate, that of the least likely band.
+    """
+    drops = {}
+    for k, block in enumerate(result.problem.blocks):
+        drop = result.before.rest[k] ** 2 - result.after.rest[k] ** 2
+        here = {c: block.channel == c for c in channels}
+        drops |= {(c, k): float(drop[rows].sum()) for c, rows in here.items() if rows.sum() >= CURVE}
+    if result.findings:
+        best = max(drops, key=drops.get, default=None)
+        return best if best and drops[best] >= CLEAR else None
+    labels = {b.label: k for k, b in enumerate(result.problem.blocks)}
+    rows = sorted(result.before.rows, key=lambda r: r["p"]) if result.before.p < level else []
+    return next((place for r in rows if (place := (r["channel"], labels[r["block"]])) in drops), None)
+
+
+def variables(result: Result, place: tuple[str, int] | None, reading_of: Callable) -> dict[str, np.ndarray]:
+    """Variables of the product for the channel and block that are shown, less the mean measured; none without them.
+
+    Parameters
+    ----------
+    result : Result
+    place : of `clearest`
+    reading_of : (channel, block index, rows (n, 3) 1) -> (time (m,) s, model (m, a), columns (3, m, a)): the reading
+        that the observed rows are the difference to, and whitened rows in the unit of the reading
+    """
+    if place is None:
+        return {}
+    channel, k = place
+    rows = np.stack([result.problem.blocks[k].observed, result.before.rest[k], result.after.rest[k]], axis=1)
+    time, model, (observed, before, after) = reading_of(channel, k, rows)
+    measured = model + observed
+    measured -= np.nanmean(measured, axis=0)
+    parts = {"measured": measured, "baseline": measured - before}
+    parts |= {"extended": measured - after} if result.findings else {}
+    return {"time_reading": time} | {f"{channel}_{name}": values for name, values in parts.items()}
