@@ -18,6 +18,8 @@ NAMES = {
     "discovery": ("benchmarks.discovery", "run"),
     "browse": ("benchmarks.browse", "run"),
     "fuzz": ("benchmarks.fuzz", "run"),
+    "worlds": ("benchmarks.worlds", "study"),
+    "folder": ("benchmarks.worlds", "folder"),
     "others": ("benchmarks.others", "run"),
 }
 
@@ -27,9 +29,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}; all by default")
     parser.add_argument("--quick", action="store_true", help="few runs and rounds, two minutes")
-    parser.add_argument("--runs", type=int, help="events of the recovery studies")
+    parser.add_argument("--runs", type=int, help="cases of a study")
     parser.add_argument("--seed", type=int, default=1, help="first seed")
-    parser.add_argument("--calibration", help="of the fuzzing, by default all four")
+    parser.add_argument("--calibration", help="of the fuzzing, by default all four; of the worlds")
+    parser.add_argument("--world", default="open", help="that makes the cases: open, second or own")
+    parser.add_argument("--sort", default="clean", help="of the cases: clean, listed or unlisted")
+    parser.add_argument("--folder", metavar="DIR", help="of cases without truth")
+    parser.add_argument("--out", metavar="PATH", help="for lines of cases, or documents of a folder")
     parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing")
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster for the study of discovery")
@@ -38,6 +44,8 @@ def main() -> None:
     parser.add_argument("--windows", action="store_true", help="windows of manoeuvres in the campaign, not days")
     options = parser.parse_args()
     options.rounds = options.rounds or (2 if options.quick else 7)
+    if options.names[:1] == ["folder"]:
+        options.folder, options.names = options.folder or options.names[-1], ["folder"]
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f"no benchmark {', '.join(unknown)}; there is {', '.join(NAMES)}")
@@ -45,7 +53,9 @@ def main() -> None:
 
     single_threaded()
     figures = []
-    for name in options.names or [n for n in NAMES if n not in ("discovery", "fuzz")]:  # hours; asked for by name
+    for name in options.names or [
+        n for n in NAMES if n not in ("discovery", "fuzz", "worlds", "folder")
+    ]:  # hours; asked for by name
         module, function = NAMES[name]
         figures += getattr(importlib.import_module(module), function)(options)
     summary(figures)

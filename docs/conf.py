@@ -9,10 +9,17 @@ author = "the gravcal contributors"
 project_copyright = "the gravcal contributors, MIT licence"
 version = release = _version("gravcal")
 
-extensions = ["myst_parser"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+nb_execution_mode = "cache"  # a notebook is executed again when its text changed
+nb_execution_cache_path = str(Path(__file__).parent.parent / "build" / "notebooks")
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
+napoleon_use_param = napoleon_use_rtype = False  # shapes and units are no types that could be looked up
+autodoc_member_order = "bysource"
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
 nitpicky = True
+nitpick_ignore_regex = [("py:.*", r".*")]  # names inside docstrings lead nowhere
 
 html_theme = "furo"
 html_title = "gravcal"

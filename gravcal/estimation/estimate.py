@@ -61,14 +61,18 @@ class Estimate:
         units = [*self.unit.split(","), *[self.unit] * len(self.names)]
         rows = zip(self.names, self.value, self.sigma, units, strict=False)
         lines = [
-            f"{name:>12} {value:+.4g} +- {sigma:.2g} {unit.strip()}"
-            if np.isfinite(value)
-            else f"{name:>12} not determined"
+            f"{name:>12} {_digits(value, sigma)} {unit.strip()}" if np.isfinite(value) else f"{name:>12} not determined"
             for name, value, sigma, unit in rows
         ]
         return "\n".join(
             [*lines, f"chi2 {self.chi2:.1f} of {self.dof} degrees of freedom (p = {self.probability:.2g})"]
         )
+
+
+def _digits(value, sigma):
+    """Value and sigma with the two digits of the latter."""
+    places = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 12)) if sigma > 0 else 4
+    return f"{value:+.{places}f} +- {sigma:.{places}f}" if places <= 6 else f"{value:+.4g} +- {sigma:.2g}"
 
 
 def estimate(

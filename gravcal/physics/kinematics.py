@@ -164,7 +164,7 @@ def range_between(separation):
 
     Notes
     -----
-    rho = |u|; Remote Sens. 2022, 14, 3395, eqs. 5-6.
+    rho = norm(u); Remote Sens. 2022, 14, 3395, eqs. 5-6.
     """
     return np.linalg.norm(check_shape("separation", separation, (..., 3)), axis=-1)
 

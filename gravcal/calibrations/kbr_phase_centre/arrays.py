@@ -36,7 +36,7 @@ def estimate(
 
     Notes
     -----
-    rho - |r_b - r_a| = -e_a . c_a - e_b . c_b; Remote Sens. 2022, 14, 3395, eq. 10, each line towards the other
+    rho - norm(r_b - r_a) = -e_a . c_a - e_b . c_b; Remote Sens. 2022, 14, 3395, eq. 10, each line towards the other
     satellite. The part square in the offsets (c^2 / 2 rho, 0.01 mm) is left to the pipeline.
 
     Examples

@@ -1,0 +1,646 @@
+"""Discovery judged by several worlds: what is hidden there, how strong it is, what was said of it.
+
+`python -m benchmarks worlds --calibration NAME --world open|second|own --sort clean|listed|unlisted --runs N --seed S`
+makes cases with the forward models beside the project (`../shared/worlds/open`), with the simulator of the tests
+(`second`), or with the project's own; searches each and prints the scores that docs/scores.md defines. Every case is a
+line of `--out FILE`, and a study goes on where it stopped. `python -m benchmarks folder DIR --out OUT` runs `run` and
+`discover` on every case of a folder whose truth is not at hand.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.tables import Figure, say, show
+
+OPEN = Path(__file__).parents[2] / "shared" / "worlds" / "open" / "make_case.py"
+FIELD = Path(__file__).parents[2] / "shared" / "worlds" / "fields" / "gravcal-60.gfc"
+CALIBRATIONS = {
+    "com": "com_offset",
+    "second": "com_offset",
+    "kbr": "kbr_phase_centre",
+    "taiji": "inertial_sensor",
+    "swing": "inertial_sensor",
+    "roll": "inertial_sensor",
+    "sgrs": "gradient_torque",
+}
+KINDS = {
+    ("open", "com_offset"): ("com",),
+    ("open", "kbr_phase_centre"): ("kbr",),
+    ("open", "inertial_sensor"): ("swing", "roll"),
+    ("open", "gradient_torque"): ("sgrs",),
+    ("second", "com_offset"): ("second",),
+} | {("own", name): (name,) for name in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque")}
+#: What an operator of these cases knows and gives to every command.
+KNOWN = {
+    "inertial_sensor": ["--set", "arm_x_mm=8", "--set", "k_y=3e-4"],
+    "gradient_torque": ["--set", f"field={FIELD}"],
+}
+STRONG = (15.0, 40.0)  # signal-to-noise ratios that are hidden, log-uniform
+LARGEST = 200.0  # times the first guess of a size; what needs more is not seen by these records
+
+
+@dataclasses.dataclass(frozen=True)
+class Hidden:
+    """An effect of the open world.
+
+    Attributes
+    ----------
+    causes : slugs of the catalogue that are right; none where the catalogue has none
+    draw : rng -> value at a first guess of the size
+    scaled : (value, factor) -> value; by default everything is multiplied
+    channels, drivers : words of which one has to stand in the cause, form or driver of what was found, for an effect in
+        no list
+    """
+
+    causes: tuple[str, ...]
+    draw: object
+    scaled: object = None
+    channels: tuple[str, ...] = ()
+    drivers: tuple[str, ...] = ()
+
+
+def axis_of(size):
+    """Draw of a vector along one axis or along all."""
+
+    def draw(rng):
+        vector = size * rng.standard_normal(3)
+        return (vector if rng.integers(2) else vector * np.eye(3)[rng.integers(3)]).tolist()
+
+    return draw
+
+
+def number(size):
+    """Draw of a number of either sign."""
+    return lambda rng: float(size * rng.choice([-1, 1]))
+
+
+def matrix(size, symmetric):
+    """Draw of a matrix with one pair off the diagonal."""
+
+    def draw(rng):
+        out, (i, j) = np.zeros((3, 3)), ((0, 1), (0, 2), (1, 2))[rng.integers(3)]
+        out[i, j] = size * rng.choice([-1, 1])
+        out[j, i] = out[i, j] if symmetric else -out[i, j]
+        return out.tolist()
+
+    return draw
+
+
+def of_one(draw):
+    """Draw for one of both satellites."""
+    return lambda rng: {"CD"[rng.integers(2)]: draw(rng)}
+
+
+def only(*places):
+    """Scaling of some entries of a tuple."""
+    return lambda value, factor: [v * factor if k in places else v for k, v in enumerate(value)]
+
+
+#: Effects of the open world and what the catalogue calls them; settled before the first run. What a calibration
+#: itself estimates is not here: `cp` of sgrs (its centre of pressure), `loop_delay` of Taiji (its delay).
+EFFECTS = {
+    "com": {
+        "acc_delay": Hidden(("timing.accelerometer_delay",), number(0.05)),
+        "sca_delay": Hidden(("timing.star_camera_delay",), number(0.05)),
+        "mtq_gain": Hidden(("torque.dipole_gain",), axis_of(0.01)),
+        "mtq_misalign": Hidden(("torque.dipole_misalignment",), axis_of(5e-3)),
+        "mtq_lag": Hidden(("torque.dipole_lag",), lambda rng: float(rng.uniform(0.1, 0.6))),
+        # cubic in the current, whose size is one: a weaker dipole at full current
+        "mtq_saturation": Hidden(
+            ("torque.saturation", "torque.dipole_gain"), lambda rng: float(rng.uniform(0.01, 0.05))
+        ),
+        "inertia": Hidden(("torque.inertia",), axis_of(0.01)),
+        "inertia_products": Hidden(("torque.inertia_products",), axis_of(1.0)),
+        "angular_scale": Hidden(("accelerometer.angular_scale",), axis_of(0.02)),
+        "residual_dipole": Hidden(("torque.residual_dipole",), axis_of(0.2)),
+        "drag_torque": Hidden(("torque.constant",), axis_of(1e-5)),
+        "eddy": Hidden(("torque.eddy_current",), lambda rng: float(rng.uniform(1e3, 1e4))),
+        "current_to_acc": Hidden(("accelerometer.current_leak",), axis_of(1e-8)),
+        "acc_cross": Hidden(("accelerometer.cross_talk",), matrix(1e-3, True)),
+        "acc_lin_scale": Hidden(("accelerometer.scale",), axis_of(0.01)),
+        "acc_quadratic": Hidden(("accelerometer.quadratic",), number(1e4)),
+        "flex": Hidden(
+            ("accelerometer.flexible_mode",), lambda rng: [float(rng.uniform(0.1, 0.7)), 0.02, 1e-5], only(2)
+        ),
+        "d_drift": Hidden(("accelerometer.moving_offset",), axis_of(1e-7)),
+        "acc_bias_step": Hidden(
+            ("accelerometer.bias_step",), lambda rng: [int(rng.integers(3)), 1e-9, float(rng.uniform(30, 150))], only(1)
+        ),
+        "tone": Hidden(
+            ("accelerometer.stray_tone",),
+            lambda rng: [float(rng.uniform(0.02, 0.7)), 1e-9, int(rng.integers(3))],
+            only(1),
+        ),
+        # quadratic in the time from the begin of each manoeuvre: a drift of the bias that the catalogue has as a slope
+        "temp_ramp": Hidden(("accelerometer.bias_drift", "accelerometer.temperature"), axis_of(1e-13)),
+        "mag_leak": Hidden(("magnetometer.current_leak",), lambda rng: (rng.standard_normal((3, 3))).tolist()),
+        "mag_bias": Hidden(("magnetometer.bias",), axis_of(300.0)),
+        "mag_misalign": Hidden(("magnetometer.misalignment",), axis_of(5e-3)),
+        "latitude_force": Hidden((), number(1e-9), None, ("linear",), ("latitude", "argument", "orbit")),
+        "current_memory": Hidden((), number(1e-9), None, ("linear",), ("current", "torquer")),
+    },
+    "kbr": {
+        "multipath": Hidden(
+            ("ranging.multipath",),
+            of_one(
+                lambda rng: [
+                    *rng.uniform(2e-6, 1e-5, 2).tolist(),
+                    float(rng.uniform(150, 600)),
+                    float(rng.uniform(0, 6)),
+                ]
+            ),
+            lambda value, factor: {k: [v[0] * factor, v[1] * factor, *v[2:]] for k, v in value.items()},
+        ),
+        "sca_delay": Hidden(("timing.star_camera_delay",), of_one(number(0.1))),
+        "kbr_delay": Hidden(("ranging.delay",), number(1e-4)),
+        "sca_misalign": Hidden(
+            ("ranging.star_camera_misalignment", "attitude.star_camera_misalignment"), of_one(axis_of(1e-3))
+        ),
+        "phase_jump": Hidden(
+            ("ranging.phase_break",), lambda rng: [int(rng.integers(8)), float(rng.uniform(300, 3400)), 2e-5], only(2)
+        ),
+        "apc_curvature": Hidden(("ranging.phase_centre_curvature",), of_one(number(0.02))),
+        "apc_drift": Hidden(("ranging.phase_centre_drift",), of_one(axis_of(1e-2))),
+        "range_scale": Hidden(("ranging.scale",), number(1e-9)),
+        "thermal_range": Hidden(
+            ("ranging.once_per_revolution", "ranging.thermal", "ranging.slow_orbit_error"),
+            lambda rng: [1e-4, float(rng.uniform(0, 6))],
+            only(0),
+        ),
+    },
+    "swing": {
+        "tracker_misalign": Hidden(("inertial_sensor.tracker_misalignment",), axis_of(5e-3)),
+        "quadratic": Hidden(("inertial_sensor.quadratic",), number(0.1)),
+        "cross": Hidden(("inertial_sensor.cross_coupling",), matrix(1e-2, True)),
+        "bias_drift": Hidden(("inertial_sensor.bias_drift",), number(1e-10)),
+        "stiffness": Hidden(("inertial_sensor.stiffness",), number(1.0)),
+        "wheel": Hidden(("accelerometer.stray_tone",), lambda rng: [float(rng.uniform(0.1, 3)), 1e-8], only(1)),
+    },
+    "sgrs": {
+        "misalign": Hidden(("accelerometer.misalignment",), axis_of(1e-4)),
+        "dipole": Hidden(("torque.residual_dipole",), axis_of(0.05)),
+        "ang_scale": Hidden(("accelerometer.angular_scale",), axis_of(1e-2)),
+        "thermal": Hidden(("accelerometer.temperature",), number(1e-11)),
+        "field": Hidden(
+            ("gradient.tesseral", "gradient.field_scale"),
+            lambda rng: {f"{n},{rng.integers(1, n + 1)}": [1e-9, 1e-9] for n in [int(rng.integers(2, 20))]},
+            lambda value, factor: {k: [factor * x for x in v] for k, v in value.items()},
+        ),
+        "lin_scale": Hidden(("accelerometer.scale",), number(1e-4)),
+        "drift": Hidden(("accelerometer.bias_drift",), number(1e-14)),
+        "tracker": Hidden(("attitude.star_camera_misalignment",), axis_of(1e-4)),
+        "place": Hidden(("gradient.mounting",), lambda rng: (1e-5 * rng.standard_normal((2, 3))).tolist()),
+        "em_couple": Hidden((), number(1e-4), None, ("linear",), ("linear", "reading")),
+    },
+}
+EFFECTS["roll"] = EFFECTS["swing"]
+
+
+def odd(value, *drivers, **settings):
+    """Effect of the second world in no list, on the linear accelerometer along y."""
+    draw = lambda rng: {"value": {"y": value * float(rng.choice([-1, 1]))}} | settings  # noqa: E731
+    return Hidden((), draw, lambda v, factor: v | {"value": {"y": factor * v["value"]["y"]}}, ("linear",), drivers)
+
+
+EFFECTS["second"] = {
+    "odd_field_current": odd(2e-7, "current", "field"),
+    "odd_current_squared": odd(1e-13, "current", lag_s=2.0),
+    "odd_edge_spike": odd(3e-9, "current", decay_s=0.7, signed=True),
+    "odd_hysteresis": odd(1e-11, "current", width_ma=60.0),
+    "odd_latitude": odd(1e-9, "latitude", "orbit"),
+    "odd_telegraph": odd(1e-9, "time", "excess"),
+    "odd_second_hand": odd(1e-9, "time", "frequency", "line"),
+    "odd_rate_product": odd(1e-2, "rate", "attitude"),
+    "odd_chirp": odd(1e-9, "time", "excess"),
+}
+#: Families of the catalogue that act on the records of a calibration; what is no effect of a simulated event is not
+#: drawn: the calibration's own parameters, and what another record holds.
+OWN = {
+    "com_offset": ("timing", "torque", "accelerometer", "magnetometer"),
+    "kbr_phase_centre": ("ranging", "timing"),
+    "inertial_sensor": ("inertial_sensor",),
+    "gradient_torque": ("gradient",),
+}
+NOT_DRAWN = ("accelerometer.offset", "ranging.phase_centre", "ranging.antenna_correction", "timing.thruster_delay")
+FIXED = ("time", "frequency", "phase", "damping")
+FIRST = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0}
+
+
+def own(calibration: str) -> dict[str, Hidden]:
+    """Effects of the catalogue with plausible sizes, by slug.
+
+    Parameters
+    ----------
+    calibration : name
+    """
+    from gravcal.effects import catalogue
+
+    known = {s: e for s, e in catalogue().items() if s.partition(".")[0] in OWN[calibration] and s not in NOT_DRAWN}
+    return {slug: _own(entry) for slug, entry in known.items()}
+
+
+def _own(entry):
+    """A plausible size of one parameter or of all, the whole strength scaled."""
+
+    def draw(rng):
+        values = {p.name: FIRST.get(p.name, float(p.prior_sigma * rng.standard_normal())) for p in entry.parameters}
+        sizes = sorted(set(values) - {*FIXED, "tau", "limit"})
+        kept = sizes if rng.integers(2) or not sizes else [sizes[rng.integers(len(sizes))]]
+        values = {n: v for n, v in values.items() if n in kept or n not in sizes}
+        values |= {"frequency": float(rng.uniform(0.02, 0.7))} if "frequency" in values else {}
+        return {f"{entry.slug}.{name}": value for name, value in values.items()}
+
+    def scaled(values, factor):
+        return {n: v if n.rpartition(".")[2] in (*FIXED, "limit") else factor * v for n, v in values.items()}
+
+    return Hidden((entry.slug,), draw, scaled)
+
+
+def effects_of(kind: str) -> dict[str, Hidden]:
+    """Effects that can be hidden in a kind of case, by name."""
+    return EFFECTS[kind] if kind in EFFECTS else own(kind)
+
+
+def make(kind: str, seed: int, effects: dict, folder: Path) -> dict:
+    """Files of a case in `folder`/data; its truth.
+
+    Parameters
+    ----------
+    kind : "com", "kbr", "swing", "roll" or "sgrs" of the open world, "second", or a calibration for the project's own
+    seed : int
+    effects : {name: value}
+    folder : where the case is made
+    """
+    if kind == "second":
+        tests = str(Path(__file__).parents[1] / "tests")
+        sys.path[:0] = [] if tests in sys.path else [tests]
+        from independent import make_event
+
+        return make_event(folder / "data", seed, effects=effects, window_s=(420.0, 420.0))
+    if kind in OWN:
+        values = {name: value for entries in effects.values() for name, value in entries.items()}
+        words = [word for name, value in values.items() for word in ("--effect", f"{name}={value}")]
+        target = folder / "truth.json"
+        command = [
+            sys.executable,
+            "-m",
+            "flows.cli",
+            "simulate",
+            kind,
+            "--out",
+            str(folder / "data"),
+            "--seed",
+            str(seed),
+        ]
+        subprocess.run([*command, "--truth", str(target), *words], check=True, capture_output=True)
+        return json.loads(target.read_text())
+    words = [word for name, value in effects.items() for word in ("--effect", f"{name}={json.dumps(value)}")]
+    command = [sys.executable, str(OPEN), kind, "--seed", str(seed), *words, "--out", str(folder)]
+    subprocess.run(command, check=True, capture_output=True)
+    return json.loads((folder / "truth.json").read_text())
+
+
+def gravcal(command: str, calibration: str, data: Path, out: Path) -> dict:
+    """Document of a command on the files of a folder, {"exit", "said"} where it wrote none.
+
+    Parameters
+    ----------
+    command : "run" or "discover"
+    calibration : name
+    data : folder of Level-1 files
+    out : file for the document
+    """
+    words = ["-m", "flows.cli", command, calibration, "--data", str(data), *KNOWN.get(calibration, ())]
+    done = subprocess.run(
+        [sys.executable, *words, "--engine", "inline", "--json", str(out)], capture_output=True, text=True, check=False
+    )
+    if not out.exists():
+        out.write_text(json.dumps({"status": "failed", "said": done.stderr.strip()[-2000:]}, indent=1) + "\n")
+    return json.loads(out.read_text()) | {"exit": done.returncode}
+
+
+def folder(options) -> list[Figure]:
+    """Run and discover every case of a folder; documents `KIND-NN.run.json` and `KIND-NN.json`, refusals too."""
+    cases = sorted(path for path in Path(options.folder).iterdir() if path.is_dir())
+    out = Path(options.out or "benchmarks/sealed")
+    out.mkdir(parents=True, exist_ok=True)
+    jobs = [(str(case), str(out), command) for case in cases for command in ("run", "discover")]
+    with ProcessPoolExecutor(options.workers) as pool:
+        for line in pool.map(_of_folder, jobs):
+            say(line)
+    return []
+
+
+def _of_folder(job):
+    """Document of one command on one case, and a line on it."""
+    case, out, command = Path(job[0]), Path(job[1]), job[2]
+    calibration = CALIBRATIONS[case.name.partition("-")[0]]
+    target = out / f"{case.name}{'.run' if command == 'run' else ''}.json"
+    target.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory() as store:
+        os.environ["GRAVCAL_PRODUCTS"] = store
+        begun = time.monotonic()
+        document = gravcal(command, calibration, case, target)
+    named = ", ".join(one["cause"] for one in document.get("findings", ()))
+    return f"{case.name} {command}: {document['status']} ({document['exit']}), {time.monotonic() - begun:.0f} s {named}"
+
+
+#: What the open world calls a truth, and what the other two call it.
+ALIASES = {
+    "d_um": "offset_um",
+    "c_mm": "phase_centre_mm",
+    "cp": "centre_of_pressure_m",
+    "p_um": "com_to_test_mass_um",
+}
+
+
+def truth_of(kind: str, truth: dict) -> dict[str, float]:
+    """True values of what the document of a discovery calls its parameters, in the units of that document.
+
+    Parameters
+    ----------
+    kind : of the case
+    truth : its file
+    """
+    kept = {name: truth[own] for name, own in ALIASES.items() if own in truth} | truth
+    if kind in ("com", "second", "com_offset"):
+        return dict(zip("xyz", kept["d_um"], strict=True))
+    if kind in ("kbr", "kbr_phase_centre"):
+        both = zip("ab", kept["c_mm"].values(), strict=True)
+        return {f"{axis}_{letter}": value for letter, vector in both for axis, value in zip("xyz", vector, strict=True)}
+    if kind in ("sgrs", "gradient_torque"):
+        return {f"centre_of_pressure_{axis}": 1e3 * value for axis, value in zip("xyz", kept["cp"], strict=True)}
+    vectors = {"offset": kept["p_um"], "bias": kept["bias"]}
+    found = {f"{name}_{axis}": v for name, vector in vectors.items() for axis, v in zip("xyz", vector, strict=True)}
+    return found | {"beta_x": kept["beta"][0], "beta_yz": kept["beta"][1]}
+
+
+def scored(kind: str, sort: str, hidden: str, document: dict, truth: dict) -> dict:
+    """Scores of one case as the contract defines them.
+
+    Parameters
+    ----------
+    kind, sort : of the case: "clean", "listed" or "unlisted"
+    hidden : name of the effect, "" for none
+    document : of `gravcal discover`
+    truth : of the case
+
+    Returns
+    -------
+    scores : "named", "right", "alone", "wrong", "noticed", "adequate", "channel"; "before", "after" error over sigma by
+        parameter; "sigma" and "harm"
+    """
+    effect = effects_of(kind).get(hidden)
+    findings = [(one["cause"], one["tied_with"], one) for one in document.get("findings", ())]
+    causes = effect.causes if effect else ()
+    sets = [{cause, *tied} for cause, tied, _ in findings]
+    fitting = [s for s in sets if s & set(causes) and len(s) <= 3]
+    untied = [cause for cause, tied, _ in findings if not tied]
+    catalogue = [cause for cause in untied if not cause.startswith("unknown:")]
+    row = {
+        "named": [[cause, *tied] for cause, tied, _ in findings],
+        "right": bool(fitting),
+        "alone": any(cause in causes for cause in untied),
+        "wrong": [cause for cause in (catalogue if sort == "unlisted" else untied) if cause not in causes],
+        "noticed": bool(findings) or document.get("p_before", 1.0) < document.get("level", 0.005),
+        "adequate": document.get("adequate_after"),
+        "status": document["status"],
+    }
+    if sort == "unlisted":
+        words = [" ".join([cause, str(one.get("form", "")), str(one.get("channel", ""))]) for cause, _, one in findings]
+        row["channel"] = any(
+            any(c in w for c in effect.channels) and any(d in w for d in effect.drivers) for w in words
+        )
+    return row | _result(document.get("calibration_change") or {}, truth_of(kind, truth))
+
+
+def _result(change, true):
+    """Error over sigma of the delivered values before and after the search, and where it did harm."""
+    found = {"before": {}, "after": {}, "widening": {}, "harm": []}
+    columns = [change.get(name, ()) for name in ("names", "before", "sigma_before", "after", "sigma_after")]
+    for name, before, sigma_before, after, sigma_after in zip(*columns, strict=True):
+        if name not in true or None in (before, sigma_before, after, sigma_after) or not sigma_before * sigma_after:
+            continue
+        found["before"][name] = (before - true[name]) / sigma_before
+        found["after"][name] = (after - true[name]) / sigma_after
+        found["widening"][name] = sigma_after / sigma_before
+        if abs(after - true[name]) - abs(before - true[name]) > sigma_before:
+            found["harm"].append(name)
+    return found
+
+
+def study(options) -> list[Figure]:
+    """Scores of a study, its cases added to a file of lines."""
+    if not OPEN.exists():
+        say(f"{OPEN} is not at hand")
+        return []
+    out = Path(options.out or f"build/worlds-{options.calibration}-{options.world}.jsonl")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    done = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
+    known = {(row["kind"], row["sort"], row["seed"]) for row in done}
+    kinds = KINDS[options.world, options.calibration]
+    cases = [(kinds[n % len(kinds)], options.sort, options.seed + n) for n in range(options.runs or 40)]
+    with ProcessPoolExecutor(options.workers) as pool:
+        for row in pool.map(_case, [case for case in cases if case not in known]):
+            done.append(row | {"commit": _commit()})
+            with out.open("a") as lines:
+                lines.write(json.dumps(done[-1]) + "\n")
+            say(_line(row))
+    return [
+        figure
+        for sort in ("clean", "listed", "unlisted")
+        for figure in figures([r for r in done if r["sort"] == sort], sort)
+    ]
+
+
+def _commit():
+    """Commit of the code that was judged."""
+    return subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
+    ).stdout.strip()
+
+
+def _line(row):
+    """A case in a line."""
+    if "error" in row:
+        return f"  {row['kind']} {row['seed']}: {row['error']}"
+    worst = max(map(abs, row["after"].values()), default=float("nan"))
+    named = "; ".join(" = ".join(one) for one in row["named"]) or "nothing"
+    return (
+        f"  {row['kind']} {row['seed']} {row['hidden'] or 'clean'} (S/N {row['ratio']:.0f}): {named}; {worst:.1f} sigma"
+    )
+
+
+def _case(job):
+    """One case: made, searched, scored."""
+    kind, sort, seed = job
+    head = {"kind": kind, "sort": sort, "seed": seed}
+    with _place() as place:
+        try:
+            return head | _judged(kind, sort, seed, place)
+        except (subprocess.CalledProcessError, ValueError) as error:
+            return head | {"error": f"{type(error).__name__}: {getattr(error, 'stderr', b'') or error}"[-300:]}
+
+
+@contextlib.contextmanager
+def _place():
+    """Folder with a product store of its own."""
+    with tempfile.TemporaryDirectory(prefix="worlds-") as place:
+        os.environ["GRAVCAL_PRODUCTS"] = f"{place}/store"
+        yield Path(place)
+
+
+def _judged(kind, sort, seed, place):
+    """Scores of a case with the effect that was drawn for it."""
+    calibration = CALIBRATIONS.get(kind, kind)
+    plain = make(kind, seed, {}, place / "plain")
+    hidden, value, ratio, truth, data = "", None, 0.0, plain, place / "plain" / "data"
+    if sort != "clean":
+        rng = np.random.default_rng([seed, 22])
+        names = sorted(n for n, e in effects_of(kind).items() if bool(e.causes) == (sort == "listed"))
+        quiet = rows_of(calibration, data)
+        for attempt in range(8):
+            hidden = names[rng.integers(len(names))]
+            wanted = float(np.exp(rng.uniform(*np.log(STRONG))))
+            found = _strong(kind, seed, hidden, wanted, (rng, quiet, place / f"try-{attempt}"))
+            if found:
+                value, ratio, truth, data = found
+                break
+        else:
+            raise ValueError("no effect of eight reaches the signal-to-noise ratio")
+    document = gravcal("discover", calibration, data, place / "found.json")
+    return {"hidden": hidden, "value": value, "ratio": ratio} | scored(kind, sort, hidden, document, truth)
+
+
+def _strong(kind, seed, hidden, wanted, about):
+    """Value, ratio, truth and files of an effect near the wanted ratio, None where these records do not see it."""
+    rng, quiet, place = about
+    effect = effects_of(kind)[hidden]
+    scale = effect.scaled or _scaled
+    value = start = effect.draw(rng)
+    total = 1.0
+    for attempt in range(4):
+        truth = make(kind, seed, {hidden: value}, place / str(attempt))
+        data = place / str(attempt) / "data"
+        ratio = signal_to_noise(quiet, rows_of(CALIBRATIONS.get(kind, kind), data))
+        if 0.8 * wanted < ratio < 1.25 * wanted:
+            return value, ratio, truth, data
+        total *= wanted / max(ratio, wanted / 50)
+        if not 1 / LARGEST**2 < total < LARGEST:
+            return None
+        value = scale(start, total)
+    return None
+
+
+def _scaled(value, factor):
+    """Value with every number of it multiplied."""
+    if isinstance(value, list):
+        return [_scaled(one, factor) for one in value]
+    if isinstance(value, dict):
+        return {name: _scaled(one, factor) for name, one in value.items()}
+    return value * factor
+
+
+def rows_of(calibration: str, data: Path) -> list:
+    """Blocks that a search of the files of a folder sees; none where there is nothing to see.
+
+    Parameters
+    ----------
+    calibration : name
+    data : folder of Level-1 files
+    """
+    import importlib
+
+    from flows import calibration as calibrations
+    from gravcal import catalog
+    from tasks.stage import read
+
+    one = calibrations.load(calibration)
+    known = dict(word.split("=", 1) for word in KNOWN.get(calibration, ()) if "=" in word)
+    source, chosen = one.source(data=data), catalog.parameters(calibration).with_settings(known)
+    products = {name: read(ref) for name, ref in one.discovery.baseline(source, chosen).items()}
+    limits = chosen.for_stage("discovery")
+    fixed = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed", "heldout_s")
+    settings = one.discovery.settings(source, chosen) | {n: v for n, v in limits.items() if n not in fixed}
+    observed = importlib.import_module(one.discovery.observations).observe(products, **settings)
+    return observed.blocks if observed else []
+
+
+def signal_to_noise(plain: list, changed: list) -> float:
+    """Norm of what an effect adds to the whitened rows, everything that the calibration leaves free projected out.
+
+    Parameters
+    ----------
+    plain, changed : blocks of the same noise without and with it; NaN where they do not have the same rows
+    """
+    from gravcal.estimation.least_squares import stable_inverse, without
+
+    sizes = [(block.label, block.observed.shape) for block in plain]
+    if sizes != [(block.label, block.observed.shape) for block in changed]:
+        return float("nan")
+    square, right, normal = 0.0, 0.0, 0.0
+    for before, after in zip(plain, changed, strict=True):
+        local = before.local_columns
+        added = without(local, (after.observed - before.observed)[:, None])
+        shared = without(local, before.global_columns)
+        square, right = square + float(np.sum(added**2)), right + shared.T @ added[:, 0]
+        normal = normal + shared.T @ shared
+    return float(np.sqrt(max(square - right @ stable_inverse(normal) @ right, 0.0)))
+
+
+def figures(rows: list[dict], sort: str) -> list[Figure]:
+    """Table of one sort of cases; all of them count.
+
+    Parameters
+    ----------
+    rows : of `scored`
+    sort : "clean", "listed" or "unlisted"
+    """
+    if not rows:
+        return []
+    good = [row for row in rows if "error" not in row]
+    found = [Figure(f"{sort}: cases that could not be made or searched", f"{len(rows) - len(good)} of {len(rows)}")]
+    if sort == "clean":
+        found.append(_share("clean: something named", [bool(r["named"]) for r in good]))
+    else:
+        if sort == "listed":
+            found += [
+                _share("listed: right", [r["right"] for r in good]),
+                _share("listed: alone", [r["alone"] for r in good]),
+            ]
+        else:
+            found.append(_share("unlisted: channel and driver right", [r["channel"] for r in good]))
+        found.append(_share(f"{sort}: noticed", [r["noticed"] for r in good]))
+        found.append(_share(f"{sort}: untied wrong name", [bool(r["wrong"]) for r in good]))
+        found.append(
+            _share(f"{sort}: missed, reported as adequate", [not r["named"] and bool(r["adequate"]) for r in good])
+        )
+    errors = np.array([e for r in good for e in r["after"].values()])
+    if errors.size:
+        name = f"{sort}: error/sigma of the result, rms; largest"
+        found.append(Figure(name, f"{np.sqrt(np.mean(errors**2)):.2f}; {np.abs(errors).max():.1f}"))
+        widened = np.median([w for r in good for w in r["widening"].values()])
+        found.append(Figure(f"{sort}: sigma after over before, median", f"{widened:.2f}"))
+    found.append(_share(f"{sort}: moved away from the truth by over one sigma", [bool(r["harm"]) for r in good]))
+    return show(found, "95 %")
+
+
+def _share(name, hits):
+    """Share of cases with its interval."""
+    if not hits:
+        return Figure(name, "none")
+    low, high = stats.binomtest(int(sum(hits)), len(hits)).proportion_ci(0.95, method="wilson")
+    return Figure(name, f"{sum(hits)} of {len(hits)}", f"{low:.2f} to {high:.2f}")
