@@ -28,11 +28,3 @@ def test_a_free_start_leaves_batch_least_squares():
     run = kalman.filter_constants(observed, design, np.zeros(4), kalman.free_start(design, 1.0), 1.0)
     batch = np.linalg.lstsq(design, observed, rcond=None)[0]
     assert_allclose(run.value[-1], batch, atol=1e-6 * np.abs(run.sigma[-1]).max(), rtol=1e-6)  # a millionth of sigma
-
-
-def test_the_error_only_shrinks():
-    """Analytic: without process noise every observation takes variance away."""
-    rng = np.random.default_rng(3)
-    design = rng.standard_normal((30, 2))
-    run = kalman.filter_constants(rng.standard_normal(30), design, np.zeros(2), np.eye(2), 1.0)
-    assert np.all(np.diff(run.sigma, axis=0) <= 1e-15)  # rounding

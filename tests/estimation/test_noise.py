@@ -108,16 +108,6 @@ def test_pieces_are_not_joined_over_their_ends():
     assert_allclose(one.variance, other.variance, rtol=1e-12)
 
 
-def test_missing_samples_do_not_enter_the_fit():
-    """Analytic: NaN splits a piece into the two on its sides."""
-    series = simulate(np.random.default_rng(4), 500)
-    holed = series.copy()
-    holed[[200, 201]] = np.nan
-    one, other = fit_noise([holed], 4, 0.5), fit_noise([series[:200], series[202:]], 4, 0.5)
-    assert_allclose(one.reflection, other.reflection, rtol=1e-12)
-    assert_allclose(one.variance, other.variance, rtol=1e-12)
-
-
 def test_removed_parameters_raise_the_variance():
     """Recovery: with a straight line taken from each of 400 short pieces the variance is that of the noise."""
     rng = seeds.generator("test_removed_parameters_raise_the_variance")
@@ -136,14 +126,6 @@ def test_the_order_yields_to_short_data_and_stays_stable():
     model = fit_noise([sine], 20, 1.0)
     assert np.all(np.abs(model.reflection) < 1)
     assert np.all(np.isfinite(model.density(np.linspace(0, 0.5, 100))))
-
-
-def test_runs_are_where_samples_are_valid():
-    """Analytic: begin and end of runs, at the ends of the array too."""
-    begin, end = runs(np.array([1, 1, 0, 1, 0, 0, 1], dtype=bool))
-    assert_allclose(begin, [0, 3, 6])
-    assert_allclose(end, [2, 4, 7])
-    assert runs(np.zeros(4, dtype=bool))[0].size == 0
 
 
 def test_coloured_noise_has_the_density_asked_for():

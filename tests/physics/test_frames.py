@@ -52,11 +52,6 @@ def test_matrix_and_rotation_vector_return_to_the_quaternion():
         assert_allclose(np.abs(np.einsum("ij,ij->i", back, q)), 1, atol=1e-14)  # rounding
 
 
-def test_a_small_rotation_vector_is_twice_the_vector_part():
-    """Analytic: q = (1, phi/2) to first order."""
-    assert_allclose(frames.from_rotation_vector([2e-9, 0, -4e-9]), [1, 1e-9, 0, -2e-9], atol=1e-18)
-
-
 def test_the_attitude_error_is_resolved_in_the_body():
     """Analytic: R_bi of the perturbed attitude is (1 - [angle x]) R_bi to first order."""
     q, angle = random_quaternions(3), np.array([1e-6, -2e-6, 3e-6])

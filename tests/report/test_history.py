@@ -52,26 +52,9 @@ def test_what_is_no_measured_delivery_has_a_row_and_mark_of_its_own(mood):
     assert html != made([point(), point()])[1]
 
 
-def test_the_page_is_the_same_every_time():
-    """Contract: no random identifiers, no date in the SVG."""
-    assert made([point()])[1] == made([point()])[1]
-
-
 def test_each_unit_has_a_table_and_small_numbers_keep_their_digits():
     """Contract: scale factors of 1e-5 and offsets of micrometres of one satellite."""
     scale = point("k x", unit="m s-2 V-1", value=1.2345e-5, sigma=1.2e-9, satellite="T")
     _, html = history.history("Sensor", [point("offset x", satellite="T"), scale])
     assert html.count("<table") == 2
     assert "1.234e-05 ± 1.2e-09" in html
-
-
-def test_marks_differ_and_no_line_joins_values_of_ours():
-    """Contract: measured, questionable, simulated and mixed values each have a mark of their own in the picture."""
-    moods = ("good", "questionable", "simulated", "mixed")
-    rows, _ = history.history("Offset", [point(mood=mood) for mood in moods])
-    panel = history._draw(rows, None).axes[0]
-    assert [one.get_label() for one in panel.containers] == [
-        label for kind, (*_, label) in history.MARKS.items() if kind != "printed"
-    ]
-    assert len({(one.lines[0].get_marker(), one.lines[0].get_color()) for one in panel.containers}) == 4
-    assert {one.lines[0].get_linestyle() for one in panel.containers} == {"None"}

@@ -151,17 +151,6 @@ def test_a_gap_in_the_star_camera_is_bridged_by_the_dynamics():
     assert np.abs(difference).max() < 2e-6  # rad s-1, what 30 of 180 samples add to the error
 
 
-def test_sign_flips_change_nothing():
-    """Analytic: q and -q are the same attitude; product for product the same numbers."""
-    observed, _ = tools.event(35, **SMALL)
-    sign = np.random.default_rng(1).choice([-1.0, 1.0], observed["SCA1B"].sizes["record"])
-    names = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
-    sca = observed["SCA1B"]
-    flipped = sca.assign({n: ("record", sca[n].values * sign) for n in names})
-    one, other = (tools.smoothed(observed | {"SCA1B": s})[0]["attitude"] for s in (sca, flipped))
-    assert_allclose(other["rate_dot_mtq_b"].values, one["rate_dot_mtq_b"].values, rtol=1e-9, atol=1e-15)
-
-
 def test_delays_from_brackets_cover_the_truth():
     """Recovery: 200 events of seven edges at uniform fractions; standardised errors have unit size.
 

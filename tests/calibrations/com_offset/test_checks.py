@@ -53,13 +53,6 @@ def exchange(rows, _):
         row[X], row[Y], row[VX], row[VY] = row[Y], row[X], row[VY], row[VX]
 
 
-def freeze(rows, begin):
-    """Hold y for 24 minutes."""
-    held = [row for row in rows if begin <= int(row[0]) < begin + 1440]
-    for row in held:
-        row[Y] = held[0][Y]
-
-
 def zero(rows, begin):
     """Lose x for 72 seconds."""
     for row in rows:
@@ -69,7 +62,6 @@ def zero(rows, begin):
 
 MUTATIONS = {
     exchange: {"orbit products", "attitude against orbit", "magnetometer against IGRF"},
-    freeze: {"position against velocity", "orbit products"},
     zero: {"position against velocity", "orbit products", "magnetometer against IGRF"},
 }
 

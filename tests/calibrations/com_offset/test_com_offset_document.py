@@ -70,6 +70,7 @@ def test_a_record_without_manoeuvre_says_what_was_measured(quiet_document):
     assert_allclose(quiet_document["field_check"]["bias_nt"], [500, 0, -300], atol=1)  # noise of 1 nT
     assert_allclose(quiet_document["attitude"]["rms_urad"], 2, rtol=0.2)  # 180 samples
     assert quiet_document["roll_response"]["value"] == pytest.approx(0.00281)
+    assert vcm_line(quiet_document, "C") is None
     assert quiet_document["roll_response"]["expected"] == {"value": 0.0028, "sigma": 0.0003}
 
 
@@ -137,8 +138,3 @@ def test_what_was_not_measured_gives_no_vcm_line_that_can_be_read(document, orig
     assert line.endswith(vcm_line(document, "C"))
     with pytest.raises(ProductError):
         read_vector_line(line)
-
-
-def test_a_record_without_manoeuvre_gives_no_vcm_line(quiet_document):
-    """Contract: nothing is written that was not found."""
-    assert vcm_line(quiet_document, "C") is None

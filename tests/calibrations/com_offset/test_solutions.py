@@ -44,16 +44,6 @@ def test_a_pitch_alone_leaves_y_undetermined():
     assert np.isfinite(combined["offset"].values[:, 0]).all()
 
 
-def test_every_variant_is_within_five_sigma_for_every_manoeuvre(made):
-    """Recovery: the torquer's offsets manoeuvre by manoeuvre, where determined."""
-    made, truth = made
-    combined = made["combine"]
-    wrong = combined["manoeuvre_offset"].values[0] - 1e-6 * np.array(truth["offset_um"])
-    sigma = np.sqrt(np.diagonal(combined["manoeuvre_covariance"].values[0], axis1=1, axis2=2))
-    known = combined["manoeuvre_determined"].values[0] == 1
-    assert np.abs(wrong / sigma)[known].max() < 5, f"seed {truth['seed']}"
-
-
 def test_the_offset_follows_the_reading(made):
     """Analytic: a reading larger by the model of a known offset moves the torquer's estimate by that offset."""
     made, _ = made
@@ -162,18 +152,6 @@ def test_manoeuvres_that_disagree_are_found():
     combined = four(lambda v: solved(v, offsets, information))
     assert float(combined["chi2"][0]) == pytest.approx(100 * 2 / 3)
     assert stats.chi2.sf(float(combined["chi2"][0]), int(combined["dof"][0])) < 1e-9
-
-
-def test_variants_that_disagree_are_found():
-    """Analytic: the star camera 20 sigma beside the torquer is inconsistent, all equal is consistent."""
-    information = np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))
-
-    def make(variant, by):
-        return solved(variant, np.full((3, 3), by if variant == "sca" else 0.0), information)
-
-    same, off = (four(lambda v, b=b: make(v, b)) for b in (0.0, 2e-5))
-    assert float(same["variants_chi2"]) == pytest.approx(0.0, abs=1e-9)
-    assert float(off["variants_chi2"]) > 100
 
 
 def drawn(rng, information, own):
