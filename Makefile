@@ -36,8 +36,8 @@ docs: $(STAMP)  ## the site, into build/docs; no network, warnings are errors
 bench: $(STAMP)  ## recovery study and speed ratios; long
 	@$(BIN)/python -m benchmarks
 
-bench-discovery: $(STAMP)  ## hidden effects: confusion matrix; hours, goes on where it stopped
-	@$(BIN)/python -m benchmarks discovery
+bench-discovery: $(STAMP)  ## effects hidden in the project's own world; hours, goes on where it stopped
+	@for sort in clean listed; do $(BIN)/python -m benchmarks worlds --calibration com_offset --world own --sort $$sort --runs 200; done
 
 lock:  ## resolve requirements.lock anew; needs uv
 	uv pip compile --universal --generate-hashes --no-header --no-annotate --python-version 3.11 \

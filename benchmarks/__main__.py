@@ -15,7 +15,6 @@ NAMES = {
     "day": ("benchmarks.day", "run"),
     "campaign": ("benchmarks.campaign", "run"),
     "scale": ("benchmarks.scale", "run"),
-    "discovery": ("benchmarks.discovery", "run"),
     "browse": ("benchmarks.browse", "run"),
     "fuzz": ("benchmarks.fuzz", "run"),
     "worlds": ("benchmarks.worlds", "study"),
@@ -54,7 +53,7 @@ def main() -> None:
     single_threaded()
     figures = []
     for name in options.names or [
-        n for n in NAMES if n not in ("discovery", "fuzz", "worlds", "folder")
+        n for n in NAMES if n not in ("fuzz", "worlds", "folder")
     ]:  # hours; asked for by name
         module, function = NAMES[name]
         figures += getattr(importlib.import_module(module), function)(options)
