@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.effects import effect
 from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic
 from gravcal.simulation import attitude, orbit, sensors
-from gravcal.simulation.injection import channel
+from gravcal.simulation.injection import added as contributed
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
 AREAS = {
@@ -140,9 +140,8 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     """
     rng = np.random.default_rng(seed)
     scene = draw_scene(satellite, chosen, day, rng)
-    injected = {slug: (effect(slug), effect(slug).values(given)) for slug, given in effects.items()}
     clock = sensors.draw_clock(chosen, day, rng)
-    parts = [_fly_span(span, scene, satellite, chosen, injected, clock, rng) for span in scene.spans]
+    parts = [_fly_span(span, scene, satellite, chosen, effects, clock, rng) for span in scene.spans]
     columns = sensors.join(parts) | sensors.clock_files(clock)
     truth = {
         "seed": seed,
@@ -161,9 +160,9 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     return columns, truth
 
 
-def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
+def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     """Motion and readings of one contiguous span."""
-    epochs = sensors.draw_epochs(span, clock, injected, satellite, channel)
+    epochs = sensors.draw_epochs(span, clock, effects, satellite)
     around = _environment(span, scene, satellite, chosen.igrf_generation)
     steps = _steps(span, epochs, scene, satellite, chosen, rng)
     body = attitude.Body(
@@ -184,12 +183,12 @@ def _fly_span(span, scene, satellite, chosen, injected, clock, rng):
     slow = size * (1 + 0.5 * np.sin(1.1e-3 * (steps.bound[:, None] - steps.bound[0]) + phase))
     slow = np.stack([slow[:-1], slow[1:]], axis=1)
     states, control = attitude.fly(steps, around, body, start, (np.zeros_like(slow), slow))
-    if any(entry.channel in EXTRA for entry, _ in injected.values()):
-        states, control, added = _with_effects(steps, around, body, start, slow, states, control, injected, scene)
+    if any(effect(slug).channel in EXTRA for slug in effects):
+        states, control, added = _with_effects(steps, around, body, start, slow, states, control, effects, scene)
     else:
         added = (np.zeros_like(slow), slow)
     motion = _motion(steps, around, scene, states, control, added)
-    return sensors.read_instruments(epochs, motion, scene, satellite, chosen, injected, channel, rng)
+    return sensors.read_instruments(epochs, motion, scene, satellite, chosen, effects, rng)
 
 
 def _environment(span, scene, satellite, generation):
@@ -226,7 +225,7 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
     return attitude.Steps(bound, updates, wave, dipole)
 
 
-def _with_effects(steps, around, body, start, slow, states, control, injected, scene):
+def _with_effects(steps, around, body, start, slow, states, control, effects, scene):
     """Fly again with the injected dipole and torque effects, the controller's part as it was with them.
 
     An effect is linear in a step: what it is at the beginning, where instruments read, and its mean over the step.
@@ -235,7 +234,8 @@ def _with_effects(steps, around, body, start, slow, states, control, injected, s
     inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
     for closed in (True, False):
         context = sensors.context_of_steps(inner, parts.size, steps, around, states, control[0], scene)
-        found = [channel(injected, name, context).reshape(-1, parts.size, 3) for name in EXTRA]
+        none = np.zeros((inner.size, 3))
+        found = [(none + contributed(effects, name, context)).reshape(-1, parts.size, 3) for name in EXTRA]
         ends = [np.stack([v[:, 0], 2 * v[:, 1:].mean(axis=1) - v[:, 0]], axis=1) for v in found]
         added = ends[0], slow + ends[1]
         states, control = attitude.fly(steps, around, body, start, added, None if closed else control)

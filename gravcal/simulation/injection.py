@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from gravcal.effects import Context, effect
 from gravcal.errors import CatalogError
 
@@ -55,34 +53,17 @@ def added(effects: Mapping[str, Mapping[str, float]], channel: str, context: Con
     channel : key of CHANNELS
     context : Context on the epochs of the channel
     """
-    known = [(effect(slug), given) for slug, given in effects.items()]
-    parts = [e.contribution(context, e.values(given)) for e, given in known if e.channel == channel]
-    return np.sum(parts, axis=0) if parts else 0.0
-
-
-def channel(injected, name: str, context: Context) -> np.ndarray:
-    """Sum of the contributions of the injected effects to one channel.
-
-    Parameters
-    ----------
-    injected : {slug: (Effect, values)}
-    name : key of CHANNELS
-    context : on the epochs of the channel
-    """
-    total = np.zeros(context.time.shape if name.endswith("_delay") else (context.time.size, 3))
-    for entry, values in injected.values():
-        if entry.channel == name:
-            total = total + _contribution(entry, context, values)
+    total = 0.0
+    for slug, given in effects.items():
+        entry = effect(slug)
+        if entry.channel != channel:
+            continue
+        try:
+            total = total + entry.contribution(context, entry.values(given))
+        except KeyError as missing:
+            raise CatalogError(
+                f"effect {slug}: found no {missing} in this simulation, which it needs. It belongs to another "
+                "calibration; see gravcal effects.",
+                effect=slug,
+            ) from missing
     return total
-
-
-def _contribution(entry, context, values):
-    """Contribution of an effect; one that looks at what this satellite has not is refused."""
-    try:
-        return entry.contribution(context, values)
-    except KeyError as missing:
-        raise CatalogError(
-            f"effect {entry.slug}: found no {missing} in this simulation, which it needs. It belongs to "
-            "another calibration; see gravcal effects.",
-            effect=entry.slug,
-        ) from missing

@@ -9,6 +9,7 @@ import numpy as np
 from gravcal.effects import Context, effect
 from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, earth, frames, gravity, orbit_environment
+from gravcal.simulation.injection import added
 
 MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the real file of 2023-06-01
 
@@ -79,7 +80,7 @@ def draw_clock(chosen, day: float, rng) -> Clock:
     return Clock(receiver, offset, chosen.clock_drift, onboard, 119.0 * rng.integers(-1, 2, onboard.size))
 
 
-def draw_epochs(span, clock: Clock, injected, satellite, channel) -> Epochs:
+def draw_epochs(span, clock: Clock, effects, satellite) -> Epochs:
     """Tags of a span and the true times behind them, late tags being earlier readings."""
     step = satellite["accelerometer_interval"]
     first = np.ceil((span[0] - 1) / step)
@@ -89,32 +90,29 @@ def draw_epochs(span, clock: Clock, injected, satellite, channel) -> Epochs:
     tag, gps = tag[inside], gps[inside]
     sca = np.arange(np.ceil(span[0]), span[1])
     mag = np.arange(np.ceil(2 * span[0]), np.floor(2 * span[1])) / 2 + MAG_FRACTION
-    late = {
-        k: lambda t, k=k: channel(injected, f"{k}_delay", Context(time=t, epoch=clock.receiver[0]))
-        for k in ("acc", "sca", "mag")
-    }
-    return Epochs(gps - late["acc"](gps), tag, sca - late["sca"](sca), sca, mag - late["mag"](mag), mag)
+    late = lambda name, time: added(effects, f"{name}_delay", Context(time=time, epoch=clock.receiver[0]))  # noqa: E731
+    return Epochs(gps - late("acc", gps), tag, sca - late("sca", sca), sca, mag - late("mag", mag), mag)
 
 
-def read_instruments(epochs, motion, scene, satellite, chosen, injected, channel, rng):
+def read_instruments(epochs, motion, scene, satellite, chosen, effects, rng):
     """Columns of every product for one span."""
     return {
-        "ACC1A": _accelerometer(epochs, motion.at(epochs.acc), scene, satellite, chosen, injected, channel, rng),
-        "SCA1B": _star_camera(epochs, motion.at(epochs.sca), chosen, injected, channel, rng),
-        "MAG1B": _magnetometer(epochs, motion.at(epochs.mag), scene, satellite, chosen, injected, channel, rng),
+        "ACC1A": _accelerometer(epochs, motion.at(epochs.acc), scene, satellite, chosen, effects, rng),
+        "SCA1B": _star_camera(epochs, motion.at(epochs.sca), chosen, effects, rng),
+        "MAG1B": _magnetometer(epochs, motion.at(epochs.mag), scene, satellite, chosen, effects, rng),
     } | _orbit(epochs.sca_tag, scene)
 
 
-def _accelerometer(epochs, motion, scene, satellite, chosen, injected, channel, rng):
+def _accelerometer(epochs, motion, scene, satellite, chosen, effects, rng):
     shared = {name: getattr(motion, name) for name in ("rate_b", "rate_dot_b", "gradient_b", "field_b")}
     shared |= {"dipole_b": motion.command_b, "inertia_b": scene.inertia_b, "start": scene.start, "stop": scene.stop}
     shared["epoch"] = scene.spans[0, 0]
-    extra = _extras(epochs.acc, motion, scene) if injected else {}
+    extra = _extras(epochs.acc, motion, scene) if effects else {}
     context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, extra=extra, **shared)
     linear = _drag(epochs, motion, scene, chosen) + effect("accelerometer.offset").contribution(context, scene.offset)
     context = replace(context, linear_b=linear)
-    linear = linear + channel(injected, "linear_b", context)
-    angular = motion.rate_dot_b + channel(injected, "angular_b", context)
+    linear = linear + added(effects, "linear_b", context)
+    angular = motion.rate_dot_b + added(effects, "angular_b", context)
     read = {
         "lin": _digitised(linear, "linear", "accelerometer", satellite, chosen, rng),
         "ang": _digitised(angular, "angular", "angular", satellite, chosen, rng),
@@ -167,19 +165,19 @@ def _digitised(true, kind, names, satellite, chosen, rng):
     return quantised(true + noise + satellite[f"{names}_bias"], np.array(satellite[f"{names}_step"]))
 
 
-def _star_camera(epochs, motion, chosen, injected, channel, rng):
+def _star_camera(epochs, motion, chosen, effects, rng):
     angle = star_camera_noise(epochs.sca.size, chosen, rng)
-    angle = angle + channel(injected, "pointing_b", Context(time=epochs.sca, rate_b=motion.rate_b))
+    angle = angle + added(effects, "pointing_b", Context(time=epochs.sca, rate_b=motion.rate_b))
     measured = star_camera(motion.quaternion, angle, rng)
     names = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
     return {"gps_time": epochs.sca_tag.astype(np.int64)} | dict(zip(names, measured.T, strict=True))
 
 
-def _magnetometer(epochs, motion, scene, satellite, chosen, injected, channel, rng):
-    extra = _extras(epochs.mag, motion, scene) if injected else {}
+def _magnetometer(epochs, motion, scene, satellite, chosen, effects, rng):
+    extra = _extras(epochs.mag, motion, scene) if effects else {}
     context = Context(time=epochs.mag, field_b=motion.field_b, dipole_b=motion.command_b, extra=extra)
     noise = chosen.noise_scale * np.array(satellite["magnetometer_noise"]) * rng.standard_normal((epochs.mag.size, 3))
-    field = motion.field_b + channel(injected, "field_b", context) + scene.magnetometer_bias + noise
+    field = motion.field_b + added(effects, "field_b", context) + scene.magnetometer_bias + noise
     held = np.maximum(np.arange(epochs.mag.size) - np.arange(epochs.mag.size) % 2, 0)
     field = 1e6 * quantised(field[held], satellite["magnetometer_step"])
     current = quantised(motion.command_b / scene.dipole_per_current, satellite["torquer_current_step"])
