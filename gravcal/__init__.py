@@ -69,9 +69,9 @@ def open(event, configuration=None):  # noqa: A001 - gravcal.open, as xarray.ope
     ------
     ProductError : the store (GRAVCAL_PRODUCTS) has no product of this event
     """
-    from gravcal.store import opening
+    from gravcal.store import housekeeping
 
-    return opening.tree(event, configuration)
+    return housekeeping.tree(event, configuration)
 
 
 def __getattr__(name):

@@ -13,7 +13,6 @@ import getpass
 import hashlib
 import json
 import re
-import uuid
 
 from gravcal.catalog.parameter_table import parameters
 from gravcal.errors import CatalogError
@@ -73,12 +72,7 @@ def chosen(calibration, given, name=None):
 
 
 def changes(chosen):
-    """Settings in which parameters differ from the catalogue, as JSON holds them.
-
-    Parameters
-    ----------
-    chosen : Parameters
-    """
+    """Settings in which chosen Parameters differ from the catalogue, as JSON holds them."""
     before = parameters(chosen.calibration).entries
     different = {n: e.value for n, e in chosen.entries.items() if e.value != before[n].value and n not in OF_ONE_DAY}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in sorted(different.items())}
@@ -89,12 +83,8 @@ def record(chosen):
     name = chosen.configuration
     if name in (OPERATIONAL, CATALOGUE) or _recorded(chosen.calibration, name) is not None:
         return
-    path = _path(chosen.calibration, name)
-    path.parent.mkdir(parents=True, exist_ok=True)
     kept = {"calibration": chosen.calibration, "name": name, "settings": changes(chosen), "recorded": _now()}
-    aside = path.with_name(f".{uuid.uuid4().hex}")
-    aside.write_text(json.dumps(kept, indent=1) + "\n")
-    aside.replace(path)
+    location.write_json(_path(chosen.calibration, name), kept, indent=1)
 
 
 def names(calibration):
@@ -103,31 +93,21 @@ def names(calibration):
 
 
 def settings_of(calibration, name):
-    """Settings in which a configuration differs from the catalogue.
-
-    Parameters
-    ----------
-    calibration : str
-    name : of a recorded experiment, "operational", or "catalogue"
-
-    Raises
-    ------
-    CatalogError : no such configuration
-    """
+    """Settings in which a recorded experiment, "operational" or "catalogue" differs from the catalogue."""
     if name == CATALOGUE:
         return {}
     if name == OPERATIONAL:
         return operational(calibration)["settings"]
     _check_name(name)
-    found = _recorded(calibration, name)
-    if found is None:
+    recorded = _recorded(calibration, name)
+    if recorded is None:
         known = ", ".join([OPERATIONAL, CATALOGUE, *names(calibration)])
         raise CatalogError(
             f"configuration {name} of {calibration}: it was never run in {location.folder()}; there is {known}. "
             f"Give one of these, or say with --set or --model what it is.",
             configuration=name,
         )
-    return found["settings"]
+    return recorded["settings"]
 
 
 def operational(calibration):
@@ -137,15 +117,15 @@ def operational(calibration):
 
 def promotions(calibration):
     """All promotions, the oldest first."""
-    path = _promotions(calibration)
+    path = _path(calibration, "promotions").with_suffix(".jsonl")
     try:
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        found = [json.loads(line) for line in lines]
+        promoted = [json.loads(line) for line in lines]
     except (OSError, ValueError) as error:
         raise _broken(path, error) from error
-    if not all(isinstance(one, dict) and _is_settings(one.get("settings")) and "name" in one for one in found):
+    if not all(isinstance(one, dict) and isinstance(one.get("settings"), dict) and "name" in one for one in promoted):
         raise _broken(path, "a line without name and settings")
-    return found
+    return promoted
 
 
 def promoted():
@@ -155,16 +135,12 @@ def promoted():
 
 
 def promote(calibration, name, why, who=None):
-    """Make a configuration operational; "catalogue" takes back what was promoted.
+    """Make a configuration operational and return the promotion; "catalogue" takes back what was promoted.
 
     Parameters
     ----------
     calibration, name : str
     why, who : for the journal of promotions; who is by default the user of this process
-
-    Returns
-    -------
-    promotion : dict
     """
     settings = settings_of(calibration, name)
     _with(parameters(calibration), settings, name)
@@ -173,7 +149,7 @@ def promote(calibration, name, why, who=None):
     if operational(calibration)["settings"] == settings:
         raise CatalogError(f"configuration {name} of {calibration}: its settings are operational already.")
     line = {"name": name, "settings": settings, "who": who or getpass.getuser(), "when": _now(), "why": why.strip()}
-    path = _promotions(calibration)
+    path = _path(calibration, "promotions").with_suffix(".jsonl")
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a", encoding="utf-8") as journal:
         journal.write(json.dumps(line) + "\n")
@@ -242,19 +218,16 @@ def _recorded(calibration, name):
     """Record of an experiment, or None."""
     path = _path(calibration, name)
     try:
-        found = json.loads(path.read_bytes()) if path.exists() else None
+        recorded = json.loads(path.read_bytes()) if path.exists() else None
     except (OSError, ValueError) as error:
         raise _broken(path, error) from error
-    if found is not None and not (isinstance(found, dict) and _is_settings(found.get("settings"))):
+    if recorded is not None and not (isinstance(recorded, dict) and isinstance(recorded.get("settings"), dict)):
         raise _broken(path, "no settings")
-    return found
-
-
-def _is_settings(found):
-    return isinstance(found, dict)
+    return recorded
 
 
 def _broken(path, found):
+    """CatalogError for a record that cannot be read."""
     return CatalogError(f"{path}: {found}; expected a record as gravcal writes it. Put it back, or remove the file.")
 
 
@@ -263,9 +236,6 @@ def _path(calibration, name):
     return location.folder() / "configurations" / calibration / f"{name}.json"
 
 
-def _promotions(calibration):
-    return location.folder() / "configurations" / calibration / "promotions.jsonl"
-
-
 def _now():
+    """Present time as text, UTC."""
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

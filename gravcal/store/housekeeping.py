@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal.errors import ProductError
-from gravcal.store import location, records, store
+from gravcal.store import configurations, location, records, store
+from gravcal.store.records import ProductRef
 
 LABELS = ("gravcal_key", "gravcal_digest", "gravcal_recipe")
 YOUNG_S = 3600.0  # a product younger than this may belong to a run that has not yet linked it
@@ -21,30 +22,26 @@ YOUNG_S = 3600.0  # a product younger than this may belong to a run that has not
 class Entry:
     """One product of the store with its record, and the configurations whose readable link leads to it."""
 
-    ref: object
+    ref: ProductRef
     record: dict
     configurations: tuple[str, ...] = ()
 
     @property
     def newest(self):
-        """Whether the readable link of the operational configuration leads to it."""
+        """True if the readable link of the operational configuration leads to it."""
         return location.OPERATIONAL in self.configurations
 
 
 def entries(event=None, kind=None, newest_only=True, configuration=None):
-    """Products of the store, sorted by name.
+    """Products of the store, list of Entry sorted by name.
 
     Parameters
     ----------
     event, kind : str or None, only these
     newest_only : bool, only those that a readable link leads to
     configuration : only those that its links lead to
-
-    Returns
-    -------
-    entries : list of Entry
     """
-    links, found = linked(), []
+    links, every = linked(), []
     for folder in folders():
         names = tuple(sorted(links.get(folder.name, ())))
         if newest_only and not names or configuration is not None and configuration not in names:
@@ -54,8 +51,8 @@ def entries(event=None, kind=None, newest_only=True, configuration=None):
             continue
         ref = store.reference(record, folder)
         if event in (None, ref.event) and kind in (None, ref.kind, ref.stage):
-            found.append(Entry(ref, record, names))
-    return sorted(found, key=lambda entry: (entry.ref.event, entry.record["made"], entry.ref.stage))
+            every.append(Entry(ref, record, names))
+    return sorted(every, key=lambda entry: (entry.ref.event, entry.record["made"], entry.ref.stage))
 
 
 def folders():
@@ -66,16 +63,11 @@ def folders():
 
 def linked():
     """Configurations whose readable links lead to a product, by key: {key: {"operational", NAME}}."""
-    found, latest = {}, location.folder() / "latest"
+    by_key, latest = {}, location.folder() / "latest"
     for link, folder in (*store.links("*/*"), *store.links("*/as/*/*")):
         name = location.OPERATIONAL if link.parent.parent == latest else link.parent.name
-        found.setdefault(folder.name, set()).add(name)
-    return found
-
-
-def linked_keys():
-    """Keys that the readable links lead to, those of experiments too."""
-    return set(linked())
+        by_key.setdefault(folder.name, set()).add(name)
+    return by_key
 
 
 def resolve(text):
@@ -95,20 +87,20 @@ def resolve(text):
     path = Path(text).resolve()  # of the folder, of a readable link to it, or of a file in it
     objects = (location.folder() / "objects").resolve()
     named = {one.name for one in (path, path.parent) if one.parent.parent == objects}
-    found = [entry for entry in everything if entry.ref.folder.name in named]
+    chosen = [entry for entry in everything if entry.ref.folder.name in named]
     folder = store.linked(location.folder() / "latest" / text)  # EVENT/STAGE, or EVENT/as/NAME/STAGE
-    if not found and folder:
-        found = [entry for entry in everything if entry.ref.key == folder.name]
-    if not found and re.fullmatch(r"[0-9a-f]{4,64}", text):
-        found = [entry for entry in everything if entry.ref.key.startswith(text)]
+    if not chosen and folder:
+        chosen = [entry for entry in everything if entry.ref.key == folder.name]
+    if not chosen and re.fullmatch(r"[0-9a-f]{4,64}", text):
+        chosen = [entry for entry in everything if entry.ref.key.startswith(text)]
         equal = [entry for entry in everything if entry.ref.digest.startswith(text)]
-        found = found or [entry for entry in equal if entry.newest] or equal
-    if len(found) == 1:
-        return found[0]
+        chosen = chosen or [entry for entry in equal if entry.newest] or equal
+    if len(chosen) == 1:
+        return chosen[0]
     raise ProductError(
-        f"product {text!r} in {location.folder()}: found {len(found)}, expected one. "
+        f"product {text!r} in {location.folder()}: found {len(chosen)}, expected one. "
         f"Give EVENT/STAGE, more digits of the key, or a path, as gravcal products list shows them.",
-        found=len(found),
+        found=len(chosen),
     )
 
 
@@ -120,6 +112,32 @@ def content(entry):
     return dataset
 
 
+def tree(event: str, configuration: str | None = None):
+    """Products that the last run of an event left, as an xarray.DataTree.
+
+    Parameters
+    ----------
+    event : name
+    configuration : name of an experiment; the operational one by default
+    """
+    import xarray as xr
+
+    newest = entries(event=event, configuration=configuration or location.OPERATIONAL)
+    if not newest:
+        raise ProductError(
+            f"{event}: found no product in {location.folder()}, expected those of a run. Run its event, or set "
+            f"GRAVCAL_PRODUCTS; `gravcal products` lists what is there.",
+            event=event,
+        )
+    datasets = {}
+    for entry in newest:
+        dataset = store.load(entry.ref)
+        if dataset is not None:
+            labels = {"event": event, "stage": entry.ref.stage, "key": entry.ref.key}
+            datasets[entry.ref.stage.replace(".", "/")] = dataset.assign_attrs(labels)
+    return xr.DataTree.from_dict(datasets, name=event)
+
+
 def verify():
     """Compare every product with its record, its bytes and its content; nothing is moved.
 
@@ -127,10 +145,28 @@ def verify():
     -------
     problems : list of (folder, str), empty when all is well
     """
-    found = [(folder, problem) for folder in folders() for problem in _problems(folder)]
+    problems = [(folder, problem) for folder in folders() for problem in _problems(folder)]
     links = [path for path in (location.folder() / "latest").rglob("*") if path.is_symlink() and not store.linked(path)]
     links += [path for path in (location.folder() / "objects").glob("*") if path.is_symlink()]
-    return found + [(path, "a link that leads to no product of this store; it is not followed") for path in links]
+    return problems + [(path, "a link that leads to no product of this store; it is not followed") for path in links]
+
+
+def _problems(folder):
+    """What is wrong with one product."""
+    from gravcal.store import netcdf, product
+
+    record, reason = records.read(folder)
+    reason = reason or store.doubt(folder, record)
+    if reason:
+        return [reason]
+    image = (folder / "product.nc").read_bytes()
+    if hashlib.sha256(image).hexdigest() != record["sha256"]:
+        return ["bytes of product.nc differ from the record"]
+    content = netcdf.from_bytes(image)
+    own = product.provenance(record["recipe"], record["key"], record["digest"], "")
+    wrong = [name for name in LABELS if content.attrs.get(name) != own[name]]
+    differs = ["content differs from its digest"] if product.digest(content) != record["digest"] else []
+    return [f"{name} in product.nc differs from the record" for name in wrong] + differs
 
 
 def prune(keep_s=None, remove=False, quota=None, configuration=None):
@@ -141,25 +177,31 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
     keep_s : float, s, younger ones stay; by default an hour, with a quota all stay that the quota has room for
     remove : bool, otherwise they are only named
     quota : float, bytes of the store; where it has more, the oldest go first, none younger than an hour
-    configuration : pattern of names of experiments; their links that are older do not count, and are removed too
+    configuration : pattern of names of experiments that no calibration has promoted; their links that are older do not
+        count, and are removed too
 
     Returns
     -------
     unused : list of (Path, int), folder, link or file, and bytes
     """
     keep_s = (YOUNG_S if quota is None else math.inf) if keep_s is None else keep_s
-    dropped = [link for link in _experiments(configuration) if _age_s(link) > keep_s]
-    needed, waiting = set(), [link.readlink().name for link in (set(_roots()) - set(dropped))]
+    latest, dropped = location.folder() / "latest", []
+    if configuration:
+        links = [link for link in latest.glob("*/as/*/*") if link.is_symlink() and _age_s(link) > keep_s]
+        names = fnmatch.filter({link.parent.name for link in links} - configurations.promoted(), configuration)
+        dropped = [link for link in links if link.parent.name in names]
+    roots = {link for link in (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*")) if link.is_symlink()}
+    needed, waiting = set(), [link.readlink().name for link in roots - set(dropped)]
     while waiting:
         key = waiting.pop()
         record = store.read_record(store.folder_of(key)) if key not in needed else None
         needed.add(key)
         waiting += [part["key"] for part in (record or {"from": []})["from"] if part.get("key")]
     unused = [folder for folder in folders() if folder.name not in needed]
-    unused += sorted((location.folder() / "quarantine").glob("*")) + _unlocked()
-    aged = sorted(((_age_s(path), path) for path in unused), reverse=True)
+    for name in ("quarantine", "locks"):  # locks that were left when a process was killed
+        unused += sorted((location.folder() / name).glob("*"))
     gone, left = [(link, 0) for link in dropped], size() if quota is not None else 0
-    for age, path in aged:
+    for age, path in sorted(((_age_s(path), path) for path in unused), reverse=True):
         if age > keep_s or (quota is not None and left > quota and age > YOUNG_S):
             gone.append((path, _size(path)))
             left -= gone[-1][1]
@@ -185,7 +227,7 @@ def pin(entry):
 
 
 def unpin(entry):
-    """Let a product go like any other; whether it was pinned."""
+    """Let a product go like any other; True if it was pinned."""
     was = entry.ref.key in pinned()
     (_pins() / entry.ref.key).unlink(missing_ok=True)
     return was
@@ -199,48 +241,6 @@ def pinned():
 def _pins():
     """Folder with a link to each product that is pinned."""
     return location.folder() / "pins"
-
-
-def _roots():
-    """Links that keep a product: of all configurations, and pins."""
-    latest = location.folder() / "latest"
-    found = (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*"))
-    return [link for link in found if link.is_symlink()]
-
-
-def _experiments(pattern):
-    """Links of the experiments of a name that no calibration has promoted; none without one."""
-    from gravcal.store import configurations
-
-    if not pattern:
-        return []
-    found = [link for link in (location.folder() / "latest").glob("*/as/*/*") if link.is_symlink()]
-    names = {link.parent.name for link in found} - configurations.promoted()
-    return [link for link in found if link.parent.name in fnmatch.filter(names, pattern)]
-
-
-def _problems(folder):
-    """What is wrong with one product."""
-    from gravcal.store import netcdf, product
-
-    record, reason = records.read(folder)
-    reason = reason or store.doubt(folder, record)
-    if reason:
-        return [reason]
-    image = (folder / "product.nc").read_bytes()
-    if hashlib.sha256(image).hexdigest() != record["sha256"]:
-        return ["bytes of product.nc differ from the record"]
-    content = netcdf.from_bytes(image)
-    own = product.provenance(record["recipe"], record["key"], record["digest"], "")
-    labels = [
-        f"{name} in product.nc differs from the record" for name in LABELS if content.attrs.get(name) != own[name]
-    ]
-    return labels + (["content differs from its digest"] if product.digest(content) != record["digest"] else [])
-
-
-def _unlocked():
-    """Lock files that were left when a process was killed."""
-    return sorted((location.folder() / "locks").glob("*"))
 
 
 def _age_s(path):

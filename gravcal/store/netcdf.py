@@ -16,17 +16,7 @@ LABEL = "_label"
 
 
 def write(dataset, path):
-    """Write a settled dataset as a netCDF-4 file, numbers with zlib 1 and shuffle.
-
-    Parameters
-    ----------
-    dataset : Dataset, settled (see product.settled)
-    path : Path
-
-    Raises
-    ------
-    OSError : the file cannot be written
-    """
+    """Write a settled dataset (`product.settled`) as a netCDF-4 file; OSError if it cannot be written."""
     import numpy as np
 
     texts = [name for name in dataset.coords if dataset[name].dims == (name,) and dataset[name].dtype == object]
@@ -55,37 +45,21 @@ def _encoding(name, variable):
 
 
 def from_bytes(image):
-    """Dataset from the bytes of a netCDF-4 file, everything in memory, times as the numbers they are.
-
-    Parameters
-    ----------
-    image : bytes
-
-    Returns
-    -------
-    dataset : Dataset, text as objects, attributes plain
-    """
+    """Dataset from the bytes of a netCDF-4 file, in memory, times as the numbers they are, text as objects."""
     import netCDF4
     import xarray as xr
 
     with LOCK, _damage_as_oserror(), netCDF4.Dataset("product", memory=image) as file:
         store = xr.backends.NetCDF4DataStore(file)
         read = xr.open_dataset(store, decode_times=False, mask_and_scale=False).load()
-    found = {name: _plain(variable) for name, variable in read.variables.items()}
-    coordinates = {_named(name, found[name][0]): found.pop(name) for name in read.coords}
-    return xr.Dataset(found, coordinates, {name: _attribute(value) for name, value in read.attrs.items()})
-
-
-def _named(name, dims):
-    """Name of a coordinate in memory: labels have that of their dimension."""
-    return name.removesuffix(LABEL) if dims == (name.removesuffix(LABEL),) else name
-
-
-def _plain(variable):
-    """Variable without what only the file needs, text as objects."""
-    values = variable.values.astype(object) if variable.dtype.kind in "US" else variable.values
-    own = {name: _attribute(value) for name, value in variable.attrs.items() if name != "_FillValue"}
-    return variable.dims, values, own
+    variables, coordinates = {}, {}
+    for name, variable in read.variables.items():
+        values = variable.values.astype(object) if variable.dtype.kind in "US" else variable.values
+        own = {label: _attribute(value) for label, value in variable.attrs.items() if label != "_FillValue"}
+        dimension = name.removesuffix(LABEL)  # labels have the name of their dimension
+        kept = coordinates if name in read.coords else variables
+        kept[dimension if variable.dims == (dimension,) else name] = variable.dims, values, own
+    return xr.Dataset(variables, coordinates, {name: _attribute(value) for name, value in read.attrs.items()})
 
 
 def _attribute(value):
@@ -96,10 +70,6 @@ def _attribute(value):
 @contextlib.contextmanager
 def opened(path):
     """File as a netCDF4.Dataset that gives values as they are; nobody else reads or writes netCDF meanwhile.
-
-    Parameters
-    ----------
-    path : of a netCDF-4 file
 
     Raises
     ------

@@ -76,28 +76,39 @@ def check(dataset, kind):
     ProductError : what was found, what the schema says
     """
     expected = schema(kind)
-    _check_names(dataset, kind, expected)
+    present = set(dataset.variables)
+    required = {name for name, stated in (expected or {}).items() if not stated.get("optional")}
+    missing, extra = sorted(required - present), [] if expected is ANY else sorted(present - set(expected))
+    if missing or extra:
+        raise ProductError(
+            f"{kind}: variables missing: {', '.join(missing) or 'none'}; "
+            f"not in the schema: {', '.join(extra) or 'none'}. "
+            f"Return what the schema says, or change the schema and the version of the stage.",
+            kind=kind,
+            missing=missing,
+            extra=extra,
+        )
     stated = {name: {} if expected is ANY else expected[name] for name in dataset.variables}
     labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
     labelled = _settled(dataset, labels, _own(dataset.attrs))
     for name, variable in labelled.variables.items():
         _check_variable(variable, stated[name], f"{kind}, variable {name}")
         if is_time(name, variable):
-            _check_time(variable.values, f"{kind}, coordinate {name}")
+            values = variable.values
+            wrong = ~np.isfinite(values) | np.append(False, np.diff(values) <= 0)[: values.size]
+            if wrong.any():
+                first = int(np.argmax(wrong))
+                raise ProductError(
+                    f"{kind}, coordinate {name}: index {first} is {values[first]!r}, expected finite GPS seconds that "
+                    f"increase. Sort and remove duplicates first, or call the dimension 'record'.",
+                    where=f"{kind}, coordinate {name}",
+                    index=first,
+                )
     return labelled
 
 
 def settled(dataset):
-    """Dataset in the form that writing and reading keep: loaded, native byte order, text as objects, plain attributes.
-
-    Parameters
-    ----------
-    dataset : Dataset
-
-    Returns
-    -------
-    settled : Dataset, new
-    """
+    """Dataset as writing and reading keep it: loaded, native byte order, text as objects, plain attributes."""
     return _settled(dataset, {name: variable.attrs for name, variable in dataset.variables.items()}, dataset.attrs)
 
 
@@ -105,43 +116,33 @@ def _settled(dataset, labels, attributes):
     """The same with other attributes: those of each variable by name, and the global ones."""
     import xarray as xr
 
-    found = {
+    variables = {
         name: (variable.dims, _settled_values(variable.values), _settled_attributes(labels[name]))
         for name, variable in dataset.variables.items()
     }
-    coordinates = {name: found.pop(name) for name in sorted(dataset.coords)}
-    return xr.Dataset(found, coordinates, _settled_attributes(attributes))
+    coordinates = {name: variables.pop(name) for name in sorted(dataset.coords)}
+    return xr.Dataset(variables, coordinates, _settled_attributes(attributes))
 
 
 def digest(dataset):
-    """SHA-256 over the content: names, dimensions, types, values and attributes, NaN equal to NaN, provenance left out.
-
-    Parameters
-    ----------
-    dataset : Dataset, settled
-
-    Returns
-    -------
-    digest : str, 64 hexadecimal digits
-    """
-    total = hashlib.sha256()
-    total.update(_attribute_text(_own(dataset.attrs)))
+    """SHA-256 of a settled dataset: names, dimensions, types, values, attributes; NaN equal to NaN, no provenance."""
+    total = hashlib.sha256(_attribute_text(_own(dataset.attrs)))
     for name in sorted(dataset.variables):
         variable = dataset.variables[name]
         values = np.ascontiguousarray(variable.values)
         head = [name, list(variable.dims), list(values.shape), "str" if values.dtype == object else values.dtype.str]
         total.update(json.dumps(head).encode() + _attribute_text(variable.attrs))
-        total.update(_value_bytes(values))
+        if values.dtype == object:
+            total.update(json.dumps(values.ravel().tolist()).encode())
+            continue
+        if values.dtype.kind == "f" and np.isnan(values).any():  # one bit pattern for NaN
+            values = np.where(np.isnan(values), values.dtype.type(np.nan), values)
+        total.update(np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"), copy=False)).data)
     return total.hexdigest()
 
 
 def digest_as_read(dataset):
-    """The same of a content as the store gave it, without computing it again.
-
-    Parameters
-    ----------
-    dataset : Dataset, not changed since; one that no store gave is digested
-    """
+    """The same of a dataset as the store gave it, not changed since, without computing it again."""
     return dataset.encoding.get(DIGEST) or digest(dataset)
 
 
@@ -177,24 +178,6 @@ def _own(attributes):
 def is_time(name, variable):
     """Whether this is a coordinate of GPS time: it bears the name of its dimension, ``time`` or ``time_...``."""
     return variable.dims == (name,) and re.fullmatch(r"time(_\w+)?", name) is not None
-
-
-def _check_names(dataset, kind, expected):
-    """Raise unless the variables are those of the schema."""
-    if expected is ANY:
-        return
-    present = set(dataset.variables)
-    missing = sorted(name for name, stated in expected.items() if name not in present and not stated.get("optional"))
-    extra = sorted(present - set(expected))
-    if missing or extra:
-        raise ProductError(
-            f"{kind}: variables missing: {', '.join(missing) or 'none'}; "
-            f"not in the schema: {', '.join(extra) or 'none'}. "
-            f"Return what the schema says, or change the schema and the version of the stage.",
-            kind=kind,
-            missing=missing,
-            extra=extra,
-        )
 
 
 def _labels(name, variable, stated, where):
@@ -233,21 +216,6 @@ def _check_variable(variable, stated, where):
         )
 
 
-def _check_time(values, where):
-    """Raise unless times are finite and increase."""
-    steps = np.diff(values)
-    if not np.isfinite(values).all() or (steps <= 0).any():
-        first = (
-            int(np.argmax(~np.isfinite(values))) if not np.isfinite(values).all() else int(np.argmax(steps <= 0)) + 1
-        )
-        raise ProductError(
-            f"{where}: index {first} is {values[first]!r}, expected finite GPS seconds that increase. "
-            f"Sort and remove duplicates first, or call the dimension 'record'.",
-            where=where,
-            index=first,
-        )
-
-
 def _settled_values(values):
     """Values in a type that netCDF keeps: native numbers, or text as objects."""
     if values.dtype.kind in "US" or (values.dtype == object and all(isinstance(item, str) for item in values.flat)):
@@ -263,38 +231,23 @@ def _settled_values(values):
 
 
 def _settled_attributes(attributes):
-    """Attributes as str, int, float, list of str or array of numbers."""
-    return {name: _settled_attribute(name, value) for name, value in attributes.items()}
-
-
-def _settled_attribute(name, value):
-    """One attribute in the type it has after reading."""
-    if isinstance(value, (bool, np.bool_)):
-        return int(value)
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, (str, int, float)):
-        return value
-    items = np.asarray(value)
-    if items.ndim == 1 and items.size and items.dtype.kind in "iuf":
-        return items.item() if items.size == 1 else items
-    if items.ndim == 1 and items.size and items.dtype.kind in "U":
-        return [str(item) for item in items] if items.size > 1 else str(items[0])
-    raise ProductError(
-        f"attribute {name} = {value!r}: give text, a number or a list of either (a mapping: as JSON text)."
-    )
+    """Attributes as they are after reading: str, int, float, list of str or array of numbers."""
+    plain = {}
+    for name, value in attributes.items():
+        items = np.asarray(value)
+        if isinstance(value, (str, int, float, np.generic)):
+            plain[name] = int(value) if items.dtype.kind == "b" else items.item()
+        elif items.ndim == 1 and items.size and items.dtype.kind in "iufU":
+            several = items.tolist() if items.dtype.kind == "U" else items
+            plain[name] = items.item() if items.size == 1 else several
+        else:
+            raise ProductError(
+                f"attribute {name} = {value!r}: give text, a number or a list of either (a mapping: as JSON text)."
+            )
+    return plain
 
 
 def _attribute_text(attributes):
     """Attributes as text that does not depend on their order."""
     plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in attributes.items()}
     return json.dumps(plain, sort_keys=True).encode()
-
-
-def _value_bytes(values):
-    """Bytes of the values, little-endian, with one bit pattern for NaN."""
-    if values.dtype == object:
-        return json.dumps(values.ravel().tolist()).encode()
-    if values.dtype.kind == "f" and np.isnan(values).any():
-        values = np.where(np.isnan(values), values.dtype.type(np.nan), values)
-    return np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"), copy=False)).data
