@@ -32,37 +32,40 @@ OBSERVATIONS = "gravcal.calibrations.kbr_phase_centre.observations"
 @flow(name="kbr_phase_centre")
 def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
-    observed = _files(source, chosen)
-    aligned = kbr_phase_centre.align(*observed, **chosen.for_stage("align"))
+    aligned = kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
     moved = []
     if chosen.model:
         aligned, moved = _with_model(source, chosen, aligned)
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
     if moved:
         combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
-    settings = chosen.for_stage("routine") | _nominal_of(source)
+    settings = chosen.for_stage("routine") | nominal_of(source)
     described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **settings)
-    checked = kbr_phase_centre.checks(
-        aligned,
-        pointed,
-        *equations[:2],
-        *_orbits(source, observed),
-        **_nominal_of(source),
-        **chosen.for_stage("checks"),
-    )
+    checked = inputs_checked(source, chosen, aligned, pointed, equations)
     return kbr_phase_centre.report(
         combined, pointed, quiet, described, checked, *solved, **_report_settings(source, chosen)
     )
 
 
+def with_equations(source, chosen, aligned, observables):
+    """Pointing, and observation equations of each observable."""
+    pointed = kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
+    settings = chosen.for_stage("observable") | nominal_of(source)
+    return pointed, [kbr_phase_centre.observable(aligned, pointed, variant=one, **settings) for one in observables]
+
+
+def inputs_checked(source, chosen, aligned, pointed, equations):
+    """Checks of orbits, attitudes and ranging against each other, with the equations of range and range rate."""
+    orbits = _orbits(source, ingested(source, chosen))
+    settings = nominal_of(source) | chosen.for_stage("checks")
+    return kbr_phase_centre.checks(aligned, pointed, *equations[:2], *orbits, **settings)
+
+
 def _solved(source, chosen, aligned, observables=OBSERVABLES):
     """Pointing, observation equations, noise, solutions, and all observables beside each other."""
-    nominal = _nominal_of(source)
-    pointed = kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
-    settings = chosen.for_stage("observable") | nominal
-    equations = [kbr_phase_centre.observable(aligned, pointed, variant=name, **settings) for name in observables]
+    pointed, equations = with_equations(source, chosen, aligned, observables)
     quiet = kbr_phase_centre.noise(equations[0], **chosen.for_stage("noise"))
-    settings = chosen.for_stage("solve") | nominal
+    settings = chosen.for_stage("solve") | nominal_of(source)
     solved = [
         kbr_phase_centre.solve(one, quiet, variant=name, **settings)
         for name, one in zip(observables, equations, strict=True)
@@ -95,7 +98,7 @@ def _of_range(source, chosen, aligned):
 
 def baseline(source, chosen):
     """Products that discovery looks at, by name."""
-    aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    aligned = kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
     products = _of_range(source, chosen, aligned)
     if not chosen.model:
         return products
@@ -111,13 +114,13 @@ def scene_settings(source, chosen):
     """What the view of a campaign needs beside the products."""
     known = chosen.for_stage("observable") | chosen.for_stage("solve")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz")
-    return {name: known[name] for name in names} | _nominal_of(source)
+    return {name: known[name] for name in names} | nominal_of(source)
 
 
 @flow(name="kbr_phase_centre_detect")
 def detect(source, chosen):
     """Wiggles of one day in the pointing angles."""
-    aligned = kbr_phase_centre.align(*_files(source, chosen), **chosen.for_stage("align"))
+    aligned = kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
     return kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
 
 
@@ -136,7 +139,7 @@ def level_one_files(source, first="KBR1B"):
     return [one.file(*products, satellite=letter) for one in sources for products, letter in wanted]
 
 
-def _files(source, chosen):
+def ingested(source, chosen):
     """The files, read."""
     return [common.ingest(file, event=source.event) for file in level_one_files(source, chosen.ranging)]
 
@@ -182,10 +185,10 @@ def _pointing_settings(source, chosen):
         axis = ("pitch", "yaw").index(one.kind.lstrip("+-"))
         sign = {"+": 1, "-": -1}.get(one.kind[0], 0)
         given += [(source.satellite.index(letter), axis, sign, one.start, one.stop)]
-    return chosen.for_stage("pointing") | _nominal_of(source) | {"given": tuple(given)}
+    return chosen.for_stage("pointing") | nominal_of(source) | {"given": tuple(given)}
 
 
-def _nominal_of(source):
+def nominal_of(source):
     """Phase centres of the catalogue, as a setting."""
     centres = [catalog.satellite(letter).com_to_antenna.value for letter in source.satellite]
     return {"nominal_m": tuple(tuple(float(v) for v in centre) for centre in centres)}
@@ -202,7 +205,7 @@ def _report_settings(source, chosen):
         ]
         for section in ("ls", "robust", "subsets", "vkb1b")
     }
-    return {"event": source.event, "settings": values, "published": printed} | _nominal_of(source)
+    return {"event": source.event, "settings": values, "published": printed} | nominal_of(source)
 
 
 def manoeuvres(found):
