@@ -9,11 +9,9 @@ from tasks.stage import lazy, stage
 
 align_science = lazy("gravcal.calibrations.kbr_phase_centre.align")
 pointing_science = lazy("gravcal.calibrations.kbr_phase_centre.pointing")
-observable_science = lazy("gravcal.calibrations.kbr_phase_centre.observable")
 noise_science = lazy("gravcal.calibrations.kbr_phase_centre.noise")
 solve_science = lazy("gravcal.calibrations.kbr_phase_centre.solve")
 checks_science = lazy("gravcal.calibrations.kbr_phase_centre.checks")
-combine_science = lazy("gravcal.calibrations.kbr_phase_centre.combine")
 report_science = lazy("gravcal.calibrations.kbr_phase_centre.page")
 
 KINDS = {
@@ -47,7 +45,7 @@ def pointing(aligned, **settings):
 @stage(reads=[ALIGN, POINTING], writes=OBSERVABLE, version=1)
 def observable(aligned, pointed, *, variant, **settings):
     """Observation equations of range, range rate or range acceleration."""
-    return observable_science.observable(aligned, pointed, variant=variant, **settings)
+    return pointing_science.observable(aligned, pointed, variant=variant, **settings)
 
 
 @stage(reads=[OBSERVABLE], writes=NOISE, version=1)
@@ -65,13 +63,13 @@ def solve(equations, measured, *, variant, **settings):
 @stage(reads=[SOLVE], writes=COMBINE, version=1)
 def combine(*solved, **settings):
     """The three observables beside each other."""
-    return combine_science.combine(*solved, **settings)
+    return solve_science.combine(*solved, **settings)
 
 
 @stage(reads=[COMBINE], writes=COMBINE, version=1)
 def model_error(combined, *moved, **settings):
     """The same with the errors of an extended model."""
-    return combine_science.with_model_error(combined, *moved, **settings)
+    return solve_science.with_model_error(combined, *moved, **settings)
 
 
 @stage(reads=[ALIGN, POINTING, OBSERVABLE, NOISE], writes=ROUTINE, version=2)

@@ -6,7 +6,7 @@ from kbr_campaign import DAY, campaign, process, simulated
 from numpy.testing import assert_allclose
 
 from gravcal.calibrations.kbr_phase_centre import align, noise, pointing
-from gravcal.calibrations.kbr_phase_centre.observable import arcs
+from gravcal.calibrations.kbr_phase_centre.pointing import arcs
 from gravcal.errors import EstimationError
 from gravcal.estimation.noise import NoiseModel
 from gravcal.simulation import kbr_phase_centre as simulation

@@ -135,18 +135,9 @@ def _common_grid(times, observed):
 
 
 def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit_s: float) -> np.ndarray:
-    """Samples at given epochs: as they are where they coincide, by a spline of degree 7 elsewhere.
+    """Samples (n, m) at given epochs (k,): as they are where they coincide, by a spline of degree 7 elsewhere.
 
-    Parameters
-    ----------
-    time : (n,) s, strictly increasing
-    values : (n, m) any unit
-    at : (k,) s
-    gap_limit_s : s; between samples further apart, and outside, the result is NaN
-
-    Returns
-    -------
-    values : (k, m)
+    Between samples further apart than `gap_limit_s`, and outside, the result is NaN; time is strictly increasing.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -170,20 +161,9 @@ def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit
 
 
 def breaks(time: np.ndarray, distance: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, limit: float):
-    """Records before which the range may have got another bias: a step against its own derivatives, or a long gap.
+    """Records (n,) before which the range may have got another bias: a step against its derivatives, or a long gap.
 
-    Parameters
-    ----------
-    time, distance, rate, acceleration : (n,) s, m, m s-1, m s-2
-    limit : m
-
-    Returns
-    -------
-    begins : (n,) bool
-
-    Notes
-    -----
-    Hermite: rho_1 - rho_0 = h (rho'_0 + rho'_1)/2 - h^2 (rho''_1 - rho''_0)/12 + O(h^5).
+    Hermite: rho_1 - rho_0 = h (rho'_0 + rho'_1)/2 - h^2 (rho''_1 - rho''_0)/12 + O(h^5); limit in m.
     """
     h = np.diff(time)
     expected = h * (rate[1:] + rate[:-1]) / 2 - h**2 * np.diff(acceleration) / 12

@@ -11,7 +11,7 @@ from gravcal.calibrations import checks
 from gravcal.calibrations.checks import Check, at_least, at_most
 from gravcal.calibrations.kbr_phase_centre import align, pointing
 from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES
-from gravcal.physics import constants
+from gravcal.physics import constants, frames
 
 BRIDGED = 1800.0  # s, stretches of ranging at least this long are held against the orbit with a bias of their own
 NEAR = 300.0  # s on either side of a manoeuvre that do not count as routine pointing
@@ -68,11 +68,9 @@ def _of_orbits(orbits, limits):
 
 
 def orbit_difference(first, second) -> float:
-    """Largest distance (m) of the orbits of two products at their common epochs; infinite where they share none.
+    """Largest distance (m) of two orbits at their common epochs, infinite where they share none.
 
-    Parameters
-    ----------
-    first, second : lists of time (n,) s and inertial position (n, 3) m, one for each file
+    Each is a list of time (n,) s and inertial position (n, 3) m, one for each file.
     """
     times, positions = [[np.concatenate([one[k] for one in files]) for files in (first, second)] for k in (0, 1)]
     _, a, b = np.intersect1d(*(np.round(time, 3) for time in times), return_indices=True)
@@ -103,32 +101,19 @@ def _of_pointing(aligned, pointed, limits):
         own = np.column_stack([angle[k], roll(aligned["position_i"].values[k], aligned["quaternion"].values[k], line)])
         away = np.arccos(np.clip(line[:, 0], -1, 1))
         step = (own[1:] - own[:-1] + np.pi) % (2 * np.pi) - np.pi
-        for name, value, limit, unit in (
-            ("routine pointing", np.degrees(_largest(away[routine])), "pointing_limit_deg", "deg"),
-            ("largest angle", np.degrees(_largest(away)), "largest_angle_deg", "deg"),
-            ("roll", np.degrees(_largest(own[:, 2])), "roll_limit_deg", "deg"),
-            ("pointing rate", np.degrees(_largest(step)), "pointing_rate_limit_deg_s", "deg s-1"),
+        for name, values, limit, unit in (
+            ("routine pointing", away[routine], "pointing_limit_deg", "deg"),
+            ("largest angle", away, "largest_angle_deg", "deg"),
+            ("roll", own[:, 2], "roll_limit_deg", "deg"),
+            ("pointing rate", step, "pointing_rate_limit_deg_s", "deg s-1"),
         ):
-            found.append(at_most(f"{name} {letter}", value, limits[limit], unit))
+            largest = np.degrees(np.nanmax(np.abs(values), initial=0.0))
+            found.append(at_most(f"{name} {letter}", largest, limits[limit], unit))
     return found
 
 
-def _largest(values):
-    """Largest size of those known, 0 of none."""
-    return float(np.nanmax(np.abs(values), initial=0.0))
-
-
 def roll(position_i: np.ndarray, quaternion: np.ndarray, line_of_sight_b: np.ndarray) -> np.ndarray:
-    """Angle (n,) rad about the line of sight between z of the body and down.
-
-    Parameters
-    ----------
-    position_i : (n, 3) m
-    quaternion : (n, 4) scalar first
-    line_of_sight_b : (n, 3)
-    """
-    from gravcal.physics import frames
-
+    """Angle (n,) rad about the line of sight between z of the body and down."""
     result = np.full(len(position_i), np.nan)
     known = np.isfinite(quaternion).all(axis=1) & np.isfinite(position_i).all(axis=1)
     down = np.matvec(frames.R_bi_from_quaternion(quaternion[known]), -position_i[known])

@@ -120,14 +120,7 @@ def on_even_grid(time: np.ndarray, step: float, values: np.ndarray) -> np.ndarra
 
 
 def density(pieces: list[np.ndarray], step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
-    """Mean one-sided periodogram of the pieces, Hann window, at given frequencies.
-
-    Parameters
-    ----------
-    pieces : list of (n_i,), NaN where missing
-    step_s : s
-    frequency_hz : (m,) Hz
-    """
+    """Mean one-sided periodogram (m,) of pieces (n_i,), NaN where missing, Hann window, at given frequencies (m,)."""
     total = np.zeros(frequency_hz.size)
     for piece in pieces:
         window = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)
@@ -154,13 +147,7 @@ def shapes(step_s: float) -> np.ndarray:
 
 
 def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Range residual (n,) m of every manoeuvre on its even grid after ordinary least squares, and its lever (n, 4) m.
-
-    Parameters
-    ----------
-    equations : Dataset, "kbr_phase_centre.observable" of the range
-    degree : of the polynomial removed
-    """
+    """Range residual (n,) m of each manoeuvre on its even grid after ordinary least squares, and lever (n, 4) m."""
     time, number, segment = (equations[n].values for n in ("time_kbr", "arc", "segment"))
     observed, column, lever = (equations[n].values for n in ("observed", "column", "lever"))
     step = float(np.median(np.diff(time)))
@@ -182,15 +169,7 @@ def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> list[tuple[np.nda
 
 
 def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative: int) -> np.ndarray:
-    """Legendre polynomials of time and, for the range, a bias for every further segment.
-
-    Parameters
-    ----------
-    time : (n,) s
-    segment : (n,) number of the stretch without a phase break
-    degree : of the polynomial
-    derivative : 0, 1 or 2
-    """
+    """Legendre polynomials (n, k) of time (n,) s and, for the range, a bias for every further segment (n,)."""
     if time.size < 2:
         return np.zeros((time.size, degree + 1))
     slow = least_squares.polynomial(time, degree, time[0], time[-1])
@@ -203,15 +182,8 @@ def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative:
 def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -> np.ndarray:
     """Densities of the star camera noise below each corner (corner,) rad^2 Hz^-1, none negative.
 
-    Parameters
-    ----------
-    pieces : of `manoeuvre_residuals`; zero without any
-    quiet : NoiseModel of the range
-
-    Notes
-    -----
     The covariance of g(t) phi(t) is on average mean(g(t) g(t + tau)) C(tau); its density is fitted to the excess of the
-    periodograms with weights 1/density.
+    periodograms of `manoeuvre_residuals` over the noise of the range with weights 1/density.
     """
     from scipy.optimize import nnls
 
@@ -225,15 +197,11 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.No
     lags = [np.fft.irfft(shape.sum(axis=0), 2 * BINS)[:length] * 0.5 / step for shape in shapes(step)]
     lags = [np.pad(lag, (0, length - lag.size)) for lag in lags]  # beyond, the noise is not correlated
     for piece, lever in pieces:
-        window = np.zeros(2 * length)
-        window[: piece.size] = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)
+        window = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)
         energy = np.sum(window**2)
-        padded = np.zeros(2 * length)
-        padded[: piece.size] = np.nan_to_num(piece)
-        power += np.abs(np.fft.rfft(padded * window)) ** 2 * 2 * step / energy
-        arm = np.zeros((2 * length, 4))
-        arm[: piece.size] = lever * window[: piece.size, None]
-        overlap = np.fft.irfft((np.abs(np.fft.rfft(arm, axis=0)) ** 2).sum(axis=1), 2 * length)[:length] / energy
+        power += np.abs(np.fft.rfft(np.nan_to_num(piece) * window, 2 * length)) ** 2 * 2 * step / energy
+        arm_power = (np.abs(np.fft.rfft(lever * window[:, None], 2 * length, axis=0)) ** 2).sum(axis=1)
+        overlap = np.fft.irfft(arm_power, 2 * length)[:length] / energy
         for k, lag in enumerate(lags):
             covariance = overlap * lag
             symmetric = np.concatenate([covariance, [0.0], covariance[:0:-1]])
@@ -265,14 +233,7 @@ class Lags:
 
 
 def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
-    """Covariances of the noise of the range or one of its derivatives, by lag.
-
-    Parameters
-    ----------
-    measured : Dataset, "kbr_phase_centre.noise"
-    derivative : 0, 1 or 2
-    count : number of lags
-    """
+    """Covariances of the noise of the range or a derivative (0, 1 or 2) of it, by so many lags."""
     step = float(measured.attrs["step_s"])
     ranging = noises.NoiseModel(measured["reflection"].values, measured["variance"].values, step)
     frequency = np.linspace(0, 0.5 / step, BINS + 1)

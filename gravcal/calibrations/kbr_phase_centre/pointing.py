@@ -1,4 +1,4 @@
-"""Line of sight in both satellites: observation columns, pointing angles, wiggles, the antenna correction."""
+"""Line of sight in both satellites: pointing angles, wiggles, the antenna correction, observation equations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import POINTING
+from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLE, OBSERVABLES, POINTING, UNITS, of
+from gravcal.estimation import crn
 from gravcal.physics import frames, kinematics
 
 
@@ -163,14 +164,7 @@ def antenna_correction(line_of_sight_b: np.ndarray, centre_b: np.ndarray) -> np.
 
 
 def measured(time, angle, satellite, axis, sign, start, stop, period: float) -> Wiggle:
-    """A manoeuvre of the catalogue with its offset and amplitude as measured.
-
-    Parameters
-    ----------
-    time, angle : (n,) s and (2, n, 2) rad, pitch and yaw of both satellites
-    satellite, axis, sign, start, stop : of the catalogue
-    period : s
-    """
+    """A manoeuvre of the catalogue with its offset and amplitude as measured in the angles (2, n, 2) rad."""
     own = angle[int(satellite), :, int(axis)]
     inside = (time > start + period / 2) & (time < stop - period / 2) & np.isfinite(own)
     if not inside.any():
@@ -232,3 +226,92 @@ def _running_mean(values, count):
     index = np.arange(values.size)
     low, high = np.clip(index - count // 2, 0, None), np.clip(index + count - count // 2, None, values.size)
     return (total[high] - total[low]) / (high - low)
+
+
+def observable(
+    aligned: xr.Dataset,
+    pointed: xr.Dataset,
+    *,
+    variant: str,
+    trim_s: float,
+    quiet_margin_s: float,
+    crn_window_s: float,
+    crn_bandwidth_hz: float,
+    nominal_m,
+    published_half_width: int,
+) -> xr.Dataset:
+    """Ranging minus orbit and its columns at the ranging epochs.
+
+    The range of the centres of mass, the columns and the part square in the offsets pass through the CRN filter that
+    made range, rate and acceleration of the ranging product; nothing is differentiated in another way.
+
+    Parameters
+    ----------
+    aligned : Dataset, "kbr_phase_centre.align"
+    pointed : Dataset, "kbr_phase_centre.pointing"
+    variant : "range", "range_rate" or "range_acceleration"
+    trim_s : s, left out at both ends of a manoeuvre
+    quiet_margin_s : s, between a manoeuvre and quiet data
+    crn_window_s, crn_bandwidth_hz : s and Hz, of the filter
+    nominal_m : (2, 3) m, phase centres of the catalogue, for the lever arm of pointing errors
+    published_half_width : epochs on either side in the derivative of the source paper
+
+    Returns
+    -------
+    equations : Dataset, "kbr_phase_centre.observable"
+    """
+    derivative = OBSERVABLES.index(variant)
+    time, at = pointed["time"].values, aligned["time_kbr"].values
+    good = pointed["usable"].values != 0
+    filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
+    through = [crn.operator(filter_, order, good, (time[0], 1.0), at) for order in range(derivative + 1)]
+    line = np.concatenate(list(pointed["line_of_sight_b"].values), axis=1)
+    modelled = through[-1](np.column_stack([pointed["range_com"].values + pointed["second_order"].values, -line]))
+    x = np.repeat(np.asarray(nominal_m, dtype=float).reshape(2, 3)[:, 0], 2)
+    arms = line[:, [2, 1, 5, 4]] * x
+    valid = through[-1].valid & (aligned["kbr_flag"].values == 0)
+    spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
+    epochs = np.clip(np.rint(at - time[0]).astype(int), 0, time.size - 1)
+    values = {
+        "time_kbr": at,
+        "observed": aligned[f"reading_{variant}"].values - modelled[:, 0],
+        "column": modelled[:, 1:],
+        "lever": np.stack([filtered(arms) for filtered in through], axis=1),
+        "published_column": published_columns(at, -line[epochs], derivative, published_half_width),
+        "arc": arcs(at, spans, trim_s, quiet_margin_s),
+        "segment": aligned["segment"].values,
+    }
+    values = {name: column[valid] for name, column in values.items()}
+    return build(
+        of(OBSERVABLE, variant),
+        values | {n: pointed[n].values for n in MANOEUVRE},
+        title=f"Observation equations of {variant}",
+        observable=variant,
+        unit=UNITS[derivative],
+        **{n: pointed.attrs[n] for n in ("satellites", "ranging", "orbit")},
+    )
+
+
+def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.ndarray:
+    """Manoeuvre of every epoch (m,); -1 in quiet data, -2 near one of the spans (k, 2) s but not in it."""
+    result = np.full(time.size, -1)
+    for start, stop in spans:
+        result[(time > start - margin) & (time < stop + margin) & (result == -1)] = -2
+    for index, (start, stop) in enumerate(spans):
+        result[(time >= start + trim) & (time <= stop - trim)] = index
+    return result
+
+
+def published_columns(time: np.ndarray, columns: np.ndarray, derivative: int, half_width: int) -> np.ndarray:
+    """Columns (m, p) differentiated by a local cubic polynomial of so many epochs on either side, once or twice.
+
+    D and D D of Remote Sens. 2022, 14, 3395, eqs. 17 and 19; the window is not printed (erratum K-4). Time (m,) s is
+    evenly spaced but for gaps.
+    """
+    lag = np.arange(-half_width, half_width + 1)
+    taps = np.linalg.pinv(np.vander(lag, 4, increasing=True))[1]
+    step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+    for _ in range(derivative):
+        widened = np.pad(columns, ((half_width, half_width), (0, 0)), mode="edge")
+        columns = np.lib.stride_tricks.sliding_window_view(widened, lag.size, axis=0) @ (taps / step)
+    return columns

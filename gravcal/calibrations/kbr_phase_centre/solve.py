@@ -1,4 +1,4 @@
-"""Phase centres from one observable: whitened equations, least squares and robust, all manoeuvres and sub-sets.
+"""Phase centres: whitened equations, least squares and robust, all manoeuvres and sub-sets, all observables.
 
 What routine pointing, without wiggles, says of the phase centres stands here as well: the same equations of quiet data.
 """
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
+from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.kbr_phase_centre import noise
-from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLES, ROUTINE, SOLVE, SUBSETS, of
+from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, MANOEUVRE, OBSERVABLES, ROUTINE, SOLVE, SUBSETS, of
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, robust
 
@@ -20,6 +20,12 @@ X = np.array([True, False, False] * 2)
 LONGEST = 4000  # observations of one stretch, whose covariance is held as a matrix; a wiggle of 1000 s at 5 s has 200
 #: Degree of the polynomial that the source paper removes from the observations, Remote Sens. 2022, 14, 3395, Sec. 4.1.
 PUBLISHED_DEGREE = (15, 13, None)
+
+
+STACKED = (
+    *("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept"),
+    *("arc_value", "arc_sigma", "arcs_chi2", "arcs_dof"),
+)
 
 
 @dataclass(frozen=True)
@@ -288,6 +294,85 @@ def _series(equations, parts, centre, derivative, degree):
         "spectrum_observed": noise.density([p[:, 0] for p in pieces], step, frequency),
         "spectrum_residual": noise.density([p[:, 0] - p[:, 1] for p in pieces], step, frequency),
     }
+
+
+def combine(
+    *solved: xr.Dataset,
+    adopted_observable: str,
+    adopted_estimator: str,
+    determined_limit_mm: float,
+    offset_deg: float,
+) -> xr.Dataset:
+    """Estimates of all observables beside each other.
+
+    Parameters
+    ----------
+    solved : Dataset, "kbr_phase_centre.solve", one per observable
+    adopted_observable, adopted_estimator : the result that goes into the vector files
+    determined_limit_mm : mm, a component with a larger sigma is not determined
+    offset_deg : deg, offset angle of the design, for the predicted shifts of one-sided sets
+
+    Returns
+    -------
+    combined : Dataset, "kbr_phase_centre.combine"
+    """
+    values = {name: np.stack([one[name].values for one in solved]) for name in STACKED}
+    values["determined"] = _determined(values["covariance"], determined_limit_mm)
+    values["shift"] = values["centre"][:, :, 0] - values["centre"][:, :1, 0]
+    values["predicted_shift"] = predicted_shift(values["shift"], np.radians(offset_deg))
+    values |= {name: solved[0][name].values for name in MANOEUVRE}
+    return build(
+        COMBINE,
+        values,
+        title="Phase centres from all observables",
+        adopted_observable=adopted_observable,
+        adopted_estimator=adopted_estimator,
+        observables=" ".join(one.attrs["observable"] for one in solved),
+        **{n: solved[0].attrs[n] for n in ("satellites", "ranging", "method")},
+    )
+
+
+def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_limit_mm: float) -> xr.Dataset:
+    """Result with covariances that hold the errors of the effects that were taken out of the records before.
+
+    Parameters
+    ----------
+    combined, moved : Dataset, "kbr_phase_centre.combine", one of the moved for each direction of the model's errors
+    determined_limit_mm : mm, a component with a larger sigma is not determined
+    """
+    new = widened(combined, moved, {"centre": ("covariance",)})
+    known = _determined(new["covariance"], determined_limit_mm).astype("u1")
+    return replaced(combined, new | {"determined": known})
+
+
+def _determined(covariance, limit_mm):
+    """Which parameters of least squares are known better than the limit (observable, subset, parameter)."""
+    sigma = np.sqrt(np.diagonal(covariance[:, :, 0], axis1=-2, axis2=-1))
+    return np.isfinite(sigma) & (sigma <= 1e-3 * limit_mm)
+
+
+def predicted_shift(shift: np.ndarray, offset: float) -> np.ndarray:
+    """Shift of y and z of a one-sided set that follows from the shift of its x.
+
+    Parameters
+    ----------
+    shift : (..., subset, 6) m, sub-set minus all
+    offset : rad, offset angle of the positive set
+
+    Notes
+    -----
+    dY = +tan(theta0) dX and dZ = -tan(theta0) dX for the positive set, the other way for the mirror set: at first
+    order in the amplitude x and the transverse component have proportional columns; Remote Sens. 2022, 14, 3395,
+    Table 5 (erratum K-2).
+    """
+    result = np.full_like(shift, np.nan)
+    for name, sign in (("positive", 1.0), ("mirror", -1.0)):
+        row = SUBSETS.index(name)
+        for first in (0, 3):
+            x = shift[..., row, first]
+            result[..., row, first + 1] = sign * np.tan(offset) * x
+            result[..., row, first + 2] = -sign * np.tan(offset) * x
+    return result
 
 
 def routine(
