@@ -21,8 +21,6 @@ def flow_of(name: str):
     one = calibrations.load(name)
     if one.discovery is None:
         raise KeyError(name)
-    if not one.discovery.observations:
-        return _not_converted()[name]
     return flow(name=f"{name}_discovery")(functools.partial(_discover, one))
 
 
@@ -58,15 +56,6 @@ def _discover(one: Calibration, source, chosen):
 
 
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
-
-
-def _not_converted():
-    """Flows of those that are not yet on the common records."""
-    from flows import discover_gradient
-
-    return {
-        "gradient_torque": discover_gradient.gradient_torque,
-    }
 
 
 def names() -> tuple[str, ...]:

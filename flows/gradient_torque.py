@@ -12,116 +12,104 @@ from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.store import results
-from tasks import common, discovery_gradient, gradient_torque
+from tasks import common, discovery, gradient_torque
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.gradient_torque")
 icgem = lazy("gravcal.io.icgem")
 sgrs_files = lazy("gravcal.io.sgrs_files")
 
+OBSERVATIONS = "gravcal.calibrations.gradient_torque.observations"
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 
 
 @flow(name="gradient_torque")
 def calibrate(source, chosen):
     """Drag by two sensors and by one, as printed and as it should be."""
-    file, fields, truth_file = _files(source, chosen)
-    methods = _methods(file, chosen)
-    recorded, stored = _recorded(source, file, fields)
+    methods = _methods(source, chosen)
+    recorded, field = _recorded(source, chosen)
     observed, moved = recorded, []
     if chosen.model:
-        solved = functools.partial(_solved, stored=stored, chosen=chosen, methods=methods)
-        observed, moved = models.taken_out(chosen.model, _without(observed, stored, chosen), solved)
-    modelled, drags = _solved(observed, stored, chosen, methods)
+        solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
+        observed, moved = models.taken_out(chosen.model, _without(recorded, field, chosen), solved)
+    modelled, drags = _solved(observed, field, chosen, methods)
     for k, name in enumerate(methods if moved else ()):
         others = (result[1][k] for result in moved)
         drags[k] = gradient_torque.drag_model_error(drags[k], *others, variant=name)
     known = []
-    if truth_file is not None:
-        clean = gradient_torque.ingest(truth_file, event=source.event)
-        truth = gradient_torque.truth(truth_file, event=source.event, variant="")
-        known = [truth, *_solved(clean, stored, chosen, methods, ".clean")[1]]
-    torque = gradient_torque.torque(modelled, observed, stored, satellite=_satellite(), **chosen.for_stage("torque"))
-    shared = {name: getattr(chosen, name) for name in ("single_sensor", "elongation")}
-    settings = chosen.for_stage("combine") | shared | {"methods": methods, "satellite": _satellite()}
-    combined = gradient_torque.combine(modelled, *drags, *known, **settings)
+    if chosen.truth:
+        file = sgrs_files.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date)
+        clean = gradient_torque.ingest(file, event=source.event)
+        truth = gradient_torque.truth(file, event=source.event, variant="")
+        known = [truth, *_solved(clean, field, chosen, methods, ".clean")[1]]
+    torque = gradient_torque.torque(modelled, observed, field, **_settings("torque", chosen))
+    combined = gradient_torque.combine(modelled, *drags, *known, methods=methods, **_settings("combine", chosen))
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
-    checked = gradient_torque.checks(modelled, recorded, satellite=_satellite(), **chosen.for_stage("checks"))
+    checked = gradient_torque.checks(modelled, recorded, **_settings("checks", chosen))
     return gradient_torque.report(combined, torque, modelled, checked, *drags, event=source.event, settings=values)
 
 
-def _solved(observed, stored, chosen, methods, suffix=""):
+def _settings(stage, chosen):
+    """Settings of a stage, with the numbers of the satellite."""
+    return chosen.for_stage(stage) | {"satellite": catalog.satellite("S").settings()}
+
+
+def _recorded(source, chosen):
+    """Readings and gravity field."""
+    observed = gradient_torque.ingest(sgrs_files.find(source.folder, source.date), event=source.event)
+    file = sgrs_files.other_file(icgem.located(chosen.field), "GFC", source.date)
+    return observed, gradient_torque.field(file, event=source.event, variant="")
+
+
+def _methods(source, chosen):
+    """Methods that the file allows: two sensors need two, the printed one needs places without a zero."""
+    places = sgrs_files.sensor_positions(sgrs_files.find(source.folder, source.date))
+    two = ["two_sensor"] if len(places) == 2 else []
+    place = places[min(chosen.single_sensor, len(places)) - 1]
+    return [*two, *(["one_sensor_published"] if np.abs(place).min() > 1e-9 else []), "one_sensor"]
+
+
+def _solved(observed, field, chosen, methods, suffix=""):
     """Gradient and drags of one set of readings."""
-    numbers = {"satellite": _satellite()}
     variant = suffix.removeprefix(".")
-    modelled = gradient_torque.gradient(observed, stored, variant=variant, **numbers, **chosen.for_stage("gradient"))
-    settings = chosen.for_stage("drag") | {"satellite": _satellite()}
+    modelled = gradient_torque.gradient(observed, field, variant=variant, **_settings("gradient", chosen))
+    settings = _settings("drag", chosen)
     return modelled, [gradient_torque.drag(modelled, variant=name + suffix, **settings) for name in methods]
 
 
-def _recorded(source, file, fields):
-    """Readings and gravity field."""
-    observed = gradient_torque.ingest(file, event=source.event)
-    return observed, gradient_torque.field(fields, event=source.event, variant="")
+def _by_one_sensor(observed, field, chosen):
+    """Readings with gradient and drag by one sensor, by name."""
+    modelled, (drag,) = _solved(observed, field, chosen, ["one_sensor"])
+    return {"ingest": observed, "gradient": modelled, "drag": drag}
 
 
-def _of_one(observed, stored, chosen):
-    """Readings with gradient and drag by one sensor."""
-    modelled, (drag,) = _solved(observed, stored, chosen, ["one_sensor"])
-    return observed, modelled, drag
-
-
-def _without(observed, stored, chosen):
+def _without(observed, field, chosen):
     """(model, variant) -> readings without the effects of that model."""
-    products = _of_one(observed, stored, chosen)
-    return functools.partial(_extended, products, scene_settings(None, chosen))
+    products = _by_one_sensor(observed, field, chosen)
+    about = {"observations": OBSERVATIONS, "records": "ingest", "names": list(products)}
+    return functools.partial(_extended, products, about | {"settings": observation_settings(None, chosen)})
 
 
-def _extended(products, scene, model, variant):
+def _extended(products, about, model, variant):
     """Readings without the effects of a model."""
-    return discovery_gradient.extend(*products, model=model, scene=scene, variant=variant)
+    return discovery.extend(*products.values(), model=model, variant=variant, **about)
 
 
 def baseline(source, chosen):
     """Products that discovery looks at: readings, gradient, drag by one sensor."""
-    file, fields, _ = _files(source, chosen)
-    observed, stored = _recorded(source, file, fields)
-    observed = _without(observed, stored, chosen)(chosen.model, "extended") if chosen.model else observed
-    return _of_one(observed, stored, chosen)
+    observed, field = _recorded(source, chosen)
+    observed = _without(observed, field, chosen)(chosen.model, "extended") if chosen.model else observed
+    return _by_one_sensor(observed, field, chosen)
 
 
-def from_one_sensor(source, chosen, observed):
+def again(source, chosen, observed):
     """The same products from other readings of the day."""
-    _, fields, _ = _files(source, chosen)
-    return _of_one(observed, gradient_torque.field(fields, event=source.event, variant=""), chosen)
+    return _by_one_sensor(observed, _recorded(source, chosen)[1], chosen)
 
 
-def scene_settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
-    """What the view of a day needs beside the products."""
-    names = ("elongation", "gap_limit_s", "torque_step_s", "torque_noise_order", "control_hz", "control_damping")
-    known = {name: getattr(chosen, name) for name in names} | chosen.for_stage("view")
-    return known | {"satellite": _satellite()}
-
-
-def _satellite():
-    """Numbers of the satellite, which every stage takes."""
-    return catalog.satellite("S").settings()
-
-
-def _files(source, chosen):
-    """SGRS file, gravity field, and truth if there is one."""
-    file = sgrs_files.find(source.folder, source.date)
-    fields = sgrs_files.other_file(icgem.located(chosen.field), "GFC", source.date)
-    truth = sgrs_files.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date) if chosen.truth else None
-    return file, fields, truth
-
-
-def _methods(file, chosen):
-    """Methods that the file allows: two sensors need two, the printed one needs places without a zero."""
-    places = sgrs_files.sensor_positions(file)
-    two = ["two_sensor"] if len(places) == 2 else []
-    place = places[min(chosen.single_sensor, len(places)) - 1]
-    return [*two, *(["one_sensor_published"] if np.abs(place).min() > 1e-9 else []), "one_sensor"]
+def observation_settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
+    """What the observations of a day need beside the products."""
+    return _settings("view", chosen)
 
 
 def level_one_files(source):
@@ -204,5 +192,5 @@ CALIBRATION = Calibration(
         "one sensor": "drag_error_order_single_accelerometer",
         "one sensor published": "drag_error_order_single_accelerometer",
     },
-    discovery=Discovery(baseline, scene_settings, again=from_one_sensor),
+    discovery=Discovery(baseline, observation_settings, observations=OBSERVATIONS, records="ingest", again=again),
 )

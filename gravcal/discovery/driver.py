@@ -237,7 +237,8 @@ def _product(observed, limits, result, numbers):
     """Product of a search, with the reading that the extension helps most."""
     whole = _joined(result) if observed.interleaved else result
     place = product.clearest(whole, observed.readable or observed.channels, limits.level)
-    return product.dataset(whole, numbers, observed.channels, product.variables(whole, place, observed.reading))
+    shown = product.variables(whole, place, observed.reading, observed.contiguous)
+    return product.dataset(whole, numbers, observed.channels, shown)
 
 
 def _joined(result: Result) -> Result:

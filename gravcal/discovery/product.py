@@ -215,7 +215,9 @@ def clearest(result: Result, channels: Sequence[str], level: float) -> tuple[str
     return next((place for r in rows if (place := (r["channel"], labels[r["block"]])) in drops), None)
 
 
-def variables(result: Result, place: tuple[str, int] | None, reading_of: Callable) -> dict[str, np.ndarray]:
+def variables(
+    result: Result, place: tuple[str, int] | None, reading_of: Callable, contiguous: bool = False
+) -> dict[str, np.ndarray]:
     """Variables of the product for the channel and block that are shown, less the mean measured; none without them.
 
     Parameters
@@ -224,11 +226,13 @@ def variables(result: Result, place: tuple[str, int] | None, reading_of: Callabl
     place : of `clearest`
     reading_of : (channel, block index, rows (n, 3) 1) -> (time (m,) s, model (m, a), columns (3, m, a)): the reading
         that the observed rows are the difference to, and whitened rows in the unit of the reading
+    contiguous : True if it takes the rows of all blocks
     """
     if place is None:
         return {}
     channel, k = place
-    rows = np.stack([result.problem.blocks[k].observed, result.before.rest[k], result.after.rest[k]], axis=1)
+    parts = [block.observed for block in result.problem.blocks], result.before.rest, result.after.rest
+    rows = np.stack([np.concatenate(part if contiguous else [part[k]]) for part in parts], axis=1)
     time, model, (observed, before, after) = reading_of(channel, k, rows)
     measured = model + observed
     measured -= np.nanmean(measured, axis=0)

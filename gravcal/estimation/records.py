@@ -262,6 +262,7 @@ class Observations(Protocol):
     widest : True if the calibration is reported beside named causes with all their parameters
     named_form : True if a model takes causes out in the form that was named, else with all their parameters
     whole_manoeuvres : True if a block is a manoeuvre, else what is left out is called "blocks"
+    contiguous : True if noise goes on from block to block, so that `reading` takes the rows of all blocks
     interleaved : True if blocks whose labels begin with the same word are stretches of one record
     readable : channels whose reading the page can show, all if empty
     """
@@ -283,6 +284,7 @@ class Observations(Protocol):
     widest: bool = True
     named_form: bool = False
     whole_manoeuvres: bool = False
+    contiguous: bool = False
     interleaved: bool = False
     readable: tuple[str, ...] = ()
 

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from flows import engine, models
+from flows import engine
 from flows import gradient_torque as flow
+from flows.engine import models
 from gravcal import catalog
 from gravcal.errors import EstimationError, ProductError
 from gravcal.io import sgrs_files, writers
