@@ -16,6 +16,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from gravcal import catalog
+from gravcal.catalog import files
+from gravcal.store import origin, schemas
 from tasks import common
 from tasks.stage import read
 
@@ -132,9 +135,7 @@ class Calibration:
         effects : {"slug.parameter": value}
         settings : {parameter of the simulation: text or value}
         """
-        from gravcal import catalog
         from gravcal.simulation.injection import by_slug
-        from gravcal.store import origin
 
         origin.check_own(out)
         chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})
@@ -198,9 +199,6 @@ def load(name: str) -> Calibration:
     KeyError : no calibration of this name is installed
     TypeError : the entry point of this name is no Calibration, or one of another name
     """
-    from gravcal.catalog import files
-    from gravcal.store import schemas
-
     found = _entry_points()[name].load()
     if not isinstance(found, Calibration) or found.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {found!r:.80}, expected the Calibration {name!r}")

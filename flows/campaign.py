@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 
 from flows import command, engine
 from flows.calibration import Calibration, load
+from flows.engine import server, through_prefect
+from gravcal import catalog
 from gravcal.errors import GravcalError, ProductError
 from gravcal.store import history, location, origin, results, schemas
 from tasks import stage
@@ -81,8 +83,6 @@ def sources(calibration, satellite, data):
     if data is not None:
         days = _days(one, data, satellite)
         return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
-    from gravcal import catalog
-
     own = catalog.events(calibration=calibration)
     names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
     return [_source(one, name, data=None, satellite=None, date=None) for name in names]
@@ -196,18 +196,7 @@ def answered(campaign, source):
 
 
 def make(campaign, source, folder):
-    """Row of one event, calibrated with its stages in this process.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    source : record of where the event's files are
-    folder : str, of the store
-
-    Returns
-    -------
-    row : dict of "event", "status", "made", "reused", "seconds", "report" or "error", "verdict", "values", "said"
-    """
+    """Row of one event, calibrated with its stages in this process."""
     engine.remake_versions(campaign.remake_versions)
     engine.single_threaded()
     os.environ.setdefault("POLARS_MAX_THREADS", "1")  # a run of its own reads with all cores; here each worker has one
@@ -296,8 +285,6 @@ def cluster(campaign, count):
 
 def _made(campaign, waiting, listener):
     """Rows by number of the events that have something to make; workers begin while a server still starts."""
-    from flows.engine import server
-
     folder, rows = str(location.folder()), {}
     if campaign.workers == 0:
         for number, source in waiting.items():
@@ -338,7 +325,6 @@ def _made(campaign, waiting, listener):
 
 def _through_prefect(campaign, waiting, row_of, begun):
     """Rows by number, each event a task of one flow on a server that answers."""
-    from flows.engine import server, through_prefect
 
     def events():
         from prefect.artifacts import create_table_artifact
@@ -354,13 +340,7 @@ def _through_prefect(campaign, waiting, row_of, begun):
 
 
 def as_tasks(waiting, row_of):
-    """Rows by number, each event a task of the Prefect flow that is running; its threads only wait for workers.
-
-    Parameters
-    ----------
-    waiting : {number: source}
-    row_of : function of a number
-    """
+    """Rows by number, each event a task of the Prefect flow that is running; its threads only wait for workers."""
     import prefect
     from prefect.cache_policies import NO_CACHE
 
@@ -389,12 +369,7 @@ def state_of(row):
 
 
 def table(rows):
-    """Rows as a page can show them, the failed first, so many in all; and in words what is left out, "" if nothing is.
-
-    Parameters
-    ----------
-    rows : list of dict, of events
-    """
+    """Rows as a page can show them, the failed first; and in words what is left out, "" if nothing is."""
     ordered = sorted(rows, key=lambda row: (row["status"] != "failed", row["status"] != "questionable"))
     left_out = f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""
     return ordered[:ROWS], left_out

@@ -4,14 +4,19 @@ import dataclasses
 import difflib
 import json
 import shutil
+from datetime import date, timedelta
 from pathlib import Path
 
 import typer
 
 from flows import engine, output
 from flows.calibration import known, load, load_all
+from flows.engine import models, server
+from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
-from gravcal.store import location
+from gravcal.report import comparison
+from gravcal.store import configurations, history, housekeeping, location, memory, origin, store
+from gravcal.store.schemas import VERSION
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
 
@@ -27,22 +32,10 @@ def record(calibration):
 
 
 def chosen(calibration, settings, model=None, name=None):
-    """Parameters of the operational configuration, or of an experiment: recorded, or made of what is given.
-
-    Parameters
-    ----------
-    calibration : str
-    settings : texts key=value, or None
-    model : file of an extended model, or None
-    name : of the experiment, or None
-    """
-    from gravcal.store import configurations
-
+    """Parameters of the operational configuration, or of an experiment: recorded, or made of what is given."""
     record(calibration)
     given = pairs(settings)
     if model is not None:
-        from flows.engine import models
-
         given["model"] = models.text_of(model)
     try:
         return configurations.chosen(calibration, given, name)
@@ -54,8 +47,6 @@ def chosen(calibration, settings, model=None, name=None):
 
 def recorded(chosen):
     """The same parameters; an experiment is recorded under its name."""
-    from gravcal.store import configurations
-
     configurations.record(chosen)
     return chosen
 
@@ -158,8 +149,6 @@ def sources(calibration, event, data, satellite, date):
     """The source given, or those of all events of the store that say where their files were."""
     if event is not None or data is not None:
         return [source(calibration, event, data, satellite, date)]
-    from gravcal.store import history
-
     one, made = record(calibration), []
     found = history.level_one_folders(calibration)
     if not found:
@@ -184,13 +173,7 @@ def detect(calibration, source, chosen):
 
 
 def series(calibration, satellite):
-    """Rows and page of all results in the store beside the printed values; no row where there is no result.
-
-    Parameters
-    ----------
-    calibration : str
-    satellite : letter or letters, or None for all
-    """
+    """Rows and page of all results in the store beside the printed values; no row where there is no result."""
     from gravcal.browse import printed, timeline
     from gravcal.report.history import history
 
@@ -218,8 +201,6 @@ def simulate(calibration, out, seed_truth, effects, settings):
 
 def demo(calibration, out, seed, engine_name):
     """Result document, report product and truth of an invented event."""
-    from flows.engine import server
-
     folder = out or location.folder() / "demo" / f"seed-{seed}"
     first = engine_name == "prefect" and not (location.folder() / "prefect").exists()  # a first start takes ten seconds
     with server.early(first) as begun:
@@ -231,8 +212,6 @@ def demo(calibration, out, seed, engine_name):
 
 def report_files(event, out, name=None):
     """Files of the last report of an event, operational or of an experiment, copied to a folder if one is given."""
-    from gravcal.store import store
-
     links = [*store.links("*/*.report"), *store.links("*/as/*/*.report")]
     own = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
     found = [(link, store.read_record(folder)) for link, folder in own if store.find(folder.name)]
@@ -254,10 +233,6 @@ def report_files(event, out, name=None):
 
 def compare(calibration, first, second, satellite=None):
     """Document with what changes between two configurations, for the events that both have."""
-    from gravcal import catalog
-    from gravcal.report import comparison
-    from gravcal.store import configurations, housekeeping
-
     one = record(calibration)
     plain = not configurations.operational(calibration)["settings"]
     found = {}
@@ -284,8 +259,6 @@ def compare(calibration, first, second, satellite=None):
 
 def events(calibration=None):
     """Events of the catalogue: name, calibration, date, and whether their files are at hand."""
-    from gravcal import catalog
-
     rows, installed = [], load_all()
     for event in catalog.events(calibration=calibration):
         if event.calibration in installed:
@@ -305,9 +278,6 @@ def status_of(error):
 
 def origin_of(source):
     """Origin of the files of a source, or of an event or folder by its name, that has no result."""
-    from gravcal import catalog
-    from gravcal.store import origin
-
     event, folder = [source] * 2 if isinstance(source, str) else (source.event, getattr(source, "folder", None))
     stated = catalog.event_origin(event)
     found = bool(folder) and not stated and Path(folder).is_dir()
@@ -317,7 +287,6 @@ def origin_of(source):
 def failed(calibration, source, error, configuration=location.OPERATIONAL):
     """Result document of a run that failed."""
     from gravcal import __version__
-    from gravcal.store.schemas import VERSION
 
     facts = {name: value for name, value in getattr(error, "facts", {}).items() if _is_plain(value)}
     return {
@@ -344,11 +313,6 @@ def _is_plain(value):
 
 def save_event(calibration, source, document):
     """Name of the event stored in the user's own catalogue with its manoeuvres and the digests of its files."""
-    from datetime import date, timedelta
-
-    from gravcal import catalog
-    from gravcal.store import memory
-
     known = record(calibration)
     files = known.level_one_files(source)
     digests = {file.name: memory.file_digest(file.path, file.member) for file in files}

@@ -125,13 +125,7 @@ def detect(source, chosen):
 
 
 def level_one_files(source, first="KBR1B"):
-    """Level-1 files of all days: ranging, orbits and attitudes of each; the other ranging where the wanted is missing.
-
-    Parameters
-    ----------
-    source : Source, without a date if it has all days of the folder
-    first : ranging product wanted
-    """
+    """Ranging (the first if it is there), orbits and attitudes of all days."""
     ranging = sorted(RANGING, key=lambda name: name != first)
     wanted = [(ranging, COMMON[source.satellite])]
     wanted += [(products, letter) for products in (ORBIT, ("SCA1B",)) for letter in source.satellite]

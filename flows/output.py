@@ -15,7 +15,10 @@ import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from gravcal.catalog import files as catalog_files
 from gravcal.errors import NoDataError, ProductError
+from gravcal.report.documents import foreword
+from gravcal.store import location, memory, store
 
 AXES = "xyz"
 COLOURS = {
@@ -69,25 +72,28 @@ def write_json(document, path):
             raise ProductError(f"{path}: the document cannot be written ({error.strerror}). Free its place.") from error
 
 
-def result(document, ref, json_path):
-    """Table of a result and where its report is."""
+def delivered(document, path):
+    """Write a document where it is wanted; True if standard output is for people."""
+    write_json(document, path)
+    return to_screen(path)
+
+
+def result(document, ref, json_path, truth=None):
+    """Table of a result, beside the truth where it is known, and where its report is."""
     if not to_screen(json_path):
         return
     name = document.get("configuration", "operational")
-    say(f"{document['event']}: {document['status']}{'' if name == 'operational' else f' (experiment {name})'}")
-    _offsets(document, None)
+    if truth:
+        say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
+    else:
+        say(f"{document['event']}: {document['status']}{'' if name == 'operational' else f' (experiment {name})'}")
+    _offsets(document, (truth or {}).get("offset_um"))
     _verdict(document)
-    _where(ref, name)
-
-
-def comparison(document, truth, ref, json_path):
-    """Table of estimates beside the truth."""
-    if not to_screen(json_path):
-        return
-    say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
-    _offsets(document, truth.get("offset_um"))
-    _verdict(document)
-    _where(ref, document["configuration"])
+    link = location.links(ref.event, name) / ref.stage
+    folder = link if link.resolve() == ref.folder.resolve() else ref.folder
+    for path in sorted(folder.iterdir()):
+        if path.name not in ("meta.json", "product.nc"):
+            say(f"{path.suffix.lstrip('.').upper():5} {path}")
 
 
 def plan(steps, json_path):
@@ -105,8 +111,6 @@ def plan(steps, json_path):
 
 def manoeuvres(document, json_path):
     """Table of the manoeuvres found."""
-    from gravcal.report.documents import foreword
-
     if not to_screen(json_path):
         return
     rows = [
@@ -138,13 +142,8 @@ def campaign(summary, json_path):
     if other:
         say(other)
     if any(row.get("report") for row in rows):
-        say(f"reports: gravcal report EVENT{_as(summary)}, or gravcal browse")
-
-
-def _as(summary):
-    """Option that names the configuration of a campaign where it is an experiment."""
-    name = summary["configuration"]
-    return "" if name == "operational" else f" --as {name}"
+        name = summary["configuration"]
+        say(f"reports: gravcal report EVENT{'' if name == 'operational' else f' --as {name}'}, or gravcal browse")
 
 
 def discovery(document, files, json_path):
@@ -215,8 +214,6 @@ def error(problem):
 
 def unexpected(problem):
     """An error that gravcal did not foresee: one line, the trace in a file."""
-    from gravcal.store import location
-
     if os.environ.get("GRAVCAL_DEBUG"):
         raise problem
     where = location.folder() / "last-error.txt"
@@ -235,8 +232,9 @@ def _offsets(document, truth):
     rows = []
     for name, variant in (document.get("variants") or {}).items():
         value, sigma = variant["offset_um"], variant["sigma_um"]
-        cells = [_value(value[axis], sigma[axis]) for axis in range(3)]
-        errors = [_error(value[axis], sigma[axis], truth[axis]) for axis in range(3)] if truth else []
+        pairs = list(zip(value, sigma, strict=True))
+        cells = ["undetermined" if v is None else f"{v:.2f} +- {s:.2f}" for v, s in pairs]
+        errors = ["" if v is None else f"{(v - t) / s:+.2f}" for (v, s), t in zip(pairs, truth or (), strict=False)]
         rows.append([name, *cells, *errors])
     if truth:
         rows.append(["truth", *[f"{value:.2f}" for value in truth], "", "", ""])
@@ -259,27 +257,6 @@ def _verdict(document):
     text = verdict.get("text") if isinstance(verdict, dict) else verdict
     if text:
         say(text)
-
-
-def _value(value, sigma):
-    """Value with its sigma, or that it is not determined."""
-    return "undetermined" if value is None else f"{value:.2f} +- {sigma:.2f}"
-
-
-def _error(value, sigma, truth):
-    """Error in sigmas."""
-    return "" if value is None else f"{(value - truth) / sigma:+.2f}"
-
-
-def _where(ref, configuration):
-    """Paths of the files beside a report product."""
-    from gravcal.store import location
-
-    link = location.links(ref.event, configuration) / ref.stage
-    folder = link if link.resolve() == ref.folder.resolve() else ref.folder
-    for path in sorted(folder.iterdir()):
-        if path.name not in ("meta.json", "product.nc"):
-            say(f"{path.suffix.lstrip('.').upper():5} {path}")
 
 
 KNOWN_PART = 0.2  # of the usual time: after that the speed of this machine is known well enough to scale by
@@ -340,8 +317,6 @@ def progress(title):
     if not sys.stderr.isatty():
         yield None
         return
-    from gravcal.store import store
-
     left, counts = _left(title), {"cached": 0, "made": 0}
     took = {} if left.usual else dict(left.known)
     with _bar(title, left) as tell:
@@ -362,13 +337,7 @@ def progress(title):
 
 @contextlib.contextmanager
 def waiting(title, usual_s=None):
-    """Time that passes and time left of work that has no parts, if standard error is a terminal.
-
-    Parameters
-    ----------
-    title : str
-    usual_s : float or None, s, where something better than the last time is known
-    """
+    """Time that passes and time left of work that has no parts, if standard error is a terminal."""
     if not sys.stderr.isatty():
         yield
         return
@@ -380,9 +349,6 @@ def waiting(title, usual_s=None):
 
 def _left(title):
     """Time left from the last time here, else from the usual ones."""
-    from gravcal.catalog import files as catalog_files
-    from gravcal.store import memory
-
     known = memory.recall(f"seconds-{title}")
     return Left(known) if known else Left(catalog_files.read("usual", "seconds")[1].get(title, {}), usual=True)
 
@@ -394,8 +360,6 @@ def _part(stage):
 
 def _remember(title, took):
     """Keep the seconds of each part for the next time."""
-    from gravcal.store import memory
-
     if took:
         memory.remember(f"seconds-{title}", took)
 

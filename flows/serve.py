@@ -42,18 +42,7 @@ class Served:
 
 
 def serve(served, said):
-    """Serve the deployments until this process is told to end.
-
-    Parameters
-    ----------
-    served : Served
-    said : function of text, told where the pages are
-
-    Raises
-    ------
-    CatalogError : no such time of the clock
-    ProductError : the server does not start
-    """
+    """Serve the deployments until this process is told to end."""
     server.set_environment()
     schedule = _schedule(served.cron)
     from prefect.settings import temporary_settings
@@ -166,12 +155,7 @@ def _schedule(cron):
 
 @contextlib.contextmanager
 def reports(port=None):
-    """Addresses of the files of the store on this machine as "http://...{}...", as long as the block lasts.
-
-    Parameters
-    ----------
-    port : int or None, wanted if nobody listens there
-    """
+    """Addresses of the files of the store on this machine as "http://...{}...", as long as the block lasts."""
     import uvicorn
     from starlette.applications import Starlette
     from starlette.routing import Mount
@@ -196,16 +180,7 @@ def reports(port=None):
 
 
 def digest(folder):
-    """Digest of the names, sizes and times of change of the Level-1 files and archives of a folder.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    digest : str, or None where there is no such file
-    """
+    """Digest of the names, sizes and times of change of the Level-1 files and archives of a folder."""
     seen = []
     for path in sorted(folder.rglob("*")):
         if not path.name.startswith(".") and (archive.is_archive(path) or archive.from_name(path)):
@@ -216,15 +191,7 @@ def digest(folder):
 
 
 def watch(folder, every_s, ended, changed):
-    """Call a function each time the folder changed and was then the same for two looks: copying takes time.
-
-    Parameters
-    ----------
-    folder : Path
-    every_s : float, between two looks
-    ended : threading.Event, ends the loop
-    changed : function without arguments; one that raises OSError is called again at the next look
-    """
+    """Call a function each time the folder changed and was then the same for two looks: copying takes time."""
     known = last = None
     while not ended.wait(every_s):
         now = digest(folder)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -59,12 +58,7 @@ class Source:
         )
 
     def files(self, *products: str):
-        """All of these products that the folder holds, none where it holds none.
-
-        Parameters
-        ----------
-        *products : product names, most wanted first
-        """
+        """All of these products that the folder holds, none where it holds none."""
         held = [name for name in products if archive.holds(self.folder, name, self.satellite, self.date)]
         return [self.file(name) for name in held]
 
@@ -217,12 +211,7 @@ def printed_of(calibration: str, event: str) -> dict[str, list[dict]]:
 
 
 def product_keys(ref) -> dict[str, str]:
-    """Keys of all products that a product was made from, by stage name.
-
-    Parameters
-    ----------
-    ref : ProductRef
-    """
+    """Keys of all products that a product was made from, by stage name."""
     found, waiting = {}, [ref]
     while waiting:
         made = waiting.pop()
@@ -239,37 +228,15 @@ def product_keys(ref) -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
-def result(ref, name="result.json") -> dict:
-    """Document that was delivered with a product.
-
-    Parameters
-    ----------
-    ref : ProductRef
-    name : of its file
-    """
-    return json.loads((ref.folder / name).read_text())
-
-
 def document(ref, name="result.json") -> dict:
-    """The same with the keys of everything the product was made from.
-
-    Parameters
-    ----------
-    ref, name : as for `result`
-    """
-    found = result(ref, name)
+    """Document that was delivered with a product, with the keys of everything the product was made from."""
+    found = json.loads((ref.folder / name).read_text())
     found["provenance"] |= {"key": ref.key, "products": product_keys(ref)}
     return found
 
 
 def named(event: str, files) -> dict:
-    """Names and origin of the Level-1 files of an event, for a document that no stage makes.
-
-    Parameters
-    ----------
-    event : str
-    files : LevelOneFile
-    """
+    """Names and origin of the Level-1 files of an event, for a document that no stage makes."""
     from gravcal import catalog
     from gravcal.store import origin
 
@@ -287,8 +254,3 @@ def read_file(file):
 def ingest(file):
     """Units, time tags and names of one Level-1 file."""
     return read_file(file)
-
-
-def settings_of(satellite: Mapping, *names: str) -> dict:
-    """Numbers of a satellite that a stage takes, by name."""
-    return {name: satellite[name] for name in names}

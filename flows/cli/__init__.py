@@ -208,8 +208,7 @@ def simulate(
     """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
     command.simulate(calibration, out, (seed, truth), effect, settings)
     files = sorted(str(path) for path in out.iterdir() if path.is_file())
-    output.write_json({"calibration": calibration, "folder": str(out), "seed": seed, "files": files}, json)
-    if output.to_screen(json):
+    if output.delivered({"calibration": calibration, "folder": str(out), "seed": seed, "files": files}, json):
         output.say(f"Level-1 files of an invented event in {out}" + (f", truth in {truth}" if truth else ""))
 
 
@@ -223,7 +222,7 @@ def demo(
     """Simulate a calibration day, process it as if it were measured, and print estimate beside truth."""
     document, ref, truth = command.demo(DEFAULT, out, seed, engine)
     output.write_json(document, json)
-    output.comparison(document, truth, ref, json)
+    output.result(document, ref, json, truth)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))
 
 
@@ -316,8 +315,7 @@ def fetch(
         fetched = fetching.fetch(archives, out, place, listener, fetching.Patience(tell=output.note))
     names = ("path", "state", "checked", "size")
     rows = [{name: getattr(one, name) for name in names} | {"path": str(one.path)} for one in fetched]
-    output.write_json(rows, json)
-    if output.to_screen(json):
+    if output.delivered(rows, json):
         output.table(["archive", "state", "checked by", "bytes"], [[row[name] for name in names] for row in rows])
 
 

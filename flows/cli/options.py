@@ -12,7 +12,9 @@ import typer
 
 from flows import engine
 from flows.calibration import known
-from gravcal.store import history
+from flows.engine import ENGINES
+from gravcal import catalog
+from gravcal.store import history, location
 
 
 def complete_calibrations(incomplete: str) -> list[str]:
@@ -22,9 +24,6 @@ def complete_calibrations(incomplete: str) -> list[str]:
 
 def complete_events(incomplete: str) -> list[str]:
     """Events of the catalogue and of the store."""
-    from gravcal import catalog
-    from gravcal.store import location
-
     names = {path.name for path in (location.folder() / "latest").glob("*")}
     with contextlib.suppress(Exception):  # a broken catalogue must not break the shell
         names |= {event.name for event in catalog.events()}
@@ -33,8 +32,6 @@ def complete_events(incomplete: str) -> list[str]:
 
 def complete_products(incomplete: str) -> list[str]:
     """Products that the readable links name: EVENT/STAGE."""
-    from gravcal.store import location
-
     latest = location.folder() / "latest"
     links = sorted(link for link in latest.rglob("*") if link.is_symlink())
     return _beginning([str(link.relative_to(latest)) for link in links], incomplete)
@@ -42,8 +39,6 @@ def complete_products(incomplete: str) -> list[str]:
 
 def complete_settings(ctx, incomplete: str) -> list[str]:
     """Parameters of the calibration that was named, with an equals sign."""
-    from gravcal import catalog
-
     name = _calibration_of(ctx)
     simulated = ctx.info_name == "simulate"
     with contextlib.suppress(Exception):
@@ -54,7 +49,6 @@ def complete_settings(ctx, incomplete: str) -> list[str]:
 
 def complete_configurations(ctx, incomplete: str) -> list[str]:
     """Recorded experiments of the calibration that was named; what else the commands on configurations take."""
-    from gravcal import catalog
     from gravcal.store import configurations as known
 
     with contextlib.suppress(Exception):
@@ -76,8 +70,6 @@ def complete_effects(incomplete: str) -> list[str]:
 
 def complete_engines(incomplete: str) -> list[str]:
     """Engines of a run."""
-    from flows.engine import ENGINES
-
     return _beginning(ENGINES, incomplete)
 
 

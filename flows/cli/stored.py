@@ -16,6 +16,11 @@ from flows.cli.options import (
     json_option,
     writable,
 )
+from flows.engine.remake import remake
+from gravcal import catalog
+from gravcal.report import comparison
+from gravcal.store import configurations, housekeeping, location, schemas
+from gravcal.store import history as lineage
 
 products = typer.Typer(
     help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin.", rich_markup_mode=None
@@ -43,12 +48,9 @@ def list_products(
     json: Json = None,
 ) -> None:
     """List the products of the store."""
-    from gravcal.store import housekeeping
-
     found = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_)
     document = [_summary(entry) for entry in found]
-    output.write_json(document, json)
-    if output.to_screen(json):
+    if output.delivered(document, json):
         names = ("bytes", "seconds", "made")
         rows = [[e.ref.name, e.ref.key[:12], *(e.record[n] for n in names), ", ".join(e.configurations)] for e in found]
         output.table(["product", "key", *names, "configuration"], rows)
@@ -57,11 +59,8 @@ def list_products(
 @products.command()
 def show(product: Product, json: Json = None) -> None:
     """Show what one product holds and how it was made."""
-    from gravcal.store import housekeeping
-
     entry = housekeeping.resolve(product)
-    output.write_json(entry.record, json)
-    if not output.to_screen(json):
+    if not output.delivered(entry.record, json):
         return
     dataset = housekeeping.content(entry)
     output.say(f"{entry.ref.name}\n{entry.ref.path}\n")
@@ -79,15 +78,12 @@ def show(product: Product, json: Json = None) -> None:
 @products.command()
 def verify(json: Json = None) -> None:
     """Compare every product with its record, bytes and content; exit code 1 if one differs."""
-    from gravcal.store import housekeeping
-
     size = sum(entry.record["bytes"] for entry in housekeeping.entries(newest_only=False))
     with output.waiting("verifying", size / VERIFIED_BYTES_PER_S):
         problems = housekeeping.verify()
     count = len(housekeeping.folders())
     rows = [{"folder": str(folder), "problem": problem} for folder, problem in problems]
-    output.write_json({"products": count, "problems": rows}, json)
-    if output.to_screen(json):
+    if output.delivered({"products": count, "problems": rows}, json):
         for row in rows:
             output.say(f"{row['folder']}: {row['problem']}")
         output.say(f"{count} products, {len(problems)} problem(s)")
@@ -105,14 +101,11 @@ def prune(
     json: Json = None,
 ) -> None:
     """Remove what nothing refers to: products no readable link and no pin leads to, directly or as an input."""
-    from gravcal.store import housekeeping, location
-
     if configuration == location.OPERATIONAL:
         raise typer.BadParameter("--configuration: the operational one is delivered; expected an experiment's name")
     age, limit = (None if value is None else value * scale for value, scale in ((older, 3600), (quota, 1e9)))
     unused = housekeeping.prune(age, remove, limit, configuration)
-    output.write_json([{"path": str(path), "bytes": size, "removed": remove} for path, size in unused], json)
-    if not output.to_screen(json):
+    if not output.delivered([{"path": str(path), "bytes": size, "removed": remove} for path, size in unused], json):
         return
     if unused:
         output.table(["bytes", "path"], [[size, path] for path, size in unused])
@@ -128,24 +121,18 @@ def prune(
 @products.command()
 def pin(product: Product, json: Json = None) -> None:
     """Keep a product and all it was made of, whatever else refers to it."""
-    from gravcal.store import housekeeping
-
     entry = housekeeping.resolve(product)
     housekeeping.pin(entry)
-    output.write_json({"product": entry.ref.name, "key": entry.ref.key, "pinned": True}, json)
-    if output.to_screen(json):
+    if output.delivered({"product": entry.ref.name, "key": entry.ref.key, "pinned": True}, json):
         output.say(f"{entry.ref.name} {entry.ref.key[:12]} is pinned")
 
 
 @products.command()
 def unpin(product: Product, json: Json = None) -> None:
     """Let a pinned product go like any other."""
-    from gravcal.store import housekeeping
-
     entry = housekeeping.resolve(product)
     was = housekeeping.unpin(entry)
-    output.write_json({"product": entry.ref.name, "key": entry.ref.key, "pinned": False}, json)
-    if output.to_screen(json):
+    if output.delivered({"product": entry.ref.name, "key": entry.ref.key, "pinned": False}, json):
         output.say(f"{entry.ref.name} {entry.ref.key[:12]} {'is no longer' if was else 'was not'} pinned")
 
 
@@ -155,25 +142,18 @@ def history(
     json: Json = None,
 ) -> None:
     """Print everything a product was made of, down to the raw files."""
-    from gravcal.store import history, housekeeping
-
-    node = history.tree(housekeeping.resolve(product))
-    output.write_json(node, json)
-    if output.to_screen(json):
+    node = lineage.tree(housekeeping.resolve(product))
+    if output.delivered(node, json):
         heads = ["product or file", "key or digest", "version", "made"]
         output.table(heads, list(_history_rows(node, 0, set(), settings)))
 
 
 def rebuild(product: Product, json: Json = None) -> None:
     """Make a product again from its raw files, in a store of its own, and compare."""
-    from flows.engine.remake import remake
-    from gravcal.store import history, housekeeping
-
     entry = housekeeping.resolve(product)
-    with output.waiting("rebuilding", history.seconds(entry)):
+    with output.waiting("rebuilding", lineage.seconds(entry)):
         outcome = remake(entry)
-    output.write_json(outcome, json)
-    if output.to_screen(json):
+    if output.delivered(outcome, json):
         rows = [[one["stage"], one["verdict"], one["why"]] for one in outcome["stages"]]
         output.table(["stage", "content", "why"], rows)
         output.say(f"{outcome['product']}: {'equal in every number' if outcome['equal'] else 'DIFFERENT'}")
@@ -226,13 +206,9 @@ def settings(
     json: Json = None,
 ) -> None:
     """Show parameters with value, unit and reason, and the configurations that were run."""
-    from gravcal import catalog
-    from gravcal.store import configurations
-
     if calibration is None:
         found = {one: configurations.operational(one) for one in command.known()}
-        output.write_json(found, json)
-        if output.to_screen(json):
+        if output.delivered(found, json):
             rows = [[n, len(catalog.parameters(n).entries), _promoted(o), ", ".join(configurations.names(n))]
                     for n, o in found.items()]  # fmt: skip
             output.table(["calibration", "parameters", "operational", "experiments"], rows)
@@ -243,8 +219,7 @@ def settings(
         output.say(f"{calibration}: {name} is forgotten; gravcal products prune removes what only it used")
         return
     document = _document(calibration, name)
-    output.write_json(document, json)
-    if output.to_screen(json):
+    if output.delivered(document, json):
         _say(document)
 
 
@@ -256,12 +231,9 @@ def promote(
     json: Json = None,
 ) -> None:
     """Make an experiment the operational configuration, or the catalogue again; later plain runs use its settings."""
-    from gravcal.store import configurations
-
     command.record(calibration)
     made = configurations.promote(calibration, name, why, who)
-    output.write_json(made, json)
-    if output.to_screen(json):
+    if output.delivered(made, json):
         output.say(f"{calibration}: {_promoted(made)}")
         output.say("Links and reports follow with the next run or campaign; gravcal plan says what that makes again.")
 
@@ -275,8 +247,6 @@ def compare(
     json: Json = None,
 ) -> None:
     """Say what changes between two configurations, for every event that both have: values, verdicts, checks."""
-    from gravcal.report import comparison
-
     document = command.compare(calibration, first, second, satellite)
     output.write_json(document, json)
     if out is not None:
@@ -298,17 +268,13 @@ def compare(
 def events(calibration: Some = None, json: Json = None) -> None:
     """List the events of the catalogue, and whether their files are at hand in GRAVCAL_DATA."""
     rows = command.events(calibration)
-    output.write_json(rows, json)
-    if output.to_screen(json):
+    if output.delivered(rows, json):
         names = ("event", "calibration", "date", "files")
         output.table(names, [[row[name] for name in names] for row in rows])
 
 
 def _document(calibration, name):
     """Parameters, operational configuration and experiments, or only what is named."""
-    from gravcal import catalog
-    from gravcal.store import configurations
-
     known = {one: configurations.settings_of(calibration, one) for one in configurations.names(calibration)}
     plain, used = catalog.parameters(calibration), configurations.chosen(calibration, {})
     names, shown = list(plain.entries), known
@@ -330,8 +296,6 @@ def _document(calibration, name):
 
 def _say(document):
     """Tables of parameters and configurations."""
-    from gravcal.store import configurations
-
     mark = lambda one: "" if one["value"] == one["catalogue"] else f"catalogue: {one['catalogue']}"  # noqa: E731
     rows = [[n, _short(e["value"]), e["unit"] or "", mark(e), e["reason"]] for n, e in document["parameters"].items()]
     if rows:
@@ -372,8 +336,7 @@ def effects(
         }
         for slug, entry in sorted(catalogue().items())
     ]
-    output.write_json({"schema_version": "1.0", "effects": entries}, json)
-    if output.to_screen(json):
+    if output.delivered({"schema_version": "1.0", "effects": entries}, json):
         rows = [
             [e["slug"], e["channel"], ", ".join(f"{p['name']} [{p['unit']}]" for p in e["parameters"])] for e in entries
         ]
@@ -391,8 +354,6 @@ def series(
     json: Annotated[Path | None, json_option("write the rows")] = None,
 ) -> None:
     """Results of all events over the years, beside the published ones; for com_offset with the mass trims."""
-    from gravcal.store import location, schemas
-
     rows, page = command.series(calibration, satellite)
     status = "delivered" if rows else "no_data"
     said = {"schema_version": schemas.VERSION, "status": status, "calibration": calibration, "satellite": satellite}

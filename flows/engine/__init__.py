@@ -125,14 +125,7 @@ class Left:
 
 
 def left(body, *arguments, again=False):
-    """What a flow has left to make; nothing is computed.
-
-    Parameters
-    ----------
-    body : flow
-    *arguments : those of the flow
-    again : True if what failed is to be tried again
-    """
+    """What a flow has left to make; nothing is computed."""
     with location.configured(configuration_of(arguments)):
         failure = None if again else history.failure(_event(arguments), body.flow_name)
     seeker = Seeker(failure)
@@ -191,12 +184,7 @@ def _event(arguments):
 
 
 class Seeker:
-    """Engine that makes nothing: what is there.
-
-    Parameters
-    ----------
-    failure : record of the last run if it failed, or None
-    """
+    """Engine that makes nothing: what is there."""
 
     def __init__(self, failure=None):
         self.found, self.failure = [], failure

@@ -67,12 +67,7 @@ def _is_number(value):
 
 
 def moved(text: str) -> list[str]:
-    """Models moved by their error: along each principal direction of an effect's parameters, by one standard deviation.
-
-    Parameters
-    ----------
-    text : of `text_of`
-    """
+    """Models moved by their error: by one sigma along each principal direction of an effect's parameters."""
     entries, found = json.loads(text), []
     for number, entry in enumerate(entries):
         for move in _directions(entry["parameters"]):

@@ -12,16 +12,7 @@ from gravcal.store import history, inputs, location, memory, store
 
 
 def remake(entry):
-    """Product made anew, every stage compared with what the store holds.
-
-    Parameters
-    ----------
-    entry : housekeeping.Entry
-
-    Returns
-    -------
-    outcome : dict: "product", "equal", "stages": list of stage, verdict ("equal" or "different"), why
-    """
+    """Product made anew, every stage compared with what the store holds."""
     stages = []
     engine.single_threaded()
     with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:

@@ -103,17 +103,7 @@ def auth_string():
 
 
 def page(url, name):
-    """File for this user alone that opens Prefect's page in a browser, signed in: no command line, no log has the key.
-
-    Parameters
-    ----------
-    url : str, of a server that ``begin`` started
-    name : str
-
-    Returns
-    -------
-    path : Path
-    """
+    """File for this user alone that opens Prefect's page signed in: no command line and no log has the key."""
     path = home() / f"open-{name}.html"
     path.unlink(missing_ok=True)
     string = base64.b64encode(os.environ[AUTH].encode()).decode()
@@ -140,16 +130,7 @@ class Server:
 
 
 def begin(port=None):
-    """Start a server without waiting for it, so that it comes up beside other work.
-
-    Parameters
-    ----------
-    port : int or None, wanted if nobody listens there
-
-    Returns
-    -------
-    server : Server, to be given to ``running``
-    """
+    """Start a server without waiting for it, so that it comes up beside other work."""
     set_environment()
     if os.environ.get("PREFECT_API_URL"):
         return Server(os.environ["PREFECT_API_URL"])
@@ -250,13 +231,7 @@ def bury(url):
 
 
 def bury_all(url, deployments):
-    """Mark all unfinished runs of deployments as crashed; for one who knows that nobody else runs them.
-
-    Parameters
-    ----------
-    url : str
-    deployments : list of their ids
-    """
+    """Mark all unfinished runs of deployments as crashed; for one who knows that nobody else runs them."""
     with contextlib.suppress(OSError, ValueError):
         for run in _unfinished(url, {"deployment_id": {"any_": [str(one) for one in deployments]}}):
             _crash(url, run)
@@ -339,12 +314,7 @@ def listener(wanted=None):
 
 
 def die_with(parent):
-    """Let the kernel end this process when its parent dies; if that is gone already, end here.
-
-    Parameters
-    ----------
-    parent : int, process that started this one
-    """
+    """Let the kernel end this process when its parent dies; if that is gone already, end here."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG, linux/prctl.h
     if os.getppid() != parent:
         os._exit(1)

@@ -55,20 +55,7 @@ class Submitter:
 
 
 def run(body, arguments, listener=None, begun=None, steps=()):
-    """Result of a flow whose stages are Prefect tasks; without a server, of the same flow inline.
-
-    Parameters
-    ----------
-    body : flow
-    arguments : tuple, those of the flow
-    listener : function of (call, state, ref), or None
-    begun : server.Server already begun, or None
-    steps : plan of the flow, shown beside the run
-
-    Returns
-    -------
-    ref : ProductRef
-    """
+    """Result of a flow whose stages are Prefect tasks; without a server, of the same flow inline."""
     engine = Submitter(listener)
 
     def stages():
@@ -91,15 +78,7 @@ def run(body, arguments, listener=None, begun=None, steps=()):
 
 
 def flow_on(url, body, name, count):
-    """What a function returns as a Prefect flow on a server that answers, once the server knows of all its tasks.
-
-    Parameters
-    ----------
-    url : str
-    body : function without arguments that submits tasks
-    name : str, of the flow
-    count : function without arguments: how many tasks were submitted
-    """
+    """What a function returns as a Prefect flow on a server that answers, once the server knows of all its tasks."""
     import prefect
     from prefect.context import get_run_context
     from prefect.settings import PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings

@@ -1,7 +1,7 @@
 """Lineage: from a product down to the raw files, and back up again."""
 
 import pytest
-from flows.remake import remake
+from flows.engine.remake import remake
 
 from gravcal.errors import ProductError
 from gravcal.store import history, housekeeping
