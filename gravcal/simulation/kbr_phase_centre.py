@@ -167,19 +167,8 @@ def _pointing(chosen, day, wiggles, rng):
 
 
 def profile(chosen, time: np.ndarray) -> np.ndarray:
-    """Angle of a sub-manoeuvre with positive offset.
+    """Angle (n,) rad of a sub-manoeuvre with positive offset at times (n,) s since its start.
 
-    Parameters
-    ----------
-    chosen : parameters of the simulation
-    time : (n,) s since its start
-
-    Returns
-    -------
-    angle : (n,) rad
-
-    Notes
-    -----
     theta = theta0 + A sin(2 pi f t) between two slews; Remote Sens. 2022, 14, 3395, eqs. 1-4.
     """
     length = chosen.cycles * chosen.period_s
@@ -211,50 +200,9 @@ def turned(angle: np.ndarray) -> np.ndarray:
     return frames.from_rotation_vector(angle * np.array([1.0, -1.0, -1.0]))
 
 
-def orbit_error(chosen, pair: Pair, time: np.ndarray, state: np.ndarray, rng) -> np.ndarray:
-    """Error of a reduced-dynamic orbit: 1 and 2 cycles per revolution, and a red part.
-
-    Parameters
-    ----------
-    chosen : parameters of the simulation
-    pair : Pair
-    time : (n,) s, evenly spaced
-    state : (n, 6) m, m s-1, true
-    rng : source of randomness
-
-    Returns
-    -------
-    error_i : (n, 6) m, m s-1
-    """
-    revolution = np.linalg.norm(np.cross(state[0, :3], state[0, 3:])) / np.sum(state[0, :3] ** 2)
-    phase = revolution * (time - pair.day)[:, None]
-    local = np.zeros((time.size, 3))
-    for cycles in (0, 1, 2):
-        for wave in (np.cos, np.sin):
-            local += wave(cycles * phase) * chosen.orbit_error_m / np.sqrt(2) * rng.standard_normal(3)
-    if chosen.orbit_red_m > 0:
-        step = time[1] - time[0]
-        shape = lambda f: (chosen.orbit_red_m / np.maximum(f / 1e-3, 0.3) ** chosen.orbit_red_slope) ** 2  # noqa: E731
-        local[:, 1] += coloured(shape, time.size, step, rng)
-    radial = state[:, :3] / np.linalg.norm(state[:, :3], axis=1, keepdims=True)
-    along = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
-    error = np.stack([radial, along, np.cross(radial, along)], axis=2) @ local[:, :, None]
-    return np.concatenate([error[:, :, 0], np.gradient(error[:, :, 0], time, axis=0)], axis=1)
-
-
 def ranging(pair: Pair, centre: np.ndarray, chosen, injected: Injected, rng) -> dict:
-    """Columns of KBR1B: phase at a high rate, CRN-filtered, biased, with light-time terms.
+    """Columns of KBR1B: phase at a high rate, CRN-filtered, biased, with light-time terms; phase centres (2, 3) m.
 
-    Parameters
-    ----------
-    pair : Pair
-    centre : (2, 3) m, centre of mass to phase centre, b
-    chosen : parameters of the simulation
-    injected : Injected
-    rng : source of randomness
-
-    Notes
-    -----
     rho = |u + v|, v = R_ib,B c_B - R_ib,A c_A; Remote Sens. 2022, 14, 3395, eqs. 7-9. The light-time term is that of
     dual one-way ranging at first order, of the size and sign of KBR1B of 2023-06-01.
     """
@@ -304,10 +252,22 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, injected: Injected, rng) -> 
 
 
 def _orbit(pair, k, chosen, rng):
-    """GNI1B or GNV1B: the true orbit and its error."""
+    """GNI1B or GNV1B: the true orbit and the error of a reduced-dynamic one, waves and a red part."""
     time = pair.day + np.arange(constants.DAY)
     state = pair.path[k](time)
-    state = state + orbit_error(chosen, pair, time, state, rng)
+    revolution = np.linalg.norm(np.cross(state[0, :3], state[0, 3:])) / np.sum(state[0, :3] ** 2)
+    phase = revolution * (time - pair.day)[:, None]
+    local = np.zeros((time.size, 3))
+    for cycles in (0, 1, 2):
+        for wave in (np.cos, np.sin):
+            local += wave(cycles * phase) * chosen.orbit_error_m / np.sqrt(2) * rng.standard_normal(3)
+    if chosen.orbit_red_m > 0:
+        shape = lambda f: (chosen.orbit_red_m / np.maximum(f / 1e-3, 0.3) ** chosen.orbit_red_slope) ** 2  # noqa: E731
+        local[:, 1] += coloured(shape, time.size, 1.0, rng)
+    radial = state[:, :3] / np.linalg.norm(state[:, :3], axis=1, keepdims=True)
+    along = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
+    error = (np.stack([radial, along, np.cross(radial, along)], axis=2) @ local[:, :, None])[:, :, 0]
+    state = state + np.concatenate([error, np.gradient(error, time, axis=0)], axis=1)
     if chosen.orbit_product == "GNV1B":
         state = np.concatenate(earth.state_to_fixed(time, state[:, :3], state[:, 3:]), axis=1)
     return {"gps_time": time.astype(np.int64)} | dict(zip(STATE, state.T, strict=True))

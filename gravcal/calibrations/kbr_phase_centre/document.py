@@ -56,15 +56,7 @@ ROBUST = (
 
 
 def document(products: Mapping, *, event: str, provenance: Mapping, settings: Mapping) -> dict:
-    """Document of one event, ready for JSON.
-
-    Parameters
-    ----------
-    products : {stage: Dataset}, "combine", "pointing", "noise" and "routine"
-    event : str
-    provenance : mapping
-    settings : mapping, all parameters
-    """
+    """Document of one event, ready for JSON; products "combine", "pointing", "noise" and "routine" by stage."""
     combined, pointed = products["combine"], products["pointing"]
     result = {
         "schema_version": VERSION,
@@ -265,17 +257,10 @@ def _routine(described, letters):
 
 
 def vector_files(document: Mapping, date: str) -> dict[str, str]:
-    """Vector files and lines of the sequence-of-events file of the adopted result.
+    """Vector files and lines of the sequence-of-events file of the adopted result, {name: text}.
 
-    Parameters
-    ----------
-    document : of `document`
-    date : "YYYY-MM-DD"
-
-    Returns
-    -------
-    files : {name: text}; "VKB1B_date_letter_04.txt" and "result.soe"; only what is determined in x, y and z; unless all
-        data were measured no vector file and comments for lines
+    "VKB1B_date_letter_04.txt" and "result.soe", of what is determined in x, y and z; unless all data were measured no
+    vector file and comments for lines.
     """
     from gravcal.io.vcm import commented, vector_line, write_vector_file
 

@@ -83,13 +83,7 @@ def report(*products, event, settings, published, nominal_m):
 
 
 def sections(document, published):
-    """Sections of the page.
-
-    Parameters
-    ----------
-    document : of `document.document`, judged
-    published : {section: list of plain records} of the catalogue
-    """
+    """Sections of the page of a judged document, beside the printed records of the catalogue."""
     quiet = Section("Without wiggles", [routine_table(document)], notes=[document["routine_pointing"]["text"]])
     if "satellites" not in document:
         caption = "Pointing of the line of sight in both satellites: left the record, right a part of it."
@@ -326,12 +320,7 @@ def draw_angles(pointed):
 
 
 def draw_series(solved):
-    """Ranging minus orbit and model in one pitch and one yaw wiggle, all observables; lines open at gaps.
-
-    Parameters
-    ----------
-    solved : {observable: Dataset, "kbr_phase_centre.solve"}
-    """
+    """Ranging minus orbit and model in one pitch and one yaw wiggle, of {observable: solution}; lines open at gaps."""
     first = solved["range"]
     chosen = [np.flatnonzero(first["axis_index"].values == axis) for axis in (0, 1)]
     chosen = [own[0] for own in chosen if own.size]
