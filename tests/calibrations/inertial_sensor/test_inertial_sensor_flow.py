@@ -1,86 +1,40 @@
 """The whole way: voltages and attitude in, document and page out."""
 
+import h5py
 import numpy as np
 import pytest
+from inertial_events import ROLL, one, run, simulated, within
 
-from flows import engine, inertial_sensor
-from gravcal import catalog
+from flows import models
 from gravcal.errors import EstimationError
 from gravcal.store.schemas import validate
 from tasks.stage import read
 
-QUICK = {"roll_s": 10500.0, "roll_disturbed_share": 0.0}
-
-
-def simulated(folder, **settings):
-    """Truth of an invented event whose files are in a folder."""
-    chosen = QUICK | settings
-    return inertial_sensor.CALIBRATION.simulate(
-        folder, seed=1, truth=folder / "truth.json", effects={}, settings=chosen
-    )
-
-
-def run(folder, **settings):
-    """Result document and report product."""
-    chosen = catalog.parameters("inertial_sensor").with_settings(settings)
-    ref = engine.run(
-        inertial_sensor.calibrate, inertial_sensor.CALIBRATION.source(data=folder), chosen, engine="inline"
-    )
-    return inertial_sensor.CALIBRATION.document(ref), ref
-
-
-@pytest.fixture(scope="module")
-def both(tmp_path_factory):
-    """Folder with a swing and a short roll, and the truth."""
-    folder = tmp_path_factory.mktemp("both")
-    return folder, simulated(folder)
-
-
-@pytest.fixture(scope="module")
-def delivered(both, tmp_path_factory):
-    """Document, page and steps of a second plan for the event with both manoeuvres, and its truth."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GRAVCAL_PRODUCTS", str(tmp_path_factory.mktemp("store")))
-        document, ref = run(both[0])
-        page = (ref.folder / "report.html").read_text(encoding="utf-8")
-        chosen = catalog.parameters("inertial_sensor")
-        steps, _ = engine.plan(inertial_sensor.calibrate, inertial_sensor.CALIBRATION.source(data=both[0]), chosen)
-        printed = run(both[0], method="published")[0]
-    return {"document": document, "page": page, "steps": steps, "truth": both[1], "printed": printed}
-
-
-def within(value, sigma, truth, limit=4.5):
-    """Whether all errors are within a number of standard deviations."""
-    return np.all(np.abs(np.array(value) - truth) < limit * np.array(sigma))
+TURN, ERROR = 0.05, 0.03
 
 
 def test_files_in_document_out(delivered):
     """Recovery: the document is valid and every determined value within 4.5 sigma; one seed of 11 values."""
     document, truth = delivered["document"], delivered["truth"]
     validate(document)
-    swing, roll = document["swing"], document["roll"]
-    for index, axis in enumerate("xyz"):
-        one = swing["beta"][axis]
-        assert within(one["value"], one["sigma"], truth["beta"][index])
-        if axis != "y":
-            assert within(swing["k"][axis]["value"], swing["k"][axis]["sigma"], truth["k"][index])
-            bias = roll["bias"]
-            assert within(bias["value"][index], bias["sigma_total"][index], truth["bias"][index])
-            size = bias["sigma"][index] / abs(bias["value"][index])
-            assert size < 1e-3  # 0.1 %, scale factors held
-    offset = swing["com_to_test_mass_um"]
-    assert within(offset["value"], offset["sigma"], truth["com_to_test_mass_um"])
-    assert within(swing["delay_s"]["value"], swing["delay_s"]["sigma"], truth["delay_s"])
-    assert swing["filter_minus_batch"]["sigmas"] < 1e-5  # start 1e5 times wider than the result
     assert document["event"] == "taiji-t-2022-05-18"
+    swing, bias = document["swing"], document["roll"]["bias"]
+    for index, axis in enumerate("xyz"):
+        assert within(one(swing["beta"][axis]), truth["beta"][index : index + 1])
+        if axis != "y":
+            assert within(one(swing["k"][axis]), truth["k"][index : index + 1])
+            assert abs(bias["value"][index] - truth["bias"][index]) < 4.5 * bias["sigma_total"][index]
+            assert bias["sigma"][index] < 1e-3 * abs(bias["value"][index])  # 0.1 %, scale factors held
+    assert within(swing["com_to_test_mass_um"], truth["com_to_test_mass_um"])
+    assert within(one(swing["delay_s"]), [truth["delay_s"]])
+    assert swing["filter_minus_batch"]["sigmas"] < 1e-5  # start 1e5 times wider than the result
 
 
 def test_what_is_not_determined_is_null_and_said(delivered):
     """Contract: k_y and b_y are null; both arms are shown; a reason is given."""
     document = delivered["document"]
     assert document["swing"]["k"]["y"] is None
-    assert document["roll"]["bias"]["value"][1] is None
-    assert document["roll"]["bias"]["sigma"][1] is None
+    assert document["roll"]["bias"]["value"][1] is document["roll"]["bias"]["sigma"][1] is None
     assert set(document["swing"]["arms"]) == {"8.00 mm", "10.45 mm"}
     assert "rolling about y" in document["not_determined"]["bias_y"]
 
@@ -88,25 +42,20 @@ def test_what_is_not_determined_is_null_and_said(delivered):
 def test_mass_inertia_and_arm_enter_the_factors_and_the_factors_the_bias(delivered):
     """Contract: the squares of the budget add up to the total errors (errata T-6, T-8)."""
     swing, roll = delivered["document"]["swing"], delivered["document"]["roll"]
+    assert set(swing["k_budget_relative"]) == {"beta", "mass", "inertia", "arm"}
+    assert swing["k_budget_relative"]["mass"]["y"] is None
     for axis, index in (("x", 0), ("z", 2)):
-        k, parts = swing["k"][axis], [one[axis] for one in swing["k_budget_relative"].values()]
+        k, parts = swing["k"][axis], [shares[axis] for shares in swing["k_budget_relative"].values()]
         assert np.linalg.norm(parts) == pytest.approx(k["sigma_total"] / k["value"], rel=1e-9)
         factor = roll["budget"]["factor_sigma"][index]
         assert factor == pytest.approx(abs(roll["bias"]["value"][index]) * k["sigma_total"] / k["value"], rel=1e-9)
         assert factor < roll["bias"]["sigma_total"][index]
-    assert set(swing["k_budget_relative"]) == {"beta", "mass", "inertia", "arm"}
-    assert swing["k_budget_relative"]["mass"]["y"] is None
 
 
-def test_the_page_holds_tables_and_figures(delivered):
-    """Contract: nine figures, nothing fetched from elsewhere."""
-    page = delivered["page"]
-    assert page.count("data:image/svg+xml;base64,") == 9
-    assert "http://" not in page.replace("http://www.w3.org", "")
-
-
-def test_a_second_run_reuses_everything(delivered):
-    """Contract: nothing is made again."""
+def test_the_page_holds_tables_and_figures_and_a_second_run_reuses_everything(delivered):
+    """Contract: nine figures, nothing fetched from elsewhere, nothing made again."""
+    assert delivered["page"].count("data:image/svg+xml;base64,") == 9
+    assert "http://" not in delivered["page"].replace("http://www.w3.org", "")
     assert {step.action for step in delivered["steps"]} == {"reuse"}
 
 
@@ -117,33 +66,27 @@ def test_the_printed_forms_double_the_linear_factors(delivered):
     assert ratio / printed["beta"]["x"]["value"] == pytest.approx(2.0, rel=1e-9)
 
 
-def test_a_roll_without_a_swing_uses_the_assumed_factors(both, tmp_path):
-    """Contract: the document says so, the swing is left out."""
-    for path in both[0].glob("*_2022-05-19_*"):
-        (tmp_path / path.name).symlink_to(path)
-    document, _ = run(tmp_path)
-    assert "swing" not in document
-    assert document["roll"]["source"] == "assumed"
-
-
-@pytest.mark.parametrize("limit", [1e-5, 1.0])
-def test_a_roll_of_few_good_segments_does_not_take_the_swing_with_it(both, tmp_path, limit):
+@pytest.mark.usefixtures("shared_store")
+@pytest.mark.parametrize("settings", [{"uniformity_limit": 1e-5}, {"segment_s": 4500.0}])
+def test_a_roll_of_few_good_segments_does_not_take_the_swing_with_it(both, settings):
     """Contract: swing delivered, bias null, the reason said; no segment uniform enough, or too few in all."""
-    settings = {"uniformity_limit": limit} if limit < 1 else {"segment_s": 4500.0}
     document, ref = run(both[0], **settings)
     validate(document)
     assert document["status"] == "delivered"
-    assert within(document["swing"]["delay_s"]["value"], document["swing"]["delay_s"]["sigma"], both[1]["delay_s"])
+    assert within(one(document["swing"]["delay_s"]), [both[1]["delay_s"]])
     assert document["roll"]["bias"]["value"] == [None] * 3
     assert "expected 3" in document["not_determined"]["bias"]
     assert "Bias not determined" in document["verdict"]["text"]
     assert "Not determined: found" in (ref.folder / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_lone_roll_of_few_good_segments_fails(both, tmp_path):
-    """Contract: nothing could be delivered, so the error says what was found and what to do."""
-    for path in both[0].glob("*_2022-05-19_*"):
+def test_a_roll_without_a_swing_uses_the_assumed_factors_and_fails_without_good_segments(both, tmp_path):
+    """Contract: the document says so, the swing is left out; where nothing could be delivered the error says why."""
+    for path in both[0].glob(f"*_{ROLL}_*"):
         (tmp_path / path.name).symlink_to(path)
+    document, _ = run(tmp_path)
+    assert "swing" not in document
+    assert document["roll"]["source"] == "assumed"
     with pytest.raises(EstimationError, match="found 0 usable of 4 segments, expected 3"):
         run(tmp_path, uniformity_limit=1e-5)
 
@@ -158,29 +101,37 @@ def test_quiet_data_give_no_manoeuvre(tmp_path):
     assert read(ref).sizes["axis"] == 3
 
 
-def test_a_long_gap_in_the_swing_is_refused(tmp_path):
-    """Contract: what is integrated twice may not be guessed; the error says how long the gap is."""
-    import h5py
-
-    simulated(tmp_path, manoeuvre="swing")
-    path = next(tmp_path.glob("IS1*"))
-    with h5py.File(path, "r+") as file:
-        file["V_z1"][5000:5040] = np.nan
-    with pytest.raises(EstimationError, match=r"gap of 4\.[01] s"):
-        run(tmp_path)
-
-
-def test_missing_and_bad_samples_in_a_swing_do_not_bias_it(tmp_path):
-    """Recovery: a second of missing voltages and one of missing attitude, spikes; errors within 4.5 sigma."""
-    import h5py
-
-    truth = simulated(tmp_path, manoeuvre="swing", spikes_per_hour=600.0)
+def test_bad_samples_do_not_bias_a_swing_and_a_long_gap_is_refused(tmp_path):
+    """Recovery: a second without voltages, one without attitude, spikes: within 4.5 sigma; 4 s of nothing: refused."""
+    truth = simulated(tmp_path, 1, manoeuvre="swing", spikes_per_hour=600.0)
     with h5py.File(next(tmp_path.glob("IS1*")), "r+") as file:
         file["V_x2"][5000:5010] = np.nan
     with h5py.File(next(tmp_path.glob("ATT*")), "r+") as file:
         file["q"][1900:1904] = np.nan
     swing = run(tmp_path)[0]["swing"]
-    offset = swing["com_to_test_mass_um"]
-    assert within(offset["value"], offset["sigma"], truth["com_to_test_mass_um"])
-    for index, axis in enumerate("xy"):
-        assert within(swing["beta"][axis]["value"], swing["beta"][axis]["sigma"], truth["beta"][index])
+    assert within(swing["com_to_test_mass_um"], truth["com_to_test_mass_um"])
+    assert all(within(one(swing["beta"][axis]), [beta]) for axis, beta in zip("xy", truth["beta"], strict=False))
+    with h5py.File(next(tmp_path.glob("IS1*")), "r+") as file:
+        file["V_z1"][5000:5040] = np.nan
+    with pytest.raises(EstimationError, match=r"gap of 4\.[01] s"):
+        run(tmp_path)
+
+
+def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(tmp_path):
+    """Recovery: a turn that is wrong by its error moves the results by what their errors hold beyond the noise."""
+    effects = {"inertial_sensor.tracker_misalignment.angle_z": TURN}
+    simulated(tmp_path / "files", 5, effects, manoeuvre="swing")
+    swings = []
+    for value, error in ((TURN, ""), (TURN + ERROR, ""), (TURN, f"sigma = {ERROR}, ")):
+        line = f'parameters.angle_z = {{ value = {value}, {error}unit = "rad" }}'
+        (tmp_path / "model.toml").write_text(f'[[effect]]\ncause = "inertial_sensor.tracker_misalignment"\n{line}\n')
+        swings.append(run(tmp_path / "files", model=models.text_of(tmp_path / "model.toml"))[0]["swing"])
+    sharp, wrong, wide = swings
+    for axis in "xyz":
+        held, moved = sharp["beta"][axis]["sigma"], wrong["beta"][axis]["value"] - sharp["beta"][axis]["value"]
+        assert wide["beta"][axis]["value"] == sharp["beta"][axis]["value"]
+        assert wide["beta"][axis]["sigma"] == pytest.approx(np.hypot(held, moved), rel=0.02)
+    assert any(wide["beta"][a]["sigma"] > 1.5 * sharp["beta"][a]["sigma"] for a in "xyz")  # it matters
+    sharp, wrong, wide = (one["com_to_test_mass_um"] for one in swings)
+    moved = np.subtract(wrong["value"], sharp["value"])
+    np.testing.assert_allclose(wide["sigma"], np.hypot(sharp["sigma"], moved), rtol=0.02)

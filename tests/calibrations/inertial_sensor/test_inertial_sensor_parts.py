@@ -1,7 +1,7 @@
 """Parts of the inertial-sensor calibration: integration, cleaning, means, bias."""
 
 import numpy as np
-import pytest
+import xarray as xr
 from numpy.testing import assert_allclose
 
 from gravcal.calibrations.inertial_sensor import bias, bins, records, scale
@@ -166,7 +166,19 @@ def test_the_printed_matrix_differs_in_one_element():
     assert_allclose(difference, expected, atol=1e-20)
 
 
-@pytest.mark.parametrize("size", [0, 2])
-def test_too_few_segments_have_no_error(size):
+def test_too_few_segments_have_no_error():
     """Analytic: fewer than three values say nothing about their scatter."""
-    assert np.isnan(bias.robust_mean(np.ones(size), np.ones(size)).sigma)
+    assert all(np.isnan(bias.robust_mean(np.ones(size), np.ones(size)).sigma) for size in (0, 2))
+
+
+def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
+    """Analytic: moves add in squares; what one of them leaves undetermined does not move."""
+
+    def biased(value):
+        values = {"bias": value, "bias_sigma": [3.0, 1.0, 2.0], "bias_sigma_total": [0.0, 5.0, np.nan]}
+        return xr.Dataset({name: ("axis", np.array(given)) for name, given in values.items()})
+
+    moved = biased([4.0, 2.0, 1.0]), biased([0.0, 2.0, np.nan])
+    found = bias.bias_model_error(biased([0.0, 2.0, 1.0]), *moved)
+    assert_allclose(found["bias_sigma"], [5.0, 1.0, 2.0])
+    assert_allclose(found["bias_sigma_total"], [4.0, 5.0, np.nan])

@@ -1,7 +1,5 @@
 """Invented truth in, estimate out, over several seeds; the large study is benchmarks/inertial_sensor.py."""
 
-import pytest
-
 from benchmarks import inertial_sensor as study
 
 
@@ -16,10 +14,9 @@ def test_swings_come_back_with_honest_errors():
     assert found["offset_z"][3] < 0.03
 
 
-@pytest.mark.parametrize("size", [6])
-def test_rolls_come_back_with_honest_errors(size):
+def test_rolls_come_back_with_honest_errors():
     """Recovery: six rolls of ten segments, error/sigma in their intervals; 0.1 % where determined."""
-    found = study.study_rolls(size, segments_each=10)
+    found = study.study_rolls(6, segments_each=10)
     for rms, (low, high), share in found.values():
         assert low < rms < high
         assert share < 1e-3

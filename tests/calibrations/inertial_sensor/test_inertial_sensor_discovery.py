@@ -1,0 +1,176 @@
+"""Effects hidden in the files of a swing, of a roll, or of both; the code under test sees files only."""
+
+import json
+
+import netCDF4
+import numpy as np
+import pytest
+import seeds
+from draws import document_of, enough
+from typer.testing import CliRunner
+
+from flows import cli, inertial_sensor
+from gravcal.store.schemas import validate
+
+#: A time within the swing of the simulated day, and the begin of a roll without a swing the day before, s GPS.
+MIDDLE, BEGIN = 706111700.0, 706104000.0
+STEP, TONE, DRIFT, TURN = (
+    "accelerometer.bias_step",
+    "accelerometer.stray_tone",
+    "inertial_sensor.bias_drift",
+    "inertial_sensor.tracker_misalignment",
+)
+#: In a swing at a signal-to-noise ratio of about 20, twice that of the study; in a roll a step in one of ten segments.
+HIDDEN = {
+    ("swing", STEP): lambda _: {"z": 2e-8, "time": MIDDLE + 3.0},
+    ("swing", TONE): lambda _: {"z": 6e-9, "frequency": 0.27, "phase": 1.0},
+    ("roll", STEP): lambda own: {"z": 1e-8, "time": BEGIN + 2500.0 * own.integers(1, 10) + own.uniform(600, 1900)},
+    ("roll", TONE): lambda own: {"z": 1e-9, "frequency": own.uniform(0.012, 0.03)},
+}
+
+
+@pytest.fixture(scope="module")
+def rng():
+    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
+    return seeds.generator("inertial_sensor_discovery")
+
+
+def command(word, folder, *options):
+    """Exit code and document of a command on the files of a folder."""
+    target = folder / f"{word}.json"
+    arguments = [word, "inertial_sensor", "--data", str(folder / "level1"), "--engine", "inline"]
+    result = CliRunner().invoke(cli.app, [*arguments, "--json", str(target), *map(str, options)])
+    return result.exit_code, document_of(result, target)
+
+
+def discovered(folder, seed, effects, *options, manoeuvre="swing"):
+    """Exit code and document of `gravcal discover` on the files of a simulated event."""
+    flat = {f"{slug}.{name}": value for slug, given in effects.items() for name, value in given.items()}
+    settings, truth = {"manoeuvre": manoeuvre}, folder / "truth.json"
+    inertial_sensor.CALIBRATION.simulate(folder / "level1", seed=seed, truth=truth, effects=flat, settings=settings)
+    code, document = command("discover", folder, *options)
+    validate(document, "discovery")
+    assert document["origin"] == "simulated"
+    return code, document
+
+
+def calibrated(folder, *options, part="swing"):
+    """Part of the document of `gravcal run` on the files of a simulated event."""
+    code, document = command("run", folder, *options)
+    assert code in (0, 4)  # a hidden effect makes it questionable until it is taken out
+    return document[part]
+
+
+def extended(folder):
+    """Options of a run with the model that was found last."""
+    return "--model", max((folder / "products").rglob("model.toml"), key=lambda path: path.stat().st_mtime)
+
+
+def named(document):
+    """Causes that were found."""
+    return [one["cause"] for one in document["findings"]]
+
+
+def far(finding, hidden):
+    """Parameters of a finding that are more than five sigma from what was hidden."""
+    known = finding["parameters"]
+    return [n for n in set(hidden) & set(known) if abs(known[n]["value"] - hidden[n]) > 5 * known[n]["sigma"]]
+
+
+@pytest.mark.parametrize("manoeuvre", ["swing", "roll"])
+def test_nothing_is_named_in_clean_data(rng, tmp_path, manoeuvre):
+    """Recovery: one record at a chance of false names of two in ten thousand, and a probability that is not tiny."""
+    seed = int(rng.integers(1_000_000))
+    code, document = discovered(tmp_path, seed, {}, "--set", "discovery_level=0.0002", manoeuvre=manoeuvre)
+    assert code == 0
+    assert document["findings"] == [], seed
+    assert document["p_before"] > 1e-4, seed
+    unobservable = {one["cause"] for one in document["indistinguishable_from_calibration"]}
+    if manoeuvre == "swing":
+        assert {"timing.accelerometer_delay", "timing.star_camera_delay", "accelerometer.angular_leak"} <= unobservable
+    else:
+        assert document["calibration_change"]["names"][:3] == ["bias_x", "bias_y", "bias_z"]
+        assert "inertial_sensor.quadratic" in unobservable  # a constant voltage squared is a bias
+
+
+@pytest.mark.parametrize(("manoeuvre", "slug"), HIDDEN)
+def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, manoeuvre, slug):
+    """Recovery: one effect, in a swing alone or in its tied set, in a roll alone; its parameters within 5 sigma."""
+
+    def draw(seed, folder):
+        hidden = HIDDEN[manoeuvre, slug](np.random.default_rng(seed))
+        _, document = discovered(folder, seed, {slug: hidden}, manoeuvre=manoeuvre)
+        found = document["findings"]
+        tied = [slug in (f["cause"], *(f["tied_with"] if manoeuvre == "swing" else ())) for f in found]
+        good = tied == [True] and found[0]["heldout_gain"]["chi2"] > 0
+        wrong = far(found[0], hidden) if good and found[0]["cause"] == slug else []
+        return None if good and not wrong else f"seed {seed}: {named(document)}, {wrong} of {hidden}"
+
+    good, wrong = enough(draw, rng, tmp_path)
+    assert good, wrong
+
+
+def test_a_record_without_swing_has_nothing_to_discover(rng, tmp_path):
+    """Contract: exit code 3, status no_manoeuvre."""
+    code, document = discovered(tmp_path, int(rng.integers(1_000_000)), {}, manoeuvre="none")
+    assert (code, document["status"]) == (3, "no_manoeuvre")
+
+
+def step_in_a_swing(seed, folder):
+    """A step of 60 and 40 nm s-2 moves the offset by several sigma; its model leaves it within four."""
+    _, document = discovered(folder, seed, {STEP: {"z": 6e-8, "y": 4e-8, "time": MIDDLE + 3.4}})
+    if named(document) != [STEP]:
+        return False
+    true, error = np.array(json.loads((folder / "truth.json").read_text())["com_to_test_mass_um"]), []
+    for options in ((), extended(folder)):
+        found = calibrated(folder, *options)["com_to_test_mass_um"]
+        error.append((np.array(found["value"]) - true) / found["sigma_total"])
+    return np.linalg.norm(error[1]) < np.linalg.norm(error[0]) and np.abs(error[1]).max() < 4
+
+
+def turned_tracker(seed, folder):
+    """50 mrad about z; the factors with the model agree with the truth."""
+    _, document = discovered(folder, seed, {TURN: {"angle_z": 0.05}})
+    if named(document) != [TURN]:
+        return False
+    true, beta = json.loads((folder / "truth.json").read_text())["beta"], calibrated(folder, *extended(folder))["beta"]
+    error = [(beta[a]["value"] - value) / beta[a]["sigma"] for a, value in zip("xyz", true, strict=True)]
+    return np.abs(error).max() < 5 and not far(document["findings"][0], {"angle_z": 0.05})
+
+
+def step_in_a_roll(seed, folder):
+    """A step of 30 nm s-2 in mid roll moves the bias by half of it; with its model by less than a tenth."""
+    hidden = {STEP: {"z": 3e-8, "time": BEGIN + 5 * 2500.0 + 1300.0}}
+    if named(discovered(folder, seed, hidden, manoeuvre="roll")[1]) != [STEP]:
+        return False
+    bias = [calibrated(folder, *options, part="roll")["bias"]["value"][2] for options in ((), extended(folder))]
+    clean, settings = folder / "clean", {"manoeuvre": "roll"}
+    inertial_sensor.CALIBRATION.simulate(clean / "level1", seed=seed, truth=None, effects={}, settings=settings)
+    before, after = np.abs(np.array(bias) - calibrated(clean, part="roll")["bias"]["value"][2])
+    return before > 1e-8 and after < 0.1 * before
+
+
+def drift_beside_a_swing(seed, folder):
+    """1e-12 m s-3 is told from wander; with its model the segments scatter less than a quarter of before."""
+    hidden, scatter = {DRIFT: {"z": 1e-12}}, []
+    _, document = discovered(folder, seed, hidden, manoeuvre="both")
+    if named(document) != [DRIFT]:
+        return False
+    for options in ((), extended(folder)):
+        calibrated(folder, *options)
+        paths = (folder / "products/latest").rglob("inertial_sensor.bias/product.nc")
+        with netCDF4.Dataset(max(paths, key=lambda path: len(path.parts))) as made:  # that of a model is an experiment
+            scatter.append(float(np.std(made["segment_bias"][:][:, 2])))
+    return scatter[1] < scatter[0] / 4 and not far(document["findings"][0], hidden[DRIFT])
+
+
+@pytest.mark.parametrize("case", [step_in_a_swing, turned_tracker, step_in_a_roll, drift_beside_a_swing])
+def test_a_model_takes_its_effect_out(rng, tmp_path, monkeypatch, case):
+    """Recovery: what was found alone brings the result back; see the cases."""
+
+    def draw(seed, folder):
+        monkeypatch.setenv("GRAVCAL_PRODUCTS", str(folder / "products"))
+        return None if case(seed, folder) else f"seed {seed}"
+
+    good, wrong = enough(draw, rng, tmp_path)
+    assert good, wrong
