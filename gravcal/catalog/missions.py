@@ -66,12 +66,7 @@ class Satellite:
         return [*super().__dir__(), *self.quantities]
 
     def settings(self, *names):
-        """Plain numbers for the settings of a stage: ``{name: value, name_sigma: sigma}``, sigma where it is known.
-
-        Parameters
-        ----------
-        *names : quantities wanted; none means all that are numbers
-        """
+        """Plain numbers of these quantities, or all: ``{name: value, name_sigma: sigma}``, sigma where known."""
         wanted = names or [name for name, q in self.quantities.items() if not isinstance(q.value, (str, tuple))]
         values = {name: getattr(self, name).value for name in wanted}
         sigmas = {f"{name}_sigma": getattr(self, name).sigma for name in wanted}
@@ -137,12 +132,7 @@ class Event:
 
 
 def satellite(name):
-    """Satellite by letter or name: "C", "grace-c", "GRACE C", "GRACE-C".
-
-    Raises
-    ------
-    CatalogError : unknown name, or a file that breaks the form of a quantity
-    """
+    """Satellite by letter or name: "C", "grace-c", "GRACE C", "GRACE-C"."""
     key = str(name).strip().lower().replace(" ", "-").replace("_", "-")
     known = files.names("satellites")
     if len(key) == 1:
@@ -205,12 +195,7 @@ def _value(entry, path, key):
 
 
 def event(name):
-    """Event of the catalogue by name, ``grace-c-2020-02-01``.
-
-    Raises
-    ------
-    CatalogError : unknown name, or a file that breaks the form of an event
-    """
+    """Event of the catalogue by name, ``grace-c-2020-02-01``."""
     known = files.names("events")
     if name not in known:
         raise files.unknown("event", name, known, where="catalogue")
@@ -262,13 +247,7 @@ def event_origin(name):
 
 
 def events(satellite=None, calibration=None):
-    """Events of the catalogue, by date, those of unknown date last.
-
-    Parameters
-    ----------
-    satellite : str or None, letter or name of a satellite that manoeuvred
-    calibration : str or None, "com_offset" ...
-    """
+    """Events of the catalogue of a satellite (letter or name) and calibration, by date, those of unknown date last."""
     wanted = None if satellite is None else _name_of(satellite)
     every = [event(name) for name in files.names("events")]
     every = [one for one in every if wanted in (None, *one.satellites) and calibration in (None, one.calibration)]
@@ -337,10 +316,6 @@ def event_text(calibration, design, satellites, date, found, sha256, origin="mea
     found : sequence of Manoeuvre, or of mappings with kind, start, stop (GPS seconds)
     sha256 : mapping of Level-1 file name to digest
     origin : of the files; the source of the event says what was not measured
-
-    Returns
-    -------
-    text : str
     """
     members = [satellite(name) for name in satellites]
     names = ", ".join(f'"{member.name}"' for member in members)
@@ -364,12 +339,7 @@ def event_text(calibration, design, satellites, date, found, sha256, origin="mea
 
 
 def save_event(name, text):
-    """Write the text of an event into the user's own catalogue, and read the event back.
-
-    Raises
-    ------
-    CatalogError : no own catalogue is set, or the text breaks the form of an event
-    """
+    """Write the text of an event into the user's own catalogue, and read the event back."""
     own = os.environ.get(files.ENVIRONMENT)
     if not own:
         raise CatalogError(

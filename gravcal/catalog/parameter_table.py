@@ -49,16 +49,7 @@ class Parameters:
         return self.entries[name]
 
     def with_settings(self, settings):
-        """Copy with some values replaced; texts, as from ``--set``, take the type of the catalogue's value.
-
-        Parameters
-        ----------
-        settings : mapping of name to text or value
-
-        Raises
-        ------
-        CatalogError : unknown name, text of the wrong type, value outside its range
-        """
+        """Copy with some values replaced; texts, as from ``--set``, take the type of the catalogue's value."""
         changed = {}
         for name, given in settings.items():
             entry = self.entry(name)

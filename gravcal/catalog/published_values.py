@@ -50,12 +50,9 @@ class Trim:
 
 
 def published(calibration, event=None):
-    """Published values of a calibration by section ("combined", "manoeuvres", "history" ...), tuples of Published.
+    """Published values of a calibration by section ("combined", "history" ...), tuples of Published.
 
-    Parameters
-    ----------
-    calibration : str, "com_offset" ...
-    event : str or None; only values of this event, and those of no event in particular
+    Of an event, or of none in particular, where one is given.
     """
     path, tables = files.read("published", "tables")
     sections = {}
@@ -76,13 +73,7 @@ def published(calibration, event=None):
 
 
 def trims(satellite=None, confirmed=None):
-    """Mass trims by date, tuple of Trim.
-
-    Parameters
-    ----------
-    satellite : str or None, letter or name
-    confirmed : bool or None; only those that the series of offsets does, or does not, show
-    """
+    """Mass trims by date, of a satellite (letter or name), and such as the series of offsets does or does not show."""
     path, content = files.read("published", "trims")
     wanted = None if satellite is None else missions.satellite(satellite).name
     for table in content["trim"]:

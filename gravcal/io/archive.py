@@ -84,12 +84,7 @@ def from_name(path, member=None) -> LevelOneFile | None:
 
 
 def content(file: LevelOneFile) -> bytes:
-    """Bytes of a Level-1 file, unpacked in memory.
-
-    Raises
-    ------
-    ProductError : the file is missing, empty, too large, or its compression is damaged
-    """
+    """Bytes of a Level-1 file, unpacked in memory; refused if it is missing, empty, too large or damaged."""
     try:
         packed = io.BytesIO(_member(file)) if file.member else file.path.open("rb")
         with packed, gzip.GzipFile(fileobj=packed) if file.name.endswith(".gz") else packed as stream:
@@ -135,19 +130,9 @@ def _members(path, size, changed_ns):  # noqa: ARG001 - the last two make the ca
 
 
 def inventory(folder) -> list[LevelOneFile]:
-    """All Level-1 files of a folder, its subfolders and the archives in them, or of one archive.
+    """All Level-1 files of a folder, its subfolders and the archives in them, or of one archive or file.
 
-    Parameters
-    ----------
-    folder : path of a folder, an archive or a single file
-
-    Returns
-    -------
-    files : list of LevelOneFile; newest release first, loose before archived, binary before text
-
-    Raises
-    ------
-    ProductError : no such folder, a damaged archive, or a member whose path leaves the folder
+    Newest release first, loose before archived, binary before text.
     """
     return list(_listing(folder).files)
 

@@ -107,12 +107,7 @@ class Missing(Exception):
 
 
 def of_event(event):
-    """Archives that hold the Level-1 files of an event of the catalogue, list of Archive.
-
-    Raises
-    ------
-    CatalogError : the date is unknown, or there is no public archive of this satellite
-    """
+    """Archives that hold the Level-1 files of an event of the catalogue."""
     if not event.raw_files:
         raise CatalogError(
             f"event {event.name}: found no Level-1 files (date {event.date or 'unknown'}), expected a date and "
@@ -147,10 +142,7 @@ def _mission(letter):
 def addresses(archive, place):
     """Addresses where an archive may be, the most likely first.
 
-    Parameters
-    ----------
-    archive : Archive
-    place : "podaac", "isdc", or the address of a server with the layout of one of them, or of one folder with all
+    The place is "podaac", "isdc", or a server with the layout of one of them, or with one folder for all.
     """
     root = PLACES.get(place, place).rstrip("/")
     mission = {"grace": "grace", "gracefo": "grace-fo"}[archive.mission]
@@ -518,15 +510,10 @@ def origin(url):
 
 
 def authorization(url, start):
-    """Value of the Authorization header for one address, or None.
+    """Value of the Authorization header for one address, to which redirects from ``start`` may have led; or None.
 
     Credentials travel encrypted, or stay on this machine. An entry of netrc without a port holds for the server that
     was asked for and for the usual port of https; a redirect to another port of a host gets nothing.
-
-    Parameters
-    ----------
-    url : str, address about to be asked
-    start : str, address the user named, from which redirects may have led here
     """
     here, asked = origin(url), origin(start)
     if here[0] != "https" and not _is_loopback(here[1]):

@@ -32,21 +32,7 @@ def located(name: str) -> Path:
 
 
 def read_field(path: Path, highest: int | None = None) -> Field:
-    """Field from a .gfc file.
-
-    Parameters
-    ----------
-    path : .gfc file
-    highest : highest degree kept, None for all of the file
-
-    Returns
-    -------
-    field : Field, fully normalised
-
-    Raises
-    ------
-    ProductError : file, line, what was found and what was expected
-    """
+    """Field from a .gfc file, fully normalised, up to its own or another highest degree."""
     path = Path(path)
     lines = path.read_text(encoding="latin-1").splitlines()
     head, first = _head(lines, path)
@@ -79,14 +65,7 @@ def read_field(path: Path, highest: int | None = None) -> Field:
 
 
 def write_field(path: Path, field: Field, comment: str = "") -> Path:
-    """Write a field as a .gfc file; reading gives the same numbers.
-
-    Parameters
-    ----------
-    path : .gfc file
-    field : Field
-    comment : text put before the head
-    """
+    """Write a field as a .gfc file, a comment before its head; reading gives the same numbers."""
     sigma = [np.zeros_like(field.cosine) if s is None else s for s in (field.cosine_sigma, field.sine_sigma)]
     head = {
         "product_type": "gravity_field",

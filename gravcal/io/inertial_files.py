@@ -37,13 +37,7 @@ def inventory(folder) -> list[LevelOneFile]:
 
 
 def days(folder, date: str | None = None) -> dict[str, dict[str, LevelOneFile]]:
-    """Files by day, {date: {"IS1", "ATT", "ORB"}}; a day lacking one of the three is an error.
-
-    Parameters
-    ----------
-    folder : path
-    date : YYYY-MM-DD of the only day wanted, or None for all
-    """
+    """Files by day, {date: {"IS1", "ATT", "ORB"}}, of one day or all; a day lacking one of the three is an error."""
     by_day: dict = {}
     for one in inventory(folder):
         if date in (None, one.date):
@@ -97,14 +91,7 @@ def between(files: Sequence[LevelOneFile]) -> list[Callable]:
 
 
 def write(folder, product: str, record: Mapping[str, np.ndarray]) -> list[Path]:
-    """Files of a record that say they are simulated, one a day (UTC of the GPS time scale).
-
-    Parameters
-    ----------
-    folder : path, made if missing
-    product : "IS1", "ATT" or "ORB"
-    record : {"time" (n,) s, ...} as read returns it
-    """
+    """Files of a record as `read` returns it that say they are simulated, one a day (UTC of the GPS time scale)."""
     time = np.asarray(record["time"], dtype=float)
     columns = record
     if product == "IS1":

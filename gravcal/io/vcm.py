@@ -60,16 +60,7 @@ def commented(line, origin):
 
 
 def read_vector_line(line):
-    """Vector of a line of the sequence-of-events file, None for a deleted line (first field ``x``).
-
-    Returns
-    -------
-    record : VectorRecord or None
-
-    Raises
-    ------
-    ProductError : too few fields, unknown spacecraft, not three numbers
-    """
+    """VectorRecord of a line of the sequence-of-events file, None for a deleted line (first field ``x``)."""
     fields = line.split(maxsplit=7)
     if fields and fields[0] == "x":
         return None

@@ -32,10 +32,6 @@ def chosen(calibration, given, name=None):
     calibration : str
     given : mapping of name to text or value, as of ``--set`` and ``--model``; {} for none
     name : of the experiment, or None; without settings that of a recorded one
-
-    Raises
-    ------
-    CatalogError : unknown parameter or name, or a name that stands for other settings
     """
     catalogue, used = parameters(calibration), operational(calibration)["settings"]
     if name not in (None, OPERATIONAL):
@@ -135,13 +131,7 @@ def promoted():
 
 
 def promote(calibration, name, why, who=None):
-    """Make a configuration operational and return the promotion; "catalogue" takes back what was promoted.
-
-    Parameters
-    ----------
-    calibration, name : str
-    why, who : for the journal of promotions; who is by default the user of this process
-    """
+    """Make a configuration operational and return the promotion; "catalogue" takes back what was promoted."""
     settings = settings_of(calibration, name)
     _with(parameters(calibration), settings, name)
     if not why.strip():

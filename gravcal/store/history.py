@@ -26,16 +26,8 @@ AUXILIARY = ("GFC", "TRUTH")  # files that are read beside the Level-1 files of 
 def why(recipe, modules):
     """Reasons why a product has to be made, the most telling first: its recipe beside that of the newest of its name.
 
-    What an experiment never made is compared with the operational product.
-
-    Parameters
-    ----------
-    recipe : dict, of the product wanted; an input whose digest is None is not known yet
-    modules : dict, part of the code -> digest
-
-    Returns
-    -------
-    reasons : list of str, such as "lowpass_hz: 0.5 -> 0.7", "input com_offset.align changed", "never made"
+    What an experiment never made is compared with the operational product; an input whose digest is None is not
+    known yet. Such as "lowpass_hz: 0.5 -> 0.7", "input com_offset.align changed", "never made".
     """
     record = store.newest_record(recipe["event"], _name(recipe))
     return compared(record, {"recipe": recipe, "modules": modules}, otherwise=()) if record else ["never made"]
@@ -54,13 +46,7 @@ def remakes_versions():
 
 
 def compared(old_record, new_record, otherwise=("event or variant",)):
-    """What differs between two products of one stage, list of str such as "lowpass_hz: 0.5 -> 0.7".
-
-    Parameters
-    ----------
-    old_record, new_record : dict, records of the products
-    otherwise : reasons given where none is found
-    """
+    """What differs between the records of two products of one stage, such as "lowpass_hz: 0.5 -> 0.7"."""
     old, new = old_record["recipe"], new_record["recipe"]
     reasons = list(_differences(old["settings"], new["settings"], ""))
     if old["version"] != new["version"]:
@@ -102,15 +88,9 @@ def _name(recipe):
 
 
 def tree(entry):
-    """A product with all it was made of, down to the raw files.
+    """A product with all it was made of, down to the raw files, from its Entry.
 
-    Parameters
-    ----------
-    entry : housekeeping.Entry
-
-    Returns
-    -------
-    node : dict, "name", "record" (None for a raw file or a product that is gone), "inputs": list of the same
+    A node has "name", "record" (None for a raw file or a product that is gone) and "inputs", a list of the same.
     """
     return _node(entry.ref.key, {})
 
@@ -158,11 +138,9 @@ def raw_files(key, known=None):
 
 
 def level_one_folders(calibration):
-    """Where the files were from which the events of the store were made.
+    """Where the files were from which the events of the store were made: (event, Path, satellite, date) of each.
 
-    Returns
-    -------
-    sources : list of (event, Path, satellite, date); date is None for an event of several days
+    The date is None for an event of several days.
     """
     made, sources, latest = {}, [], location.folder() / "latest"
     for link, folder in (*store.links(f"*/{calibration}.*"), *store.links(f"*/as/*/{calibration}.*")):
@@ -196,11 +174,8 @@ def stage_of(record):
 def recorded(flow, event=None, planned=()):
     """Listener of (call, state, ref) whose run is recorded at the end, also when it fails.
 
-    Parameters
-    ----------
-    flow : str, name of the flow
-    event : str or None, by default that of the first stage
-    planned : stages in the order of the flow; where an error does not say its stage, the first not done is named
+    The event is by default that of the first stage. Where an error does not say its stage, the first of the planned
+    ones that is not done is named.
     """
     started = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     record = {"event": event, "flow": flow, "configuration": location.configuration()}
@@ -233,11 +208,9 @@ def recorded(flow, event=None, planned=()):
 def last_run(event, flow):
     """Record of the last run of an event in the configuration that is running, or None.
 
-    Returns
-    -------
-    record : dict or None: event, flow, configuration, status, started, seconds, stages {stage: {state, key,
-        other_versions}}, of the last run that did not fail, and "attempt", the same of one that failed since, with
-        failed and error; where all failed, that of the last
+    It has event, flow, configuration, status, started, seconds and stages {stage: {state, key, other_versions}} of the
+    last run that did not fail, and "attempt", the same of one that failed since, with failed and error; where all
+    failed, it is that of the last.
     """
     return _read_run(_path_of_run(event, flow, location.configuration()))
 
@@ -245,10 +218,8 @@ def last_run(event, flow):
 def failure(event, flow):
     """Record of the last run in the configuration that is running if it failed, or None.
 
-    Returns
-    -------
-    record : dict or None: as of `last_run`; "reason" without the kind of the error, "failed_key" of the product that
-        its stage would have given, None where no stage is to blame
+    As of `last_run`, with "reason" without the kind of the error and "failed_key" of the product that its stage would
+    have given, None where no stage is to blame.
     """
     record = last_run(event, flow) or {"status": None}
     record = record.get("attempt", record)

@@ -33,13 +33,9 @@ class Entry:
 
 
 def entries(event=None, kind=None, newest_only=True, configuration=None):
-    """Products of the store, list of Entry sorted by name.
+    """Products of the store, list of Entry sorted by name: of an event, of a kind, of the links of a configuration.
 
-    Parameters
-    ----------
-    event, kind : str or None, only these
-    newest_only : bool, only those that a readable link leads to
-    configuration : only those that its links lead to
+    ``newest_only`` leaves out those that no readable link leads to.
     """
     links, every = linked(), []
     for folder in folders():
@@ -74,14 +70,6 @@ def resolve(text):
     """Product by key, beginning of a key or of its content's digest (as reports print it), ``event/stage``, or path.
 
     Of products with the same content the one that a readable link leads to is meant.
-
-    Returns
-    -------
-    entry : Entry
-
-    Raises
-    ------
-    ProductError : none, or more than one
     """
     everything = entries(newest_only=False)
     path = Path(text).resolve()  # of the folder, of a readable link to it, or of a file in it
@@ -113,13 +101,7 @@ def content(entry):
 
 
 def tree(event: str, configuration: str | None = None):
-    """Products that the last run of an event left, as an xarray.DataTree.
-
-    Parameters
-    ----------
-    event : name
-    configuration : name of an experiment; the operational one by default
-    """
+    """Products that the last run of an event left as an xarray.DataTree; by default of the operational one."""
     import xarray as xr
 
     newest = entries(event=event, configuration=configuration or location.OPERATIONAL)
@@ -139,12 +121,7 @@ def tree(event: str, configuration: str | None = None):
 
 
 def verify():
-    """Compare every product with its record, its bytes and its content; nothing is moved.
-
-    Returns
-    -------
-    problems : list of (folder, str), empty when all is well
-    """
+    """Problems of all products, (folder, text) each: record, bytes and content are compared; nothing is moved."""
     problems = [(folder, problem) for folder in folders() for problem in _problems(folder)]
     links = [path for path in (location.folder() / "latest").rglob("*") if path.is_symlink() and not store.linked(path)]
     links += [path for path in (location.folder() / "objects").glob("*") if path.is_symlink()]

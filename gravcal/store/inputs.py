@@ -25,13 +25,9 @@ def is_file(item):
 
 
 def check(stage, inputs, kinds):
-    """Raise unless the inputs are of the kinds a stage reads; the last kind holds for all that follow.
+    """Raise unless products and Level-1 files are of the kinds a stage reads; the last kind holds for all that follow.
 
-    Parameters
-    ----------
-    stage : str, for the message
-    inputs : tuple of ProductRef or LevelOneFile
-    kinds : tuple of str, "a|b" for either, "*.solve" for any calibration's, "file" for a Level-1 file
+    Kinds: "a|b" for either, "*.solve" for any calibration's, "file" for a Level-1 file.
     """
     for number, item in enumerate(inputs):
         wanted = kinds[min(number, len(kinds) - 1)] if kinds else "no input"
@@ -62,16 +58,7 @@ def variant(inputs):
 
 
 def labelled(item):
-    """Part of the recipe for one input: its name and the digest of its content.
-
-    Parameters
-    ----------
-    item : ProductRef or LevelOneFile
-
-    Returns
-    -------
-    part : dict; a digest of None is not known yet
-    """
+    """Part of the recipe for one input: its name and the digest of its content; None is not known yet."""
     if not is_file(item):
         return {"event": item.event, "kind": item.kind, "variant": item.variant, "digest": item.digest}
     return {
@@ -92,13 +79,7 @@ def traced(item):
 
 
 def check_unchanged(items, labels):
-    """Raise if a Level-1 file is no longer the one that its label describes: it changed while it was read.
-
-    Parameters
-    ----------
-    items : tuple of ProductRef or LevelOneFile
-    labels : list of dict, as ``labelled`` gave them before
-    """
+    """Raise if a Level-1 file is no longer the one that its label describes: it changed while it was read."""
     for item, label in zip(items, labels, strict=True):
         if is_file(item) and _file_digest(item) != label["digest"]:
             raise ProductError(

@@ -48,20 +48,9 @@ def text(plain):
 
 
 def canonical(value, where):
-    """Plain value of a setting: None, bool, int, float, str, or lists and mappings of them.
+    """Plain value of a setting: None, bool, int, float (-0.0 becomes 0.0), str, or lists and mappings of them.
 
-    Parameters
-    ----------
-    value : any of these, a tuple, a NumPy number or array, or a frozen dataclass
-    where : str, for the message, such as "com_offset.solve, setting lowpass_hz"
-
-    Returns
-    -------
-    plain : the same meaning, always in the same form; -0.0 becomes 0.0
-
-    Raises
-    ------
-    CatalogError : NaN, infinity, or a type with no such form
+    ``where`` stands in the message for NaN, infinity, or a type with no such form.
     """
     if value is None or isinstance(value, (bool, str)):
         return value
@@ -98,16 +87,12 @@ def typed(value, annotation, where):
 
 
 def fingerprint(body, also=()):
-    """Digests of the code that a stage runs.
+    """Digests of the code that a stage runs, by "module" or "module:function", and of data files, by "package/file".
 
     Parameters
     ----------
     body : function, the stage's own
     also : sequence of str, modules that the body reaches in a way no import statement shows
-
-    Returns
-    -------
-    parts : dict, "module" or "module:function" -> digest of its syntax tree, "package/file" -> digest of its bytes
     """
     name = f"{body.__module__}:{body.__name__}", *also
     if name not in _bodies:

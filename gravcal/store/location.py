@@ -53,13 +53,7 @@ def configured(name):
 
 
 def links(event, name=None):
-    """Folder of the readable links of an event: ``latest/<event>``, of an experiment ``latest/<event>/as/<NAME>``.
-
-    Parameters
-    ----------
-    event : str
-    name : of a configuration, by default the one that is running
-    """
+    """Folder of the readable links of an event: ``latest/<event>``, of an experiment ``latest/<event>/as/<NAME>``."""
     latest = folder() / "latest" / event
     name = name or configuration()
     return latest if name == OPERATIONAL else latest / "as" / name

@@ -31,19 +31,10 @@ def remember(name, value):
 
 
 def file_digest(path, member=None):
-    """SHA-256 of a file's bytes, or of one member of an archive, remembered by path, size and times of change.
+    """SHA-256 of a file, or of one member of a tar archive, remembered by path, size and times of change.
 
     The time at which the file system noted a change cannot be set back as that of the content can. A file that changed
     a moment ago may change again within one tick of that clock: it is not remembered yet.
-
-    Parameters
-    ----------
-    path : Path
-    member : str or None, name inside a tar archive
-
-    Returns
-    -------
-    digest : str, 64 hexadecimal digits
     """
     status = path.stat()
     place = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links

@@ -60,20 +60,9 @@ def schema(kind):
 
 
 def check(dataset, kind):
-    """Dataset with the attributes of its kind, after comparing variables, dimensions, types and units.
+    """Dataset of a stage's body in memory with the attributes of its kind (units, long_name, frame).
 
-    Parameters
-    ----------
-    dataset : Dataset, as a stage's body returns it; not changed
-    kind : str
-
-    Returns
-    -------
-    labelled : Dataset, in memory, native byte order, with units, long_name and frame
-
-    Raises
-    ------
-    ProductError : what was found, what the schema says
+    Variables, dimensions, types and units are compared with the schema first.
     """
     expected = schema(kind)
     present = set(dataset.variables)

@@ -51,13 +51,7 @@ def find(key):
 def load(ref):
     """Content of a product, verified; None if it is damaged, and then it has been set aside.
 
-    Parameters
-    ----------
-    ref : ProductRef
-
-    Returns
-    -------
-    dataset : Dataset, its arrays shared and not to be changed, without provenance attributes; or None
+    Its arrays are shared and not to be changed; provenance attributes are left out.
     """
     dataset = memory.held(ref.path)
     if dataset is not None:

@@ -221,19 +221,7 @@ def _attributes(header, table, file, satellite, present):
 
 
 def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np.ndarray:
-    """Bits of what is doubtful in each record.
-
-    Parameters
-    ----------
-    arrays : columns of the file
-    ticks : (n,) int64 ns, time tags
-    table : the product's columns
-    satellite : letter of the file
-
-    Returns
-    -------
-    flag : (n,) uint8, bits as in ``MEANING``
-    """
+    """Bits of what is doubtful in each record, (n,) uint8 as in ``MEANING``; ``ticks`` (n,) int64 ns are time tags."""
     flag = np.zeros(len(ticks), np.uint8)
     _mark(flag, arrays.get("undecodable"), UNDEFINED)
     _mark(flag, _other_time(arrays, table), OUT_OF_RANGE)
@@ -294,19 +282,7 @@ def _check_order(flag, ticks, arrays, table):
 
 
 def _check_identity(file, header, table, arrays, expected):
-    """Refuse a file of another satellite, day or time scale than its name, header or the caller says.
-
-    Parameters
-    ----------
-    file : LevelOneFile, what the name says
-    header : what the header says
-    table, arrays : the product's columns, and the records
-    expected : satellite letter and date the caller expects, None where anything will do
-
-    Raises
-    ------
-    ProductError : naming what contradicts what
-    """
+    """Refuse a file of another satellite, day or time scale than its name, header or the caller (letter, date) says."""
     where, (satellite, day) = file.where, expected
     if not table.id_name:  # a combined product is the file of either satellite
         satellite = archive.TOGETHER.get(satellite, satellite)

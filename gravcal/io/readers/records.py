@@ -39,12 +39,7 @@ class Header:
 
 
 def parse_header(data: bytes, where) -> Header:
-    """Header at the start of a Level-1 file.
-
-    Raises
-    ------
-    ProductError : no end of header, or a header that cannot be understood
-    """
+    """Header at the start of a Level-1 file; ProductError where it has no end or cannot be understood."""
     return _yaml_header(data, where) if data.startswith(b"header:") else _label_header(data, where)
 
 
@@ -128,17 +123,7 @@ class Malformed(Exception):
 
 
 def decode(series, column: Column) -> np.ndarray:
-    """Array of one column.
-
-    Parameters
-    ----------
-    series : polars Series, numbers already or the texts of the column; no nulls
-    column : its record in the product table
-
-    Returns
-    -------
-    values : (n,) int64, float64, S1 characters, unsigned bits, or text
-    """
+    """Array (n,) of a column: int64, float64, S1 characters, unsigned bits, or text; its polars series has no nulls."""
     if column.kind in BITS or column.kind == "c":
         return _by_distinct(series, column)
     if column.kind == "text":
@@ -191,23 +176,7 @@ def _by_distinct(series, column):
 
 
 def parse_binary(data: bytes, start: int, table: Product, where) -> dict[str, np.ndarray]:
-    """Arrays of all columns of a binary file.
-
-    Parameters
-    ----------
-    data : the whole file
-    start : length of its header in bytes
-    table : the product's columns
-    where : name of the file, for messages
-
-    Returns
-    -------
-    arrays : by column name, (n,) each; absent values NaN
-
-    Raises
-    ------
-    ProductError : a cut record, or bits in prod_flag that stand for nothing
-    """
+    """Arrays (n,) of all columns of a binary file by name, from byte ``start`` on; absent values NaN."""
     table = reordered(table, table.swapped_in_binary)
     body = memoryview(data)[start:]
     if table.is_text:
@@ -295,23 +264,9 @@ def _refuse_cut(where, whole, rest, size):
 
 
 def parse_text(data: bytes, start: int, header_lines: int, table: Product, where) -> dict[str, np.ndarray]:
-    """Arrays of all columns of an ASCII file.
+    """Arrays of all columns of an ASCII file by name: (n,), repeated columns (n, slots), absent values NaN.
 
-    Parameters
-    ----------
-    data : the whole file
-    start, header_lines : length of its header in bytes and lines
-    table : the product's columns
-    where : name of the file, for messages
-
-    Returns
-    -------
-    arrays : by column name, (n,) each; repeated columns (n, slots); absent values NaN;
-        "undecodable" (n,) bool where bytes of a text column are not UTF-8
-
-    Raises
-    ------
-    ProductError : cut line, wrong number of columns, a token that is not of its column's kind
+    "undecodable" (n,) bool says where bytes of a text column are not UTF-8. The header has ``start`` bytes.
     """
     if start == len(data):
         arrays = {c.name: np.empty(0, dtype_of(c)) for c in table.columns} | {

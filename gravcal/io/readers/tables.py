@@ -130,17 +130,7 @@ def names() -> tuple[str, ...]:
 
 @cache
 def product(name: str, mission: str = "GRACE-FO") -> Product:
-    """Table of a product.
-
-    Parameters
-    ----------
-    name : five characters, such as "ACC1A"
-    mission : "GRACE" (satellites A, B, X) or "GRACE-FO" (C, D, Y)
-
-    Raises
-    ------
-    ProductError : no table of that name
-    """
+    """Table of a product ("ACC1A") for a mission: "GRACE" (satellites A, B, X) or "GRACE-FO" (C, D, Y)."""
     if name not in names():
         refuse(name, "no table for this product", f"one of {', '.join(names())}", "Check the product name.")
     table = _loaded(name)

@@ -31,28 +31,13 @@ def add(name, path):
 
 
 def schema(name):
-    """JSON Schema (2020-12) of a result document, or of what all share ("common").
-
-    Returns
-    -------
-    schema : dict
-    """
+    """JSON Schema (2020-12) of a result document, or of what all share ("common")."""
     path = _added.get(name) or resources.files(__name__) / f"{name}.schema.json"
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 def validate(document, name=None):
-    """Check a result document against its schema and the rules of undetermined components.
-
-    Parameters
-    ----------
-    document : dict, as it would be written
-    name : str or None, one of `names()`; None: the document's own calibration, or "discovery" by its keys
-
-    Raises
-    ------
-    ProductError : where in the document, what was found, what was expected
-    """
+    """Check a document against the schema of its calibration, or a named one, and its undetermined components."""
     name = name or ("discovery" if "adequate_before" in document else document.get("calibration"))
     if name not in names():
         raise _wrong("calibration", name, f"one of {', '.join(names())}")
