@@ -1,8 +1,8 @@
 """Lineage: from a product down to the raw files, and back up again."""
 
 import pytest
-from flows.engine.remake import remake
 
+from flows.engine.remake import remake
 from gravcal.errors import ProductError
 from gravcal.store import history, housekeeping
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from flows import com_offset as flow
-from flows import discover, engine, models
+from flows import discover, engine
+from flows.engine import models
 from gravcal import catalog
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.schemas import COMBINE
@@ -125,7 +126,9 @@ def test_a_search_begins_with_the_model_that_is_given(files, tmp_path, monkeypat
 def found(files, model):
     """Folder of the report of a search."""
     chosen = catalog.parameters("com_offset").with_settings({"model": model, "discovery_level": "0.0002"})
-    return engine.run(discover.com_offset, flow.CALIBRATION.source(data=files), chosen, engine="inline").folder
+    return engine.run(
+        discover.flow_of("com_offset"), flow.CALIBRATION.source(data=files), chosen, engine="inline"
+    ).folder
 
 
 def adopted(files, model):
