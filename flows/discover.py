@@ -51,7 +51,12 @@ def _discover(one: Calibration, source, chosen):
     elif looked.again is not None:
         looked.baseline(source, chosen)  # last: latest/ leads to it
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
-    named = {"calibration": one.name, "satellite": source.satellite, "settings": values}
+    named = {
+        "calibration": one.name,
+        "observations": looked.observations,
+        "satellite": source.satellite,
+        "settings": values,
+    }
     return discovery.report(found, *results, **named, **event)
 
 

@@ -15,7 +15,7 @@ from gravcal.store import product
 from tasks.stage import lazy, stage
 
 driver = lazy("gravcal.discovery.driver")
-report_science = lazy("gravcal.report.discovery_delivery")
+report_science = lazy("gravcal.report.discovery")
 
 product.register("*.discovery", DISCOVERY)
 product.register("*.discovery_report", product.ANY)
@@ -72,11 +72,12 @@ def extend_by(found, *products, records, observations, names, settings):
     return _without(products, records, observations, names, settings, _model(found))
 
 
-@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=2)
-def report(found, *combined, calibration, event, satellite, settings):
+@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=3, also=["{observations}"])
+def report(found, *combined, calibration, observations, event, satellite, settings):
     """Result document, page and extended model; with the calibration before and after, where it has such a result."""
     named = {"calibration": calibration, "event": event, "satellite": satellite}
-    return report_science.report(found, *combined, settings=settings, **named)
+    reported = importlib.import_module(observations).REPORT
+    return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
 def _observed(products, observations, names, settings):

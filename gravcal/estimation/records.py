@@ -244,6 +244,22 @@ class Fitted:
     bases: list[np.ndarray]
 
 
+@dataclass(frozen=True)
+class Reported:
+    """What a calibration says of its result and readings beside a discovery, `REPORT` of the module of `observe`.
+
+    Attributes
+    ----------
+    result : combined product -> name of the variant, parameters (p,) and covariance (p, p) in the reported unit
+    note : how the records are looked at, for the page
+    readings : {channel: what its reading is}, for the caption of the figure
+    """
+
+    result: Callable[[Any], tuple[str, np.ndarray, np.ndarray]] | None = None
+    note: str = ""
+    readings: Mapping[str, str] = field(default_factory=dict)
+
+
 class Observations(Protocol):
     """All that discovery sees of a calibration; subclasses state the attributes, and the methods where they differ.
 

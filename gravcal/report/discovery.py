@@ -1,39 +1,114 @@
-"""Result document of a discovery, its verdict in words, its tables, and the extended model as a file."""
+"""What a discovery delivers: the result document, its verdict in words, the page, and the extended model as a file."""
 
 from __future__ import annotations
 
 import json
+import math
 
-from gravcal.report.documents import foreword
-from gravcal.report.pages import table
+import numpy as np
+import xarray as xr
+
+from gravcal.estimation.records import Reported
+from gravcal.report import discovery_figures as figures
+from gravcal.report import documents, pages
+from gravcal.report.pages import Figure, Section, Table
 from gravcal.report.plain import NOT_DETERMINED, plus_minus, probability, signed
-from gravcal.store.schemas import VERSION
+from gravcal.store import product
+from gravcal.store.schemas import VERSION, validate
 
 MOVED = ("change", "change_in_old_sigma")
 
 
-def document(numbers: dict, calibration: str, event: str, provenance: dict) -> dict:
-    """Result document.
+def report(
+    found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, satellite: str, settings: dict, reported
+) -> tuple[xr.Dataset, dict[str, str]]:
+    """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
 
     Parameters
     ----------
-    numbers : of `gravcal.discovery.product.summary`
+    found : Dataset of kind discovery
+    combined : results of the calibration before and after, if it has such
     calibration, event : names
-    provenance : mapping
+    satellite : letters
+    settings : mapping of all parameters
+    reported : Reported, what the calibration says of its result and readings
     """
-    head = {"schema_version": VERSION, "status": numbers.get("status", "delivered")}
-    head |= {"calibration": calibration, "event": event, "kind": "discovery"}
-    return head | {k: v for k, v in numbers.items() if k != "status"} | {"provenance": provenance}
+    numbers = json.loads(found.attrs["numbers"])
+    if combined and "calibration_change" in numbers:
+        numbers = _with_result(numbers, *(reported.result(one) for one in combined))
+    label = product.digest_as_read(found)[:12]
+    provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
+    status = numbers.pop("status", "delivered")
+    head = {"schema_version": VERSION, "status": status, "calibration": calibration, "event": event}
+    document = head | {"kind": "discovery"} | numbers | {"provenance": provenance}
+    document = documents.judged(document, (found, *combined), [])
+    validate(document, "discovery")
+    files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
+    extended = model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
+    if extended and "model" in settings:  # a calibration that takes one
+        files["model.toml"] = extended
+    files["discovery.html"] = page(found, document, satellite, reported)
+    names = {"before": "baseline", "after": "extended model"}
+    kept = {
+        f"p_{w}": ((), numbers.get(f"p_{w}", 1.0), {"units": "1", "long_name": f"probability of the {n} by chance"})
+        for w, n in names.items()
+    }
+    return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
+
+
+def _with_result(numbers, before, after):
+    """Numbers with the change of the calibration result as the calibration itself finds it, as of `Reported.result`."""
+    change = numbers["calibration_change"]
+    extra = np.array(change["covariance_of_findings"], dtype=float)
+    (name, old, covariance), (_, new, other) = before, after
+    sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
+    found = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
+    found |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
+    plain = {k: [float(v) if np.isfinite(v) else None for v in values] for k, values in found.items()}
+    return numbers | {"calibration_change": change | {"variant": name, "joint_fit": change} | plain}
+
+
+def page(found: xr.Dataset, document: dict, satellite: str, reported: Reported) -> str:
+    """Page of a discovery; arguments as of `report`, with its result document."""
+    level = document.get("level", "")
+    return pages.page(
+        document,
+        sections(found, document, reported) if "findings" in document else [],
+        {"discovery": found},
+        heading="What the model gets wrong",
+        subtitle=f"satellite {satellite}, level {level} for everything tried together",
+        verdict=verdict(document),
+    )
+
+
+def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
+    """Sections of the page that hold something."""
+    here = ("discovery",)
+    drawings = [
+        Figure(figures.residuals, here, REST),
+        Figure(figures.readings, here, figures.caption(found, reported.readings)),
+    ]
+    excess = [Figure(figures.power, here, POWER), Figure(figures.spectra, here, SPECTRA)]
+    cause = [one for one in (findings_table(document), tied_table(document)) if one]
+    hidden = [one for one in (unobservable_table(document),) if one]
+    made = [
+        Section("What is wrong", figures=excess, notes=[f"{WRONG} {reported.note}".strip()]),
+        Section("The cause", cause, drawings if _drawn(found) else [], [CAUSE]),
+        Section("The gain", [change_table(document), gain_table(document)], notes=[GAIN]),
+        Section("What this data cannot show", hidden, notes=[UNOBSERVABLE]),
+        Section("What was tried", [tried_table(document)]),
+    ]
+    return [one for one in made if one.tables or one.figures]
+
+
+def _drawn(found):
+    """True if one of the figures of the cause has something to show."""
+    return figures.strongest(found) is not None or figures.shown(found) is not None
 
 
 def verdict(document: dict) -> str:
-    """What was found, in a sentence or two, the origin of the data first.
-
-    Parameters
-    ----------
-    document : of `document`, judged
-    """
-    return foreword(document["origin"]) + _said(document)
+    """What was found, in a sentence or two, the origin of the data first."""
+    return documents.foreword(document["origin"]) + _said(document)
 
 
 def _said(numbers):
@@ -75,13 +150,8 @@ def _named(one):
     return f"{label} (or {', '.join(others)}: this data cannot tell)" if others else label
 
 
-def findings_table(numbers: dict) -> dict | None:
-    """Every finding with its parameters, its significance and what it gained on data left out.
-
-    Parameters
-    ----------
-    numbers : of the document
-    """
+def findings_table(numbers: dict) -> Table | None:
+    """Every finding with its parameters, its significance and what it gained on data left out."""
     rows = []
     for one in numbers["findings"]:
         held = f"{one['heldout_gain']['chi2']:.0f} ({one['heldout']})"
@@ -93,7 +163,7 @@ def findings_table(numbers: dict) -> dict | None:
                 rows.append(["", name, "", "", "", value, unit])
     heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
     caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
-    return table(caption, heads, rows, words=(0, 1, 5, 6), wide=True) if rows else None
+    return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True) if rows else None
 
 
 def scaled(parameter: dict) -> tuple[str, str]:
@@ -114,19 +184,12 @@ def scaled(parameter: dict) -> tuple[str, str]:
 
 
 def _power(size):
-    import math
-
     power = 3 * math.floor(math.log10(size) / 3) if size > 0 else 0
     return 0 if power in (0, 3) else power
 
 
-def tied_table(numbers: dict) -> dict | None:
-    """Causes that this data cannot tell apart, and what would.
-
-    Parameters
-    ----------
-    numbers : of the document
-    """
+def tied_table(numbers: dict) -> Table | None:
+    """Causes that this data cannot tell apart, and what would."""
     rows = []
     for one in numbers["findings"]:
         for other in one["separation"]:
@@ -139,16 +202,11 @@ def tied_table(numbers: dict) -> dict | None:
             rows.append([one["cause"], name, f"{other['expected_chi2']:.1f}", NOT_DETERMINED, ""])
     heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
     caption = "Causes that this data does not tell apart."
-    return table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
+    return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
 
 
-def change_table(numbers: dict) -> dict:
-    """Calibration before and after the extension.
-
-    Parameters
-    ----------
-    numbers : of the document
-    """
+def change_table(numbers: dict) -> Table:
+    """Calibration before and after the extension."""
     one = numbers["calibration_change"]
     rows = []
     for k, name in enumerate(one["names"]):
@@ -160,23 +218,16 @@ def change_table(numbers: dict) -> dict:
         rows.append([name, *pair, *moved])
     heads = ["parameter", "before", "after", "change", "change over old error"]
     caption = f"Calibration result in {one['unit']} ({one['variant']}); the error after holds that of the findings."
-    return table(caption, heads, rows, wide=True)
+    return Table(caption, heads, rows, wide=True)
 
 
 def _digits(sigma):
     """Decimals that show a tenth of an error."""
-    import math
-
     return 1 if not sigma else max(1, 1 - math.floor(math.log10(sigma)))
 
 
-def gain_table(numbers: dict) -> dict:
-    """Residual of each channel and chi-square before and after.
-
-    Parameters
-    ----------
-    numbers : of the document
-    """
+def gain_table(numbers: dict) -> Table:
+    """Residual of each channel and chi-square before and after."""
     gain = numbers["gain"]
     rows = [
         [name, f"{before:.3f}", f"{gain['rms_after'][name]:.3f}"]
@@ -188,16 +239,11 @@ def gain_table(numbers: dict) -> dict:
     rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
     rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
     heads = ["rms of the whitened residual", "before", "after"]
-    return table("Gain. A channel that is described to its noise has rms 1.", heads, rows, wide=True)
+    return Table("Gain. A channel that is described to its noise has rms 1.", heads, rows, wide=True)
 
 
-def hidden_table(numbers: dict) -> dict | None:
-    """Causes that look like the calibration itself.
-
-    Parameters
-    ----------
-    numbers : of the document
-    """
+def unobservable_table(numbers: dict) -> Table | None:
+    """Causes that look like the calibration itself."""
     rows, unit = [], numbers["calibration_change"]["unit"]
     for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
@@ -209,23 +255,18 @@ def hidden_table(numbers: dict) -> dict | None:
     names = ", ".join(numbers["calibration_change"]["names"])
     heads = ["cause", "direction, in units of a plausible size", "signal to noise", f"bias of {names}"]
     caption = "Causes of a plausible size that would move the result without being seen."
-    return table(caption, heads, rows, words=(0, 1, 3), wide=True) if rows else None
+    return Table(caption, heads, rows, words=(0, 1, 3), wide=True) if rows else None
 
 
-def tried_table(numbers: dict) -> dict:
-    """What else was tried in the first round, best first.
-
-    Parameters
-    ----------
-    numbers : of the document
-    """
+def tried_table(numbers: dict) -> Table:
+    """What else was tried in the first round, best first."""
     rows = [
         [one["cause"], one["form"] or "all parameters", f"{one['chi2']:.1f}", str(one["parameters"]),
          probability(one["significance"])]
         for one in numbers["tried"][:15]
     ]  # fmt: skip
     heads = ["cause", "form", "chi-square gained", "parameters", "chance"]
-    return table("First round: the best form of each cause.", heads, rows, words=(0, 1), wide=True)
+    return Table("First round: the best form of each cause.", heads, rows, words=(0, 1), wide=True)
 
 
 def model_text(numbers: dict, event: str, given: str = "") -> str:
@@ -265,3 +306,23 @@ def _parameter_line(name, parameter, known):
 
 def _text(value):
     return json.dumps(value, ensure_ascii=False)
+
+
+WRONG = (
+    "Every measured channel is predicted by the current model; what is left is divided by the noise as measured "
+    "outside the manoeuvres, so that a channel described to its noise has power 1 everywhere. The probability in the "
+    "verdict is that of the most unusual number among all channels, manoeuvres, bands, candidates, lines and steps, "
+    "set against noise drawn through the same fit."
+)
+CAUSE = (
+    "For each cause the gain in chi-square when it is added with all baseline parameters free. A cause is named only "
+    "if its chance, corrected for everything that was tried, is below the level, and if it also gains on data that it "
+    "was not fitted to: manoeuvres left out one by one, or every second stretch of time for what happens in one."
+)
+GAIN = "The result is estimated anew with the findings free, so its error contains theirs."
+UNOBSERVABLE = (
+    "These causes look like the calibration parameters themselves; only other data or ground tests can exclude them."
+)
+POWER = "Power of the residual over that of noise; four bands a manoeuvre."
+SPECTRA = "Mean over manoeuvres and axes; the dashed line is noise."
+REST = "The channel and manoeuvre that the extension helps most; mean over five samples, noise has unit variance."

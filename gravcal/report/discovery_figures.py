@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from gravcal.report.figures import COLOURS, grid, legend, thinned
@@ -20,13 +22,7 @@ CURVE = 60  # rows of a channel and block below which they are no curve
 
 
 def power(found, kind="manoeuvre"):
-    """Power over expected noise of each channel, block and band, before and after.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    kind : what the blocks are called
-    """
+    """Power over expected noise of each channel, block and band, before and after."""
     names = found.attrs["channels"].split()
     tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
     if not tested:
@@ -55,12 +51,7 @@ def _number(found, place):
 
 
 def spectra(found):
-    """Spectrum of the whitened residuals of each channel, mean over manoeuvres and axes, against that of noise.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    """
+    """Spectrum of the whitened residuals of each channel, mean over manoeuvres and axes, against that of noise."""
     names = found.attrs["channels"].split()
     curves = [(name, *_spectrum(found, k)) for k, name in enumerate(names)]
     curves = [one for one in curves if one[1] is not None]
@@ -98,12 +89,7 @@ def _spectrum(found, channel):
 
 
 def strongest(found):
-    """Channel and block whose residual the extension lowers most, both as numbers; None where it lowers none.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    """
+    """Channel and block whose residual the extension lowers most, both as numbers; None where it lowers none."""
     channel, block = found["channel"].values, found["block"].values
     drop = found["residual_before"].values ** 2 - found["residual_after"].values ** 2
     gains = {}
@@ -116,12 +102,7 @@ def strongest(found):
 
 
 def residuals(found):
-    """Whitened residual of the channel and manoeuvre that the extension helps most, the three axes, smoothed.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    """
+    """Whitened residual of the channel and manoeuvre that the extension helps most, the three axes, smoothed."""
     if strongest(found) is None:
         return None
     c, b = strongest(found)
@@ -177,25 +158,11 @@ CAPTION = (
 )
 ALONE = "Reading of the channel and block of the least likely band; Δ is measured less simulated."
 REBUILT = " The measured reading is that of the records without the findings, with these added in their linear form."
-FILTERED = " It is low-passed like in the solution; its mean is left out."
-WHAT = {
-    ("com_offset", "linear"): FILTERED,
-    ("com_offset", "angular"): FILTERED,
-    ("com_offset", "attitude"): " It is the rotation from a satellite whose torquers are off; its mean is left out.",
-    ("gradient_torque", "linear"): " It is the difference of both sensors; its mean is left out.",
-    ("inertial_sensor", "roll"): " Straight pieces lie between the segments; its mean is left out.",
-    ("kbr_phase_centre", "range"): " The distance of the orbits is taken off, and the mean.",
-}
 PLAIN = " Its mean is left out."
 
 
 def shown(found) -> tuple[str, dict[str, np.ndarray]] | None:
-    """Channel and its readings, {"measured", "baseline", "extended": (n, a)}; None where the product holds none.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    """
+    """Channel and its readings, {"measured", "baseline", "extended": (n, a)}; None where the product holds none."""
     names = [str(n) for n in found.data_vars if str(n).endswith("_measured")]
     if not names:
         return None
@@ -204,27 +171,16 @@ def shown(found) -> tuple[str, dict[str, np.ndarray]] | None:
     return channel, {p: found[f"{channel}_{p}"].values for p in parts if f"{channel}_{p}" in found}
 
 
-def caption(found, calibration: str) -> str:
-    """Caption of the figure of readings.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    calibration : name
-    """
+def caption(found, readings_of: Mapping[str, str]) -> str:
+    """Caption of the figure of readings; `readings_of` says {channel: text} what they are."""
     known = shown(found)
     text = CAPTION if known and "extended" in known[1] else ALONE
-    text += WHAT.get((calibration, known[0]), PLAIN) if known else ""
+    text += readings_of.get(known[0], PLAIN) if known else ""
     return text + (REBUILT if "rebuilt" in found.attrs else "")
 
 
 def readings(found):
-    """Measured and simulated readings of each axis against time in a prefix of their unit, the differences below.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    """
+    """Measured and simulated readings of each axis against time in a prefix of their unit, the differences below."""
     if shown(found) is None:
         return None
     channel, parts = shown(found)

@@ -10,7 +10,7 @@ from gravcal.report import discovery as words
 from gravcal.report import discovery_figures as figures
 from gravcal.report import discovery_measured_tables as tables
 from gravcal.report import pages
-from gravcal.report.discovery_delivery import POWER, sections_of
+from gravcal.report.discovery import POWER
 
 TITLES = {
     "attitude": "measured attitude against thruster firings",
@@ -84,3 +84,20 @@ POWER_OF_BLOCKS = POWER.replace("a manoeuvre", "a block")
 SPECTRA_OF_BLOCKS = "Spectra of the residuals over that of noise, mean over blocks; the dashed line is noise."
 REST = "The channel and block that the extension helps most; mean over five samples, noise has unit variance."
 ROWS = "Residual of every row in units of its noise; the scales on the left and on the right differ."
+
+
+def sections_of(parts, source) -> list[dict]:
+    """Sections that have a table or a figure, the figures numbered.
+
+    Parameters
+    ----------
+    parts : (title, notes, tables, (function, arguments, caption) of every figure); what is empty is left out
+    source : what the figures were drawn from
+    """
+    sections = []
+    for title, notes, held, drawings in parts:
+        drawn = [pages.figure(draw, *given, source=source, title=title, caption=text) for draw, given, text in drawings]
+        made = pages.section(title, held, drawn, [note for note in notes if note])
+        if made["tables"] or made["figures"]:
+            sections.append(made)
+    return pages.numbered(sections)

@@ -14,7 +14,7 @@ from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.effects import effect
 from gravcal.errors import ProductError
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
 
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
@@ -146,3 +146,15 @@ class ComOffset(Observations):
         parameters |= {name: Parameter(value, sigma, unit) for name, value, sigma, unit in rows}
         leads = () if shape.chosen is None else lag.leads(self.views, shape.chosen)
         return replace(entry, parameters=parameters, leads=leads)
+
+
+def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
+    """Variant that stands for the calibration, offset (3,) um and covariance (3, 3) um2 of "com_offset.combine"."""
+    names = combined.attrs["variants"].split()
+    index = names.index("acc_calibrated") if "acc_calibrated" in names else 0
+    return names[index], 1e6 * combined["offset"].values[index], 1e12 * combined["covariance"].values[index]
+
+
+FILTERED = " It is low-passed like in the solution; its mean is left out."
+TURNED = " It is the rotation from a satellite whose torquers are off; its mean is left out."
+REPORT = Reported(_result, readings={"linear": FILTERED, "angular": FILTERED, "attitude": TURNED})

@@ -20,7 +20,7 @@ from gravcal.calibrations.gradient_torque.gradient import METHODS, orbit
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.gradient import EFFECTS
 from gravcal.estimation import noise
-from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations
+from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
 from gravcal.physics import earth, frames, gravity, gravity_field, kinematics, sensing
 
 #: Global parameters: centre of pressure m, constant torque N m, distance of the sensors m.
@@ -471,3 +471,11 @@ class GradientTorque(Observations):
         predicted = means(-np.matvec(_tensor(about), apart), own.width)
         inside = np.unique(self._places[number][channel] % own.time.size)
         return own.time[inside], predicted[inside], np.moveaxis(np.stack(columns, axis=1), 2, 0)[:, inside]
+
+
+NOTE = (
+    "A day is looked at in stretches of two hours, with the noise measured in the day itself: the difference of "
+    "both sensors, the star camera against the angular readings, and the torque that gravity gradient and control "
+    "leave."
+)
+REPORT = Reported(note=NOTE, readings={"linear": " It is the difference of both sensors; its mean is left out."})

@@ -12,7 +12,7 @@ import xarray as xr
 from gravcal.calibrations.inertial_sensor import observed_roll, observed_swing
 from gravcal.calibrations.inertial_sensor.observed_roll import RollView
 from gravcal.calibrations.inertial_sensor.observed_swing import SwingView
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, LineSearch, Observations, epoch_of
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, LineSearch, Observations, Reported, epoch_of
 
 #: Factor from SI and unit in which a parameter is reported, by the first word of its name.
 REPORTED = {
@@ -152,3 +152,12 @@ class InertialSensor(Observations):
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Record of the swing, of the roll where there is no other, without the effects of a model."""
         return (self.swing or self.roll).without(model)
+
+
+NOTE = (
+    "A swing is looked at in even and odd stretches of ten seconds. A roll is looked at in its segments, each with "
+    "amplitudes of its own; its noise is that of a fit with every form that is tried, and its constants may wander "
+    "about the bias as far as they scatter about a straight line."
+)
+ROLL = " Straight pieces lie between the segments; its mean is left out."
+REPORT = Reported(note=NOTE, readings={observed_roll.CHANNEL: ROLL})

@@ -17,7 +17,7 @@ import xarray as xr
 from gravcal.calibrations.kbr_phase_centre import noise, solve
 from gravcal.calibrations.kbr_phase_centre.align import interpolated
 from gravcal.calibrations.kbr_phase_centre.candidates import BREAK, Signal, context, drivers, listed, turning
-from gravcal.calibrations.kbr_phase_centre.schemas import OBSERVABLES, PARAMETERS
+from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
 from gravcal.effects import Context, effect
 from gravcal.estimation import crn
 from gravcal.estimation.records import (
@@ -28,6 +28,7 @@ from gravcal.estimation.records import (
     LineSearch,
     Observations,
     Parameter,
+    Reported,
     at_epoch,
     epoch_of,
 )
@@ -305,3 +306,18 @@ class Ranging(Observations):
             operator = crn.operator(self.filter_, derivative, self.good, (time[0], 1.0), at)
             records[f"reading_{name}"].values[:] -= np.where(operator.valid, operator(total), 0.0)
         return records.assign_attrs(model=" ".join(entry.cause for entry in model))
+
+
+def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
+    """Adopted observable, phase centres (6,) mm and covariance (6, 6) mm2 of "kbr_phase_centre.combine"."""
+    name, estimator = (combined.attrs[f"adopted_{n}"] for n in ("observable", "estimator"))
+    place = (combined.attrs["observables"].split().index(name), 0, ESTIMATORS.index(estimator))
+    return name, 1e3 * combined["centre"].values[place], 1e6 * combined["covariance"].values[place]
+
+
+NOTE = (
+    "Range, range rate and range acceleration come from one phase; the range stands for all three. Only a tilted "
+    "antenna feels the noise of the star cameras, so this part is that of the manoeuvres beside everything that a "
+    "listed cause could explain."
+)
+REPORT = Reported(_result, NOTE, {"range": " The distance of the orbits is taken off, and the mean."})
