@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gravcal.errors import ProductError
-from gravcal.io import archive
 from gravcal.io.readers import find, inventory, read
 from gravcal.io.writers import file_name, write
 
@@ -107,11 +106,3 @@ def test_damaged_compression_is_refused(tmp_path, attitude):
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(ProductError, match="damaged"):
         read(path)
-
-
-def test_names_that_are_no_level_one_files_are_passed_over(tmp_path):
-    """Contract: reports, notes and AppleDouble files."""
-    for name in ("SCA1B_2023-06-01_C_04.rpt", "notes.txt", "._SCA1B_2023-06-01_C_04.txt", "SCA1B_2023-06-01_Q_04.txt"):
-        (tmp_path / name).write_text("x")
-        assert archive.from_name(tmp_path / name) is None
-    assert inventory(tmp_path) == []

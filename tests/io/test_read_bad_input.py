@@ -43,80 +43,82 @@ def _replaced(record, old, new):
     return change
 
 
-def test_empty_file_is_refused(tmp_path):
-    """Contract: nothing in it, nothing made of it."""
-    path = tmp_path / "SCA1B_2023-06-01_C_04.txt"
-    path.write_bytes(b"")
-    _refused(path, path, "empty")
+COEFFICIENT = repr(float(np.sin(np.linspace(0.1, 0.2, 20))[3])).encode()
+FIELDS = b"00000100000000000000000000111111"
+REFUSED = {  # in a record of SCA1B: record, what stands there, what instead, words of the message beside the line
+    "a column too many": (7, b" 23 ", b" 23 1.0 ", ("columns", "9")),
+    "a column too few": (7, b" 23 ", b" ", ("columns", "9")),
+    "two points": (3, COEFFICIENT, b"0.1.2", ("quaticoeff", "0.1.2")),
+    "underline": (3, COEFFICIENT, b"1_0", ("quaticoeff", "1_0")),
+    "hexadecimal": (3, COEFFICIENT, b"0x1", ("quaticoeff", "0x1")),
+    "stars": (3, COEFFICIENT, b"*****", ("quaticoeff", "*****")),
+    "exponent of Fortran": (3, COEFFICIENT, b"1d5", ("quaticoeff", "1d5")),
+    "flag of 2": (5, b" 00000000", b" 00000002", ("qualflg",)),
+    "short flag": (5, b" 00000000", b" 0000000", ("qualflg",)),
+    "long flag": (5, b" 00000000", b" 000000000", ("qualflg",)),
+    "no UTF-8": (2, b" C ", b" \xff ", ("UTF-8",)),
+    "blank line": (4, b"", b"\n", ()),
+}
+FLAGGED = {  # in a record of SCA1B: record, what stands there, what instead, the only bit of the flag
+    "signed NaN": (3, COEFFICIENT, b"-nan", dataset.NOT_FINITE | dataset.NOT_UNIT),
+    "another satellite": (6, b" C ", b" D ", dataset.OTHER_SATELLITE),
+    "out of range": (6, b" 23 ", b" 24 ", dataset.OUT_OF_RANGE),
+    "undefined quality bit": (6, b" 00000000", b" 10000000", dataset.UNDEFINED),
+}
+FOREIGN = {  # bytes of the whole file, from those of a right one; word of the message
+    "empty": (lambda _: b"", "empty"),
+    "cut in the header": (lambda data: data[:500], "header"),
+    "another format": (lambda _: b"PK\x03\x04 something else", "header"),
+    "cut in a line": (lambda data: data[:-3], "cut"),
+    "code in the header": (
+        lambda data: data.replace(b"  dimensions:", b"  evil: !!python/object/apply:os.getcwd []\n  dimensions:"),
+        "YAML",
+    ),
+}
 
 
-def test_missing_file_is_refused(tmp_path):
-    """Contract: the message names the path."""
-    _refused(tmp_path / "SCA1B_2023-06-01_C_04.txt", "no file")
+@pytest.mark.parametrize("damage", REFUSED)
+def test_a_record_that_cannot_be_understood_is_refused_with_its_line(attitude_file, damage):
+    """Contract: nothing is guessed; line and column are named."""
+    record, old, new, words = REFUSED[damage]
+    _damaged(attitude_file, _replaced(record, old, new))
+    _refused(attitude_file, f"line {_line(attitude_file, record)}", *words)
 
 
-def test_file_cut_in_a_line_is_refused(acceleration_file):
-    """Contract: half a number is a wrong number."""
-    acceleration_file.write_bytes(acceleration_file.read_bytes()[:-3])
-    facts = _refused(acceleration_file, "cut", f"line {_line(acceleration_file, 29)}")
-    assert facts["line"] == _line(acceleration_file, 29)
+@pytest.mark.parametrize("doubt", FLAGGED)
+def test_a_doubtful_record_is_kept_and_flagged(attitude_file, doubt):
+    """Contract: one bit in the one record, all records stay."""
+    record, old, new, bit = FLAGGED[doubt]
+    observed = read(_damaged(attitude_file, _replaced(record, old, new)))
+    assert_array_equal(np.flatnonzero(observed.flag), [record])
+    assert observed.flag[record] == bit
+    assert observed.sizes["record"] == 20
 
 
-def test_file_cut_in_the_header_is_refused(attitude_file):
-    """Contract: no end of header, no records."""
-    attitude_file.write_bytes(attitude_file.read_bytes()[:500])
-    _refused(attitude_file, "header")
+@pytest.mark.parametrize("file", FOREIGN)
+def test_a_file_that_is_none_is_refused(attitude_file, file):
+    """Contract: a name alone makes no Level-1 file, half a number is a wrong number, a header is never run."""
+    change, word = FOREIGN[file]
+    attitude_file.write_bytes(change(attitude_file.read_bytes()))
+    _refused(attitude_file, attitude_file, word)
 
 
-def test_other_files_are_refused(tmp_path):
-    """Contract: a name alone makes no Level-1 file."""
-    path = tmp_path / "SCA1B_2023-06-01_C_04.txt"
-    path.write_bytes(b"PK\x03\x04 something else")
-    _refused(path, "header")
+def test_what_is_not_there_is_named(tmp_path, attitude_file):
+    """Contract: file, product and column."""
+    _refused(tmp_path / "SCA1B_2023-06-02_C_04.txt", "no file")
+    _refused(attitude_file, "XYZ1B", "SCA1B", product="XYZ1B")
+    _refused(attitude_file, "quatx", columns=["quatx"])
 
 
-@pytest.mark.parametrize("instead", [b" 23 1.0 ", b" "])
-def test_wrong_number_of_columns_is_refused_with_the_line(attitude_file, instead):
-    """Contract: one column too many or too few in record 7."""
-    _damaged(attitude_file, _replaced(7, b" 23 ", instead))
-    _refused(attitude_file, f"line {_line(attitude_file, 7)}", "columns", "9")
-
-
-@pytest.mark.parametrize("token", [b"0.1.2", b"1_0", b"0x1", b"*****", b"1d5"])
-def test_text_in_a_number_is_refused_with_line_and_column(attitude_file, attitude, token):
-    """Contract: what is no number is not guessed."""
-    old = f"{attitude['quaticoeff'][3]}".encode()
-    _damaged(attitude_file, _replaced(3, old, token))
-    _refused(attitude_file, f"line {_line(attitude_file, 3)}", "quaticoeff", token.decode())
-
-
-@pytest.mark.parametrize("flag", [b"00000002", b"0000000", b"000000000", b"0000000x"])
-def test_unknown_flag_characters_are_refused(attitude_file, flag):
-    """Contract: a quality flag is eight characters 0 or 1."""
-    _damaged(attitude_file, _replaced(5, b" 00000000", b" " + flag))
-    _refused(attitude_file, f"line {_line(attitude_file, 5)}", "qualflg")
-
-
-def test_product_flag_that_promises_more_than_the_record_holds_is_refused(acceleration_file):
-    """Contract: one more bit, one column missing."""
-    _damaged(acceleration_file, _replaced(4, b"00000100000000000000000000111111", b"00000100000000000000000001111111"))
+def test_a_product_flag_that_does_not_fit_the_record_is_refused(acceleration_file):
+    """Contract: one more bit with one column missing; bit 30 of ACC1A, which stands for nothing."""
+    whole = acceleration_file.read_bytes()
+    _damaged(acceleration_file, _replaced(4, FIELDS, b"00000100000000000000000001111111"))
     _refused(acceleration_file, f"line {_line(acceleration_file, 4)}", "columns")
-
-
-def test_undefined_bit_of_the_product_flag_is_refused(acceleration_file):
-    """Contract: bit 30 of ACC1A stands for nothing, so the columns have no names."""
-
-    def change(lines):
-        old, new = b"00000100000000000000000000111111", b"01000100000000000000000000111111"
-        return [line.replace(old, new).rstrip() + b" 1.0\n" for line in lines]
-
+    acceleration_file.write_bytes(whole)
+    undefined = b"01" + FIELDS[2:]
+    change = lambda lines: [line.replace(FIELDS, undefined).rstrip() + b" 1.0\n" for line in lines]  # noqa: E731
     _refused(_damaged(acceleration_file, change), "30", "prod_flag")
-
-
-def test_bytes_that_are_no_text_are_refused_with_the_line(attitude_file):
-    """Contract: not UTF-8 in record 2."""
-    _damaged(attitude_file, _replaced(2, b" C ", b" \xff "))
-    _refused(attitude_file, f"line {_line(attitude_file, 2)}", "UTF-8")
 
 
 def test_header_of_another_product_is_refused(tmp_path, attitude):
@@ -169,12 +171,6 @@ def test_fractions_in_another_unit_are_refused(tmp_path, acceleration):
     _refused(write(observed, path), "rcvtime_frac", "second")
 
 
-def test_blank_line_inside_is_refused(attitude_file):
-    """Contract: a lost record is not passed over in silence."""
-    _damaged(attitude_file, lambda lines: [*lines[:4], b"\n", *lines[4:]])
-    _refused(attitude_file, f"line {_line(attitude_file, 4)}")
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -204,14 +200,6 @@ def test_values_that_are_not_finite_are_kept_and_flagged(tmp_path, acceleration,
     assert_array_equal(observed.lin_accl_y.values, acceleration["lin_accl_y"])
 
 
-def test_signed_nan_is_nan(attitude_file, attitude):
-    """Contract: -nan, as C prints it."""
-    old = f"{attitude['quaticoeff'][3]}".encode()
-    observed = read(_damaged(attitude_file, _replaced(3, old, b"-nan")))
-    assert observed.flag[3] & dataset.NOT_FINITE
-    assert observed.sizes["record"] == 20
-
-
 def test_quaternion_that_is_no_rotation_is_flagged(tmp_path, attitude):
     """Contract: 2e-6 off is flagged, 1e-9 is not."""
     attitude["quatangle"][4] *= 1 + 1e-4
@@ -239,44 +227,6 @@ def test_repeated_records_are_flagged_by_their_values(attitude_file, attitude):
     assert observed.flag[5] == dataset.REPEATED
     assert observed.flag[14] & dataset.CONFLICTING
     assert np.count_nonzero(observed.flag) == 2
-
-
-def test_records_of_another_satellite_are_flagged(attitude_file):
-    """Contract: one D among the C."""
-    observed = read(_damaged(attitude_file, _replaced(6, b" C ", b" D ")))
-    assert_array_equal(np.flatnonzero(observed.flag == dataset.OTHER_SATELLITE), [6])
-
-
-def test_values_outside_their_range_are_flagged(attitude_file):
-    """Contract: sca_id goes to 23."""
-    observed = read(_damaged(attitude_file, _replaced(6, b" 23 ", b" 24 ")))
-    assert_array_equal(np.flatnonzero(observed.flag == dataset.OUT_OF_RANGE), [6])
-
-
-def test_undefined_quality_bits_are_flagged(attitude_file):
-    """Contract: bit 7 of SCA1B is not defined."""
-    observed = read(_damaged(attitude_file, _replaced(6, b" 00000000", b" 10000000")))
-    assert_array_equal(np.flatnonzero(observed.flag == dataset.UNDEFINED), [6])
-    assert observed.qualflg[6] == 128
-
-
-def test_header_is_data_and_never_run(attitude_file):
-    """Contract: YAML that would build an object is refused."""
-    data = attitude_file.read_bytes().replace(
-        b"  dimensions:", b"  evil: !!python/object/apply:os.getcwd []\n  dimensions:"
-    )
-    attitude_file.write_bytes(data)
-    _refused(attitude_file, "YAML")
-
-
-def test_unknown_product_is_refused(attitude_file):
-    """Contract: the message lists the products there are."""
-    _refused(attitude_file, "XYZ1B", "SCA1B", product="XYZ1B")
-
-
-def test_unknown_column_is_refused(attitude_file):
-    """Contract: the message names the wrong one."""
-    _refused(attitude_file, "quatx", columns=["quatx"])
 
 
 def _binary(tmp_path, records, size_of_last=47):

@@ -1,7 +1,5 @@
 """Every measured file reads; text and binary, loose and archived files agree."""
 
-import gzip
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -163,17 +161,6 @@ def test_measured_files_written_and_read_again_are_equal(measured, tmp_path):
         file = next(f for f in inventory(measured / "gracefo-2023-06-01") if f.product == product)
         observed = read(file)
         _same(observed, read(write(observed, tmp_path / file.name)))
-
-
-def test_compressed_copies_read_alike(measured, tmp_path):
-    """Contract: .gz of a text and of a binary file."""
-    for source in (
-        measured / "gracefo-2023-06-01" / "MAG1B_2023-06-01_C_04.txt",
-        measured / "grace-2003-09-14" / "binary" / "MAG1B_2003-09-14_A_00.dat",
-    ):
-        packed = tmp_path / f"{source.name}.gz"
-        packed.write_bytes(gzip.compress(source.read_bytes()))
-        _same(read(source), read(packed))
 
 
 def test_a_header_that_names_the_other_satellite_is_overruled_by_the_records(measured):

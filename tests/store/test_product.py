@@ -102,24 +102,6 @@ def test_a_file_opens_with_netcdf4_and_plain_xarray(kind, tmp_path):
             assert opened["flag"].dtype == np.uint8
 
 
-def test_dimensions_without_coordinate_are_no_variables(tmp_path):
-    """Contract: a bare dimension is written as netCDF-4 wants it."""
-    path = tmp_path / "product.nc"
-    netcdf.write(product.settled(xr.Dataset({"a": (("row", "column"), np.ones((2, 3)))})), path)
-    with netCDF4.Dataset(path) as file:
-        assert set(file.variables) == {"a"}
-        assert {name: one.size for name, one in file.dimensions.items()} == {"row": 2, "column": 3}
-
-
-def test_large_variables_are_compressed_with_shuffle(tmp_path):
-    """Contract: zlib 1 and shuffle, which every netCDF library reads."""
-    path = tmp_path / "product.nc"
-    netcdf.write(product.settled(xr.Dataset({"a": ("row", np.zeros(10_000))})), path)
-    with netCDF4.Dataset(path) as file:
-        assert file["a"].filters() | {"zlib": True, "shuffle": True, "complevel": 1} == file["a"].filters()
-    assert path.stat().st_size < 20_000
-
-
 def back(dataset, path):
     """Dataset as it comes back from a file."""
     netcdf.write(dataset, path)
