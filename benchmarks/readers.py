@@ -39,8 +39,8 @@ def to_gps(path):
     on_board = timing.tim1b_clock(seconds, seconds, none, none.astype(int))
     receiver = timing.clk1b_clock(seconds, none - 0.016671, none, none.astype(int))
     tags = timing.Tags(observed.time_second.values, observed.time_fraction.values)
-    tags, lost = timing.obc_to_receiver(tags, on_board, LIMITS)
-    tags, lost_too = timing.receiver_to_gps(tags, receiver, LIMITS)
+    tags, lost = timing.converted(tags, on_board, LIMITS)
+    tags, lost_too = timing.converted(tags, receiver, LIMITS)
     return observed, tags.time, lost | lost_too
 
 

@@ -72,8 +72,8 @@ def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_g
         clk1b["rcv_time"].values, clk1b["eps_time"].values, clk1b["eps_drift"].values, clk1b["qualflg"].values
     )
     tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
-    received, _ = timing.obc_to_receiver(tags, onboard, limits)
-    gps, _ = timing.receiver_to_gps(received, receiver, limits)
+    received, _ = timing.converted(tags, onboard, limits)
+    gps, _ = timing.converted(received, receiver, limits)
     return gps
 
 

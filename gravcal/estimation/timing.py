@@ -119,35 +119,20 @@ def _clock(second, offset, drift, qualflg):
     return Clock(second[first], offset[first], drift[first], ends, starts)
 
 
-def obc_to_receiver(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarray]:
-    """Receiver time of on-board tags with the clock of TIM1B.
-
-    Returns
-    -------
-    tags : Tags in receiver time
-    undetermined : (n,) bool, beyond the limits, in a gap, or at a jump
-    """
-    return _moved(tags, clock, limits)
-
-
-def receiver_to_gps(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarray]:
-    """GPS time of receiver tags with the clock of CLK1B, never across a jump of the clock.
+def converted(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarray]:
+    """Tags in the time that a clock leads to, never across one of its jumps.
 
     Parameters
     ----------
-    tags : Tags in receiver time
-    clock : of ``clk1b_clock``
+    tags : Tags, on-board for the clock of TIM1B, in receiver time for that of CLK1B
+    clock : of `tim1b_clock` or `clk1b_clock`
     limits : what may be bridged
 
     Returns
     -------
-    tags : Tags in GPS time
+    tags : Tags in receiver time, or in GPS time
     undetermined : (n,) bool, beyond the limits, in a gap, or at a jump
     """
-    return _moved(tags, clock, limits)
-
-
-def _moved(tags, clock, limits):
     if not len(clock.second):
         undetermined = np.ones(len(tags.second), bool)
         return Tags(tags.second, np.full(len(tags.second), np.nan)), undetermined

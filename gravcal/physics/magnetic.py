@@ -51,7 +51,13 @@ def field_e(time_gps, position_e, generation):
         refuse(f"IGRF-{generation}", found, expected, "Choose another generation.", first=year.min(), last=year.max())
     if not np.min(np.einsum("ij,ij->i", position, position)) > 1e12:
         refuse("position_e", "a point near the Earth's centre, or NaN", "an orbit in metres", "Check units and gaps.")
-    return _by_interval(year, position, epochs, cartesian) * 1e-9
+    interval = np.clip(np.searchsorted(epochs, year, side="right") - 1, 0, epochs.size - 2)
+    field = np.empty_like(position)
+    for k in np.unique(interval):
+        here = interval == k
+        slope = (cartesian[k + 1] - cartesian[k]) / (epochs[k + 1] - epochs[k])
+        field[here] = sum_field(position[here] / IGRF_RADIUS, year[here] - epochs[k], cartesian[k], slope)
+    return field * 1e-9
 
 
 def decimal_year(time_gps):
@@ -135,17 +141,6 @@ def _add_gradient(out, C, S, n, m):
         out[:, m - 1, xw] -= down * S
         out[:, m - 1, y] -= down * S
         out[:, m - 1, yw] += down * C
-
-
-def _by_interval(year, position, epochs, cartesian):
-    """Field in nT: points gathered by the interval between model epochs they fall into."""
-    interval = np.clip(np.searchsorted(epochs, year, side="right") - 1, 0, epochs.size - 2)
-    field = np.empty_like(position)
-    for k in np.unique(interval):
-        here = slice(None) if interval[0] == k == interval[-1] and np.all(interval == k) else interval == k
-        slope = (cartesian[k + 1] - cartesian[k]) / (epochs[k + 1] - epochs[k])
-        field[here] = sum_field(position[here] / IGRF_RADIUS, year[here] - epochs[k], cartesian[k], slope)
-    return field
 
 
 BLOCK = 128

@@ -24,8 +24,8 @@ def _to_gps(folder, observed, satellite):
         tim.obctime.values, tim.receiver_second.values, tim.receiver_fraction.values, tim.qualflg.values
     )
     receiver = timing.clk1b_clock(clk.rcv_time.values, clk.eps_time.values, clk.eps_drift.values, clk.qualflg.values)
-    tags, lost = timing.obc_to_receiver(_tags(observed), on_board, LIMITS)
-    tags, lost_too = timing.receiver_to_gps(tags, receiver, LIMITS)
+    tags, lost = timing.converted(_tags(observed), on_board, LIMITS)
+    tags, lost_too = timing.converted(tags, receiver, LIMITS)
     return tags, lost | lost_too
 
 

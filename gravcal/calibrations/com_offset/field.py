@@ -31,7 +31,7 @@ def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
     field_i = np.matvec(np.swapaxes(earth.R_ei(time), 1, 2), field_e)
     usable, model_b = _at_magnetometer(aligned, time, field_i)
     difference = aligned["field_measured_b"].values - model_b
-    statistics = _statistics(difference[usable])
+    used = difference[usable] if usable.any() else np.full((1, 3), np.nan)
     latitude, longitude, _ = earth.geocentric(position_e)
     values = {
         "time_orbit": time,
@@ -44,9 +44,12 @@ def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
         "measured_b": aligned["field_measured_b"].values,
         "difference_b": difference,
         "used": usable,
+        "bias": used.mean(axis=0),
+        "rms": np.sqrt(np.mean(used**2, axis=0)),
+        "maximum": np.abs(used).max(axis=0),
     }
     digest = magnetic.coefficient_digest(igrf_generation)
-    return build(FIELD, values | statistics, igrf_generation=igrf_generation, igrf_sha256=digest)
+    return build(FIELD, values, igrf_generation=igrf_generation, igrf_sha256=digest)
 
 
 def _at_magnetometer(aligned, time, field_i):
@@ -64,16 +67,6 @@ def _at_magnetometer(aligned, time, field_i):
     model_b[covered] = np.matvec(frames.R_bi_from_quaternion(body), inertial)
     measured = aligned["field_measured_b"].values
     return covered & (aligned["mag_flag"].values == 0) & np.isfinite(measured).all(axis=1), model_b
-
-
-def _statistics(difference):
-    if difference.shape[0] == 0:
-        return dict.fromkeys(("bias", "rms", "maximum"), np.full(3, np.nan))
-    return {
-        "bias": difference.mean(axis=0),
-        "rms": np.sqrt(np.mean(difference**2, axis=0)),
-        "maximum": np.abs(difference).max(axis=0),
-    }
 
 
 HALF_WIDTH = 2  # star-camera samples either side of the parabola whose slope is the rate
