@@ -1,0 +1,235 @@
+"""Gain and delay of the firings, how far their errors are from those of quiet stretches, and checks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations.building import build
+from gravcal.calibrations.thrusters import model, schemas
+from gravcal.calibrations.thrusters.model import Firings, Noise, Segment
+from gravcal.effects import effect
+from gravcal.estimation import least_squares
+
+NAMES = ("gain_x", "gain_y", "gain_z", "delay")
+UNITS = ("1", "1", "1", "s")
+#: Times by which all firings are moved; multiples of a time that no period of control or orbit shares.
+SHIFTS_S = tuple(sign * k * 97.0 for k in range(1, 11) for sign in (-1, 1))
+ITERATIONS = 3  # of the delay, which is not linear
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Whitened rows of one block.
+
+    Attributes
+    ----------
+    segment : Segment
+    noise : Noise
+    observed : (n,) 1
+    smooth : (n, k) 1, the smooth torque about each axis
+    basis : (n, r) orthonormal basis of the smooth torque
+    """
+
+    segment: Segment
+    noise: Noise
+    observed: np.ndarray
+    smooth: np.ndarray
+    basis: np.ndarray
+
+    def whiten(self, columns: np.ndarray) -> np.ndarray:
+        """Whitened rows (n, q) of columns (epochs, 3, q) rad."""
+        return self.noise.rows(self.segment, columns)
+
+    def less(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (n, q) without what the smooth torque can do."""
+        return rows - self.basis @ (self.basis.T @ rows)
+
+
+def rows_of(camera: model.Camera, noise: Noise, inertia_b, *, block_s: float, knot_s: float) -> list[Rows]:
+    """Whitened rows of every block; epochs of a camera whose noise is not known are left out.
+
+    Parameters
+    ----------
+    camera : Camera; noise : Noise
+    inertia_b : (3, 3) kg m2
+    block_s, knot_s : s, length of the blocks and spacing of the knots of the smooth torque
+    """
+    usable, made = camera.part(np.isin(camera.head, list(noise.factor))), []
+    for segment in model.segments(usable, inertia_b, block_s=block_s, knot_s=knot_s):
+        smooth = np.einsum("nk,ac->nakc", segment.smooth, np.eye(3)).reshape(segment.place.size, 3, -1)
+        rows = noise.rows(segment, np.concatenate([segment.angle_b[..., None], smooth], axis=2))
+        used = rows[:, 1:][:, np.any(rows[:, 1:] != 0, axis=0)]
+        made.append(Rows(segment, noise, rows[:, 0], rows[:, 1:], np.linalg.qr(used)[0]))
+    return made
+
+
+def gains_alone(parts: list[Rows], firings: Firings) -> np.ndarray:
+    """Gain of each axis (3,) that fits best without anything else."""
+    columns = [part.less(part.whiten(part.segment.gains(firings))) for part in parts]
+    normal = sum(c.T @ c for c in columns)
+    return least_squares.stable_inverse(normal) @ sum(c.T @ p.observed for c, p in zip(columns, parts, strict=True))
+
+
+def inflation(parts: list[Rows], present: list[np.ndarray], wrong: Iterable[list[np.ndarray]]):
+    """Factor by which gains in chi-square exceed those of the measured noise, at least one.
+
+    Quiet stretches are quieter than the rest of the day, so that the noise measured in them makes every gain look
+    larger than it is. What firings at wrong times gain, with the causes that are there in the model, shows by how much.
+
+    Parameters
+    ----------
+    parts : of `rows_of`
+    present : whitened columns (n, q) of all causes that are in the model, a block each
+    wrong : whitened columns (n, 3) of every wrong time, a block each
+
+    Returns
+    -------
+    factor : mean gain over its expectation, at least 1
+    gains : (k,) of each wrong time
+    """
+    columns = [part.less(one) for part, one in zip(parts, present, strict=True)]
+    rest = [part.less(part.observed) for part in parts]
+    inverse = least_squares.stable_inverse(sum(c.T @ c for c in columns))
+    value = inverse @ sum(c.T @ y for c, y in zip(columns, rest, strict=True))
+    rest = [y - c @ value for c, y in zip(columns, rest, strict=True)]
+    gains, freedom = [], 0
+    for one in wrong:
+        tried = [part.less(c) for part, c in zip(parts, one, strict=True)]
+        cross = sum(t.T @ c for t, c in zip(tried, columns, strict=True))
+        normal = sum(t.T @ t for t in tried) - cross @ inverse @ cross.T
+        right = sum(t.T @ y for t, y in zip(tried, rest, strict=True))
+        gains.append(float(right @ least_squares.stable_inverse(normal) @ right))
+        freedom += right.size
+    return max(sum(gains) / freedom, 1.0), np.array(gains)
+
+
+def wrong_times(parts: list[Rows], firings: Firings) -> Iterable[list[np.ndarray]]:
+    """Whitened columns (n, 3) of the firings at every wrong time, a block each."""
+    for shift in SHIFTS_S:
+        yield [part.whiten(part.segment.gains(firings.late_by(-shift))) for part in parts]
+
+
+def estimate(
+    aligned: xr.Dataset,
+    measured: xr.Dataset,
+    *,
+    inertia,
+    block_s: float,
+    knot_s: float,
+    parts: int,
+    determined_ratio: float,
+) -> xr.Dataset:
+    """Gain of the impulses about each axis and delay of the tags, steps of the cameras and a smooth torque free.
+
+    Parameters
+    ----------
+    aligned : Dataset, "thrusters.align"
+    measured : Dataset, "thrusters.noise"
+    inertia : (3, 3) kg m2
+    block_s, knot_s : s, length of the blocks and spacing of the knots of the smooth torque
+    parts : of the record that are also solved alone
+    determined_ratio : largest sigma of a parameter over the plausible size in the catalogue of effects
+
+    Returns
+    -------
+    found : Dataset, "thrusters.estimate"
+
+    Notes
+    -----
+    angle(t) = sum_k R(t - t_k + delay) diag(gain) L_k + smooth(t) + step of the camera in use; R of
+    `model.impulse_response`, L_k lever arm x force x time on. Linear in all but the delay, by Gauss and Newton.
+    """
+    one = model.records(aligned)
+    rows = rows_of(one.camera, model.noise_of(measured), inertia, block_s=block_s, knot_s=knot_s)
+    time = one.camera.time
+    inside = (one.firings.time > time[0]) & (one.firings.time < time[-1])
+    firings = Firings(one.firings.time[inside], one.firings.impulse_b[inside])
+    heads = model.heads_of([row.segment for row in rows])[:-1]
+    steps = [row.whiten(row.segment.heads(heads)) for row in rows]
+    gain, delay = gains_alone(rows, firings), 0.0
+    for _ in range(ITERATIONS):
+        moved = firings.late_by(delay)
+        own = [row.whiten(row.segment.gains(moved)) for row in rows]
+        late = [row.whiten(row.segment.delay(Firings(moved.time, moved.impulse_b * gain))) for row in rows]
+        columns = [np.concatenate(one, axis=1) for one in zip(own, late, steps, strict=True)]
+        information, right = _normal_equations(rows, columns)
+        value = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
+        gain, delay = value[:3], delay + value[3]
+    factor, shifted = inflation(rows, columns, wrong_times(rows, moved))
+    group = np.minimum(np.arange(len(rows)) * parts // len(rows), parts - 1)
+    groups = [group == number for number in np.unique(group)]
+    information, right = (np.stack([each[g].sum(axis=0) for g in groups]) / factor for each in (information, right))
+    chi2 = factor * _gained(information.sum(axis=0), right.sum(axis=0))
+    right += information[:, :, 3] * (delay - value[3])  # the last step of the delay was about this one
+    size = [effect("torque.thruster_firings").parameters[0].prior_sigma] * 3
+    size += [effect("timing.thruster_delay").parameters[0].prior_sigma]
+    limit = np.concatenate([determined_ratio * np.array(size), np.full(3 * len(heads), np.inf)])
+    names = [*NAMES, *(f"camera_{head}_{axis}" for head in heads for axis in "xyz")]
+    starts = [rows[np.flatnonzero(g)[0]].segment.camera.time[0] for g in groups]
+    units = [*UNITS, *["rad"] * (3 * len(heads))]
+    found = named_parameters.estimated(names, units, limit, information, right, starts)
+    found |= {"shift": SHIFTS_S, "shifted_gain": shifted, "gain": chi2, "inflation": factor}
+    return build(schemas.ESTIMATE, found | {"firings": firings.time.size})
+
+
+def _normal_equations(rows, columns):
+    """Information (b, p, p) and right side (b, p) of every block, the smooth torque projected out."""
+    clean = [row.less(c) for row, c in zip(rows, columns, strict=True)]
+    for left, whole in zip(clean, columns, strict=True):  # nothing but rounding, as of a camera used all the time
+        left[:, np.linalg.norm(left, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
+    right = np.stack([c.T @ row.observed for row, c in zip(rows, clean, strict=True)])
+    return np.stack([c.T @ c for c in clean]), right
+
+
+def _gained(information, right):
+    """Chi-square that gains and delay take, the steps of the cameras in the model with and without them."""
+    whole = right @ least_squares.stable_inverse(information) @ right
+    rest = slice(len(NAMES), None)
+    return whole - right[rest] @ least_squares.stable_inverse(information[rest, rest]) @ right[rest]
+
+
+def check(
+    aligned: xr.Dataset,
+    found: xr.Dataset,
+    *,
+    jump_limit_rad: float,
+    velocity_limit_m_s: float,
+    inflation_limit: float,
+    agreement_limit: float,
+) -> xr.Dataset:
+    """Checks of the inputs against each other and of the result.
+
+    Parameters
+    ----------
+    aligned : Dataset, "thrusters.align"; found : Dataset, "thrusters.estimate"
+    jump_limit_rad : rad, change of the turn from one attitude to the next
+    velocity_limit_m_s : m s-1, mean velocity against change of position
+    inflation_limit : largest variance of the day over that of its quiet stretches
+    agreement_limit : smallest probability of the disagreement of the parts
+    """
+    jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
+    velocity = float(aligned["velocity_error"])
+    made = [
+        checks.at_most("jump of the attitude", jump, jump_limit_rad, "rad"),
+        checks.at_most("velocity against change of position", velocity, velocity_limit_m_s, "m s-1"),
+        checks.at_least("firings in the record", int(found["firings"]), 1, "1"),
+        checks.at_least(
+            "chi-square gained by the firings over the most at wrong times",
+            float(found["gain"]) / max(float(found["shifted_gain"].max()), 1.0),
+            1.0,
+            "1",
+        ),
+        checks.at_most(
+            "variance of the day over that of its quiet stretches", float(found["inflation"]), inflation_limit, "1"
+        ),
+    ]
+    value, sigma = found["value"].values[:3], found["sigma"].values[:3]
+    if np.isfinite(value).any():
+        least = np.nanmin(value + 3 * sigma)
+        made.append(checks.at_least("smallest gain and three sigma", least, 0.0, "1"))
+    return checks.product([*made, *named_parameters.checks(found, agreement_limit)])

@@ -1,0 +1,388 @@
+"""Records of a day, and the attitude that firings, a smooth torque and the cameras make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations import checks
+from gravcal.calibrations.align import QUATERNION, sorted_samples
+from gravcal.calibrations.building import build
+from gravcal.calibrations.thrusters import schemas
+from gravcal.errors import EstimationError
+from gravcal.estimation import timing
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.physics import earth, frames, magnetic
+
+LOW_RATE = 0b11000000  # quality bits of SCA1B: made from low-rate data
+THRUSTERS = 12  # the two orbit thrusters are left out
+ORBIT_STEP_S = 60.0  # s, of positions and field
+DEGREE = 5  # of the attitude: two integrations of a torque that is a cubic spline
+DELAY_STEP_S = 0.5  # s, half the step of the derivative by the delay of the firings
+MARGIN_S = 1.0  # s, of a quiet stretch to the firings at its ends
+QUIET_LEAST = 500  # epochs that measure the noise
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Attitude as the star cameras give it.
+
+    Attributes
+    ----------
+    time : (n,) s
+    quaternion : (n, 4) scalar first, continuous in sign
+    head : (n,) which camera or combination
+    quality : (n,) rad, root of the sum of squares given by the product
+    step_s : s
+    """
+
+    time: np.ndarray
+    quaternion: np.ndarray
+    head: np.ndarray
+    quality: np.ndarray
+    step_s: float
+
+    def part(self, rows: np.ndarray) -> Camera:
+        """Camera with some of its epochs."""
+        return Camera(self.time[rows], self.quaternion[rows], self.head[rows], self.quality[rows], self.step_s)
+
+
+@dataclass(frozen=True)
+class Firings:
+    """Attitude thrusters: time (k,) s, middle of each firing; impulse_b (k, 3) N m s of the thruster table."""
+
+    time: np.ndarray
+    impulse_b: np.ndarray
+
+    def late_by(self, delay_s: float) -> Firings:
+        """Firings as they were if their tags are late by so many seconds."""
+        return Firings(self.time - delay_s, self.impulse_b)
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """Time (m,) s, inertial position (m, 3) m and field (m, 3) T."""
+
+    time: np.ndarray
+    position_i: np.ndarray
+    field_i: np.ndarray
+
+
+@dataclass(frozen=True)
+class Records:
+    """What a day holds: attitude, firings, firings of the twin satellite (None without), orbit."""
+
+    camera: Camera
+    firings: Firings
+    twin: Firings | None
+    orbit: Orbit
+
+
+def align(
+    observed: xr.Dataset, fired: xr.Dataset, orbit: xr.Dataset, *twin: xr.Dataset, position_b, force_b, igrf_generation
+) -> xr.Dataset:
+    """Usable attitudes, firings with their nominal impulses, and the orbit of one day.
+
+    Parameters
+    ----------
+    observed, fired, orbit : Dataset, "ingest" of SCA1B, THR1B, GNV1B
+    twin : "ingest" of THR1B of the other satellite of the pair, at most one
+    position_b, force_b : (14, 3) m and N, in the order of the columns of THR1B
+    igrf_generation : of the field along the orbit
+
+    Returns
+    -------
+    aligned : Dataset, "thrusters.align"
+    """
+    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+    low = (observed["qualflg"].values & LOW_RATE) != 0
+    time, values, flag, _ = sorted_samples(observed, tags, (*QUATERNION, "sca_id", "qual_rss"), low)
+    norm = np.linalg.norm(values[:, :4], axis=1)
+    good = (flag == 0) & np.isfinite(values).all(axis=1) & (np.abs(norm - 1) < 1e-3)
+    if good.sum() < QUIET_LEAST:
+        raise EstimationError(
+            f"{observed.attrs.get('file', 'SCA1B')}: found {int(good.sum())} usable attitudes, expected at least "
+            f"{QUIET_LEAST}. Give a longer record.",
+            usable=int(good.sum()),
+        )
+    found = {"time": time[good], "quaternion": frames.continuous(values[good, :4] / norm[good, None])}
+    found |= {"head": values[good, 4].astype(int), "quality": values[good, 5], "step": np.median(np.diff(time[good]))}
+    own = _firings(fired, position_b, force_b)
+    found |= {"firing": own.time, "impulse_b": own.impulse_b}
+    for other in twin:
+        firings = _firings(other, position_b, force_b)
+        found |= {"twin_firing": firings.time, "twin_impulse_b": firings.impulse_b}
+    time = orbit["time_tag"].values
+    position, velocity = (np.stack([orbit[f"{a}{k}"].values for a in "xyz"], axis=1) for k in ("pos", "vel"))
+    inertial, velocity_i = earth.state_to_inertial(time, position, velocity)
+    every = slice(None, None, max(int(round(ORBIT_STEP_S / np.median(np.diff(time)))), 1))
+    field_e = magnetic.field_e(time[every], position[every], igrf_generation)
+    found |= {"time_orbit": time[every], "position_i": inertial[every]}
+    found |= {"field_i": np.matvec(np.swapaxes(earth.R_ei(time[every]), 1, 2), field_e)}
+    return build(schemas.ALIGN, found | {"velocity_error": checks.velocity_error(time, inertial, velocity_i)})
+
+
+def _firings(observed, position_b, force_b):
+    """Attitude firings of THR1B with the impulses of the thruster table."""
+    names = [name for name in observed.data_vars if name.startswith("on_time")][:THRUSTERS]
+    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+    time, values, flag, _ = sorted_samples(observed, tags, tuple(names))
+    seconds = 1e-3 * values[flag == 0]  # ms in the file
+    torque = np.cross(np.asarray(position_b)[:THRUSTERS], np.asarray(force_b)[:THRUSTERS])
+    used = seconds.sum(axis=1) > 0
+    middle = time[flag == 0] + seconds.max(axis=1) / 2
+    return Firings(middle[used], seconds[used] @ torque)
+
+
+def records(aligned: xr.Dataset) -> Records:
+    """Records of an aligned day as arrays; `aligned` is "thrusters.align"."""
+    one = {name: aligned[name].values for name in aligned.variables}
+    camera = Camera(one["time"], one["quaternion"], one["head"], one["quality"], float(one["step"]))
+    twin = Firings(one["twin_firing"], one["twin_impulse_b"]) if "twin_firing" in one else None
+    orbit = Orbit(one["time_orbit"], one["position_i"], one["field_i"])
+    return Records(camera, Firings(one["firing"], one["impulse_b"]), twin, orbit)
+
+
+def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Small rotation from a steady turn to the attitude, and the rate of that turn.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing
+    quaternion : (n, 4) scalar first, continuous in sign
+
+    Returns
+    -------
+    angle_b : (n, 3) rad
+    rate_b : (3,) rad s-1
+    """
+    steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(quaternion[:-1]), quaternion[1:]))
+    rate = steps.sum(axis=0) / (time[-1] - time[0])
+    middle = time.size // 2
+    turn = frames.from_rotation_vector(rate * (time - time[middle])[:, None])
+    steady = frames.quaternion_product(quaternion[middle], turn)
+    return frames.rotation_vector(frames.quaternion_product(frames.conjugate(steady), quaternion)), rate
+
+
+def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
+    """Attitudes (n, k) that torques with a knot every so many seconds can make, start and rate included.
+
+    Parameters
+    ----------
+    time : (n,) s
+    knot_s : s, spacing of the knots of the cubic torque; the attitude is a spline of degree 5 on them
+    """
+    from scipy.interpolate import BSpline
+
+    start, stop = time[0], time[-1] + 1e-3
+    count = max(int(np.ceil((stop - start) / knot_s)), 1)
+    inner = np.linspace(start, stop, count + 1)
+    knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, stop)])
+    return BSpline.design_matrix(time, knots, DEGREE).toarray()
+
+
+def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Small rotation after an impulse about a steady turn: function (...,) s -> (..., 3, 3) rad per N m s.
+
+    Parameters
+    ----------
+    inertia_b : (3, 3) kg m2
+    rate_b : (3,) rad s-1, of the turn
+    span_s : s, longest lag
+
+    Notes
+    -----
+    angle' = -w x angle + dw, J dw' = -(w x J dw) - (dw x J w): equations.md M2, first order about a constant rate.
+    """
+    from scipy.interpolate import CubicSpline
+    from scipy.linalg import expm
+
+    lag_s = np.arange(0.0, span_s + 40.0, 10.0)  # the turn is slow: 1e-3 rad s-1
+    turn = frames.cross_matrix(rate_b)
+    free = np.zeros((6, 6))
+    free[:3, :3], free[:3, 3:] = -turn, np.eye(3)
+    free[3:, 3:] = -np.linalg.solve(inertia_b, turn @ inertia_b - frames.cross_matrix(inertia_b @ rate_b))
+    step, inverse = expm(free * 10.0), np.linalg.inv(inertia_b)
+    response, state = np.zeros((lag_s.size, 3, 3)), np.eye(6)
+    for k in range(lag_s.size):
+        response[k] = state[:3, 3:] @ inverse
+        state = step @ state
+    return CubicSpline(lag_s, response)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One block of time.
+
+    Attributes
+    ----------
+    camera : Camera, its epochs
+    place : (n,) int, on the even grid
+    angle_b : (n, 3) rad, attitude against a steady turn
+    smooth : (n, k) what a smooth torque about one axis can do
+    response : function, angle after an impulse, of the lag
+    """
+
+    camera: Camera
+    place: np.ndarray
+    angle_b: np.ndarray
+    smooth: np.ndarray
+    response: Callable[[np.ndarray], np.ndarray]
+
+    def after(self, epochs: np.ndarray, impulse_b: np.ndarray) -> np.ndarray:
+        """Attitude (n, 3, q) rad after impulses (k, 3, q) N m s; those outside the block are left out."""
+        time = self.camera.time
+        inside = (epochs > time[0]) & (epochs < time[-1])
+        lag = time[:, None] - epochs[inside]
+        kernel = np.where((lag > 0)[..., None, None], self.response(np.maximum(lag, 0.0)), 0.0)
+        count, width = int(inside.sum()), impulse_b.shape[2]
+        flat = kernel.transpose(0, 2, 1, 3).reshape(3 * time.size, 3 * count)
+        return (flat @ impulse_b[inside].reshape(3 * count, width)).reshape(time.size, 3, width)
+
+    def after_torque(self, torque_b: np.ndarray) -> np.ndarray:
+        """Attitude (n, 3, q) rad under torques (n, 3, q) N m at the epochs of the block."""
+        time = self.camera.time
+        width = np.diff(time, append=time[-1] + self.camera.step_s)
+        return self.after(time + width / 2 - 1e-3, torque_b * width[:, None, None])
+
+    def sharp(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (n, 3, q) less what the smooth torque can do, so that the rest is not small beside it."""
+        flat = columns.reshape(len(columns), -1)
+        return (flat - self.smooth @ np.linalg.lstsq(self.smooth, flat, rcond=None)[0]).reshape(columns.shape)
+
+    def gains(self, firings: Firings) -> np.ndarray:
+        """Attitude (n, 3, 3) rad by the gain of each axis of the firings."""
+        return self.sharp(self.after(firings.time, firings.impulse_b[:, :, None] * np.eye(3)))
+
+    def delay(self, firings: Firings) -> np.ndarray:
+        """Attitude (n, 3, 1) rad by each second that the tags of the firings are late."""
+        impulse = firings.impulse_b[:, :, None]
+        early, late = (self.after(firings.time + d, impulse) for d in (-DELAY_STEP_S, DELAY_STEP_S))
+        return self.sharp((early - late) / (2 * DELAY_STEP_S))
+
+    def heads(self, heads: list[int]) -> np.ndarray:
+        """Attitude (n, 3, 3 h) rad that steps where each of these cameras is in use."""
+        steps = [(self.camera.head == head)[:, None, None] * np.eye(3) for head in heads]
+        return np.concatenate(steps, axis=2) if steps else np.zeros((len(self.place), 3, 0))
+
+
+def segments(camera: Camera, inertia_b, *, block_s: float, knot_s: float) -> list[Segment]:
+    """Blocks of time, those with less than half of their epochs left out."""
+    index = np.floor((camera.time - camera.time[0]) / block_s)
+    made = []
+    for number in np.unique(index):
+        rows = np.flatnonzero(index == number)
+        if rows.size * camera.step_s > block_s / 2:
+            part = camera.part(rows)
+            angle, rate = reference(part.time, part.quaternion)
+            place = np.rint((part.time - part.time[0]) / part.step_s).astype(int)
+            response = impulse_response(np.asarray(inertia_b, dtype=float), rate, np.ptp(part.time))
+            made.append(Segment(part, place, angle, smooth_torque(part.time, knot_s), response))
+    return made
+
+
+def heads_of(parts: list[Segment]) -> list[int]:
+    """Cameras in use, sorted."""
+    return sorted({int(head) for part in parts for head in np.unique(part.camera.head)})
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What turns attitudes into rows of unit variance.
+
+    Attributes
+    ----------
+    factor : {head: (3, 3) rad-1}, inverse Cholesky factor of the covariance of its errors
+    models : noise model of each of the three decorrelated components
+    samples : quiet epochs it was measured from
+    """
+
+    factor: dict[int, np.ndarray]
+    models: list[NoiseModel]
+    samples: int
+
+    def rows(self, segment: Segment, signal: np.ndarray) -> np.ndarray:
+        """Whitened rows (3 m, q) of a signal (n, 3, q) rad on the even grid of a block; others are zero."""
+        count = segment.place[-1] + 1
+        grid, valid = np.zeros((count, 3, signal.shape[2])), np.zeros(count, dtype=bool)
+        valid[segment.place] = True
+        grid[segment.place] = np.stack([self.factor[h] for h in segment.camera.head]) @ signal
+        return np.concatenate([whiten(model, grid[:, a], valid) for a, model in enumerate(self.models)])
+
+
+def noise_of(measured: xr.Dataset) -> Noise:
+    """Noise of a product; `measured` is "thrusters.noise"."""
+    one = {name: measured[name].values for name in measured.variables}
+    factor = {int(head): factor for head, factor in zip(one["head"], one["factor"], strict=True)}
+    models = [NoiseModel(r, v, float(one["step"])) for r, v in zip(one["reflection"], one["variance"], strict=True)]
+    return Noise(factor, models, int(one["samples"]))
+
+
+def quiet_noise(
+    aligned: xr.Dataset, *, quiet_minimum_s: float, knot_s: float, noise_order: int, head_minimum: int
+) -> xr.Dataset:
+    """Noise of the attitude from stretches without firings, the smooth torque of each removed.
+
+    Parameters
+    ----------
+    aligned : Dataset, "thrusters.align"
+    quiet_minimum_s : s, shortest stretch without firings
+    knot_s : s, of the smooth torque
+    noise_order : coefficients of the noise models
+    head_minimum : epochs of a camera below which its covariance is not measured and it is not used
+
+    Returns
+    -------
+    measured : Dataset, "thrusters.noise"
+    """
+    one = records(aligned)
+    pieces = list(_quiet(one.camera, one.firings.time, quiet_minimum_s, knot_s))
+    samples = sum(len(residual) for residual, *_ in pieces)
+    if samples < QUIET_LEAST:
+        raise EstimationError(
+            f"found {len(pieces)} stretches of {quiet_minimum_s:.0f} s without a firing, expected {QUIET_LEAST} "
+            f"epochs in them to measure the noise of the attitude. Give a longer record or a smaller quiet_minimum_s.",
+            stretches=len(pieces),
+        )
+    residual, head = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
+    removed = sum(piece[3] for piece in pieces)
+    factor = {}
+    for known in np.unique(head):
+        own = residual[head == known]
+        if len(own) >= head_minimum:
+            covariance = own.T @ own / len(own) * samples / (samples - removed)
+            factor[int(known)] = np.linalg.inv(np.linalg.cholesky(covariance))
+    if not factor:
+        raise EstimationError(
+            f"found {samples} quiet epochs of {np.unique(head).size} cameras, expected {head_minimum} of one to measure "
+            f"its noise. Give a longer record or a smaller head_minimum."
+        )
+    grids = []
+    for values, heads, place, _ in pieces:
+        known = np.isin(heads, list(factor))
+        grid = np.full((place[-1] + 1, 3), np.nan)
+        if known.any():
+            turned = np.stack([factor[int(h)] for h in heads[known]]) @ values[known][..., None]
+            grid[place[known]] = turned[..., 0]
+        grids.append(grid)
+    step = one.camera.step_s
+    models = [fit_noise([grid[:, axis] for grid in grids], noise_order, step, removed) for axis in range(3)]
+    found = {"head": list(factor), "factor": list(factor.values()), "step": step}
+    found |= {"reflection": [m.reflection for m in models], "variance": [m.variance for m in models]}
+    return build(schemas.NOISE, found | {"stretches": len(pieces), "samples": samples})
+
+
+def _quiet(camera, firing_times, quiet_minimum_s, knot_s) -> Iterator[tuple]:
+    """Residual (n, 3) rad, head (n,), place on the grid (n,) and number of parameters of each quiet stretch."""
+    ends = np.concatenate([camera.time[:1], firing_times, camera.time[-1:]])
+    for start, stop in zip(ends[:-1], ends[1:], strict=True):
+        rows = np.flatnonzero((camera.time > start + MARGIN_S) & (camera.time < stop - MARGIN_S))
+        if stop - start >= quiet_minimum_s and rows.size * camera.step_s > 0.8 * (stop - start):
+            part = camera.part(rows)
+            angle, _ = reference(part.time, part.quaternion)
+            basis = np.linalg.qr(smooth_torque(part.time, knot_s))[0]
+            place = np.rint((part.time - part.time[0]) / part.step_s).astype(int)
+            yield angle - basis @ (basis.T @ angle), part.head, place, basis.shape[1]

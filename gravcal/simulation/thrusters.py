@@ -1,0 +1,123 @@
+"""A simulated day of attitude thrusters: firings of true gain and delay, a slow control, star cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gravcal.effects import Context, effect
+from gravcal.physics import constants, earth, frames, magnetic
+from gravcal.simulation import attitude, orbit, sensors
+from gravcal.simulation.injection import channel, within
+
+#: Effects that can be hidden in such a day.
+EFFECTS = (
+    "torque.thruster_firings",
+    "timing.thruster_delay",
+    "torque.constant",
+    "torque.residual_dipole",
+    "attitude.star_camera_misalignment",
+)
+LEAD_S = 5.0  # flown before and after what is written
+
+
+def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
+    """Level-1 columns of a simulated day and its truth.
+
+    Parameters
+    ----------
+    satellite : numbers of the catalogue
+    chosen : parameters of the simulation
+    day : GPS s of midnight
+    seed : int
+    effects : {slug: {parameter: value}}
+
+    Returns
+    -------
+    columns : {product: {column: array}}
+    truth : plain dict, SI
+    """
+    rng = np.random.default_rng(seed)
+    injected = {slug: (effect(slug), effect(slug).values(given)) for slug, given in within(effects, EFFECTS).items()}
+    gain = 1 + chosen.gain_scatter * rng.standard_normal(3)
+    delay = chosen.delay_scatter_s * rng.standard_normal()
+    if "torque.thruster_firings" in injected:
+        gain = gain + injected["torque.thruster_firings"][1]
+    if "timing.thruster_delay" in injected:
+        delay = delay + injected["timing.thruster_delay"][1][0]
+    state = orbit.initial_state(
+        1e3 * chosen.altitude_km, np.radians(chosen.inclination_deg), 1e-3, *rng.uniform(0, 2 * np.pi, 2)
+    )
+    path = orbit.fly_orbit(state, day - 60, day + chosen.duration_s + 60)
+    start, thrusters, on_ms = _schedule(satellite, chosen, day, rng)
+    time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, injected, day)
+    angle = channel(injected, "pointing_b", Context(time=time))
+    heads = 1 + ((time - day) // chosen.head_s).astype(int) % 2
+    step = chosen.head_step_rad * rng.standard_normal(3)
+    angle = angle + (heads == 2)[:, None] * step
+    angle = angle + np.array(chosen.star_camera_noise_rad) * rng.standard_normal((time.size, 3))
+    measured = sensors.star_camera(quaternion, angle, rng)
+    names = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
+    epoch = {"gps_time": np.round(time).astype(np.int64)}
+    columns = {"SCA1B": epoch | {"sca_id": heads} | dict(zip(names, measured.T, strict=True))}
+    position_e, velocity_e = earth.state_to_fixed(time, *np.split(path(time), 2, axis=1))
+    fixed = np.concatenate([position_e, velocity_e], axis=1)
+    columns["GNV1B"] = epoch | dict(zip(("xpos", "ypos", "zpos", "xvel", "yvel", "zvel"), fixed.T, strict=True))
+    tag = start + delay
+    whole = np.floor(tag)
+    columns["THR1B"] = {"time_intg": whole.astype(np.int64), "time_frac": np.round(1e6 * (tag - whole)).astype(np.int64)}
+    for k in range(12):
+        columns["THR1B"][f"on_time_att_ctrl_{1 + k // 6}_{1 + k % 6}"] = np.where(thrusters[:, k], on_ms, 0)
+    truth = {"seed": seed, "day": day, "gain": gain.tolist(), "delay_s": float(delay)}
+    return columns, truth | {"camera_step_rad": step.tolist(), "effects": {s: dict(v) for s, v in effects.items()}}
+
+
+def _schedule(satellite, chosen, day, rng):
+    """Start (k,) s of every firing, thrusters in use (k, 12), time on (k,) ms; each undoes the last about its axis."""
+    spacing = rng.exponential(chosen.firing_spacing_s, int(2 * chosen.duration_s / chosen.firing_spacing_s) + 10) + 2.0
+    start = day + np.cumsum(spacing)
+    quiet = (start - day) % chosen.quiet_every_s < chosen.quiet_s
+    start = np.round(start[(start < day + chosen.duration_s - 2.0) & ~quiet], 6)
+    axis, on_ms = rng.integers(0, 3, start.size), rng.integers(*chosen.on_time_ms, start.size)
+    torque, thrusters = _torques(satellite), np.zeros((start.size, 12), dtype=bool)
+    about, sense = np.argmax(np.abs(torque), axis=1), np.sign(torque)
+    for one in range(3):
+        mine = np.flatnonzero(axis == one)
+        for k, row in enumerate(mine):
+            thrusters[row] = (about == one) & (sense[:, one] == (1, -1)[k % 2])
+        on_ms[mine[1::2]] = on_ms[mine[: 2 * (mine.size // 2) : 2]]
+    return start, thrusters, on_ms
+
+
+def _torques(satellite):
+    """Torque (12, 3) N m of each attitude thruster."""
+    return np.cross(np.array(satellite["thruster_position"])[:12], np.array(satellite["thruster_force"])[:12])
+
+
+def _flown(satellite, chosen, path, firings, gain, injected, day):
+    """Epochs (n,) s of the star camera and true attitude (n, 4) there."""
+    start, thrusters, on_ms = firings
+    nodes = np.arange(day - LEAD_S, day + chosen.duration_s + LEAD_S + 0.5)
+    state = path(nodes)
+    target, rate = orbit.nominal_attitude(state, 1.0)
+    R_ei = earth.R_ei(nodes)
+    field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), chosen.igrf_generation)
+    field_i = np.matvec(np.swapaxes(R_ei, 1, 2), field_e)
+    around = attitude.Surroundings(nodes, state[:, :3], field_i, target, rate)
+    bound = np.unique(np.concatenate([nodes[:-1], start, start + 1e-3 * on_ms]))
+    middle = (bound[:-1] + bound[1:]) / 2
+    firing = np.searchsorted(start, middle) - 1
+    burning = (firing >= 0) & (middle < start[firing] + 1e-3 * on_ms[firing])
+    torque = burning[:, None] * gain * (thrusters[firing] @ _torques(satellite))
+    context = Context(time=middle, dipole_b=np.zeros((middle.size, 3)))
+    torque = torque + channel(injected, "torque_b", context)
+    dipole = channel(injected, "dipole_b", context)
+    inertia = np.array(satellite["inertia"])
+    whole = np.isin(bound[:-1], nodes)
+    steps = attitude.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
+    body = attitude.Body(inertia, chosen.control_frequency_rad_s, 0.7, 0.0, 1.0, constants.GM)
+    ends = tuple(np.repeat(one[:, None], 2, axis=1) for one in (dipole, torque))
+    states, _ = attitude.fly(steps, around, body, np.concatenate([target[0], rate[0]]), ends)
+    time = day + chosen.star_camera_step_s * np.arange(int(chosen.duration_s / chosen.star_camera_step_s))
+    return time, frames.continuous(states[np.searchsorted(bound, time), :4])
