@@ -9,20 +9,6 @@ from gravcal.calibrations.checks import Check, at_least
 from gravcal.estimation import least_squares
 from gravcal.estimation.chi2_tail import log_tail
 
-#: Variables of a product with named parameters; parts are stretches of the record, each solved by itself.
-PARAMETERS = {
-    "parameter": {"dims": "parameter", "dtype": "str", "long_name": "name"},
-    "unit": {"dims": "parameter", "dtype": "str", "long_name": "unit of value and sigma"},
-    "value": {"dims": "parameter", "units": "1", "long_name": "estimate in its own unit, NaN where not determined"},
-    "sigma": {"dims": "parameter", "units": "1", "long_name": "standard deviation in the same unit"},
-    "covariance": {"dims": "parameter parameter_2", "units": "1", "long_name": "covariance in the same units"},
-    "part_start": {"dims": "part", "units": "s", "long_name": "GPS time at which a part of the record begins"},
-    "part_value": {"dims": "part parameter", "units": "1", "long_name": "estimate from one part alone"},
-    "part_sigma": {"dims": "part parameter", "units": "1", "long_name": "its standard deviation"},
-    "agreement_chi2": {"dims": "", "units": "1", "long_name": "disagreement of the parts with the estimate"},
-    "agreement_dof": {"dims": "", "units": "1", "dtype": "i8", "long_name": "degrees of freedom"},
-}
-
 
 def solution(information: np.ndarray, right: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Solution of normal equations, NaN where the data do not determine a parameter to its limit.

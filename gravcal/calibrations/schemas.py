@@ -1,4 +1,4 @@
-"""What products hold: how a variable is described, and the aligned product of the calibrations with torquers."""
+"""What products hold: how a variable is described, aligned records of calibrations with torquers, named parameters."""
 
 
 def column(dims: str, units: str = "", long_name: str = "", **more: object) -> dict[str, object]:
@@ -45,3 +45,19 @@ ALIGN = {
     "level": column("manoeuvre half_period", "mA", "mean current of each half period"),
     "regular": column("manoeuvre", "1", "edges are whole half periods apart", dtype="i1"),
 }
+
+#: Named parameters of different units, of `named_parameters`; parts are stretches of the record, each solved alone.
+PARAMETERS = {
+    "parameter": column("parameter", "", "name", dtype="str"),
+    "unit": column("parameter", "", "unit of value and sigma", dtype="str"),
+    "value": column("parameter", "1", "estimate in its own unit, NaN where not determined"),
+    "sigma": column("parameter", "1", "standard deviation in the same unit"),
+    "covariance": column("parameter parameter_2", "1", "covariance in the same units"),
+    "part_start": column("part", "s", "GPS time at which a part of the record begins"),
+    "part_value": column("part parameter", "1", "estimate from one part alone"),
+    "part_sigma": column("part parameter", "1", "its standard deviation"),
+    "agreement_chi2": column("", "1", "disagreement of the parts with the estimate"),
+    "agreement_dof": column("", "1", "degrees of freedom", dtype="i8"),
+}
+
+REPORT = {"delivered": column("", "1", "1 where the result could be formed", dtype="i1")}

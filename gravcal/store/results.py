@@ -38,7 +38,7 @@ def text(known):
     said = [one for one in known if one.value is not None]
     parts = []
     for one, following in itertools.zip_longest(said, said[1:]):
-        unit = "" if following and following.unit == one.unit else f" {one.unit}"
+        unit = "" if one.unit == "1" or (following and following.unit == one.unit) else f" {one.unit}"
         parts.append(f"{one.label} {_rounded(one.value, one.sigma_total or one.sigma)}{unit}")
     return ", ".join(parts)
 
@@ -58,3 +58,10 @@ def vector(satellite, prefix, unit, block, names=("value", "sigma", "sigma_total
     columns = [block.get(name) or [None] * 3 for name in names]
     for axis, *numbers in zip(AXES, *columns, strict=True):
         yield Value(satellite, f"{prefix} {axis}".strip(), unit, *numbers)
+
+
+def parameters(document):
+    """Determined ones of the named parameters of a document."""
+    for name, one in (document.get("parameters") or {}).items():
+        if one is not None:
+            yield Value("", name.replace("_", " "), one["unit"], one["value"], one["sigma"], None)

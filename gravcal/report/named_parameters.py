@@ -1,0 +1,138 @@
+"""Report of a calibration whose result is named parameters of different units: document, tables, figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.building import build
+from gravcal.calibrations.checks import of_product
+from gravcal.calibrations.schemas import REPORT
+from gravcal.report import documents
+from gravcal.report.figures import COLOURS, grid
+from gravcal.report.pages import Figure, Section, Table, page
+from gravcal.report.plain import as_plain, gps_text, number
+from gravcal.report.words import NOT_DETERMINED
+from gravcal.store import results
+from gravcal.store.schemas import VERSION
+
+def document(found: xr.Dataset) -> dict:
+    """Part of a result document: parameters by name, null where not determined, and their covariance.
+
+    Parameters
+    ----------
+    found : Dataset with `gravcal.calibrations.schemas.PARAMETERS`
+    """
+    names = [str(name) for name in found["parameter"].values]
+    columns = (found[name].values for name in ("unit", "value", "sigma"))
+    parameters = {
+        n: {"value": float(v), "sigma": float(s), "unit": str(u)} if np.isfinite(v) else None
+        for n, u, v, s in zip(names, *columns, strict=True)
+    }
+    matrix = [[number(value) for value in row] for row in found["covariance"].values]
+    return {"parameters": parameters, "covariance": {"parameters": names, "matrix": matrix}}
+
+
+def report(
+    products: Mapping[str, xr.Dataset],
+    *,
+    calibration: str,
+    event: str,
+    settings: Mapping,
+    heading: str,
+    verdict: str,
+    facts: Mapping,
+    sections: Sequence[Section],
+) -> tuple[xr.Dataset, dict[str, str]]:
+    """Report product of one event and its files.
+
+    Parameters
+    ----------
+    products : {stage: Dataset}, among them "estimate" and "checks"
+    calibration, event : names
+    settings : mapping of all parameters
+    heading : of the page
+    verdict : what the values are of, such as "Gain of the impulses"
+    facts : plain numbers about the record, with units in their names
+    sections : of the page, after the result
+    """
+    found = products["estimate"]
+    parameters = document(found)
+    known = list(results.parameters(parameters))
+    text = results.text(known) if known else "no parameter is determined"
+    first = {
+        "schema_version": VERSION,
+        "status": "delivered",
+        "calibration": calibration,
+        "event": event,
+        "verdict": {"text": f"{verdict}: {text}."},
+    }
+    tail = {"settings": as_plain(settings), "provenance": documents.traced(calibration, products)}
+    made = first | parameters | {"facts": as_plain(facts)} | tail
+    made, files = documents.delivered(made, list(products.values()), of_product(products["checks"]))
+    start, parts = gps_text(float(found["part_start"][0])), found.sizes["part"]
+    rows = [_row(name, one) for name, one in parameters["parameters"].items()]
+    heads = ["parameter", "value", "σ", "unit"]
+    table = Table("Parameters with their errors by noise.", heads, rows, reads=("estimate",), words=(0, 3))
+    figure = Figure(draw_parts, ("estimate",), "Each part of the record by itself (points), and all (line, band).")
+    stated = [[name.replace("_", " "), _short(value)] for name, value in facts.items()]
+    about = Section("Record", [Table("Facts of the record.", ["fact", "value"], stated, words=(0,))])
+    shown = [Section("Result", [table], [figure]), *sections, about]
+    subtitle = f"From {start} GPS, {parts} parts."
+    files["report.html"] = page(made, shown, products, heading=heading, subtitle=subtitle)
+    return build(REPORT, {"delivered": 1}, event=event), files
+
+
+def _row(name, one):
+    label = name.replace("_", " ")
+    return [label, NOT_DETERMINED, "", ""] if one is None else [label, *_rounded(one["value"], one["sigma"]), one["unit"]]
+
+
+def _rounded(value, sigma):
+    """Value and sigma with two digits of sigma."""
+    if not 1e-3 <= sigma < 1e4:
+        power = int(np.floor(np.log10(abs(value) if abs(value) > sigma else sigma)))
+        digits = max(0, 1 + power - int(np.floor(np.log10(sigma))))
+        return f"{value:+.{digits}e}", f"{sigma:.1e}"
+    digits = max(0, 1 - int(np.floor(np.log10(sigma))))
+    return f"{value:+.{digits}f}", f"{sigma:.{digits}f}"
+
+
+def _short(value):
+    """Number or numbers with four digits."""
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_short, value))
+    return NOT_DETERMINED if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def draw_parts(found: xr.Dataset):
+    """Determined parameters from each part of the record, and from all of it.
+
+    Parameters
+    ----------
+    found : Dataset with `gravcal.calibrations.schemas.PARAMETERS`
+    """
+    known = np.flatnonzero(np.isfinite(found["value"].values))
+    if not known.size or found.sizes["part"] < 2:
+        return None
+    columns = min(known.size, 4)
+    rows = -(-known.size // columns)
+    figure, panels = grid(rows, columns, 0.5 + 1.25 * rows, sharex=True, margins={"hspace": 0.45, "wspace": 0.4})
+    number = 1 + np.arange(found.sizes["part"])
+    for panel in panels.ravel()[known.size :]:
+        panel.set_visible(False)
+    for panel, index in zip(panels.ravel(), known, strict=False):
+        value, sigma = float(found["value"][index]), float(found["sigma"][index])
+        name, unit = str(found["parameter"].values[index]).replace("_", " "), str(found["unit"].values[index])
+        scale = 10.0 ** (3 * np.floor(np.log10(max(abs(value), sigma)) / 3)) if max(abs(value), sigma) < 1e-2 else 1.0
+        own, error = found["part_value"].values[:, index] / scale, found["part_sigma"].values[:, index] / scale
+        panel.errorbar(number, own, error, color=COLOURS["blue"], marker="o", markersize=3, linestyle="none")
+        panel.axhline(value / scale, color=COLOURS["vermilion"])
+        panel.axhspan((value - sigma) / scale, (value + sigma) / scale, color=COLOURS["vermilion"], alpha=0.2)
+        sized = unit if scale == 1.0 else f"{scale:.0e} {unit}" if unit != "1" else f"{scale:.0e}"
+        panel.set_title(f"{name}{'' if sized == '1' else f', {sized}'}")
+    for panel in panels[-1]:
+        panel.set_xlabel("part")
+    return figure

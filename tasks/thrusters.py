@@ -1,0 +1,57 @@
+"""Stages of the thruster calibration; the science is in `gravcal/calibrations/thrusters`."""
+
+from __future__ import annotations
+
+from gravcal.calibrations.checks import CHECKS
+from gravcal.calibrations.schemas import REPORT
+from gravcal.calibrations.thrusters import schemas
+from gravcal.store import product
+from tasks.stage import lazy, stage
+
+model = lazy("gravcal.calibrations.thrusters.model")
+estimation = lazy("gravcal.calibrations.thrusters.estimate")
+page = lazy("gravcal.calibrations.thrusters.page")
+
+KINDS = {
+    "thrusters.align": schemas.ALIGN,
+    "thrusters.noise": schemas.NOISE,
+    "thrusters.estimate": schemas.ESTIMATE,
+    "thrusters.checks": CHECKS,
+    "thrusters.report": REPORT,
+}
+for _kind, _schema in KINDS.items():
+    product.register(_kind, _schema)
+
+
+@stage(reads=["ingest"], writes="thrusters.align", version=1)
+def align(observed, fired, orbit, *twin, **settings):
+    """Attitude, firings of both satellites and orbit of one day."""
+    return model.align(observed, fired, orbit, *twin, **settings)
+
+
+@stage(reads=["thrusters.align"], writes="thrusters.noise", version=1)
+def noise(aligned, **settings):
+    """Noise of the attitude between firings."""
+    return model.quiet_noise(aligned, **settings)
+
+
+@stage(reads=["thrusters.align", "thrusters.noise"], writes="thrusters.estimate", version=1)
+def estimate(aligned, measured, **settings):
+    """Gain of the impulses and delay of the tags."""
+    return estimation.estimate(aligned, measured, **settings)
+
+
+@stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=1)
+def checks(aligned, found, **settings):
+    """Attitude, orbit and firings against each other, and parts of the result."""
+    return estimation.check(aligned, found, **settings)
+
+
+@stage(
+    reads=["thrusters.estimate", "thrusters.noise", "thrusters.align", "thrusters.checks"],
+    writes="thrusters.report",
+    version=1,
+)
+def report(*products, event, settings):
+    """Result document and page."""
+    return page.report(*products, event=event, settings=settings)
