@@ -18,6 +18,7 @@ from gravcal.report.words import NOT_DETERMINED
 from gravcal.store import results
 from gravcal.store.schemas import VERSION
 
+
 def document(found: xr.Dataset) -> dict:
     """Part of a result document: parameters by name, null where not determined, and their covariance.
 
@@ -87,7 +88,9 @@ def report(
 
 def _row(name, one):
     label = name.replace("_", " ")
-    return [label, NOT_DETERMINED, "", ""] if one is None else [label, *_rounded(one["value"], one["sigma"]), one["unit"]]
+    return (
+        [label, NOT_DETERMINED, "", ""] if one is None else [label, *_rounded(one["value"], one["sigma"]), one["unit"]]
+    )
 
 
 def _rounded(value, sigma):

@@ -66,7 +66,10 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     columns["GNV1B"] = epoch | dict(zip(("xpos", "ypos", "zpos", "xvel", "yvel", "zvel"), fixed.T, strict=True))
     tag = start + delay
     whole = np.floor(tag)
-    columns["THR1B"] = {"time_intg": whole.astype(np.int64), "time_frac": np.round(1e6 * (tag - whole)).astype(np.int64)}
+    columns["THR1B"] = {
+        "time_intg": whole.astype(np.int64),
+        "time_frac": np.round(1e6 * (tag - whole)).astype(np.int64),
+    }
     for k in range(12):
         columns["THR1B"][f"on_time_att_ctrl_{1 + k // 6}_{1 + k % 6}"] = np.where(thrusters[:, k], on_ms, 0)
     truth = {"seed": seed, "day": day, "gain": gain.tolist(), "delay_s": float(delay)}

@@ -1,0 +1,52 @@
+"""Magnetometer: from measured field, attitude and orbit to bias, scale, axes and leak of the torquers."""
+
+from __future__ import annotations
+
+from flows.calibration import Calibration
+from flows.engine import flow
+from gravcal import catalog
+from gravcal.store import results
+from tasks import common, magnetometer
+from tasks.stage import lazy
+
+simulator = lazy("gravcal.simulation.magnetometer")
+writers = lazy("gravcal.io.writers")
+
+
+@flow(name="magnetometer")
+def calibrate(source, chosen):
+    """Parameters of the magnetometer of one satellite against the reference field."""
+    (aligned,) = baseline(source, chosen)
+    found = magnetometer.estimate(aligned, **chosen.for_stage("estimate"))
+    checked = magnetometer.checks(aligned, found, **chosen.for_stage("checks"))
+    return magnetometer.report(found, aligned, checked, event=source.event, settings=chosen.for_report())
+
+
+def baseline(source, chosen):
+    """Products that discovery looks at: measured and reference field."""
+    files = [source.file(*names) for names in CALIBRATION.inputs.values()]
+    observed = [common.ingest(file, event=source.event) for file in files]
+    torquers = common.settings_of(catalog.satellite(source.satellite).settings(), "dipole_per_current")
+    return (magnetometer.align(*observed, **torquers, **chosen.for_stage("align")),)
+
+
+def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
+    """Truth of an invented day; its Level-1 files are written."""
+    columns, invented = simulator.simulate(catalog.satellite(chosen.satellite).settings(), chosen, day, seed, effects)
+    for name, values in columns.items():
+        writers.write(values, out / writers.file_name(name, chosen.date, chosen.satellite))
+    return invented | {"satellite": chosen.satellite}
+
+
+CALIBRATION = Calibration(
+    name="magnetometer",
+    title="Magnetometer",
+    quantity="Magnetometer against the reference field, in the SRF",
+    begins=("MAG1B",),
+    satellites=("A", "B", "C", "D"),
+    inputs={"mag": ("MAG1B",), "sca": ("SCA1B",), "orbit": ("GNV1B",)},
+    flow=calibrate,
+    simulation=simulation,
+    products=magnetometer.KINDS,
+    result=results.parameters,
+)

@@ -1,0 +1,158 @@
+"""Bias, scale, axes and leak of the torquers of a magnetometer against the reference field, and checks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations.building import build
+from gravcal.calibrations.magnetometer import model
+from gravcal.calibrations.magnetometer.schemas import ESTIMATE
+from gravcal.effects import effect
+from gravcal.estimation import least_squares
+from gravcal.estimation.noise import fit_noise, whiten
+
+#: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
+#: and as plausible as a wrong mounting.
+GROUPS = {
+    "bias": "magnetometer.bias",
+    "scale": "magnetometer.scale",
+    "misalignment": "magnetometer.misalignment",
+    "nonorthogonality": "magnetometer.misalignment",
+    "leak": "magnetometer.current_leak",
+    "external_field": "magnetometer.external_field",
+    "delay": "timing.magnetometer_delay",
+}
+NAMES = {
+    "misalignment": ("misalignment_x", "misalignment_y", "misalignment_z"),
+    "nonorthogonality": ("nonorthogonality_xy", "nonorthogonality_xz", "nonorthogonality_yz"),
+    "external_field": ("external_field",),
+    "delay": ("delay",),
+}
+SAMPLES_PER_COEFFICIENT = 100  # of the noise model; fewer give none
+ITERATIONS = 3  # of the noise by the residual of the solution with it
+
+
+def estimate(
+    aligned: xr.Dataset, *, noise_order: int, field_noise_nt: float, parts: int, determined_ratio: float, held: tuple
+) -> xr.Dataset:
+    """Parameters of the magnetometer, with errors by the noise that they leave.
+
+    Parameters
+    ----------
+    aligned : Dataset, "magnetometer.align"
+    noise_order : coefficients of the noise model of each axis, fewer in a short record
+    field_noise_nt : nT, smallest standard deviation of a record
+    parts : of the record that are also solved alone
+    determined_ratio : largest sigma of a parameter over the plausible size in the catalogue of effects
+    held : groups that are held at nought: the result is then that of an instrument without them
+
+    Returns
+    -------
+    found : Dataset, "magnetometer.estimate"
+
+    Notes
+    -----
+    measured - B = b + (diag(s) + E) B + B x a + L m + h k - delay dB/dt: bias b, scale s, shear E, misalignment a, leak
+    L of the dipoles m, uniform external field h along the moment k of the main field.
+    """
+    field = model.field(aligned)
+    names, units, sizes, blocks = [], [], [], []
+    for group, slug in GROUPS.items():
+        if group not in held:
+            parameters = effect(slug).parameters
+            names += NAMES.get(group, [f"{group}_{p.name}" for p in parameters])
+            units += [p.unit for p in parameters]
+            sizes += [p.prior_sigma for p in parameters]
+            blocks.append(model.shear(field) if group == "nonorthogonality" else model.columns(field, slug))
+    size = np.array(sizes)
+    design = np.concatenate(blocks, axis=2) * size  # in units of the plausible sizes, so that nothing is small
+    place = np.rint((field.time - field.time[0]) / float(aligned["step"])).astype(int)
+    order = min(noise_order, field.time.size // SAMPLES_PER_COEFFICIENT)
+    sigma = model.noise_level(field.difference, blocks, 1e-9 * field_noise_nt)
+    rows = [(design[:, a] / sigma[a], field.difference[:, a] / sigma[a]) for a in range(3)]
+    for _ in range(ITERATIONS if order else 0):
+        fitted = design @ _solved(rows)
+        rows = [
+            _whitened(place, design[:, a], field.difference[:, a], fitted[:, a], order, 1e-9 * field_noise_nt)
+            for a in range(3)
+        ]
+    fitted = design @ _solved(rows)
+    group = np.arange(field.time.size) * parts // field.time.size
+    groups = [group == number for number in range(parts)]
+    information = np.stack([sum(c[g].T @ c[g] for c, _ in rows) for g in groups])
+    right = np.stack([sum(c[g].T @ y[g] for c, y in rows) for g in groups])
+    limit = np.full(size.size, determined_ratio)
+    found = named_parameters.estimated(names, units, limit, information, right, [field.time[g][0] for g in groups])
+    found |= {name: found[name] * size for name in ("value", "sigma", "part_value", "part_sigma")}
+    found["covariance"] = found["covariance"] * np.outer(size, size)
+    noise = (field.difference - fitted).std(axis=0)
+    found |= {"noise": noise, "noise_order": order, "time": field.time}
+    return build(ESTIMATE, found | {"residual_b": field.difference, "fitted_b": fitted})
+
+
+def _solved(rows):
+    """Solution of all axes together, the smallest where it is not unique."""
+    information = sum(c.T @ c for c, _ in rows)
+    return least_squares.stable_inverse(information) @ sum(c.T @ y for c, y in rows)
+
+
+def _whitened(place, design, observed, fitted, order, floor):
+    """Whitened design (n, p) and observations (n,) of one axis, by the noise that the solution left."""
+    grid = np.full(place[-1] + 1, np.nan)
+    grid[place] = observed - fitted
+    noise = fit_noise([grid], order, 1.0, design.shape[1] // 3)
+    if noise.variance[0] < floor**2:
+        noise = replace(noise, variance=noise.variance * floor**2 / noise.variance[0])
+    values = np.zeros((grid.size, design.shape[1] + 1))
+    values[place] = np.column_stack([design, observed])
+    rows = whiten(noise, values, np.isfinite(grid))[place]
+    return rows[:, :-1], rows[:, -1]
+
+
+def check(
+    aligned: xr.Dataset,
+    found: xr.Dataset,
+    *,
+    jump_limit_rad: float,
+    velocity_limit_m_s: float,
+    constant_limit_s: float,
+    strength_limit: float,
+    direction_limit_rad: float,
+    agreement_limit: float,
+) -> xr.Dataset:
+    """Checks of the inputs against each other and of the result.
+
+    Parameters
+    ----------
+    aligned : Dataset, "magnetometer.align"; found : Dataset, "magnetometer.estimate"
+    jump_limit_rad : rad, change of the turn from one attitude to the next
+    velocity_limit_m_s : m s-1, mean velocity against change of position
+    constant_limit_s : s, longest time over which an axis reads the same
+    strength_limit : share by which the strengths of the two fields differ, rms
+    direction_limit_rad : rad, angle between them, rms
+    agreement_limit : smallest probability of the disagreement of the parts
+    """
+    field = model.field(aligned)
+    strength = [np.linalg.norm(one, axis=1) for one in (field.measured_b, field.model_b)]
+    across = np.linalg.norm(np.cross(field.measured_b, field.model_b), axis=1)
+    angle = np.arctan2(across, np.sum(field.measured_b * field.model_b, axis=1))
+    apart, turned = (float(np.sqrt(np.mean(one**2))) for one in (strength[0] / strength[1] - 1, angle))
+    made = [
+        checks.at_most("jump of the attitude", float(aligned["attitude_jump"]), jump_limit_rad, "rad"),
+        checks.at_most(
+            "velocity against change of position", float(aligned["velocity_error"]), velocity_limit_m_s, "m s-1"
+        ),
+        checks.at_most(
+            "longest time of a constant reading",
+            checks.longest_constant(field.time, field.measured_b),
+            constant_limit_s,
+            "s",
+        ),
+        checks.at_most("strength of the field against the reference", apart, strength_limit, "1"),
+        checks.at_most("direction of the field against the reference", turned, direction_limit_rad, "rad"),
+    ]
+    return checks.product([*made, *named_parameters.checks(found, agreement_limit)])

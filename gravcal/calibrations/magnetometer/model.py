@@ -1,0 +1,187 @@
+"""Records of a magnetometer beside the reference field, and what the parameters of the instrument make of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations import checks
+from gravcal.calibrations.align import QUATERNION, sorted_samples
+from gravcal.calibrations.building import build
+from gravcal.calibrations.magnetometer.schemas import ALIGN
+from gravcal.effects import Context, effect
+from gravcal.errors import EstimationError
+from gravcal.estimation import least_squares, timing
+from gravcal.physics import earth, frames, magnetic, orbit_environment
+
+LEAST = 20  # records
+DENSE_S = 10.0  # s, longest spacing of an orbit of which velocity and change of position can be compared to 1 mm s-1
+#: Effects that a comparison of two fields can show.
+EFFECTS = (
+    "magnetometer.bias",
+    "magnetometer.scale",
+    "magnetometer.misalignment",
+    "magnetometer.current_leak",
+    "magnetometer.external_field",
+    "attitude.star_camera_misalignment",
+    "timing.magnetometer_delay",
+)
+
+
+@dataclass(frozen=True)
+class Field:
+    """Measured and modelled field at the magnetometer's epochs.
+
+    Attributes
+    ----------
+    time : (n,) s
+    measured_b, model_b : (n, 3) T
+    slope_b : (n, 3) T s-1, rate of the modelled field in the body
+    dipole_b : (n, 3) A m2, of the torquers
+    axis_b : (n, 3) unit vector along the moment of the main field
+    """
+
+    time: np.ndarray
+    measured_b: np.ndarray
+    model_b: np.ndarray
+    slope_b: np.ndarray
+    dipole_b: np.ndarray
+    axis_b: np.ndarray
+
+    @property
+    def difference(self) -> np.ndarray:
+        """(n, 3) T, measured less modelled."""
+        return self.measured_b - self.model_b
+
+
+def align(
+    mag: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, *, dipole_per_current, igrf_generation: int
+) -> xr.Dataset:
+    """Records that attitude and orbit cover, with the reference field in the body.
+
+    Parameters
+    ----------
+    mag, camera, orbit : Dataset, "ingest" of MAG1B, SCA1B, GNV1B
+    dipole_per_current : (3,) A m2 mA-1
+    igrf_generation : of the IGRF
+
+    Returns
+    -------
+    aligned : Dataset, "magnetometer.align"
+    """
+    columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
+    mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
+    time, values = _usable(mag, (*columns, *(f"current_{a}" for a in "xyz")))
+    sca_time, quaternion = _usable(camera, QUATERNION)
+    orbit_time, state = _usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    inside = np.zeros(time.size, dtype=bool)
+    if sca_time.size > 1 and orbit_time.size > 1:
+        inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
+    if inside.sum() < LEAST:
+        raise EstimationError(
+            f"{mag.attrs.get('file', 'MAG1B')}: found {int(inside.sum())} records with attitude and orbit, expected at "
+            f"least {LEAST}. Give files of the same minutes.",
+            records=int(inside.sum()),
+        )
+    time, values = time[inside], values[inside]
+    quaternion = frames.continuous(quaternion)
+    field_at = _body_field(orbit_time, state[:, :3], sca_time, quaternion, igrf_generation)
+    model, axis = field_at(time)
+    before, after = np.maximum(time - 0.5, sca_time[0]), np.minimum(time + 0.5, sca_time[-1])
+    slope = (field_at(after)[0] - field_at(before)[0]) / (after - before)[:, None]
+    scale = 1e-6 if mag[columns[0]].attrs.get("units") != "T" else 1.0
+    inertial = earth.state_to_inertial(orbit_time, state[:, :3], state[:, 3:])
+    dense = np.median(np.diff(orbit_time)) <= DENSE_S
+    found = {
+        "time": time,
+        "measured_b": values[:, :3] * scale,
+        "model_b": model,
+        "slope_b": slope,
+        "dipole_b": values[:, 3:] * np.asarray(dipole_per_current),
+        "axis_b": axis,
+        "step": np.median(np.diff(time)),
+        "attitude_jump": checks.attitude_jump(sca_time, quaternion),
+        "velocity_error": checks.velocity_error(orbit_time, *inertial) if dense else 0.0,
+    }
+    return build(ALIGN, found)
+
+
+def _usable(observed, names):
+    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+    time, values, flag, _ = sorted_samples(observed, tags, names)
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    return time[good], values[good]
+
+
+def _body_field(orbit_time, position_e, sca_time, quaternion, generation):
+    """Reference field and direction of the main dipole in the body: function of time."""
+    from scipy.interpolate import CubicSpline
+
+    to_inertial = np.swapaxes(earth.R_ei(orbit_time), 1, 2)
+    field_i = CubicSpline(orbit_time, np.matvec(to_inertial, magnetic.field_e(orbit_time, position_e, generation)))
+    axis_i = CubicSpline(orbit_time, orbit_environment.dipole_axis_i(orbit_time))
+
+    def at(time):
+        R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
+        return np.matvec(R_bi, field_i(time)), np.matvec(R_bi, axis_i(time))
+
+    return at
+
+
+def field(aligned: xr.Dataset) -> Field:
+    """Field of a product as arrays; `aligned` is "magnetometer.align"."""
+    names = ("time", "measured_b", "model_b", "slope_b", "dipole_b", "axis_b")
+    return Field(*(aligned[name].values for name in names))
+
+
+def columns(field: Field, slug: str) -> np.ndarray:
+    """Change (n, 3, q) T of measured less modelled field by each parameter of an effect.
+
+    Parameters
+    ----------
+    field : Field
+    slug : of EFFECTS
+    """
+    context = Context(time=field.time, field_b=field.model_b, dipole_b=field.dipole_b, extra={"axis_b": field.axis_b})
+    if slug == "timing.magnetometer_delay":
+        return -field.slope_b[..., None]  # a late tag belongs to an earlier field
+    if slug == "attitude.star_camera_misalignment":
+        return -effect("magnetometer.misalignment").columns(context)  # the modelled field turns instead
+    return effect(slug).columns(context)
+
+
+def shear(field: Field) -> np.ndarray:
+    """Change (n, 3, 3) T by axes that are not at right angles: xy, xz, yz, half of the lack in each axis.
+
+    Notes
+    -----
+    With E the symmetric matrix of e_xy, e_xz, e_yz: change = E B; axes i and j stand at 90 deg - 2 e_ij.
+    """
+    x, y, z = field.model_b.T
+    nothing = np.zeros_like(x)
+    return np.stack(
+        [np.stack([y, x, nothing], axis=1), np.stack([z, nothing, x], axis=1), np.stack([nothing, z, y], axis=1)],
+        axis=2,
+    )
+
+
+def noise_level(difference: np.ndarray, columns: list[np.ndarray], floor: float) -> np.ndarray:
+    """Standard deviation (3,) T of each axis about everything that any of the columns could do there.
+
+    Minutes of data have no quiet part of their own: the level is that of the residual of the widest model, so that it
+    is the same under every hypothesis; never below a floor.
+
+    Parameters
+    ----------
+    difference : (n, 3) T
+    columns : (n, 3, q) of each effect
+    floor : T
+    """
+    sigma = np.zeros(3)
+    for axis in range(3):
+        basis = least_squares.orthonormal(np.concatenate([c[:, axis] for c in columns], axis=1))
+        rest = least_squares.without(basis, difference[:, axis])
+        sigma[axis] = np.sqrt(rest @ rest / max(rest.size - basis.shape[1], 1))
+    return np.maximum(sigma, floor)

@@ -1,0 +1,66 @@
+"""Report of a day of a magnetometer: its product, its result document, and the page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gravcal.report import named_parameters
+from gravcal.report.figures import AXIS, COLOURS, grid, legend, thinned
+from gravcal.report.pages import Figure, Section
+
+NOTES = (
+    "Measured less reference field is bias, scale and axes out of square in the field of the instrument, a small turn "
+    "of its mounting (or of the star camera: the same), the leak of the torquers' dipoles, a uniform field along the "
+    "moment of the main field (ring current), and what a late tag makes of the changing field.",
+    "All are free at once. Minutes of data determine few of them: what is null is not determined, and held groups "
+    "(setting held) give the others under the assumption that those are nought.",
+)
+
+
+def report(*products, event, settings):
+    """Report product of one event and its files.
+
+    Parameters
+    ----------
+    products : Dataset, "estimate", "align", "checks"
+    event : str
+    settings : mapping of all parameters
+    """
+    named = dict(zip(("estimate", "align", "checks"), products, strict=True))
+    found, aligned = named["estimate"], named["align"]
+    difference = found["residual_b"].values
+    facts = {
+        "records": int(found.sizes["time"]),
+        "seconds": float(np.ptp(found["time"].values)),
+        "noise_nt": (1e9 * found["noise"].values).tolist(),
+        "mean_nt": (1e9 * difference.mean(axis=0)).tolist(),
+        "field_range_nt": (1e9 * np.ptp(aligned["model_b"].values, axis=0)).tolist(),
+        "dipole_sigma_a_m2": aligned["dipole_b"].values.std(axis=0).tolist(),
+    }
+    caption = "Measured less reference field, and the same as the parameters make it. Below, what is left."
+    sections = [Section("Field", (), [Figure(draw_field, ("estimate",), caption)], NOTES)]
+    named_as = {"calibration": "magnetometer", "event": event, "settings": settings, "heading": "Magnetometer"}
+    return named_parameters.report(
+        named, **named_as, verdict="Magnetometer against the reference field", facts=facts, sections=sections
+    )
+
+
+def draw_field(found):
+    """Measured less reference field with its fit, and the residual.
+
+    Parameters
+    ----------
+    found : Dataset, "magnetometer.estimate"
+    """
+    figure, panels = grid(2, 1, 3.6, sharex=True, margins={"hspace": 0.12})
+    minutes = (found["time"].values - found["time"].values[0]) / 60
+    measured, fitted = (1e9 * found[name].values for name in ("residual_b", "fitted_b"))
+    fit = {"color": COLOURS["black"], "linewidth": 0.5, "linestyle": ":"}
+    for index, axis in enumerate("xyz"):
+        panels[0, 0].plot(*thinned(minutes, measured[:, index]), label=axis, **AXIS[axis])
+        panels[0, 0].plot(*thinned(minutes, fitted[:, index]), label="fit", **fit)
+        panels[1, 0].plot(*thinned(minutes, (measured - fitted)[:, index]), **AXIS[axis])
+    panels[0, 0].set_ylabel("difference, nT")
+    panels[1, 0].set(ylabel="residual, nT", xlabel="minutes")
+    legend(figure, panels[0, 0], 4)
+    return figure

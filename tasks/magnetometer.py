@@ -1,0 +1,50 @@
+"""Stages of the magnetometer calibration; the science is in `gravcal/calibrations/magnetometer`."""
+
+from __future__ import annotations
+
+from gravcal.calibrations.checks import CHECKS
+from gravcal.calibrations.magnetometer import schemas
+from gravcal.calibrations.schemas import REPORT
+from gravcal.store import product
+from tasks.stage import lazy, stage
+
+model = lazy("gravcal.calibrations.magnetometer.model")
+estimation = lazy("gravcal.calibrations.magnetometer.estimate")
+page = lazy("gravcal.calibrations.magnetometer.page")
+
+KINDS = {
+    "magnetometer.align": schemas.ALIGN,
+    "magnetometer.estimate": schemas.ESTIMATE,
+    "magnetometer.checks": CHECKS,
+    "magnetometer.report": REPORT,
+}
+for _kind, _schema in KINDS.items():
+    product.register(_kind, _schema)
+
+
+@stage(reads=["ingest"], writes="magnetometer.align", version=1)
+def align(observed, camera, orbit, **settings):
+    """Measured and reference field in the body."""
+    return model.align(observed, camera, orbit, **settings)
+
+
+@stage(reads=["magnetometer.align"], writes="magnetometer.estimate", version=1)
+def estimate(aligned, **settings):
+    """Bias, scale, axes and leak of the torquers."""
+    return estimation.estimate(aligned, **settings)
+
+
+@stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=1)
+def checks(aligned, found, **settings):
+    """Field, attitude and orbit against each other, and parts of the result."""
+    return estimation.check(aligned, found, **settings)
+
+
+@stage(
+    reads=["magnetometer.estimate", "magnetometer.align", "magnetometer.checks"],
+    writes="magnetometer.report",
+    version=1,
+)
+def report(*products, event, settings):
+    """Result document and page."""
+    return page.report(*products, event=event, settings=settings)
