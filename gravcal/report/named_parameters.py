@@ -18,6 +18,8 @@ from gravcal.report.words import NOT_DETERMINED
 from gravcal.store import results
 from gravcal.store.schemas import VERSION
 
+SAID = 9  # parameters that a verdict names
+
 
 def document(found: xr.Dataset) -> dict:
     """Part of a result document: parameters by name, null where not determined, and their covariance.
@@ -62,7 +64,8 @@ def report(
     found = products["estimate"]
     parameters = document(found)
     known = list(results.parameters(parameters))
-    text = results.text(known) if known else "no parameter is determined"
+    text = results.text(known[:SAID]) if known else "no parameter is determined"
+    text += f", and {len(known) - SAID} more" if len(known) > SAID else ""
     first = {
         "schema_version": VERSION,
         "status": "delivered",

@@ -13,7 +13,7 @@ from gravcal.calibrations.align import QUATERNION, sorted_samples
 from gravcal.calibrations.building import build
 from gravcal.calibrations.thrusters import schemas
 from gravcal.errors import EstimationError
-from gravcal.estimation import timing
+from gravcal.estimation import least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
 
@@ -223,6 +223,7 @@ class Segment:
     place : (n,) int, on the even grid
     angle_b : (n, 3) rad, attitude against a steady turn
     smooth : (n, k) what a smooth torque about one axis can do
+    basis : (n, r) its orthonormal basis
     response : function, angle after an impulse, of the lag
     """
 
@@ -230,6 +231,7 @@ class Segment:
     place: np.ndarray
     angle_b: np.ndarray
     smooth: np.ndarray
+    basis: np.ndarray
     response: Callable[[np.ndarray], np.ndarray]
 
     def after(self, epochs: np.ndarray, impulse_b: np.ndarray) -> np.ndarray:
@@ -251,7 +253,7 @@ class Segment:
     def sharp(self, columns: np.ndarray) -> np.ndarray:
         """Columns (n, 3, q) less what the smooth torque can do, so that the rest is not small beside it."""
         flat = columns.reshape(len(columns), -1)
-        return (flat - self.smooth @ np.linalg.lstsq(self.smooth, flat, rcond=None)[0]).reshape(columns.shape)
+        return (flat - self.basis @ (self.basis.T @ flat)).reshape(columns.shape)
 
     def gains(self, firings: Firings) -> np.ndarray:
         """Attitude (n, 3, 3) rad by the gain of each axis of the firings."""
@@ -280,7 +282,8 @@ def segments(camera: Camera, inertia_b, *, block_s: float, knot_s: float) -> lis
             angle, rate = reference(part.time, part.quaternion)
             place = np.rint((part.time - part.time[0]) / part.step_s).astype(int)
             response = impulse_response(np.asarray(inertia_b, dtype=float), rate, np.ptp(part.time))
-            made.append(Segment(part, place, angle, smooth_torque(part.time, knot_s), response))
+            smooth = smooth_torque(part.time, knot_s)
+            made.append(Segment(part, place, angle, smooth, least_squares.orthonormal(smooth, 1e-13), response))
     return made
 
 
@@ -357,8 +360,8 @@ def quiet_noise(
             factor[int(known)] = np.linalg.inv(np.linalg.cholesky(covariance))
     if not factor:
         raise EstimationError(
-            f"found {samples} quiet epochs of {np.unique(head).size} cameras, expected {head_minimum} of one to measure "
-            f"its noise. Give a longer record or a smaller head_minimum."
+            f"found {samples} quiet epochs of {np.unique(head).size} cameras, expected {head_minimum} of one to "
+            f"measure its noise. Give a longer record or a smaller head_minimum."
         )
     grids = []
     for values, heads, place, _ in pieces:

@@ -10,8 +10,8 @@ from gravcal.report.pages import Figure, Section
 
 NOTES = (
     "Gains are in units of lever arm x force x time on of the thruster table, with the moments of inertia of the "
-    "catalogue; control reacts to firings, and its torquers are not observed: a torque free to change every knot stands "
-    "for them, aerodynamics, radiation and gravity gradient.",
+    "catalogue; control reacts to firings, and its torquers are not observed: a torque free to change every knot "
+    "stands for them, aerodynamics, radiation and gravity gradient.",
     "The delay is that of the tags of the firings, positive where they are late. A delay of the star camera of the "
     "other sign looks the same: only the difference shows.",
 )

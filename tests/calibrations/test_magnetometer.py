@@ -1,0 +1,102 @@
+"""Magnetometer against the reference field: recovery, what minutes leave open, and inputs that contradict."""
+
+import numpy as np
+import pytest
+import seeds
+from scipy import stats
+
+from flows import engine
+from flows.calibration import load
+from gravcal import catalog
+from gravcal.calibrations import named_parameters
+from gravcal.calibrations.magnetometer import estimate, model
+from gravcal.io import archive, readers, writers
+from gravcal.store.schemas import validate
+
+COUNT = 24
+LEVEL = 1e-3  # chance that a correct code fails, over all statistics of the study
+CALIBRATION = load("magnetometer")
+CHOSEN = catalog.parameters("magnetometer")
+DAY = "2020-02-01"
+
+
+def aligned(folder, seed, duration_s=10800, **settings):
+    """Aligned records of an invented day, and its true parameters."""
+    made = CALIBRATION.simulate(folder, seed=seed, settings={"duration_s": str(duration_s)} | settings)
+    observed = [readers.read(archive.find(folder, name, "C", DAY)) for name in ("MAG1B", "SCA1B", "GNV1B")]
+    torquers = catalog.satellite("C").settings()["dipole_per_current"]
+    return model.align(*observed, dipole_per_current=torquers, **CHOSEN.for_stage("align")), made["parameters"]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Errors over sigma (n, 23) of invented records of three hours, and the disagreement of their parts."""
+    seed, errors, agreement = seeds.seed("magnetometer"), [], []
+    for k in range(COUNT):
+        records, truth = aligned(tmp_path_factory.mktemp("magnetometer"), seed + k)
+        found = estimate.estimate(records, **CHOSEN.for_stage("estimate"))
+        true = np.array([truth[str(name)] for name in found["parameter"].values])
+        errors.append((found["value"].values - true) / found["sigma"].values)
+        agreement.append((float(found["agreement_chi2"]), int(found["agreement_dof"])))
+    return seed, np.array(errors), np.array(agreement)
+
+
+def test_errors_scatter_as_their_sigma_says(study):
+    """Recovery: sum of (error/sigma)^2 of each of 23 parameters in its chi-square interval; 5 % of noise model."""
+    seed, errors, _ = study
+    low, high = stats.chi2.interval(1 - LEVEL / 23, COUNT)
+    total = np.sum(errors**2, axis=0)
+    assert ((low / 1.1 < total) & (total < high * 1.1)).all(), f"GRAVCAL_TEST_SEED={seed}: {total}"
+    assert 0.85 < np.sqrt(np.mean(errors**2)) < 1.15, f"GRAVCAL_TEST_SEED={seed}"
+
+
+def test_parts_of_a_record_agree(study):
+    """Recovery: chi-square of the parts over all records."""
+    seed, _, agreement = study
+    chi2, dof = agreement.sum(axis=0)
+    assert 0.85 < chi2 / dof < 1.2, f"GRAVCAL_TEST_SEED={seed}"
+
+
+def test_minutes_leave_open_what_they_do_not_determine(tmp_path):
+    """Contract: five minutes: the leak is determined, bias and scale are null; held groups leave a bias."""
+    records, truth = aligned(tmp_path, 3, 300)
+    found = estimate.estimate(records, **CHOSEN.for_stage("estimate") | {"determined_ratio": 0.5})
+    names, known = found["parameter"].values, np.isfinite(found["value"].values)
+    assert not known[names == "external_field"]
+    assert known[names == "leak_y_from_x"]
+    assert (np.isnan(found["covariance"].values) == ~np.outer(known, known)).all()
+    held = ("scale", "misalignment", "nonorthogonality", "external_field", "delay", "leak")
+    settings = CHOSEN.for_stage("estimate") | {"held": held}
+    assert list(estimate.estimate(records, **settings)["parameter"].values) == ["bias_x", "bias_y", "bias_z"]
+
+
+def test_a_field_of_another_place_is_questionable(tmp_path):
+    """Contract: an orbit half a revolution late contradicts the measured field; everything is written all the same."""
+    CALIBRATION.simulate(tmp_path, seed=1, settings={"duration_s": "7200"})
+    path = archive.find(tmp_path, "GNV1B", "C", DAY).path
+    orbit = readers.read(archive.find(tmp_path, "GNV1B", "C", DAY))
+    names = ("gps_time", "xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
+    values = {name: orbit[name].values[2800:] for name in names[1:]} | {"gps_time": orbit["gps_time"].values[:-2800]}
+    writers.write(values, path)
+    source = CALIBRATION.source(data=tmp_path)
+    document = CALIBRATION.document(engine.run(CALIBRATION.flow, source, CHOSEN, engine="inline"))
+    validate(document)
+    assert document["status"] == "questionable"
+    assert document["origin"] == "simulated"
+    failed = {one["name"] for one in document["checks"] if not one["passed"]}
+    assert "direction of the field against the reference" in failed
+
+
+def test_parts_that_contradict_each_other_say_so():
+    """Analytic: two parts of one parameter, 1 and 3 with unit variance: 2 on average, chi-square 2 of one degree."""
+    chi2, dof = named_parameters.agreement(np.ones((2, 1, 1)), np.array([[1.0], [3.0]]))
+    assert (chi2, dof) == (pytest.approx(2.0), 1)
+
+
+def test_a_parameter_of_which_only_the_sum_is_seen_is_not_determined():
+    """Analytic: of a + b and c the sum and c are seen: a and b are null, c is not."""
+    design = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    value, covariance = named_parameters.solution(design.T @ design, design.T @ [3.0, 5.0], np.full(3, 10.0))
+    assert np.isnan(value).tolist() == [True, True, False]
+    assert (value[2], covariance[2, 2]) == (pytest.approx(5.0), pytest.approx(1.0))
+    assert np.isnan(covariance[0]).all()

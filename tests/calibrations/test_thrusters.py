@@ -1,0 +1,98 @@
+"""Attitude thrusters: recovery of gain and delay, physics of an impulse, and firings of another satellite."""
+
+import numpy as np
+import pytest
+import seeds
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from flows import engine
+from flows.calibration import load
+from gravcal import catalog
+from gravcal.calibrations.thrusters import estimate, model
+from gravcal.io import archive, readers
+from gravcal.physics import frames
+from gravcal.store.schemas import validate
+
+COUNT = 20
+LEVEL = 1e-3  # chance that a correct code fails, over all statistics of the study
+CALIBRATION = load("thrusters")
+CHOSEN = catalog.parameters("thrusters")
+DAY = "2014-01-15"
+SATELLITE = catalog.satellite("A").settings()
+INERTIA = np.array(SATELLITE["inertia"])
+
+
+def solved(folder, seed, duration_s=10800):
+    """Estimate from an invented record, and its truth."""
+    truth = CALIBRATION.simulate(folder, seed=seed, settings={"duration_s": str(duration_s)})
+    observed = [readers.read(archive.find(folder, name, "A", DAY)) for name in ("SCA1B", "THR1B", "GNV1B")]
+    table = {"position_b": SATELLITE["thruster_position"], "force_b": SATELLITE["thruster_force"]}
+    records = model.align(*observed, **table, **CHOSEN.for_stage("align"))
+    noise = model.quiet_noise(records, **CHOSEN.for_stage("noise"))
+    settings = CHOSEN.for_stage("estimate") | {"determined_ratio": 20.0}
+    return estimate.estimate(records, noise, inertia=INERTIA, **settings), truth
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Errors over sigma (n, 7) of invented records of three hours: gains, delay, step of the camera."""
+    seed, errors = seeds.seed("thrusters"), []
+    for k in range(COUNT):
+        found, truth = solved(tmp_path_factory.mktemp("thrusters"), seed + k)
+        true = np.array([*truth["gain"], truth["delay_s"], *(-np.array(truth["camera_step_rad"]))])
+        errors.append((found["value"].values - true) / found["sigma"].values)
+    return seed, np.array(errors)
+
+
+def test_errors_scatter_as_their_sigma_says(study):
+    """Recovery: sum of (error/sigma)^2 of each parameter; sigma itself, by 20 wrong times, is known to 10 %."""
+    seed, errors = study
+    low, high = stats.chi2.interval(1 - LEVEL / 7, COUNT)
+    total = np.sum(errors**2, axis=0)
+    assert ((low / 1.5 < total) & (total < high * 1.2)).all(), f"GRAVCAL_TEST_SEED={seed}: {total}"
+    assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.2, f"GRAVCAL_TEST_SEED={seed}"
+
+
+def test_an_impulse_without_turn_makes_the_angle_grow_with_time():
+    """Analytic: no turn: angle = J^-1 L t."""
+    response = model.impulse_response(INERTIA, np.zeros(3), 900.0)
+    assert_allclose(response(np.array([300.0]))[0], 300.0 * np.linalg.inv(INERTIA), rtol=1e-9)
+
+
+def test_a_smooth_torque_is_taken_up_and_a_steady_turn_leaves_no_angle():
+    """Analytic: a constant torque makes a parabola, which the spline follows to rounding; a steady turn makes none."""
+    time = np.arange(0.0, 900.0, 5.0)
+    smooth = model.smooth_torque(time, 30.0)
+    left = time**2 - smooth @ np.linalg.lstsq(smooth, time**2, rcond=None)[0]
+    assert np.abs(left).max() < 1e-6 * 900.0**2
+    quaternion = frames.from_rotation_vector(np.outer(time, [0.0, -1.1e-3, 0.0]))
+    angle, rate = model.reference(time, quaternion)
+    assert np.abs(angle).max() < 1e-12
+    assert_allclose(rate, [0.0, -1.1e-3, 0.0], atol=1e-15)
+
+
+def test_firings_at_other_times_are_questionable(tmp_path):
+    """Contract: firings of another satellite gain no more than at wrong times; everything is written all the same."""
+    settings = {"duration_s": "14400"}
+    CALIBRATION.simulate(tmp_path, seed=1, settings=settings)
+    other = tmp_path.parent / f"{tmp_path.name}_other"
+    CALIBRATION.simulate(other, seed=2, settings=settings)
+    path = archive.find(tmp_path, "THR1B", "A", DAY).path
+    path.write_bytes(archive.find(other, "THR1B", "A", DAY).path.read_bytes())
+    ref = engine.run(CALIBRATION.flow, CALIBRATION.source(data=tmp_path), CHOSEN, engine="inline")
+    document = CALIBRATION.document(ref)
+    validate(document)
+    assert document["status"] == "questionable"
+    failed = {one["name"] for one in document["checks"] if not one["passed"]}
+    assert "chi-square gained by the firings over the most at wrong times" in failed or not document["parameters"]
+    assert (ref.folder / "report.html").read_text().count("<figure>") >= 1
+
+
+def test_a_hidden_delay_and_gain_come_back(tmp_path):
+    """Recovery: effects of the catalogue, added to what is drawn."""
+    effects = {"torque.thruster_firings.share_x": 0.5, "timing.thruster_delay.delay": 2.0}
+    plain = CALIBRATION.simulate(tmp_path / "plain", seed=4, settings={"duration_s": "3600"})
+    hidden = CALIBRATION.simulate(tmp_path / "hidden", seed=4, effects=effects, settings={"duration_s": "3600"})
+    assert_allclose(np.subtract(hidden["gain"], plain["gain"]), [0.5, 0, 0], atol=1e-12)
+    assert hidden["delay_s"] - plain["delay_s"] == pytest.approx(2.0)
