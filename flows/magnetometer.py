@@ -2,32 +2,62 @@
 
 from __future__ import annotations
 
-from flows.calibration import Calibration
+import functools
+
+from flows import models
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import common, magnetometer
+from tasks import common, discovery, magnetometer
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.magnetometer")
 writers = lazy("gravcal.io.writers")
+OBSERVATIONS = "gravcal.calibrations.magnetometer.observations"
 
 
 @flow(name="magnetometer")
 def calibrate(source, chosen):
     """Parameters of the magnetometer of one satellite against the reference field."""
-    (aligned,) = baseline(source, chosen)
-    found = magnetometer.estimate(aligned, **chosen.for_stage("estimate"))
+    aligned, moved = _aligned(source, chosen), []
+    if chosen.model:
+        solved = functools.partial(_estimated, chosen)
+        aligned, moved = models.taken_out(chosen.model, functools.partial(_extended, source, chosen, aligned), solved)
+    found = _estimated(chosen, aligned)
     checked = magnetometer.checks(aligned, found, **chosen.for_stage("checks"))
+    found = magnetometer.model_error(found, *moved) if moved else found
     return magnetometer.report(found, aligned, checked, event=source.event, settings=chosen.for_report())
 
 
-def baseline(source, chosen):
-    """Products that discovery looks at: measured and reference field."""
+def _aligned(source, chosen):
+    """Measured and reference field."""
     files = [source.file(*names) for names in CALIBRATION.inputs.values()]
     observed = [common.ingest(file, event=source.event) for file in files]
     torquers = common.settings_of(catalog.satellite(source.satellite).settings(), "dipole_per_current")
-    return (magnetometer.align(*observed, **torquers, **chosen.for_stage("align")),)
+    return magnetometer.align(*observed, **torquers, **chosen.for_stage("align"))
+
+
+def _estimated(chosen, aligned):
+    """Parameters from aligned records."""
+    return magnetometer.estimate(aligned, **chosen.for_stage("estimate"))
+
+
+def _extended(source, chosen, aligned, model, variant):
+    """Records without the effects of a model."""
+    about = {"observations": OBSERVATIONS, "records": "magnetometer.align", "names": ["align"]}
+    return discovery.extend(aligned, model=model, settings=settings(source, chosen), variant=variant, **about)
+
+
+def baseline(source, chosen):
+    """Products that discovery looks at, by name."""
+    aligned = _aligned(source, chosen)
+    return {"align": _extended(source, chosen, aligned, chosen.model, "extended") if chosen.model else aligned}
+
+
+def settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
+    """What the observations need beside the products."""
+    return chosen.for_stage("observe")
 
 
 def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
@@ -49,4 +79,5 @@ CALIBRATION = Calibration(
     simulation=simulation,
     products=magnetometer.KINDS,
     result=results.parameters,
+    discovery=Discovery(baseline, settings, observations=OBSERVATIONS, records="magnetometer.align"),
 )

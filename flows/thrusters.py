@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
-from flows.calibration import Calibration
+from flows import models
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import common, thrusters
+from tasks import common, discovery, thrusters
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.thrusters")
 writers = lazy("gravcal.io.writers")
+OBSERVATIONS = "gravcal.calibrations.thrusters.observations"
 
 TWIN = {"A": "B", "B": "A"}
 TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
@@ -21,26 +24,56 @@ TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 @flow(name="thrusters")
 def calibrate(source, chosen):
     """Gain of the attitude thrusters about each axis, and delay of their tags."""
-    aligned, measured = baseline(source, chosen)
-    found = thrusters.estimate(aligned, measured, **_inertia(source), **chosen.for_stage("estimate"))
+    aligned, moved = _aligned(source, chosen), []
+    measured = thrusters.noise(aligned, **chosen.for_stage("noise"))
+    solved = functools.partial(_estimated, source, chosen, measured)
+    if chosen.model:
+        extended = functools.partial(_extended, source, chosen, aligned, measured)
+        aligned, moved = models.taken_out(chosen.model, extended, solved)
+    found = solved(aligned)
     checked = thrusters.checks(aligned, found, **chosen.for_stage("checks"))
+    found = thrusters.model_error(found, *moved) if moved else found
     products = (found, measured, aligned, checked)
     return thrusters.report(*products, event=source.event, settings=chosen.for_report())
 
 
-def baseline(source, chosen):
-    """Products that discovery looks at: records of the day and noise of the attitude."""
+def _aligned(source, chosen):
+    """Attitude, firings and orbit of the day."""
     files = [source.file(*names) for names in CALIBRATION.inputs.values()]
     files += replace(source, satellite=TWIN[source.satellite]).files("THR1B")  # a driver that should explain nothing
     observed = [common.ingest(file, event=source.event) for file in files]
-    table = common.settings_of(catalog.satellite(source.satellite).settings(), *TABLE.values())
-    table = {name: table[known] for name, known in TABLE.items()}
-    aligned = thrusters.align(*observed, **table, **chosen.for_stage("align"))
-    return aligned, thrusters.noise(aligned, **chosen.for_stage("noise"))
+    satellite = catalog.satellite(source.satellite).settings()
+    table = {name: satellite[known] for name, known in TABLE.items()}
+    return thrusters.align(*observed, **table, **chosen.for_stage("align"))
+
+
+def _estimated(source, chosen, measured, aligned):
+    """Gain and delay from aligned records."""
+    return thrusters.estimate(aligned, measured, **_inertia(source), **chosen.for_stage("estimate"))
 
 
 def _inertia(source):
     return common.settings_of(catalog.satellite(source.satellite).settings(), "inertia")
+
+
+def _extended(source, chosen, aligned, measured, model, variant):
+    """Records without the effects of a model."""
+    about = {"observations": OBSERVATIONS, "records": "thrusters.align", "names": ["align", "noise"]}
+    return discovery.extend(aligned, measured, model=model, settings=settings(source, chosen), variant=variant, **about)
+
+
+def baseline(source, chosen):
+    """Products that discovery looks at, by name: records of the day and noise of the attitude."""
+    aligned = _aligned(source, chosen)
+    measured = thrusters.noise(aligned, **chosen.for_stage("noise"))
+    if chosen.model:
+        aligned = _extended(source, chosen, aligned, measured, chosen.model, "extended")
+    return {"align": aligned, "noise": measured}
+
+
+def settings(source, chosen):
+    """What the observations need beside the products."""
+    return _inertia(source) | chosen.for_stage("observe")
 
 
 def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
@@ -62,4 +95,5 @@ CALIBRATION = Calibration(
     simulation=simulation,
     products=thrusters.KINDS,
     result=results.parameters,
+    discovery=Discovery(baseline, settings, observations=OBSERVATIONS, records="thrusters.align"),
 )

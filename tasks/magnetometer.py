@@ -10,6 +10,7 @@ from tasks.stage import lazy, stage
 
 model = lazy("gravcal.calibrations.magnetometer.model")
 estimation = lazy("gravcal.calibrations.magnetometer.estimate")
+named_parameters = lazy("gravcal.calibrations.named_parameters")
 page = lazy("gravcal.calibrations.magnetometer.page")
 
 KINDS = {
@@ -32,6 +33,12 @@ def align(observed, camera, orbit, **settings):
 def estimate(aligned, **settings):
     """Bias, scale, axes and leak of the torquers."""
     return estimation.estimate(aligned, **settings)
+
+
+@stage(reads=["magnetometer.estimate"], writes="magnetometer.estimate", version=1)
+def model_error(found, *moved):
+    """Estimate with the errors of an extended model."""
+    return named_parameters.with_model_error(found, *moved)
 
 
 @stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=1)

@@ -10,6 +10,7 @@ from tasks.stage import lazy, stage
 
 model = lazy("gravcal.calibrations.thrusters.model")
 estimation = lazy("gravcal.calibrations.thrusters.estimate")
+named_parameters = lazy("gravcal.calibrations.named_parameters")
 page = lazy("gravcal.calibrations.thrusters.page")
 
 KINDS = {
@@ -39,6 +40,12 @@ def noise(aligned, **settings):
 def estimate(aligned, measured, **settings):
     """Gain of the impulses and delay of the tags."""
     return estimation.estimate(aligned, measured, **settings)
+
+
+@stage(reads=["thrusters.estimate"], writes="thrusters.estimate", version=1)
+def model_error(found, *moved):
+    """Estimate with the errors of an extended model."""
+    return named_parameters.with_model_error(found, *moved)
 
 
 @stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=1)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.building import replaced
 from gravcal.calibrations.checks import Check, at_least
+from gravcal.calibrations.model_error import widened
 from gravcal.estimation import least_squares
 from gravcal.estimation.chi2_tail import log_tail
 
@@ -80,6 +82,18 @@ def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
         chi2 += sign * np.sum((vectors[:, used].T @ (side / scale)) ** 2 / size[used])
         dof += sign * int(used.sum())
     return max(float(chi2), 0.0), dof
+
+
+def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+    """Estimate with the errors of an extended model.
+
+    Parameters
+    ----------
+    found : Dataset with PARAMETERS
+    moved : the same for each direction of the errors of the model
+    """
+    new = widened(found, moved, {"value": ("covariance",)})
+    return replaced(found, new | {"sigma": np.sqrt(np.diag(new["covariance"]))})
 
 
 def checks(found: xr.Dataset, agreement_p: float) -> list[Check]:

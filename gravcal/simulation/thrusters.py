@@ -107,7 +107,7 @@ def _flown(satellite, chosen, path, firings, gain, injected, day):
     R_ei = earth.R_ei(nodes)
     field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), chosen.igrf_generation)
     field_i = np.matvec(np.swapaxes(R_ei, 1, 2), field_e)
-    around = attitude.Surroundings(nodes, state[:, :3], field_i, target, rate)
+    around = attitude.Environment(nodes, state[:, :3], field_i, target, rate)
     bound = np.unique(np.concatenate([nodes[:-1], start, start + 1e-3 * on_ms]))
     middle = (bound[:-1] + bound[1:]) / 2
     firing = np.searchsorted(start, middle) - 1

@@ -25,7 +25,7 @@ INERTIA = np.array(SATELLITE["inertia"])
 
 def solved(folder, seed, duration_s=10800):
     """Estimate from an invented record, and its truth."""
-    truth = CALIBRATION.simulate(folder, seed=seed, settings={"duration_s": str(duration_s)})
+    truth = CALIBRATION.simulate(folder, seed=seed, settings={"duration_s": str(duration_s), "quiet_s": "900"})
     observed = [readers.read(archive.find(folder, name, "A", DAY)) for name in ("SCA1B", "THR1B", "GNV1B")]
     table = {"position_b": SATELLITE["thruster_position"], "force_b": SATELLITE["thruster_force"]}
     records = model.align(*observed, **table, **CHOSEN.for_stage("align"))

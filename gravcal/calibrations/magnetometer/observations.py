@@ -1,0 +1,105 @@
+"""Magnetometer against the reference field as discovery sees it: parts of the record that are left out in turn.
+
+No parameter is free in the baseline: on minutes of data the parameters of the instrument are themselves among the
+causes that are tried, and only what the data support is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.magnetometer import model
+from gravcal.effects import effect
+from gravcal.estimation.records import Block, Candidate, Entry, Observations
+
+
+def observe(products: Mapping[str, xr.Dataset], *, blocks: int, field_noise_nt: float) -> Readings:
+    """Observations of one record.
+
+    Parameters
+    ----------
+    products : "align" of magnetometer
+    blocks : parts of the record
+    field_noise_nt : nT, smallest standard deviation of a record
+    """
+    field = model.field(products["align"])
+    columns = {slug: model.columns(field, slug) for slug in model.EFFECTS}
+    drift = (field.time - (field.time[0] + field.time[-1]) / 2)[:, None, None] * np.eye(3)
+    sigma = model.noise_level(field.difference, [*columns.values(), drift], 1e-9 * field_noise_nt)
+    parts = np.array_split(np.arange(field.time.size), blocks)
+    return Readings(products["align"], field, sigma, parts, columns | {"unknown:time": drift})
+
+
+@dataclass(frozen=True)
+class Readings(Observations):
+    """Observations of a record.
+
+    Attributes
+    ----------
+    aligned : Dataset, "magnetometer.align"
+    field : Field
+    sigma : (3,) T, noise of each axis
+    parts : rows of each block
+    columns : {cause: (n, 3, q) T}
+    """
+
+    aligned: xr.Dataset
+    field: model.Field
+    sigma: np.ndarray
+    parts: list[np.ndarray]
+    columns: dict[str, np.ndarray]
+
+    name = "magnetometer"
+    channels = ("magnetometer",)
+    parameters = ()
+    unit, scale, start = "T", np.zeros(0), np.zeros(0)
+    step = "unknown:step"
+    widest = False
+
+    def _rows(self, values):
+        """Whitened rows (3 n, q) of (n, 3, q) T, axis after axis."""
+        return np.concatenate([values[:, a] / self.sigma[a] for a in range(3)])
+
+    @property
+    def blocks(self) -> list[Block]:
+        """One block a part of the record; nothing is fitted in it."""
+        made = []
+        for rows in self.parts:
+            observed = self._rows(self.field.difference[rows][..., None])[:, 0]
+            begin, end = self.field.time[rows[[0, -1]]] - self.field.time[0]
+            nothing, channel = np.zeros((observed.size, 0)), np.array(["magnetometer"] * observed.size)
+            axis, time = np.repeat([0, 1, 2], rows.size), np.tile(self.field.time[rows], 3)
+            made.append(Block(f"{begin:.0f} to {end:.0f} s", observed, nothing, nothing, channel, axis, time))
+        return made
+
+    @property
+    def candidates(self) -> list[Candidate]:
+        """Effects of a comparison of two fields, and a drift with time."""
+        made = []
+        for cause, values in self.columns.items():
+            columns = [self._rows(values[rows]) for rows in self.parts]
+            if cause.startswith("unknown:"):
+                made.append(Candidate(cause, "drift", list("xyz"), ["T s-1"] * 3, columns))
+            else:
+                parameters = effect(cause).parameters
+                made.append(Candidate(cause, "", [p.name for p in parameters], [p.unit for p in parameters], columns))
+        return made
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Aligned records less what the effects of a model add to the reading."""
+        added = np.zeros_like(self.field.measured_b)
+        names = {one.cause: one.names for one in self.candidates}
+        for entry in model:
+            if entry.cause in self.columns:
+                added += self.columns[entry.cause] @ [entry.values.get(name, 0.0) for name in names[entry.cause]]
+        return self.aligned.assign(measured_b=self.aligned["measured_b"] - added)
+
+    def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
+        """Time, reference field (m, 3) T of a part, and rows (q, m, 3) T."""
+        part = self.parts[number]
+        columns = rows.reshape(3, part.size, -1) * self.sigma[:, None, None]
+        return self.field.time[part], self.field.model_b[part], columns.transpose(2, 1, 0)

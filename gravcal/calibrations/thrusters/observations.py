@@ -1,0 +1,167 @@
+"""Attitude against firings as discovery sees it: a smooth torque in every block, firings among the causes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.thrusters import estimate, model
+from gravcal.calibrations.thrusters.model import Firings, Segment
+from gravcal.effects import Context, effect
+from gravcal.estimation.records import Block, Candidate, Entry, Observations
+from gravcal.physics import frames, orbit_environment
+
+#: In the model where firings at wrong times are tried, if they are there.
+PRESENT = ("torque.thruster_firings", "timing.thruster_delay", "unknown:star_camera_in_use")
+
+
+def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float) -> Attitude:
+    """Observations of one day.
+
+    Parameters
+    ----------
+    products : "align" and "noise" of thrusters
+    inertia : (3, 3) kg m2
+    block_s, knot_s : s, length of the blocks and spacing of the knots of the smooth torque
+    """
+    records, noise = model.records(products["align"]), model.noise_of(products["noise"])
+    rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
+    return Attitude(products["align"], records, rows)
+
+
+@dataclass(frozen=True)
+class Attitude(Observations):
+    """Observations of a day.
+
+    Attributes
+    ----------
+    aligned : Dataset, "thrusters.align"
+    records : of the day
+    rows : of every block
+    """
+
+    aligned: xr.Dataset
+    records: model.Records
+    rows: list[estimate.Rows]
+
+    name = "thrusters"
+    #: Whitened components; with a single camera the second and third are mixtures of pitch and yaw.
+    channels = ("roll", "pitch", "yaw")
+    parameters = ()
+    unit, scale, start = "1", np.zeros(0), np.zeros(0)
+    step = "unknown:step"
+    widest = False
+    readable = ("none",)
+
+    @functools.cached_property
+    def signals(self) -> list[Candidate]:
+        """Causes with their columns (n, 3, q) rad in every block, not whitened."""
+        segments, firings = [row.segment for row in self.rows], self.records.firings
+        gain = estimate.gains_alone(self.rows, firings)
+        late = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
+        constant, mounting = effect("torque.constant"), effect("attitude.star_camera_misalignment")
+        contexts = [Context(time=segment.camera.time) for segment in segments]
+        made = [
+            _listed("torque.thruster_firings", [segment.gains(firings) for segment in segments]),
+            _listed("timing.thruster_delay", late),
+            _listed("timing.star_camera_delay", [-one for one in late]),  # the smooth part of the rate is free
+            _listed(
+                constant.slug,
+                [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)],
+            ),
+            _listed(mounting.slug, [mounting.columns(one) for one in contexts]),
+            _driver(
+                "star_camera_quality",
+                "attitude follows qual_rss",
+                "1",
+                [segment.camera.quality[:, None, None] * np.eye(3) for segment in segments],
+            ),
+        ]
+        heads = model.heads_of(segments)[:-1]
+        if heads:
+            names = [f"{axis}_of_{head}" for head in heads for axis in "xyz"]
+            steps = [segment.heads(heads) for segment in segments]
+            made.append(_driver("star_camera_in_use", "attitude steps", "rad", steps, names))
+        if self.records.twin is not None:
+            other = [segment.gains(self.records.twin) for segment in segments]
+            made.append(_driver("twin_firings", "impulse", "N m s", other))
+        return [*made, *self._along_the_orbit(segments)]
+
+    def _along_the_orbit(self, segments: list[Segment]):
+        """Torque that is there in sunlight only, and a constant dipole of the satellite in the field."""
+        orbit, dipole = self.records.orbit, effect("torque.residual_dipole")
+        light = orbit_environment.sunlit(orbit.position_i, orbit_environment.sun_i(orbit.time[:1])).astype(float)
+        in_light, of_dipole = [], []
+        for segment in segments:
+            time = segment.camera.time
+            lit = np.interp(time, orbit.time, light)
+            in_light.append(segment.sharp(segment.after_torque(lit[:, None, None] * np.eye(3))))
+            field_i = np.stack([np.interp(time, orbit.time, component) for component in orbit.field_i.T], axis=1)
+            field_b = np.matvec(frames.R_bi_from_quaternion(segment.camera.quaternion), field_i)
+            each = dipole.columns(Context(time=time, dipole_b=np.zeros((time.size, 3))))
+            torque = np.cross(np.moveaxis(each, 2, 1), field_b[:, None, :])
+            of_dipole.append(segment.after_torque(np.moveaxis(torque, 1, 2)))
+        return [_driver("sunlight", "torque in sunlight", "N m", in_light), _listed(dipole.slug, of_dipole)]
+
+    @functools.cached_property
+    def whitened(self) -> list[Candidate]:
+        """The same causes with whitened rows."""
+        made = []
+        for one in self.signals:
+            columns = [row.whiten(c) for row, c in zip(self.rows, one.columns, strict=True)]
+            made.append(Candidate(one.cause, one.form, one.names, one.units, columns))
+        return made
+
+    @functools.cached_property
+    def inflation(self) -> float:
+        """Variance of the day over that of its quiet stretches, by firings at wrong times."""
+        present = [one.columns for one in self.whitened if one.cause in PRESENT]
+        present = [np.concatenate(columns, axis=1) for columns in zip(*present, strict=True)]
+        return estimate.inflation(self.rows, present, estimate.wrong_times(self.rows, self.records.firings))[0]
+
+    @functools.cached_property
+    def blocks(self) -> list[Block]:
+        """One block a stretch of time; nothing is shared between them, all divided by the inflation."""
+        made, size = [], np.sqrt(self.inflation)
+        for row in self.rows:
+            count, begin = row.observed.size // 3, row.segment.camera.time[0]
+            time = np.tile(begin + row.segment.camera.step_s * np.arange(count), 3)
+            channel, axis = np.repeat(self.channels, count), np.zeros(3 * count, dtype=int)
+            nothing, label = np.zeros((3 * count, 0)), f"from {begin:.0f} s"
+            made.append(Block(label, row.observed / size, nothing, row.smooth / size, channel, axis, time))
+        return made
+
+    @functools.cached_property
+    def candidates(self) -> list[Candidate]:
+        """Causes, all divided by the inflation."""
+        made, size = [], np.sqrt(self.inflation)
+        for one in self.whitened:
+            made.append(Candidate(one.cause, one.form, one.names, one.units, [c / size for c in one.columns]))
+        return made
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Aligned records with the attitude turned back by what the effects of a model add."""
+        added = np.zeros((self.aligned.sizes["time"], 3))
+        for entry in model:
+            for one in (s for s in self.signals if (s.cause, s.form) == (entry.cause, entry.form)):
+                size = [entry.values.get(name, 0.0) for name in one.names]
+                for row, columns in zip(self.rows, one.columns, strict=True):
+                    at = np.searchsorted(self.records.camera.time, row.segment.camera.time)
+                    added[at] += columns @ size
+        turned = frames.quaternion_product(self.records.camera.quaternion, frames.from_rotation_vector(-added))
+        return self.aligned.assign(quaternion=self.aligned["quaternion"].copy(data=turned))
+
+
+def _listed(slug, columns):
+    """Effect of the catalogue."""
+    parameters = effect(slug).parameters
+    return Candidate(slug, "", [p.name for p in parameters], [p.unit for p in parameters], columns)
+
+
+def _driver(driver, form, unit, columns, names=("x", "y", "z")):
+    """Driver that is no effect of the catalogue."""
+    return Candidate(f"unknown:{driver}", form, list(names), [unit] * len(names), columns)
