@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 
-from flows import models
 from flows.calibration import Calibration, Discovery
-from flows.engine import flow
+from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.store import results
 from tasks import common, discovery, magnetometer

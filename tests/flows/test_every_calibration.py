@@ -31,6 +31,8 @@ SMALL = {
     "kbr_phase_centre": {"manoeuvres": "+pitch_a"},
     "inertial_sensor": {"roll_s": "13000", "swing_at_s": "900"},
     "gradient_torque": {"duration_s": "3000", "field_degree": "8"},
+    "magnetometer": {"duration_s": "1800"},
+    "thrusters": {"duration_s": "10800", "quiet_s": "900"},
 }
 
 ROOT = Path(gravcal.__file__).parent.parent
