@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import replaced
+from gravcal.calibrations.building import replaced, widened
 from gravcal.calibrations.checks import Check, at_least
-from gravcal.calibrations.model_error import widened
 from gravcal.estimation import least_squares
 from gravcal.estimation.chi2_tail import log_tail
 

@@ -13,8 +13,7 @@ from gravcal.calibrations.schemas import REPORT
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid
 from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import as_plain, gps_text, number
-from gravcal.report.words import NOT_DETERMINED
+from gravcal.report.plain import NOT_DETERMINED, as_plain, gps_text, number
 from gravcal.store import results
 from gravcal.store.schemas import VERSION
 

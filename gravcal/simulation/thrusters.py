@@ -9,7 +9,7 @@ import numpy as np
 from gravcal.effects import Context, effect
 from gravcal.physics import constants, earth, frames, magnetic
 from gravcal.simulation import attitude, orbit, sensors
-from gravcal.simulation.injection import channel, within
+from gravcal.simulation.injection import added, within
 
 #: Effects that can be hidden in such a day.
 EFFECTS = (
@@ -39,20 +39,19 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     truth : plain dict, SI
     """
     rng = np.random.default_rng(seed)
-    injected = {slug: (effect(slug), effect(slug).values(given)) for slug, given in within(effects, EFFECTS).items()}
+    within(effects, EFFECTS)
     gain = 1 + chosen.gain_scatter * rng.standard_normal(3)
     delay = chosen.delay_scatter_s * rng.standard_normal()
-    if "torque.thruster_firings" in injected:
-        gain = gain + injected["torque.thruster_firings"][1]
-    if "timing.thruster_delay" in injected:
-        delay = delay + injected["timing.thruster_delay"][1][0]
+    given = {slug: effect(slug).values(effects.get(slug, {})) for slug in EFFECTS[:2]}
+    gain = gain + given["torque.thruster_firings"]
+    delay = delay + given["timing.thruster_delay"][0]
     state = orbit.initial_state(
         1e3 * chosen.altitude_km, np.radians(chosen.inclination_deg), 1e-3, *rng.uniform(0, 2 * np.pi, 2)
     )
     path = orbit.fly_orbit(state, day - 60, day + chosen.duration_s + 60)
     start, thrusters, on_ms = _schedule(satellite, chosen, day, rng)
-    time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, injected, day)
-    angle = channel(injected, "pointing_b", Context(time=time))
+    time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, effects, day)
+    angle = added(effects, "pointing_b", Context(time=time))
     heads = 1 + ((time - day) // chosen.head_s).astype(int) % 2
     step = chosen.head_step_rad * rng.standard_normal(3)
     angle = angle + (heads == 2)[:, None] * step
@@ -98,7 +97,7 @@ def _torques(satellite):
     return np.cross(np.array(satellite["thruster_position"])[:12], np.array(satellite["thruster_force"])[:12])
 
 
-def _flown(satellite, chosen, path, firings, gain, injected, day):
+def _flown(satellite, chosen, path, firings, gain, effects, day):
     """Epochs (n,) s of the star camera and true attitude (n, 4) there."""
     start, thrusters, on_ms = firings
     nodes = np.arange(day - LEAD_S, day + chosen.duration_s + LEAD_S + 0.5)
@@ -114,8 +113,8 @@ def _flown(satellite, chosen, path, firings, gain, injected, day):
     burning = (firing >= 0) & (middle < start[firing] + 1e-3 * on_ms[firing])
     torque = burning[:, None] * gain * (thrusters[firing] @ _torques(satellite))
     context = Context(time=middle, dipole_b=np.zeros((middle.size, 3)))
-    torque = torque + channel(injected, "torque_b", context)
-    dipole = channel(injected, "dipole_b", context)
+    torque = torque + added(effects, "torque_b", context)
+    dipole = np.zeros((middle.size, 3)) + added(effects, "dipole_b", context)
     inertia = np.array(satellite["inertia"])
     whole = np.isin(bound[:-1], nodes)
     steps = attitude.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
