@@ -33,8 +33,8 @@ def _aligned(source, chosen):
     """Measured and reference field."""
     files = [source.file(*names) for names in CALIBRATION.inputs.values()]
     observed = [common.ingest(file, event=source.event) for file in files]
-    torquers = common.settings_of(catalog.satellite(source.satellite).settings(), "dipole_per_current")
-    return magnetometer.align(*observed, **torquers, **chosen.for_stage("align"))
+    torquers = catalog.satellite(source.satellite).settings()["dipole_per_current"]
+    return magnetometer.align(*observed, dipole_per_current=torquers, **chosen.for_stage("align"))
 
 
 def _estimated(chosen, aligned):

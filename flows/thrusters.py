@@ -52,7 +52,7 @@ def _estimated(source, chosen, measured, aligned):
 
 
 def _inertia(source):
-    return common.settings_of(catalog.satellite(source.satellite).settings(), "inertia")
+    return {"inertia": catalog.satellite(source.satellite).settings()["inertia"]}
 
 
 def _extended(source, chosen, aligned, measured, model, variant):
