@@ -58,10 +58,10 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
     """
     rng = np.random.default_rng(seed)
     time = day + chosen.step_s * np.arange(int(chosen.duration_s / chosen.step_s))
-    drag = nongravitational(time) if nongravitational else invented_drag(time, chosen, rng)
+    drag = nongravitational(time) if nongravitational else _invented_drag(time, chosen, rng)
     body = _body(satellite, chosen, rng)
     effects = injection.within(effects or {}, KNOWN)
-    motion = _motion(time, chosen, (body, effects), _true_field(field, chosen, rng), drag, rng)
+    motion = _motion(time, chosen, body, effects, _true_field(field, chosen, rng), drag, rng)
     linear, angular = _readings(motion, body, drag, effects)
     noise = _noise(satellite, chosen, linear.shape, rng)
     turned = injection.added(effects, "pointing_b", Context(time))
@@ -75,19 +75,25 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
         "velocity": motion.state_i[:, 3:],
         "sensor_position": body["stated_position"],
     }
-    clean = {"linear": linear, "angular": angular, "q": motion.quaternion}
-    return columns, _truth(motion, body, drag, seed, chosen) | {"clean": columns | clean}
+    truth = {
+        "seed": seed,
+        "day": float(motion.time[0]),
+        "height_m": float(np.mean(np.linalg.norm(motion.state_i[:, :3], axis=1)) - EARTH_RADIUS),
+        "sensor_position_m": body["position"].tolist(),
+        "centre_of_pressure_m": body["pressure"].tolist(),
+        "elongation": chosen.elongation,
+        "time": motion.time,
+        "drag": drag,
+        "rate": motion.rate_b,
+        "rate_dot": motion.rate_dot_b,
+        "gradient": motion.gradient_b,
+        "clean": columns | {"linear": linear, "angular": angular, "q": motion.quaternion},
+    }
+    return columns, truth
 
 
-def invented_drag(time, chosen, rng):
-    """Non-gravitational acceleration in b: drag against the flight direction, once and twice per revolution, wind.
-
-    Parameters
-    ----------
-    time : (n,) s
-    chosen : parameters of the simulation
-    rng : source of randomness
-    """
+def _invented_drag(time, chosen, rng):
+    """Non-gravitational acceleration (n, 3) m s-2 in b: against the flight, once and twice per revolution, wind."""
     u = 2 * np.pi * (time - time[0]) / 5660.0
     phase = rng.uniform(0, 2 * np.pi, (2, 3))
     size = chosen.drag_m_s2
@@ -143,15 +149,13 @@ def _true_field(field, chosen, rng):
     return gravity_field.Field(known.gm, known.radius, *parts)
 
 
-def _motion(time, chosen, carried, field, drag, rng):
+def _motion(time, chosen, body, effects, field, drag, rng):
     """Orbit, attitude and gravity gradient at the epochs."""
-    body, effects = carried
     start = orbit.initial_state(
         chosen.altitude_km * 1e3, np.radians(chosen.inclination_deg), chosen.eccentricity, *rng.uniform(0, 2 * np.pi, 2)
     )
-    padded = np.concatenate(
-        [time[0] - (3 - np.arange(3)) * chosen.step_s, time, time[-1] + np.arange(1, 4) * chosen.step_s]
-    )
+    beyond = chosen.step_s * np.arange(1, 4)
+    padded = np.concatenate([time[0] - beyond[::-1], time, time[-1] + beyond])
     path = orbit.fly_orbit(start, padded[0] - 60, padded[-1] + 60)
     state = path(padded)
     nominal, _ = orbit.nominal_attitude(state, 1.0)
@@ -163,6 +167,7 @@ def _motion(time, chosen, carried, field, drag, rng):
     pushed = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
     external = chosen.torque_n_m * disturbance + body["mass"] * np.cross(body["pressure"], drag)
     external = external + injection.added(effects, "torque_b", pushed)
+    J, W = body["inertia"], 2 * np.pi * chosen.control_hz
     angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
     for _ in range(PASSES):
         turned = np.pad(angle, ((3, 3), (0, 0)), "reflect", reflect_type="odd")
@@ -170,24 +175,16 @@ def _motion(time, chosen, carried, field, drag, rng):
         rates = kinematics.rates_from_attitude(padded - time[0], quaternion, half_width=3, degree=6)
         rate, rate_dot = (part[inner] for part in rates)
         gradient_b = gravity.rotate_tensor(frames.R_bi_from_quaternion(quaternion[inner]), gradient_i)
-        motion = Motion(time, state[inner], quaternion[inner], rate, rate_dot, gradient_b)
-        coupling = coupling + _missing(motion, body, external + _control(angle, chosen, body))
+        angle_rate = np.gradient(angle, chosen.step_s, axis=0, edge_order=2)
+        control = -np.matvec(J, W**2 * angle + 2 * chosen.control_damping * W * angle_rate)
+        taken = (
+            np.matvec(J, rate_dot)
+            + np.cross(rate, np.matvec(J, rate))
+            - dynamics.gravity_gradient_torque(J, gradient_b)
+        )
+        coupling = coupling + (taken - (external + control))  # the torque that the motion takes beyond what is applied
         angle = _response(external - coupling, chosen, body)
-    return motion
-
-
-def _missing(motion, body, applied):
-    """Torque (n, 3) N m that the motion takes beyond what is applied and the gravity gradient."""
-    J, w = body["inertia"], motion.rate_b
-    taken = np.matvec(J, motion.rate_dot_b) + np.cross(w, np.matvec(J, w))
-    return taken - dynamics.gravity_gradient_torque(J, motion.gradient_b) - applied
-
-
-def _control(angle, chosen, body):
-    """Torque (n, 3) N m of the controller, proportional to pointing error and its rate."""
-    w = 2 * np.pi * chosen.control_hz
-    rate = np.gradient(angle, chosen.step_s, axis=0, edge_order=2)
-    return -np.matvec(body["inertia"], w**2 * angle + 2 * chosen.control_damping * w * rate)
+    return Motion(time, state[inner], quaternion[inner], rate, rate_dot, gradient_b)
 
 
 def _response(torque, chosen, body):
@@ -208,25 +205,15 @@ def _readings(motion, body, drag, effects):
     torque = dynamics.gravity_gradient_torque(J, motion.gradient_b)
     free = dynamics.rate_derivative(J, motion.rate_b, torque)
     angular = np.repeat((free - motion.rate_dot_b)[:, None, :], len(body["position"]), axis=1)
-    context = Context(
-        motion.time,
-        rate_b=motion.rate_b,
-        rate_dot_b=motion.rate_dot_b,
-        gradient_b=motion.gradient_b,
-        extra={"positions": body["position"]},
-    )
+    known = {"rate_b": motion.rate_b, "rate_dot_b": motion.rate_dot_b, "gradient_b": motion.gradient_b}
+    context = Context(motion.time, extra={"positions": body["position"]}, **known)
     if "gradient.tesseral" in effects:
-        context.extra["tesseral_b"] = _tesseral(motion)
+        R_ei = earth.R_ei(motion.time)
+        R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(R_ei, -1, -2)
+        both = gravity_field.sectorial_gradient_e(np.matvec(R_ei, motion.state_i[:, :3]))
+        context.extra["tesseral_b"] = np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
     linear = linear - injection.added(effects, "linear_each_b", context)
     return linear, angular - injection.added(effects, "angular_each_b", context)
-
-
-def _tesseral(motion):
-    """Gravity gradient (n, 2, 3, 3) s-2 in b of C_22 = 1 and of S_22 = 1."""
-    R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(earth.R_ei(motion.time), -1, -2)
-    position_e = np.matvec(earth.R_ei(motion.time), motion.state_i[:, :3])
-    both = gravity_field.sectorial_gradient_e(position_e)
-    return np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
 
 
 def _noise(satellite, chosen, shape, rng):
@@ -237,20 +224,4 @@ def _noise(satellite, chosen, shape, rng):
         "linear": linear * rng.standard_normal(shape),
         "angular": angular * rng.standard_normal(shape),
         "angle": np.array(satellite["attitude_noise"]) * chosen.tracker_noise * rng.standard_normal((shape[0], 3)),
-    }
-
-
-def _truth(motion, body, drag, seed, chosen):
-    return {
-        "seed": seed,
-        "day": float(motion.time[0]),
-        "height_m": float(np.mean(np.linalg.norm(motion.state_i[:, :3], axis=1)) - EARTH_RADIUS),
-        "sensor_position_m": body["position"].tolist(),
-        "centre_of_pressure_m": body["pressure"].tolist(),
-        "elongation": chosen.elongation,
-        "time": motion.time,
-        "drag": drag,
-        "rate": motion.rate_b,
-        "rate_dot": motion.rate_dot_b,
-        "gradient": motion.gradient_b,
     }

@@ -76,8 +76,14 @@ def drag(
     parts = [np.broadcast_to(white, by_motion.shape), by_motion, by_gravity, by_place]
     if method == "one_sensor_published":
         parts = parts[:1] + [0 * part for part in parts[1:]]
-        angular = modelled["angular_b"].values[:, single_sensor - 1]
-        drag_b = _published(reading, angular, place, laws.box_inertia(satellite, elongation), satellite)
+        if np.any(np.abs(place) < 1e-9):
+            raise EstimationError(
+                f"one_sensor_published: found sensor_position {place.tolist()} m, expected no zero component: the "
+                f"printed H = -I (1/Dx, 1/Dy, 1/Dz) divides by each. Use the one-sensor method."
+            )
+        body = satellite["inertia"], laws.box_inertia(satellite, elongation), satellite["mass"]
+        vectors = laws.printed_vectors(*body, satellite["centre_of_pressure"], place)
+        drag_b = laws.printed_drag(reading, modelled["angular_b"].values[:, single_sensor - 1], *vectors)[0]
     else:
         drag_b = laws.drag_from(linear, tensor, places)
     held = sum(parts[:3])
@@ -102,17 +108,6 @@ def drag(
         values |= {"pressure": value, "pressure_covariance": covariance, "torque_residual": rest, "torque_gain": gain}
         values["pressure_prior_sigma"] = np.array(satellite["centre_of_pressure_sigma"])
     return build(DRAG, values, title=f"Drag, {variant}", sources=", ".join(SOURCES))
-
-
-def _published(reading, angular, place, test_mass_inertia, satellite):
-    """The printed algorithm, with the catalogue's centre of pressure."""
-    if np.any(np.abs(place) < 1e-9):
-        raise EstimationError(
-            f"one_sensor_published: found sensor_position {place.tolist()} m, expected no zero component: the printed "
-            f"H = -I (1/Dx, 1/Dy, 1/Dz) divides by each. Use the one-sensor method."
-        )
-    body = satellite["inertia"], test_mass_inertia, satellite["mass"], satellite["centre_of_pressure"]
-    return laws.printed_drag(reading, angular, *laws.printed_vectors(*body, place))[0]
 
 
 def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -272,7 +267,6 @@ def combine(
     values = {
         "method": np.array(methods),
         "error_rms": _rms(error),
-        "error_rms_axis": _rms(error, axis=1),
         "clean_error_rms": _rms(clean),
         "bare_error_rms": _rms(bare + error),
         "correction_rms": _rms(bare),
@@ -282,7 +276,7 @@ def combine(
     }
     values["frequency"], drag_amplitude = amplitude_spectrum(drags[0]["drag_b"].values, step)
     values["drag_amplitude"] = drag_amplitude.T
-    for name, series in (("error", error), ("clean_error", clean), ("bare", bare)):
+    for name, series in (("error", error), ("clean_error", clean)):
         values[f"{name}_amplitude"] = np.moveaxis(amplitude_spectrum(series, step)[1], 1, 2)
     place, pressure = modelled["sensor_position_b"].values[single_sensor - 1], np.array(satellite["centre_of_pressure"])
     test_mass = laws.box_inertia(satellite, elongation)
@@ -298,12 +292,12 @@ def combine(
     return build(COMBINE, values | {"unknown": np.array(laws.UNKNOWNS)}, title="Drag by all methods")
 
 
-def _rms(values, axis=(1, 2)):
-    """Root mean square of what is there, NaN where nothing is."""
+def _rms(values):
+    """Root mean square of each method, of what is there; NaN where nothing is."""
     known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0) ** 2
-    return np.sqrt(np.where(count > 0, total.sum(axis=axis), np.nan) / np.maximum(count, 1))
+    count = known.sum(axis=(1, 2))
+    total = np.sum(values**2, axis=(1, 2), where=known)
+    return np.sqrt(np.where(count > 0, total, np.nan) / np.maximum(count, 1))
 
 
 def _arc(modelled, found, epochs, spacing, satellite):

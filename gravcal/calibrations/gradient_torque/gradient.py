@@ -87,7 +87,19 @@ def gradient(
     gradient : Dataset, "gradient_torque.gradient"
     """
     time, places = observed["time"].values, observed["sensor_position"].values
-    _check(time, len(places), single_sensor, gap_limit_s)
+    if single_sensor > len(places):
+        raise EstimationError(
+            f"single_sensor {single_sensor}: found {len(places)} sensor, expected that many. Set it to 1."
+        )
+    if time.size < 60:
+        raise EstimationError(f"SGRS file: found {time.size} epochs, expected at least 60. Give a longer record.")
+    worst = float(np.diff(time).max())
+    if worst > gap_limit_s:
+        raise EstimationError(
+            f"SGRS file: found a gap of {worst:.0f} s, expected none above {gap_limit_s:g} s. "
+            f"Cut the record there, or raise gap_limit_s (errors grow in the gap).",
+            gap=worst,
+        )
     model = gravity_field.truncated(field_of(stored), 0, field_degree)
     position, velocity = orbit(observed, gap_limit_s)
     R_ei = earth.R_ei(time)
@@ -133,23 +145,6 @@ def gradient(
     for name in ("angle", "angle_dot", "rate_b", "rate_dot_b"):
         values[name] = np.stack([getattr(motion, name) for motion in smoothed])
     return build(GRADIENT, values, title="Gravity gradient and rates along the orbit", field=model.name)
-
-
-def _check(time, sensors, single_sensor, gap_limit):
-    """Enough data, without gaps that part it."""
-    if single_sensor > sensors:
-        raise EstimationError(
-            f"single_sensor {single_sensor}: found {sensors} sensor, expected that many. Set it to 1."
-        )
-    if time.size < 60:
-        raise EstimationError(f"SGRS file: found {time.size} epochs, expected at least 60. Give a longer record.")
-    worst = float(np.diff(time).max())
-    if worst > gap_limit:
-        raise EstimationError(
-            f"SGRS file: found a gap of {worst:.0f} s, expected none above {gap_limit:g} s. "
-            f"Cut the record there, or raise gap_limit_s (errors grow in the gap).",
-            gap=worst,
-        )
 
 
 def torque(

@@ -11,17 +11,11 @@ from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix, quaternion_product
 from gravcal.physics.sensing import offset_tensor
 
-#: Independent elements of a symmetric tensor without trace; zz is -xx - yy.
-ELEMENTS = np.array(
-    [
-        [[1, 0, 0], [0, 0, 0], [0, 0, -1]],
-        [[0, 0, 0], [0, 1, 0], [0, 0, -1]],
-        [[0, 1, 0], [1, 0, 0], [0, 0, 0]],
-        [[0, 0, 1], [0, 0, 0], [1, 0, 0]],
-        [[0, 0, 0], [0, 0, 1], [0, 1, 0]],
-    ],
-    dtype=float,
-)
+#: Independent elements xx, yy, xy, xz, yz of a symmetric tensor without trace; zz is -xx - yy.
+ELEMENTS = np.zeros((5, 3, 3))
+for _k, (_i, _j) in enumerate(((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))):
+    ELEMENTS[_k, _i, _j] = ELEMENTS[_k, _j, _i] = 1.0
+ELEMENTS[:2, 2, 2] = -1.0
 UNKNOWNS = ("G_xx", "G_yy", "G_xy", "G_xz", "G_yz", "drag_x", "drag_y", "drag_z")
 GRADIENT_SCALE, DRAG_SCALE = 1e-6, 1e-7  # s-2, m s-2; unknowns of one size, so that a rank means something
 TOLERANCE = 1e-9  # singular values below this share of the largest count as zero

@@ -54,25 +54,23 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> GradientTorque:
     about = _context(modelled, found, R_bi, position, settings["satellite"])
     channels = _channels(about, R_bi, observed, modelled, settings)
     satellite = settings["satellite"]
-    apart = np.linalg.norm(satellite["sensor_position_sigma"], axis=0)
-    pressure = np.array(satellite["centre_of_pressure"])
-    prior = []
-    for name, value, sigma in (
-        ("pressure", pressure, np.array(satellite["centre_of_pressure_sigma"])),
-        ("distance", np.zeros(3), apart),
-    ):
-        columns = np.zeros((3, 1 + GLOBAL))
-        columns[:, 0], columns[:, 1:][:, PLACES[name]] = value / sigma, np.diag(1 / sigma)
-        prior.append(columns)
-    rows = np.concatenate([*(channel.rows for channel in channels.values()), *prior])
+    pressure, apart = (
+        np.array(satellite["centre_of_pressure"]),
+        np.linalg.norm(satellite["sensor_position_sigma"], axis=0),
+    )
+    sigma, prior = np.concatenate([satellite["centre_of_pressure_sigma"], apart]), np.zeros((6, 1 + GLOBAL))
+    prior[:3, 0] = pressure / sigma[:3]
+    prior[np.arange(6), 1 + np.r_[PLACES["pressure"], PLACES["distance"]]] = 1 / sigma
+    parts = [*(channel.rows for channel in channels.values()), prior]
+    rows = np.concatenate(parts)
     scale = np.maximum(np.linalg.norm(rows[:, 1:], axis=0), 1e-300)
     solution = np.linalg.lstsq(rows[:, 1:] / scale, rows[:, 0], rcond=None)[0] / scale
-    for part in (*(channel.rows for channel in channels.values()), *prior):  # what is found are changes of the solution
+    for part in parts:  # what is found are changes of the solution
         part[:, 0] -= part[:, 1:] @ solution
     start = found["pressure"].values if "pressure" in found else pressure
     variance = np.diagonal(found["covariance"].values, axis1=1, axis2=2)
     drag_sigma = float(np.sqrt(np.nanmean(variance)))
-    return GradientTorque(observed, about, channels, np.concatenate(prior), start, drag_sigma, settings)
+    return GradientTorque(observed, about, channels, prior, start, drag_sigma, settings)
 
 
 def _context(modelled, found, R_bi, position, satellite):
@@ -153,58 +151,55 @@ class Channel:
 
 def _channels(about, R_bi, observed, modelled, settings):
     """Channels that the record has: {name: Channel}."""
-    step = float(np.median(np.diff(about.time)))
     found = {}
     if len(about.extra["positions"]) == 2:  # the difference of the readings less its model
         tensor, linear = _tensor(about), modelled["linear_b"].values
         apart = about.extra["positions"][0] - about.extra["positions"][1]
-        series = _beside(linear[:, 0] - linear[:, 1] + np.matvec(tensor, apart), {"distance": -tensor})
-        beside = [added["linear"] for _, _, added in listed(about, ("linear",)) if "linear" in added]
-        width = max(1, round(settings["bin_s"] / step))
-        found["linear"] = _coloured(about, series, beside, width, settings["noise_order"], settings["bin_s"])
-    width = max(1, round(settings["bin_s"] / step))
-    found["attitude"] = _attitude(about, R_bi, observed, modelled, width, settings)
+        difference = linear[:, 0] - linear[:, 1] + np.matvec(tensor, apart)
+        effects = [added["linear"] for _, _, added in listed(about, ("linear",)) if "linear" in added]
+        noise_model = settings["bin_s"], settings["noise_order"]
+        found["linear"] = _coloured(about.time, difference, {"distance": -tensor}, effects, *noise_model)
+    found["attitude"] = _attitude(about, R_bi, observed, modelled, settings)
     if settings["control_hz"] > 0:
         control = settings["control_hz"], settings["control_damping"]
         torque = uncontrolled_torque(modelled, "two_sensor", about.inertia_b, *control)
         arm = -about.extra["mass"] * frames.cross_matrix(about.extra["non_gravitational_b"])
-        series, width = _beside(torque, {"pressure": arm, "constant": np.eye(3)}), settings["torque_step_s"]
-        order = settings["torque_noise_order"]
-        found["torque"] = _coloured(about, series, [], max(1, round(width / step)), order, width)
+        noise_model = settings["torque_step_s"], settings["torque_noise_order"]
+        found["torque"] = _coloured(about.time, torque, {"pressure": arm, "constant": np.eye(3)}, [], *noise_model)
     return found
 
 
-def _beside(series, columns):
-    """Series (n, 3) with the columns of global parameters behind it."""
-    both = np.zeros((len(series), 3, 1 + GLOBAL))
-    both[:, :, 0] = series
-    for name, part in columns.items():
-        both[:, :, 1:][:, :, PLACES[name]] = part
-    return both
+def _width(time, bin_s):
+    """Epochs in a bin."""
+    return max(1, round(bin_s / float(np.median(np.diff(time)))))
 
 
-def _coloured(about, series, effects, width, order, step):
-    """Channel with a noise model of each axis, beside the global columns.
+def _coloured(time, series, columns, effects, bin_s, order):
+    """Channel with a noise model of each axis, beside the columns of the global parameters.
 
     In the difference of the sensors everything that a listed effect adds is free as well, so that none is noise; what
     the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts on attitude.
     """
-    bins = means(series, width)
+    observed, width = np.zeros((len(series), 3, 1 + GLOBAL)), _width(time, bin_s)
+    observed[:, :, 0] = series
+    for name, part in columns.items():
+        observed[:, :, 1:][:, :, PLACES[name]] = part
+    bins = means(observed, width)
     good = np.isfinite(bins).all(axis=(1, 2))
     left = np.where(good[:, None], bins[:, :, 0], np.nan)
     beside = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
-    models = tuple(noise.fit_beside([left], [beside], order, step))
-    channel = Channel(width, means(about.time, width), good, models)
-    return replace(channel, rows=channel.whitened(series))
+    models = tuple(noise.fit_beside([left], [beside], order, bin_s))
+    channel = Channel(width, means(time, width), good, models)
+    return replace(channel, rows=channel.whitened(observed))
 
 
-def _attitude(about, R_bi, observed, modelled, width, settings):
+def _attitude(about, R_bi, observed, modelled, settings):
     """Channel of the star camera against the angular readings: angles of each stretch, its start and rate free."""
-    satellite = settings["satellite"]
+    width = _width(about.time, settings["bin_s"])
     turned = R_bi @ np.swapaxes(frames.R_bi_from_quaternion(observed["q"].values), 1, 2)
     angle = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
     angular = modelled["angular_b"].values.mean(axis=1)
-    inertia = laws.box_inertia(satellite, settings["elongation"])
+    inertia = laws.box_inertia(settings["satellite"], settings["elongation"])
     free = laws.free_mass_angular_acceleration(inertia, about.gradient_b, about.rate_b)
     residual = angular - (free - about.rate_dot_b)
     time, turned = means(about.time, width), means(R_bi, width)

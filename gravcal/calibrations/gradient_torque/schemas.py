@@ -66,7 +66,6 @@ DRAG = _TIME | {
 COMBINE = {
     "method": column("method", "", "method", dtype="str"),
     "error_rms": column("method", "m s-2", "against the truth, all axes; NaN without truth"),
-    "error_rms_axis": column("method axis", "m s-2", "against the truth", frame="b"),
     "clean_error_rms": column("method", "m s-2", "the same from readings without noise"),
     "bare_error_rms": column("method", "m s-2", "of minus the reading"),
     "correction_rms": column("method", "m s-2", "of the solution against minus the reading"),
@@ -77,7 +76,6 @@ COMBINE = {
     "drag_amplitude": column("axis frequency", "m s-2", "amplitude spectrum of the drag", frame="b"),
     "error_amplitude": column(_AMPLITUDE, "m s-2", "amplitude spectrum of the error", frame="b"),
     "clean_error_amplitude": column(_AMPLITUDE, "m s-2", "the same, without noise", frame="b"),
-    "bare_amplitude": column(_AMPLITUDE, "m s-2", "of minus the reading less the solution", frame="b"),
     "step": column("step", "", "what is known", dtype="str"),
     "step_rank": column("step", "1", "rank of the joint system", dtype="i4"),
     "step_unknowns": column("step", "1", "unknowns", dtype="i4"),
