@@ -5,7 +5,7 @@ The simulator injects an effect, the estimator fits it, discovery proposes it; `
 
 from __future__ import annotations
 
-from gravcal.effects import accelerometer, attitude, gradient, inertial_sensor, ranging, timing, torque
+from gravcal.effects import accelerometer, gradient, inertial_sensor, ranging, sensors, torque
 from gravcal.effects.base import CHANNELS, Context, Effect, Parameter
 
 __all__ = ["CHANNELS", "Context", "Effect", "Parameter", "catalogue", "effect"]
@@ -13,8 +13,9 @@ __all__ = ["CHANNELS", "Context", "Effect", "Parameter", "catalogue", "effect"]
 
 def catalogue() -> dict[str, Effect]:
     """Every effect by slug."""
-    families = (timing, torque, accelerometer, attitude, ranging, inertial_sensor, gradient)
-    known = [entry for family in families for entry in family.EFFECTS]
+    families = (sensors.TIMING, torque.EFFECTS, accelerometer.EFFECTS, sensors.EFFECTS)
+    families += (ranging.EFFECTS, inertial_sensor.EFFECTS, gradient.EFFECTS)
+    known = [entry for family in families for entry in family]
     return {entry.slug: entry for entry in known}
 
 

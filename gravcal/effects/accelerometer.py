@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.effects.base import Context, Effect, Parameter, axes
+from gravcal.effects.base import Context, Effect, Parameter, axes, coupled, drifting, misaligned, scaled
 from gravcal.physics.sensing import offset_tensor
 
 
@@ -27,34 +27,12 @@ def _moving(context: Context, values):
     return -(elapsed * (tensor @ np.asarray(values)) + 2 * np.cross(context.rate_b, values))
 
 
-def _scale(context: Context, values):
-    return context.linear_b * values
-
-
-def _misalignment(context: Context, values):
-    """Sensor frame turned by the small rotation v: da = a x v."""
-    return np.cross(context.linear_b, values)
-
-
 def _quadratic(context: Context, values):
     return context.linear_b**2 * values
 
 
-def _current_leak(context: Context, values):
-    """The current of the excited rods couples into the three linear channels: da_i = sum_j c_ij m_j."""
-    return context.dipole_b @ np.asarray(values).reshape(3, 3).T
-
-
-def _angular_leak(context: Context, values):
-    return context.angular_b @ np.asarray(values).reshape(3, 3).T
-
-
 def _bias_step(context: Context, values):
     return np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
-
-
-def _bias_drift(context: Context, values):
-    return (context.time - context.epoch)[:, None] * np.asarray(values)
 
 
 def _tone(context: Context, values):
@@ -81,14 +59,6 @@ def _flexible(context: Context, values):
     return ringing(context.time, context.dipole_b.sum(axis=1), frequency, damping)[:, None] * np.array(size)
 
 
-def _angular_misalignment(context: Context, values):
-    return np.cross(context.angular_b, values)
-
-
-def _angular_scale(context: Context, values):
-    return context.angular_b * values
-
-
 _BOTH = ("xy", "xz", "yz")
 _PAIRS = tuple(f"{a}_from_{b}" for a in "xyz" for b in "xyz")
 
@@ -109,13 +79,17 @@ EFFECTS = (
         "equations.md (M1), terms in dp/dt",
     ),
     Effect(
-        "accelerometer.scale", "linear_b", axes("", "1", "relative excess of the scale of", 0.02), _scale, "reading"
+        "accelerometer.scale",
+        "linear_b",
+        axes("", "1", "relative excess of the scale of", 0.02),
+        scaled("linear_b"),
+        "reading",
     ),
     Effect(
         "accelerometer.misalignment",
         "linear_b",
         axes("angle", "rad", "sensor frame turned about", 1e-3),
-        _misalignment,
+        misaligned("linear_b"),
         "reading",
     ),
     Effect(
@@ -125,14 +99,14 @@ EFFECTS = (
         "accelerometer.current_leak",
         "linear_b",
         tuple(Parameter(n, "m s-2 A-1 m-2", f"reading of {n[0]} per dipole along {n[-1]}", 3e-11) for n in _PAIRS),
-        _current_leak,
+        coupled("dipole_b"),
         "coupling of the torquer currents into the electronics",
     ),
     Effect(
         "accelerometer.angular_leak",
         "linear_b",
         tuple(Parameter(n, "m", f"reading of {n[0]} per angular acceleration about {n[-1]}", 1e-4) for n in _PAIRS),
-        _angular_leak,
+        coupled("angular_b"),
         "electrode cross-talk",
     ),
     Effect(
@@ -143,7 +117,7 @@ EFFECTS = (
         "reading",
         linear=False,
     ),
-    Effect("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of", 1e-12), _bias_drift, "reading"),
+    Effect("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of", 1e-12), drifting, "reading"),
     Effect(
         "accelerometer.stray_tone",
         "linear_b",
@@ -160,21 +134,21 @@ EFFECTS = (
         "accelerometer.angular_scale",
         "angular_b",
         axes("", "1", "relative excess of the angular scale about", 0.05),
-        _angular_scale,
+        scaled("angular_b"),
         "CoM paper eq. 31",
     ),
     Effect(
         "accelerometer.angular_misalignment",
         "angular_b",
         axes("angle", "rad", "angular sensor turned about", 2e-3),
-        _angular_misalignment,
+        misaligned("angular_b"),
         "reading",
     ),
     Effect(
         "accelerometer.angular_current_leak",
         "angular_b",
         tuple(Parameter(n, "rad s-2 A-1 m-2", f"reading about {n[0]} per dipole along {n[-1]}", 1e-8) for n in _PAIRS),
-        _current_leak,
+        coupled("dipole_b"),
         "coupling of the torquer currents into the electronics",
     ),
     Effect(

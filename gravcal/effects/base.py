@@ -148,3 +148,31 @@ def axes(name: str, unit: str, meaning: str, prior_sigma: float, letters: str = 
     """Parameters of the same kind along the three body axes, named `name_x`, `name_y`, `name_z` or `x`, `y`, `z`."""
     prefix = f"{name}_" if name else ""
     return tuple(Parameter(f"{prefix}{a}", unit, f"{meaning} {a}", prior_sigma) for a in letters)
+
+
+# laws that several families share: contributions (context, values) by what they act on
+
+
+def scaled(name: str) -> Callable:
+    """Each axis of a vector of the context larger by its share."""
+    return lambda context, values: getattr(context, name) * values
+
+
+def misaligned(name: str) -> Callable:
+    """A vector a of the context read in a frame turned by the small rotation v: da = a x v."""
+    return lambda context, values: np.cross(getattr(context, name), values)
+
+
+def coupled(name: str) -> Callable:
+    """Matrix (3, 3), row by row, times a vector of the context."""
+    return lambda context, values: getattr(context, name) @ np.asarray(values).reshape(3, 3).T
+
+
+def constant(context: Context, values) -> np.ndarray:
+    """The same vector at every epoch."""
+    return np.broadcast_to(values, (*context.time.shape, 3)).copy()
+
+
+def drifting(context: Context, values) -> np.ndarray:
+    """Vector that grows from the reference epoch."""
+    return (context.time - context.epoch)[:, None] * np.asarray(values)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.effects.base import Context, Effect, Parameter, axes
+from gravcal.effects.base import Context, Effect, Parameter, axes, constant, drifting
 from gravcal.physics.constants import VACUUM_PERMITTIVITY
 
 VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
@@ -191,14 +191,6 @@ def _loop_delay(context: Context, values):
     return -values[0] * np.gradient(context.angular_b, context.time, axis=0)
 
 
-def _wander(context: Context, values):
-    return (context.time - context.epoch)[:, None] * np.asarray(values)
-
-
-def _turned(context: Context, values):
-    return np.broadcast_to(values, (*context.time.shape, 3)).copy()
-
-
 _OFF = (np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1]))
 _PAIRS = tuple(f"{'xyz'[i]}_from_{'xyz'[j]}" for i, j in zip(*_OFF, strict=True))
 _PAPER = "Remote Sens. 2023, 15, 3817"
@@ -237,14 +229,14 @@ EFFECTS = (
         "inertial_sensor.bias_drift",
         "linear_b",
         axes("", "m s-3", "drift of the reading of", 1e-13),
-        _wander,
+        drifting,
         f"{_PAPER}, Sec. 4.4, trends of the segments",
     ),
     Effect(
         "inertial_sensor.tracker_misalignment",
         "pointing_b",
         axes("angle", "rad", "star tracker turned against the sensor about", 1e-3),
-        _turned,
+        constant,
         "mounting",
     ),
 )

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.effects.base import Context, Effect, Parameter, axes
+from gravcal.effects.base import Context, Effect, Parameter, axes, constant, scaled
 from gravcal.physics.dynamics import gravity_gradient_torque
-
-
-def _gain(context: Context, values):
-    """Each rod makes (1 + g) times its commanded dipole."""
-    return context.dipole_b * values
 
 
 def _misalignment(context: Context, values):
@@ -32,14 +27,6 @@ def _lag(context: Context, values):
 def _saturation(context: Context, values):
     """The dipole of a rod does not exceed the limit; the neutral limit is infinite."""
     return np.clip(context.dipole_b, -values[0], values[0]) - context.dipole_b
-
-
-def _residual_dipole(context: Context, values):
-    return np.broadcast_to(values, context.dipole_b.shape).copy()
-
-
-def _constant(context: Context, values):
-    return np.broadcast_to(values, (*context.time.shape, 3)).copy()
 
 
 def _aerodynamic(context: Context, values):
@@ -84,7 +71,11 @@ _DIPOLE = "t = m x B, CoM paper eq. 18"
 
 EFFECTS = (
     Effect(
-        "torque.dipole_gain", "dipole_b", axes("rod", "1", "relative excess of the dipole of rod", 0.05), _gain, _DIPOLE
+        "torque.dipole_gain",
+        "dipole_b",
+        axes("rod", "1", "relative excess of the dipole of rod", 0.05),
+        scaled("dipole_b"),
+        _DIPOLE,
     ),
     Effect(
         "torque.dipole_misalignment",
@@ -113,10 +104,10 @@ EFFECTS = (
         "torque.residual_dipole",
         "dipole_b",
         axes("", "A m2", "constant dipole of the satellite along", 0.5),
-        _residual_dipole,
+        constant,
         _DIPOLE,
     ),
-    Effect("torque.constant", "torque_b", axes("", "N m", "constant torque about", 1e-6), _constant, "none"),
+    Effect("torque.constant", "torque_b", axes("", "N m", "constant torque about", 1e-6), constant, "none"),
     Effect(
         "torque.aerodynamic",
         "torque_b",
