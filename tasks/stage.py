@@ -37,7 +37,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from gravcal.errors import EstimationError, GravcalError, ProductError
-from gravcal.store import history, inputs, keys, memory, origin, store
+from gravcal.store import history, keys, memory, origin, store
 from gravcal.store.records import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
@@ -211,10 +211,10 @@ def recipe(call):
         "variant": call.variant,
         "version": call.stage.version,
         "settings": dict(call.settings),
-        "inputs": [inputs.labelled(item) for item in call.inputs],
+        "inputs": [keys.labelled(item) for item in call.inputs],
         "code": keys.total(modules),
     }
-    if any(inputs.is_file(item) for item in call.inputs):
+    if any(keys.is_file(item) for item in call.inputs):
         wanted["origin"] = _stated(call.event)
     return wanted, modules
 
@@ -234,11 +234,11 @@ def _parameters(body):
 
 def call_of(called, items, settings):
     """Call with checked inputs and settings in canonical form."""
-    inputs.check(called.name, items, called.reads)
+    keys.check_inputs(called.name, items, called.reads)
     known = _parameters(called.body)
     given = dict(settings)
-    event = given["event"] if "event" in given else inputs.event(called.name, items)
-    variant = given["variant"] if "variant" in given else inputs.variant(items)
+    event = given["event"] if "event" in given else keys.event_of(called.name, items)
+    variant = given["variant"] if "variant" in given else keys.variant_of(items)
     for name in ("event", "variant"):
         if name in given and name not in known:
             del given[name]
@@ -269,7 +269,7 @@ def _make(call, key, wanted, modules):
     """Run the body, check what it returns, publish it."""
     from gravcal.store import product
 
-    contents = [item if inputs.is_file(item) else read(item) for item in call.inputs]
+    contents = [item if keys.is_file(item) else read(item) for item in call.inputs]
     settings = copy.deepcopy(dict(call.settings))
     started = time.perf_counter()
     try:
@@ -284,13 +284,13 @@ def _make(call, key, wanted, modules):
         if error is raised:
             raise
         raise error from raised
-    inputs.check_unchanged(call.inputs, wanted["inputs"])
+    keys.check_unchanged(call.inputs, wanted["inputs"])
     dataset, files = returned if isinstance(returned, tuple) else (returned, {})
     facts = {
         "stage": call.stage.name,
         "seconds": round(time.perf_counter() - started, 3),
         "modules": modules,
-        "from": [inputs.traced(item) for item in call.inputs],
+        "from": [keys.traced(item) for item in call.inputs],
         "versions": keys.versions(),
     }
     found = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
@@ -304,7 +304,7 @@ def _origin(call, contents, stated, own):
     """Origin of what a stage made: that of all its inputs, of a file what the event, the body or its header says."""
     inputs_of = zip(call.inputs, contents, strict=True)
     found = [
-        (stated or own or origin.of_file(item)) if inputs.is_file(item) else content.attrs.get("origin", "")
+        (stated or own or origin.of_file(item)) if keys.is_file(item) else content.attrs.get("origin", "")
         for item, content in inputs_of
     ]
     return origin.raised(origin.together(found), own)

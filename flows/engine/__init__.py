@@ -17,7 +17,7 @@ import sys
 from dataclasses import dataclass
 
 from gravcal.errors import GravcalError
-from gravcal.store import history, inputs, keys, location, store
+from gravcal.store import history, keys, location, store
 from gravcal.store.records import ProductRef
 from tasks import stage
 
@@ -195,7 +195,7 @@ class Seeker:
         A file of which there never was a product is not read, unless the last run failed: who makes one reads it.
         """
         name = call.unmade
-        new = any(inputs.is_file(item) for item in call.inputs) and store.last_seconds(name) == math.inf
+        new = any(keys.is_file(item) for item in call.inputs) and store.last_seconds(name) == math.inf
         if new and not self.failure:
             raise Unknown(f"{name.stage} was never made", event=call.event)
         key = keys.key(stage.recipe(call)[0])

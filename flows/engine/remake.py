@@ -8,7 +8,7 @@ from pathlib import Path
 from flows import engine
 from gravcal.errors import ProductError
 from gravcal.io import archive
-from gravcal.store import history, inputs, location, memory, store
+from gravcal.store import history, keys, location, memory, store
 
 
 def remake(entry):
@@ -65,7 +65,7 @@ def _raw_file(part, label):
         )
     names = ("product", "satellite", "date", "release")
     file = archive.LevelOneFile(path, part["member"], *(label[name] for name in names))
-    found = inputs.labelled(file)["digest"]
+    found = keys.labelled(file)["digest"]
     if found != label["digest"]:
         raise ProductError(
             f"{where}: its SHA-256 is {found[:12]}, the product was made from {label['digest'][:12]}. "

@@ -12,6 +12,7 @@ same folder that such a file names, as a template names another.
 
 import ast
 import dataclasses
+import fnmatch
 import functools
 import hashlib
 import importlib.metadata
@@ -26,6 +27,7 @@ from pathlib import Path
 from gravcal.errors import CatalogError, ProductError
 from gravcal.store import memory
 
+MISSIONS = dict.fromkeys("ABXCDY", "grace") | {"T": "taiji", "S": "demo"}
 SCOPE = ("gravcal", "tasks")
 DATA = ("astropy_iers_data",)  # installed packages whose files are data
 FILE_NAME = re.compile(r"\*?([\w-]*(\.[\w-]+)+)")
@@ -84,6 +86,76 @@ def typed(value, annotation, where):
     if expected is not None and type(value) is not expected:
         raise CatalogError(f"{where}: found {value!r} ({type(value).__name__}), expected {name}.", where=where)
     return value
+
+
+def is_file(item):
+    """True if an input is a Level-1 file: it has a path, a product and a satellite, and is no product of the store."""
+    return not hasattr(item, "kind") and all(hasattr(item, name) for name in ("path", "product", "satellite"))
+
+
+def check_inputs(stage, inputs, kinds):
+    """Raise unless products and Level-1 files are of the kinds a stage reads; the last kind holds for all that follow.
+
+    Kinds: "a|b" for either, "*.solve" for any calibration's, "file" for a Level-1 file.
+    """
+    for number, item in enumerate(inputs):
+        wanted = kinds[min(number, len(kinds) - 1)] if kinds else "no input"
+        kind = "file" if is_file(item) else getattr(item, "kind", None)
+        if kind is None:
+            given = type(item).__name__
+            raise TypeError(f"{stage}: input {number + 1} is a {given}, expected a product or Level-1 file")
+        if not any(fnmatch.fnmatchcase(kind, one) for one in wanted.split("|")):
+            raise ProductError(
+                f"{stage}: input {number + 1} is {kind}, expected {wanted}. Pass the product of that stage."
+            )
+
+
+def event_of(stage, inputs):
+    """Event of the inputs; of a Level-1 file mission, satellite and date."""
+    files = [item for item in inputs if is_file(item)]
+    events = {item.event for item in inputs if not is_file(item)}
+    events |= {f"{MISSIONS.get(one.satellite, 'unknown')}-{one.satellite.lower()}-{one.date}" for one in files}
+    if len(events) != 1:
+        names = ", ".join(sorted(events)) or "none"
+        raise CatalogError(f"{stage}: inputs belong to the events {names}, expected one. Give event=...")
+    return events.pop()
+
+
+def variant_of(inputs):
+    """Variant of a stage that reads one file: product and satellite; otherwise none."""
+    return f"{inputs[0].product}_{inputs[0].satellite}" if len(inputs) == 1 and is_file(inputs[0]) else ""
+
+
+def labelled(item):
+    """Part of the recipe for one input: its name and the digest of its content; None is not known yet."""
+    if not is_file(item):
+        return {"event": item.event, "kind": item.kind, "variant": item.variant, "digest": item.digest}
+    label = {"file": item.name, "product": item.product, "satellite": item.satellite, "date": str(item.date)}
+    return label | {"release": str(item.release), "digest": digest_of(item)}
+
+
+def traced(item):
+    """Where one input was found, for the record: key of the product, or path of the file."""
+    return {"path": str(item.path.absolute()), "member": item.member} if is_file(item) else {"key": item.key}
+
+
+def check_unchanged(items, labels):
+    """Raise if a Level-1 file is no longer the one that its label describes: it changed while it was read."""
+    for item, label in zip(items, labels, strict=True):
+        if is_file(item) and digest_of(item) != label["digest"]:
+            raise ProductError(
+                f"{item.path}: changed while it was read, expected a file that stays as it is. Run again.",
+                path=str(item.path),
+            )
+
+
+def digest_of(item):
+    """SHA-256 of a Level-1 file."""
+    try:
+        return memory.file_digest(item.path, item.member)
+    except (OSError, KeyError, EOFError) as error:
+        where = f"{item.path}:{item.member}" if item.member else str(item.path)
+        raise ProductError(f"{where}: cannot be read ({error}). Fetch the file again.", path=where) from error
 
 
 def fingerprint(body, also=()):

@@ -13,7 +13,7 @@ import pytest
 
 from flows import campaign as campaigns
 from flows import command
-from gravcal.store import housekeeping, inputs, keys
+from gravcal.store import housekeeping, keys
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 
@@ -111,8 +111,8 @@ def test_a_killed_worker_is_replaced_and_its_event_completed(environment, events
 
 def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
     """Contract: the process that hands out events reads no file of one that was never made."""
-    read, digest = [], inputs._file_digest
-    monkeypatch.setattr(inputs, "_file_digest", lambda item: read.append(item.path) or digest(item))
+    read, digest = [], keys.digest_of
+    monkeypatch.setattr(keys, "digest_of", lambda item: read.append(item.path) or digest(item))
     source, chosen = campaigns.sources("fakecal", None, events)[0], command.chosen("fakecal", None)
     how = campaigns.Campaign("fakecal", chosen)
     assert campaigns.answered(how, source) is None
