@@ -324,7 +324,10 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
         angle_residual[~usable] = np.nan
         angular_residual = angular_b - (free_test_mass(R_bi, rate_b) - rate_dot_b)
         if iteration < ITERATIONS:  # the derivatives of the last step hold for its result
-            operators = _operators(angle, rates_o)
+            E, R = axes(angle), R_bo(angle)
+            w, wd = (cross_matrix(np.matvec(R, rate)) @ E for rate in rates_o)
+            zero = np.zeros_like(E)
+            operators = tuple(np.stack(part, axis=1) for part in ((E, zero, zero), (w, E, zero), (wd, w, E)))
         by_angle = np.zeros_like(operators[0])
         by_angle[:, 0] = np.eye(3)
         blocks = [_whitened(by_angle, angle_residual, angle_sigma)]
@@ -338,15 +341,6 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
     rows = sum(int(np.count_nonzero(np.any(operator != 0, axis=(1, 3)))) for operator, _ in blocks)
     smoothed = (angle, angle_dot, R_bi, rate_b, rate_dot_b)
     return Attitude(*smoothed, operators, table, band_covariance(band), chi2, rows - 3 * table.count)
-
-
-def _operators(angle, rates_o):
-    """Derivative of small rotation, rate and angular acceleration by the angles and their derivatives."""
-    E, R = axes(angle), R_bo(angle)
-    w, wd = (cross_matrix(np.matvec(R, part)) @ E for part in rates_o)
-    zero = np.zeros_like(E)
-    parts = ((E, zero, zero), (w, E, zero), (wd, w, E))
-    return tuple(np.stack(part, axis=1) for part in parts)
 
 
 def _whitened(operator, residual, sigma):

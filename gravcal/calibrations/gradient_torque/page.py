@@ -218,12 +218,7 @@ def _knowledge_tables(document):
 
 
 def draw_spectra(torque):
-    """Amplitude of each zonal degree, four groups as printed, and the noise of the sensor.
-
-    Parameters
-    ----------
-    torque : Dataset, "gradient_torque.torque"
-    """
+    """Amplitude of each zonal degree of "torque", four groups as printed, and the noise of the sensor."""
     figure, panels = grid(2, 2, 4.6, sharex=True, sharey=True, margins={"hspace": 0.28, "wspace": 0.06})
     frequency = 1e3 * torque["frequency"].values
     total = np.sqrt(np.sum(torque["amplitude"].values ** 2, axis=1))
@@ -243,12 +238,7 @@ def draw_spectra(torque):
 
 
 def draw_degrees(torque):
-    """Rms of each degree and axis, and the part of the test mass.
-
-    Parameters
-    ----------
-    torque : Dataset, "gradient_torque.torque"
-    """
+    """Rms of each degree and axis of "torque", and the part of the test mass."""
     figure, ((panel,),) = grid(1, 1, 2.4)
     degree = torque["degree"].values
     for axis, colour in enumerate(("blue", "vermilion", "green")):
@@ -264,12 +254,7 @@ def draw_degrees(torque):
 
 
 def draw_errors(combined):
-    """Amplitude of drag and of each method's error, all axes, with noise and without; None without the truth.
-
-    Parameters
-    ----------
-    combined : Dataset, "gradient_torque.combine"
-    """
+    """Amplitude of drag and of each method's error in "combine", all axes; None without the truth."""
     if not np.isfinite(combined["error_rms"].values).any():
         return None
     figure, panels = grid(1, 2, 3.2, sharex=True, sharey=True, margins={"wspace": 0.06})
@@ -293,12 +278,7 @@ def draw_errors(combined):
 
 
 def draw_series(drags):
-    """Drag by the one-sensor method, and the difference of the others to it.
-
-    Parameters
-    ----------
-    drags : {method: Dataset, "gradient_torque.drag"}
-    """
+    """Drag by the one-sensor method, and the difference of the others to it, {method: "drag"}."""
     figure, panels = grid(2, 3, 3.4, sharex=True, margins={"hspace": 0.3, "wspace": 0.28})
     one = drags["one_sensor"]
     every = slice(None, None, max(1, one.sizes["time"] // 3000))
