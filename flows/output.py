@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from gravcal.catalog import files as catalog_files
 from gravcal.errors import NoDataError, ProductError
 from gravcal.report.documents import foreword
-from gravcal.store import location, memory, store
+from gravcal.store import location, memory
 
 AXES = "xyz"
 COLOURS = {
@@ -259,56 +259,40 @@ def _verdict(document):
         say(text)
 
 
-KNOWN_PART = 0.2  # of the usual time: after that the speed of this machine is known well enough to scale by
-
-START = "start"  # of an engine: the part before the first stage
 LATE_S = 2.0  # after the time announced
 
 
-@dataclass(frozen=True)
+@dataclass
 class Left:
     """Time left as text, up to date whenever it is printed.
 
     Attributes
     ----------
     known : seconds that each part took the last time, here or, where ``usual``, elsewhere
-    usual : whether the times come from elsewhere
-    done : parts that are done, with the seconds they took; ``since`` holds when the last of them was, s
+    usual : True if the times come from elsewhere
     """
 
     known: Mapping[str, float]
     usual: bool = False
-    done: dict = field(default_factory=dict)
-    since: dict = field(default_factory=lambda: {"at": time.monotonic()})
+    done: set = field(default_factory=set)
+    since: float = field(default_factory=time.monotonic)
 
     def __str__(self):
         """About so long; perhaps so long where only the usual time is known."""
         if not self.known:
             return "no time known yet"
-        spent = time.monotonic() - self.since["at"]
-        rest = sum(seconds for name, seconds in self.known.items() if name not in self.done) * self.pace() - spent
-        if rest < -LATE_S:
+        left = sum(seconds for name, seconds in self.known.items() if name not in self.done)
+        left -= time.monotonic() - self.since
+        if left < -LATE_S:
             return "takes longer than usual" if self.usual else "takes longer than last time"
-        return f"{'perhaps' if self.usual else 'about'} {rest:.0f} s left" if rest >= 1 else "done in a moment"
+        return f"{'perhaps' if self.usual else 'about'} {left:.0f} s left" if left >= 1 else "done in a moment"
 
-    def pace(self):
-        """Seconds here for each usual second; 1 until enough is done. The start of an engine says nothing of it."""
-        made = {name: one for name, one in self.done.items() if name in self.known and name != START and one}
-        usual = sum(self.known[name] for name in made)
-        whole = sum(seconds for name, seconds in self.known.items() if name != START)
-        return sum(made.values()) / usual if self.usual and usual > KNOWN_PART * whole else 1.0
-
-    def begin(self, seconds):
-        """The first part is done, and took so long itself; what passed before was the start."""
+    def note(self, name):
+        """One part is done; the seconds since the one before."""
         now = time.monotonic()
-        self.done[START], self.since["at"] = max(now - self.since["at"] - seconds, 0.0), now - seconds
-        return self.done[START]
-
-    def note(self, name, made=True):
-        """One part is done; the seconds it took, zero where it was only reused."""
-        now = time.monotonic()
-        self.done[name], self.since["at"] = (now - self.since["at"] if made else 0.0), now
-        return self.done[name]
+        took, self.since = now - self.since, now
+        self.done.add(name)
+        return took
 
 
 @contextlib.contextmanager
@@ -321,13 +305,11 @@ def progress(title):
     took = {} if left.usual else dict(left.known)
     with _bar(title, left) as tell:
 
-        def listener(call, state, ref):
+        def listener(call, state, _ref):
             counts[state] += 1
             stage = call.unmade.stage
-            if START not in left.done:
-                own = (store.read_record(ref.folder) or {}).get("seconds", 0.0) if state == "made" else 0.0
-                took[START] = left.begin(own)
-            seconds = left.note(_part(stage) if left.usual else stage, state == "made")
+            of_any = stage.rpartition("_")[0] if left.usual and stage.startswith("ingest.") else stage
+            seconds = left.note(of_any)
             took.update({stage: seconds} if state == "made" else {})
             tell(f"{counts['made']} made, {counts['cached']} reused, last {stage}")
 
@@ -351,11 +333,6 @@ def _left(title):
     """Time left from the last time here, else from the usual ones."""
     known = memory.recall(f"seconds-{title}")
     return Left(known) if known else Left(catalog_files.read("usual", "seconds")[1].get(title, {}), usual=True)
-
-
-def _part(stage):
-    """Name of a stage in the table of usual times: the same for all satellites."""
-    return stage.rpartition("_")[0] if stage.startswith("ingest.") else stage
 
 
 def _remember(title, took):

@@ -209,12 +209,6 @@ def test_files_of_another_calibration_are_named_with_it(command, tmp_path, capsy
 
 
 @pytest.mark.parametrize("calibration", ["inertial_sensor", "gradient_torque"])
-def test_ranging_files_are_no_files_of_a_sensor(calibration, tmp_path, capsys):
-    """Contract: the same for calibrations that read netCDF files."""
-    assert gravcal("run", calibration, "--data", ranging_files(tmp_path / "level1")) == 1
-    assert "(files of kbr_phase_centre)" in " ".join(capsys.readouterr().err.split())
-
-
 def test_a_satellite_or_day_that_is_not_there_is_said_with_those_that_are(tmp_path, capsys):
     """Contract: letters that no event can have and days that no calendar has are wrong usage, others are not found."""
     folder = ranging_files(tmp_path / "level1")
@@ -274,12 +268,3 @@ def test_looking_whether_a_document_can_be_written_changes_nothing(fakecal):
         assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "other", "--json", path) == 2
     assert old.read_text() == "kept"
     assert not new.exists()
-
-
-def test_the_help_of_a_campaign_names_every_calibration(capsys):
-    """Contract: the four of them."""
-    from flows.calibration import known
-
-    assert gravcal("campaign", "--help") == 0
-    said = capsys.readouterr().out
-    assert all(name in said for name in known())
