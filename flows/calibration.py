@@ -16,10 +16,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from flows.engine import models
 from gravcal import catalog
 from gravcal.catalog import files
 from gravcal.store import origin, schemas
-from tasks import common
+from tasks import common, discovery
 from tasks.stage import read
 
 GROUP = "gravcal.calibrations"
@@ -47,6 +48,26 @@ class Discovery:
     records: str = ""
     again: Callable | None = None
     result: Callable | None = None
+
+    def without(self, source, chosen, products, model, variant="extended", records=None):
+        """Records without the effects of a model; ``products`` are those of `baseline`, by name."""
+        return discovery.extend(
+            *products.values(),
+            names=list(products),
+            observations=self.observations,
+            records=records or self.records,
+            settings=self.settings(source, chosen),
+            model=model,
+            variant=variant,
+        )
+
+    def taken_out(self, source, chosen, products, solved=None, records=None):
+        """Records without the effects of the given model, and results (of ``solved``) for each of its errors."""
+        moved = enumerate(models.moved(chosen.model), start=1)
+        others = [self.without(source, chosen, products, one, f"moved_{number}", records) for number, one in moved]
+        results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
+        without = self.without(source, chosen, products, chosen.model, records=records)  # last: latest/ leads to it
+        return without, results
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-
 from flows.calibration import Calibration, Discovery
-from flows.engine import flow, models
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.browse import printed
 from gravcal.store import results
-from tasks import com_offset, common, discovery
+from tasks import com_offset, common
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.com_offset")
@@ -27,7 +25,6 @@ PRODUCTS = {
     "tim": ("TIM1B",),
     "clk": ("CLK1B",),
 }
-OBSERVATIONS = "gravcal.calibrations.com_offset.observations"
 ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 
 
@@ -37,7 +34,8 @@ def calibrate(source, chosen):
     found, aligned, checked = _aligned(source, chosen)
     moved = []
     if chosen.model:
-        aligned, moved = _with_model(source, chosen, aligned, checked)
+        products = _with_torquers(source, chosen, aligned, checked)
+        aligned, moved = DISCOVERY.taken_out(source, chosen, products)
         checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
@@ -95,7 +93,7 @@ def baseline(source, chosen):
     products = _with_torquers(source, chosen, aligned, checked)
     if not chosen.model:
         return products
-    return solved_with_torquers(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
+    return solved_with_torquers(source, chosen, DISCOVERY.without(source, chosen, products, chosen.model))
 
 
 def solved_with_torquers(source, chosen, aligned):
@@ -123,20 +121,6 @@ def scene_settings(source, chosen):
     for stage in ("attitude", "quiet", "equations", "noise", "solve"):
         known |= chosen.for_stage(stage)
     return dict(sorted(known.items()))
-
-
-def _with_model(source, chosen, aligned, checked):
-    """Records without the effects of the model that was given, and the offsets for each of its errors."""
-    products = _with_torquers(source, chosen, aligned, checked)
-    extended = functools.partial(_extended, source, chosen, products)
-    return models.taken_out(chosen.model, extended, functools.partial(combined, source, chosen))
-
-
-def _extended(source, chosen, products, model, variant):
-    """Records without the effects of a model."""
-    about = {"observations": OBSERVATIONS, "records": "com_offset.align", "names": list(products)}
-    settings = scene_settings(source, chosen)
-    return discovery.extend(*products.values(), model=model, settings=settings, variant=variant, **about)
 
 
 def _report_settings(source, chosen):
@@ -178,6 +162,14 @@ def values(document):
     return results.vector("", "", "um", adopted, ("offset_um", "sigma_um", "sigma_total_um")) if adopted else ()
 
 
+DISCOVERY = Discovery(
+    baseline,
+    scene_settings,
+    observations="gravcal.calibrations.com_offset.observations",
+    records="com_offset.align",
+    again=solved_with_torquers,
+    result=combined,
+)
 CALIBRATION = Calibration(
     name="com_offset",
     title="Centre-of-mass offset",
@@ -195,12 +187,5 @@ CALIBRATION = Calibration(
     trims=True,
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",
-    discovery=Discovery(
-        baseline,
-        scene_settings,
-        observations=OBSERVATIONS,
-        records="com_offset.align",
-        again=solved_with_torquers,
-        result=combined,
-    ),
+    discovery=DISCOVERY,
 )

@@ -8,18 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from flows.calibration import Calibration, Discovery
-from flows.engine import flow, models
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.store import results
-from tasks import common, discovery, gradient_torque
+from tasks import common, gradient_torque
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.gradient_torque")
 icgem = lazy("gravcal.io.icgem")
 sgrs_files = lazy("gravcal.io.sgrs_files")
 
-OBSERVATIONS = "gravcal.calibrations.gradient_torque.observations"
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 
 
@@ -31,7 +30,7 @@ def calibrate(source, chosen):
     observed, moved = recorded, []
     if chosen.model:
         solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
-        observed, moved = models.taken_out(chosen.model, _without(recorded, field, chosen), solved)
+        observed, moved = DISCOVERY.taken_out(source, chosen, _by_one_sensor(recorded, field, chosen), solved)
     modelled, drags = _solved(observed, field, chosen, methods)
     for k, name in enumerate(methods if moved else ()):
         others = (result[1][k] for result in moved)
@@ -83,22 +82,11 @@ def _by_one_sensor(observed, field, chosen):
     return {"ingest": observed, "gradient": modelled, "drag": drag}
 
 
-def _without(observed, field, chosen):
-    """(model, variant) -> readings without the effects of that model."""
-    products = _by_one_sensor(observed, field, chosen)
-    about = {"observations": OBSERVATIONS, "records": "ingest", "names": list(products)}
-    return functools.partial(_extended, products, about | {"settings": observation_settings(None, chosen)})
-
-
-def _extended(products, about, model, variant):
-    """Readings without the effects of a model."""
-    return discovery.extend(*products.values(), model=model, variant=variant, **about)
-
-
 def baseline(source, chosen):
     """Products that discovery looks at: readings, gradient, drag by one sensor."""
     observed, field = _recorded(source, chosen)
-    observed = _without(observed, field, chosen)(chosen.model, "extended") if chosen.model else observed
+    if chosen.model:
+        observed = DISCOVERY.without(source, chosen, _by_one_sensor(observed, field, chosen), chosen.model)
     return _by_one_sensor(observed, field, chosen)
 
 
@@ -172,6 +160,13 @@ def values(document):
             yield results.Value("", f"{label} error", "m s-2", one["rms_error"], None, None)
 
 
+DISCOVERY = Discovery(
+    baseline,
+    observation_settings,
+    observations="gravcal.calibrations.gradient_torque.observations",
+    records="ingest",
+    again=again,
+)
 CALIBRATION = Calibration(
     name="gradient_torque",
     title="Gradient and torque",
@@ -192,5 +187,5 @@ CALIBRATION = Calibration(
         "one sensor": "drag_error_order_single_accelerometer",
         "one sensor published": "drag_error_order_single_accelerometer",
     },
-    discovery=Discovery(baseline, observation_settings, observations=OBSERVATIONS, records="ingest", again=again),
+    discovery=DISCOVERY,
 )

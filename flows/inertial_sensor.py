@@ -5,17 +5,16 @@ from __future__ import annotations
 from datetime import timedelta
 
 from flows.calibration import EPOCH, Calibration, Discovery
-from flows.engine import flow, models
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import discovery, inertial_sensor
+from tasks import inertial_sensor
 from tasks.stage import lazy, read
 
 simulator = lazy("gravcal.simulation.inertial_sensor")
 inertial_files = lazy("gravcal.io.inertial_files")
 
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
-OBSERVATIONS = "gravcal.calibrations.inertial_sensor.observations"
 #: Stages that widen the errors of a product by those of a model.
 WIDENED = {
     "scale": inertial_sensor.scale_model_error,
@@ -79,15 +78,10 @@ def _without_model(chosen, solve, records, known, widened):
     products = solve(chosen, records, known)
     if not chosen.model:
         return products
-    about = {"records": records.kind, "observations": OBSERVATIONS, "settings": views(None, chosen)}
-
-    def extended(model, variant):
-        parts = products | known
-        return discovery.extend(*parts.values(), names=list(parts), model=model, variant=variant, **about)
-
+    parts, kind = products | known, records.kind
     if not widened:
-        return solve(chosen, extended(chosen.model, "extended"), known)
-    without, moved = models.taken_out(chosen.model, extended, lambda one: solve(chosen, one, known))
+        return solve(chosen, DISCOVERY.without(None, chosen, parts, chosen.model, records=kind), known)
+    without, moved = DISCOVERY.taken_out(None, chosen, parts, lambda one: solve(chosen, one, known), kind)
     products = solve(chosen, without, known)
     wider = {name: stage for name, stage in WIDENED.items() if name in products and moved}
     return products | {name: stage(products[name], *(one[name] for one in moved)) for name, stage in wider.items()}
@@ -194,6 +188,12 @@ def printed_factor(one):
         yield one.factor.replace("_", " "), "m s-2 V-1", value, one.sigma[0], "on ground, " if orbit is None else ""
 
 
+DISCOVERY = Discovery(
+    baseline,
+    views,
+    observations="gravcal.calibrations.inertial_sensor.observations",
+    records="inertial_sensor.align",
+)
 CALIBRATION = Calibration(
     name="inertial_sensor",
     title="Inertial sensor",
@@ -213,5 +213,5 @@ CALIBRATION = Calibration(
     result=values,
     printed={"com_offset": printed_offset, "scale_factors": printed_factor, "bias": printed_bias},
     design="inertial_sensor_swing",
-    discovery=Discovery(baseline, views, observations=OBSERVATIONS, records="inertial_sensor.align"),
+    discovery=DISCOVERY,
 )

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 from datetime import timedelta
 from itertools import product
 
 from flows.calibration import EPOCH, Calibration, Discovery
-from flows.engine import flow, models
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.browse import printed
 from gravcal.io import archive
 from gravcal.store import results
-from tasks import common, discovery, kbr_phase_centre
+from tasks import common, kbr_phase_centre
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.kbr_phase_centre")
@@ -26,7 +25,6 @@ COMMON = {pair: letter for letter, pair in PAIRS.items()}
 #: Level-1 products read, most wanted first.
 RANGING = ("KBR1B", "LRI1B")
 ORBIT = ("GNI1B", "GNV1B")
-OBSERVATIONS = "gravcal.calibrations.kbr_phase_centre.observations"
 
 
 @flow(name="kbr_phase_centre")
@@ -35,7 +33,8 @@ def calibrate(source, chosen):
     aligned = kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
     moved = []
     if chosen.model:
-        aligned, moved = _with_model(source, chosen, aligned)
+        products = _of_range(source, chosen, aligned)
+        aligned, moved = DISCOVERY.taken_out(source, chosen, products)
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
     if moved:
         combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
@@ -75,20 +74,6 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
     return pointed, equations, quiet, solved, kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
 
 
-def _with_model(source, chosen, aligned):
-    """Records without the effects of the model that was given, and the phase centres for each of its errors."""
-    products = _of_range(source, chosen, aligned)
-    extended = functools.partial(_extended, source, chosen, products)
-    return models.taken_out(chosen.model, extended, functools.partial(combined, source, chosen))
-
-
-def _extended(source, chosen, products, model, variant):
-    """Records without the effects of a model."""
-    about = {"observations": OBSERVATIONS, "records": "kbr_phase_centre.align", "names": list(products)}
-    settings = scene_settings(source, chosen)
-    return discovery.extend(*products.values(), model=model, settings=settings, variant=variant, **about)
-
-
 def _of_range(source, chosen, aligned):
     """Products of the range that discovery looks at, by name."""
     pointed, equations, quiet, solved, _ = _solved(source, chosen, aligned, OBSERVABLES[:1])
@@ -102,7 +87,7 @@ def baseline(source, chosen):
     products = _of_range(source, chosen, aligned)
     if not chosen.model:
         return products
-    return _of_range(source, chosen, _extended(source, chosen, products, chosen.model, "extended"))
+    return _of_range(source, chosen, DISCOVERY.without(source, chosen, products, chosen.model))
 
 
 def combined(source, chosen, aligned):
@@ -225,6 +210,13 @@ def values(document):
         yield from results.vector(letter, "", "mm", block, ("phase_centre_mm", "sigma_mm", "sigma_total_mm"))
 
 
+DISCOVERY = Discovery(
+    baseline,
+    scene_settings,
+    observations="gravcal.calibrations.kbr_phase_centre.observations",
+    records="kbr_phase_centre.align",
+    result=combined,
+)
 CALIBRATION = Calibration(
     name="kbr_phase_centre",
     title="KBR phase centre",
@@ -243,7 +235,5 @@ CALIBRATION = Calibration(
     result=values,
     printed={"vkb1b": printed.vector("mm")},
     design="kbr_wiggle",
-    discovery=Discovery(
-        baseline, scene_settings, observations=OBSERVATIONS, records="kbr_phase_centre.align", result=combined
-    ),
+    discovery=DISCOVERY,
 )

@@ -6,7 +6,6 @@ import json
 import math
 import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 from gravcal.errors import CatalogError
@@ -75,24 +74,6 @@ def moved(text: str) -> list[str]:
             others = [*entries[:number], entry | {"parameters": values}, *entries[number + 1 :]]
             found.append(json.dumps(others, sort_keys=True, allow_nan=False))
     return found
-
-
-def taken_out(text: str, extended: Callable, solved: Callable) -> tuple:
-    """Records without the effects of a model, and the results that its errors lead to.
-
-    Parameters
-    ----------
-    text : of `text_of`
-    extended : (model text, variant) -> records without the effects of that model
-    solved : records -> result
-
-    Returns
-    -------
-    records, moved : what `extended` gives for the model, and a list of what `solved` gives for each of `moved`
-    """
-    others = [extended(one, f"moved_{number}") for number, one in enumerate(moved(text), start=1)]
-    results = [solved(one) for one in others]
-    return extended(text, "extended"), results  # last: latest/ leads to the products of the model as it is
 
 
 def _directions(parameters):

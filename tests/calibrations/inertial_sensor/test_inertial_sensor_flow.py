@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from inertial_events import ROLL, one, run, simulated, within
 
-from flows import models
+from flows.engine import models
 from gravcal.errors import EstimationError
 from gravcal.store.schemas import validate
 from tasks.stage import read
