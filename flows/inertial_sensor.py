@@ -15,12 +15,6 @@ simulator = lazy("gravcal.simulation.inertial_sensor")
 inertial_files = lazy("gravcal.io.inertial_files")
 
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
-#: Stages that widen the errors of a product by those of a model.
-WIDENED = {
-    "scale": inertial_sensor.scale_model_error,
-    "offset": inertial_sensor.offset_model_error,
-    "bias": inertial_sensor.bias_model_error,
-}
 
 
 @flow(name="inertial_sensor")
@@ -46,13 +40,13 @@ def _solved(source, chosen, *, widened):
     """Products by name, those of a model if it is given, and the files that they were made of."""
     days, event = inertial_files.days(source.folder, source.date), source.event
     products, files = {"detect": _detected(days, source, chosen)}, []
-    found = read(products["detect"])
-    if found["swing_start"].size:
-        files += _files(days, found["swing_start"][0], found["swing_stop"][0], chosen.margin_s)
+    detected = read(products["detect"])
+    if detected["swing_start"].size:
+        files += _files(days, detected["swing_start"][0], detected["swing_stop"][0], chosen.margin_s)
         aligned = inertial_sensor.align(products["detect"], *files, event=event, **chosen.for_stage("align"))
         products |= _without_model(chosen, _swing, aligned, {}, widened)
-    if found["roll_start"].size:
-        own = _files(days, found["roll_start"][0], found["roll_stop"][-1], 0.0)
+    if detected["roll_start"].size:
+        own = _files(days, detected["roll_start"][0], detected["roll_stop"][-1], 0.0)
         segmented = inertial_sensor.segment(products["detect"], *own, event=event, **chosen.for_stage("segment"))
         known = {name: products[name] for name in ("scale", "offset") if name in products}
         products |= _without_model(chosen, _roll, segmented, known, widened)
@@ -83,8 +77,11 @@ def _without_model(chosen, solve, records, known, widened):
         return solve(chosen, DISCOVERY.without(None, chosen, parts, chosen.model, records=kind), known)
     without, moved = DISCOVERY.taken_out(None, chosen, parts, lambda one: solve(chosen, one, known), kind)
     products = solve(chosen, without, known)
-    wider = {name: stage for name, stage in WIDENED.items() if name in products and moved}
-    return products | {name: stage(products[name], *(one[name] for one in moved)) for name, stage in wider.items()}
+    for name in ("scale", "offset", "bias") if moved else ():
+        if name in products:
+            solved = (one[name] for one in (products, *moved))
+            products[name] = inertial_sensor.model_error(*solved, kind=f"inertial_sensor.{name}")
+    return products
 
 
 def views(_source, chosen):
@@ -141,10 +138,10 @@ def level_one_files(source):
     return [one for files in inertial_files.days(source.folder, source.date).values() for one in files.values()]
 
 
-def manoeuvres(found):
+def manoeuvres(detected):
     """Swings and rolls of a detect product."""
     for kind in ("swing", "roll"):
-        for start, stop in zip(found[f"{kind}_start"].values, found[f"{kind}_stop"].values, strict=True):
+        for start, stop in zip(detected[f"{kind}_start"].values, detected[f"{kind}_stop"].values, strict=True):
             yield {"kind": kind, "start": float(start), "stop": float(stop)}
 
 

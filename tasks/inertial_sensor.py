@@ -53,18 +53,6 @@ def offset(aligned, scaled, **settings):
     return offsets.offset(aligned, scaled, **settings)
 
 
-@stage(reads=["inertial_sensor.scale"], writes="inertial_sensor.scale", version=1)
-def scale_model_error(scaled, *moved):
-    """Scale factors with the errors of an extended model."""
-    return scales.scale_model_error(scaled, *moved)
-
-
-@stage(reads=["inertial_sensor.offset"], writes="inertial_sensor.offset", version=2)
-def offset_model_error(found, *moved):
-    """Offset with the errors of an extended model."""
-    return offsets.offset_model_error(found, *moved)
-
-
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)
 def segment(detected, *observed, **settings):
     """Roll reduced to bins, day by day."""
@@ -81,10 +69,10 @@ def bias(segmented, *swing, **settings):
     return biases.bias(segmented, *swing, **settings)
 
 
-@stage(reads=["inertial_sensor.bias"], writes="inertial_sensor.bias", version=1)
-def bias_model_error(found, *moved):
-    """Bias with the errors of an extended model."""
-    return biases.bias_model_error(found, *moved)
+@stage(reads=["inertial_sensor.*"], writes="{kind}", version=3)
+def model_error(solved, *moved, kind):
+    """Scale factors, offset or bias with the errors of an extended model."""
+    return biases.with_model_error(solved, *moved, kind=kind)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.checks", version=1)

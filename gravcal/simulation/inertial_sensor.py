@@ -185,19 +185,6 @@ def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, c
     return linear, rate_dot_b + (gyroscopic - gravity_torque) / truth.inertia
 
 
-def swing_rate_dot(time: np.ndarray, start: float, chosen) -> np.ndarray:
-    """Angular acceleration (n, 3) rad s-2: square wave with rounded edges, whole periods, rate zero at both ends."""
-    out = np.zeros((time.size, 3))
-    rise = max(chosen.swing_rise_s, 1e-3)
-    for axis, (period, rate) in enumerate(zip(chosen.swing_period_s, chosen.swing_rate_rad_s, strict=True)):
-        length = np.floor(chosen.swing_s / period) * period
-        u = time - start
-        wave = np.tanh(np.cos(2 * np.pi * u / period) * period / (2 * np.pi) / rise)
-        gate = (np.tanh(u / rise) - np.tanh((u - length) / rise)) / 2
-        out[:, axis] = 4 * rate / period * wave * gate
-    return out
-
-
 def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
     """Voltages, attitude and orbit round one swing.
 
@@ -228,10 +215,20 @@ def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden = NOTHING) -> 
 
 
 def _motion(fine, swing_start, path, chosen, rng):
-    """Attitude, rate and its derivative on the fine grid; between manoeuvres the control lets it sway slowly."""
+    """Attitude, rate and its derivative on the fine grid; between manoeuvres the control lets it sway slowly.
+
+    A swing is a square wave of torque with rounded edges, whole periods, rate zero at both ends.
+    """
     from scipy.integrate import cumulative_trapezoid
 
-    rate_dot = swing_rate_dot(fine, swing_start, chosen) if chosen.manoeuvre != "none" else np.zeros((fine.size, 3))
+    rate_dot, rise = np.zeros((fine.size, 3)), max(chosen.swing_rise_s, 1e-3)
+    axes = enumerate(zip(chosen.swing_period_s, chosen.swing_rate_rad_s, strict=True))
+    for axis, (period, rate) in axes if chosen.manoeuvre != "none" else ():
+        length = np.floor(chosen.swing_s / period) * period
+        u = fine - swing_start
+        wave = np.tanh(np.cos(2 * np.pi * u / period) * period / (2 * np.pi) / rise)
+        gate = (np.tanh(u / rise) - np.tanh((u - length) / rise)) / 2
+        rate_dot[:, axis] = 4 * rate / period * wave * gate
     sway = rng.uniform(300.0, 900.0, 3)
     phase = rng.uniform(0, 2 * np.pi, 3)
     rate_dot = rate_dot + 2e-8 * np.sin(2 * np.pi * fine[:, None] / sway + phase)
@@ -307,12 +304,12 @@ def _tracked(bounds, path, truth, chosen, rng, hidden):
     (start, stop), (time, quaternion) = bounds, path
     tag = start + STEP_TRACKER * np.arange(round((stop - start) / STEP_TRACKER))
     epoch = np.clip(tag - truth.delay - hidden.added("sca_delay", tag), time[0], time[-1])
-    shown = frames.interpolate(time, quaternion, epoch)
+    tracked = frames.interpolate(time, quaternion, epoch)
     angle = hidden.added("pointing_b", tag)
     if np.any(angle):
-        shown = frames.quaternion_product(shown, frames.from_rotation_vector(angle))
+        tracked = frames.quaternion_product(tracked, frames.from_rotation_vector(angle))
     noise = frames.from_rotation_vector(chosen.tracker_noise_rad * rng.standard_normal((tag.size, 3)))
-    return {"time": tag, "quaternion": frames.continuous(frames.quaternion_product(shown, noise))}
+    return {"time": tag, "quaternion": frames.continuous(frames.quaternion_product(tracked, noise))}
 
 
 def _orbit_record(start, length, path):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced, widened_sigmas
+from gravcal.calibrations.building import build, replaced, widened, widened_sigmas
 from gravcal.calibrations.inertial_sensor import schemas
 from gravcal.errors import EstimationError
 from gravcal.estimation import noise
@@ -19,6 +19,15 @@ SEPARABLE = (1, 0, 1)  # about y the direction cosines are constant: b_y and the
 MEMORY = 3  # order of the autoregressive noise of a residual, half a minute
 LIMIT = 3.0  # standard deviations from the neighbours beyond which a segment is drawn in
 NEIGHBOURS = 5  # segments of the running median
+#: Values of a product with the variables that hold their covariances, and with those that hold standard deviations.
+ERRORS = {
+    "inertial_sensor.scale": (
+        {"batch_value": ("covariance",)},
+        {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")},
+    ),
+    "inertial_sensor.offset": ({"offset": ("covariance", "covariance_total")}, {}),
+    "inertial_sensor.bias": ({}, {"bias": ("bias_sigma", "bias_sigma_total")}),
+}
 
 
 @dataclass(frozen=True)
@@ -84,12 +93,12 @@ def sensor_of(swing: tuple[xr.Dataset, ...], assumed: Mapping) -> Sensor:
         covariance = np.diag((1e-6 * np.array(assumed["offset_sigma_um"])) ** 2)
         k, k_sigma = np.array(assumed["k"]), np.array(assumed["k_sigma"])
         return Sensor(k, k_sigma, 1e-6 * np.array(assumed["offset_um"]), covariance, covariance)
-    scaled, found = swing
-    arm, choice = int(scaled.chosen_arm), int(found.adopted)
+    scaled, moved = swing
+    arm, choice = int(scaled.chosen_arm), int(moved.adopted)
     return Sensor(
         scaled.k.values[arm],
         scaled.k_sigma_total.values[arm],
-        *(found[name].values[choice] for name in ("offset", "covariance", "covariance_total")),
+        *(moved[name].values[choice] for name in ("offset", "covariance", "covariance_total")),
     )
 
 
@@ -376,6 +385,7 @@ def spectra(
     return {"frequency": frequency[2:], "density": density[:, 2:]}
 
 
-def bias_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Bias with the errors of a model that was taken out of the bins before; one moved bias a direction of these."""
-    return replaced(found, widened_sigmas(found, moved, {"bias": ("bias_sigma", "bias_sigma_total")}))
+def with_model_error(solved: xr.Dataset, *moved: xr.Dataset, kind: str) -> xr.Dataset:
+    """Product with the errors of a model that was taken out before; one moved product a direction of these errors."""
+    covariances, sigmas = ERRORS[kind]
+    return replaced(solved, widened(solved, moved, covariances) | widened_sigmas(solved, moved, sigmas))

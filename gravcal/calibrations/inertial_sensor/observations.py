@@ -102,11 +102,11 @@ class InertialSensor(Observations):
         """Candidates over the blocks of both; an effect that both can show acts in both."""
         before, after = self.counts
         of_roll = {(one.cause, one.form): one for one in self._of_roll(self.roll.candidates() if self.roll else [])}
-        found = []
+        candidates = []
         for one in self.swing.candidates() if self.swing else []:
             other = of_roll.pop((one.cause, one.form), None)
-            found.append(replace(one, columns=one.columns + (other.columns[before:] if other else [None] * after)))
-        return found + list(of_roll.values())
+            candidates.append(replace(one, columns=one.columns + (other.columns[before:] if other else [None] * after)))
+        return candidates + list(of_roll.values())
 
     def _of_roll(self, candidates):
         """Candidates of the roll over all blocks; the last of a roll alone is what is known of the offset."""

@@ -119,7 +119,7 @@ class RollView:
         whitened = self.rows(np.concatenate([left[..., None], shared], axis=3))
         channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)
         axis = np.append(np.repeat([0, 1, 2], size), [0, 1, 2])
-        found = []
+        blocks = []
         for s, (time, rows) in enumerate(zip(self.time, whitened, strict=True)):
             columns = np.zeros((len(rows), width))
             columns[:, places] = rows[:, 1:]
@@ -133,13 +133,13 @@ class RollView:
             local[-3:] = held
             epochs = np.append(np.tile(time, 3), np.full(3, time[0]))
             steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S))
-            found.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps))
+            blocks.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps))
         if alone:
             known = np.zeros((3, width))
             known[:, places[3:]] = np.eye(3) / UNKNOWN_M
             words, epochs = np.full(3, "offset"), np.full(3, self.time[0, 0])
-            found.append(Block("offset", np.zeros(3), known, np.zeros((3, 0)), words, np.arange(3), epochs))
-        return found
+            blocks.append(Block("offset", np.zeros(3), known, np.zeros((3, 0)), words, np.arange(3), epochs))
+        return blocks
 
     def steps(self, index: int, epochs: np.ndarray) -> dict[float, np.ndarray]:
         """Whitened rows (3 b + 3, 3) of a step of the linear readings of a segment at each of some epochs s."""
@@ -161,13 +161,13 @@ class RollView:
 
     def candidates(self) -> list[Candidate]:
         """Effects on the linear readings, then what these may follow."""
-        about, found = self.context(), []
+        about, candidates = self.context(), []
         for entry in (one for one in EFFECTS if one.channel == "linear_b"):
-            found += listed(entry, self.rows(entry.columns(about).reshape(*self.time.shape, 3, -1))).each_alone()
+            candidates += listed(entry, self.rows(entry.columns(about).reshape(*self.time.shape, 3, -1))).each_alone()
         for driver, form, values in self.series():
             columns = self.rows(values[:, :, None, None] * np.eye(3))
-            found.append(unknown(driver, f"{CHANNEL} reading, {form}", "linear", "m s-2", columns))
-        return found
+            candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", "linear", "m s-2", columns))
+        return candidates
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray]:
         """Whitened cosine and sine (3 b + 3, 2) of every segment, on one axis of the linear readings."""
@@ -195,13 +195,13 @@ class RollView:
 
     def series(self) -> list[tuple[str, str, np.ndarray]]:
         """Driver, form and values (s, b) 1 of what the readings may follow, each of a size near one."""
-        found = []
+        rows = []
         for n, name in ((1, "the roll angle"), (2, "twice the roll angle"), (3, "three times the roll angle")):
             wave = self.turn**n
-            found += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
+            rows += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
         rate = self.rate_b[:, :, 1] - self.rate_b[:, :, 1].mean()
         rate = rate / max(np.abs(rate).max(), 1e-30)
-        return [*found, ("rate", "component y", rate), ("rate", "square of y", rate**2)]
+        return [*rows, ("rate", "component y", rate), ("rate", "square of y", rate**2)]
 
     def reading_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q), axis by axis, in its unit."""

@@ -105,7 +105,7 @@ class SwingView:
         drifts = len(parameters) + attitude.shape[1] - 4  # after the start values of the attitude
         width = drifts + drift.shape[2]
         places = {"attitude": [*own[:3], *range(len(parameters), drifts)], "linear": [*own[3:], *range(drifts, width)]}
-        found = []
+        blocks = []
         for channel, rows in both.items():
             time, axis, stretches = self.rows_of(channel)
             columns = np.zeros((len(rows), width))
@@ -113,8 +113,8 @@ class SwingView:
             for word, part in zip(("even", "odd"), stretches, strict=True):
                 names, none = np.full(part.size, channel), np.zeros((part.size, 0))
                 words = f"{channel} {word}"
-                found.append(Block(words, rows[part, 0], columns[part], none, names, axis[part], time[part]))
-        return found
+                blocks.append(Block(words, rows[part, 0], columns[part], none, names, axis[part], time[part]))
+        return blocks
 
     def cut(self, **rows: np.ndarray) -> list[np.ndarray | None]:
         """Columns of every block from the rows (n, q) of whole channels."""
@@ -148,18 +148,18 @@ class SwingView:
     def candidates(self) -> list[Candidate]:
         """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
         coarse, fine = self.context(), self.context(self.swing.time)
-        found = []
+        candidates = []
         for entry in EFFECTS:
-            found += listed(entry, self.cut(**self._rows(entry, coarse, fine))).each_alone()
+            candidates += listed(entry, self.cut(**self._rows(entry, coarse, fine))).each_alone()
         time = self.record.time
-        found += self.steps(np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
+        candidates += self.steps(np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
         for driver, form, values in self.series(coarse):
             columns = self.cut(linear=self.linear_rows(values[:, None, None] * np.eye(3)))
-            found.append(unknown(driver, f"linear reading, {form}", "linear", "m s-2", columns))
+            candidates.append(unknown(driver, f"linear reading, {form}", "linear", "m s-2", columns))
         for driver, form, values in self.series(fine):
             columns = self.cut(attitude=-self.turned_rows(values[:, None, None] * np.eye(3)))
-            found.append(unknown(driver, f"angular reading, {form}", "angular", "rad s-2", columns))
-        return found
+            candidates.append(unknown(driver, f"angular reading, {form}", "angular", "rad s-2", columns))
+        return candidates
 
     def _rows(self, entry, coarse, fine):
         """Whitened rows by channel of an effect."""
@@ -181,11 +181,11 @@ class SwingView:
 
     def steps(self, epochs: np.ndarray) -> list[Candidate]:
         """A step of the linear readings at each of some epochs s."""
-        time, found = self.record.time, []
+        time, candidates = self.record.time, []
         for epoch in epochs:
             after = np.clip((time + (time[1] - time[0]) / 2 - epoch) / (time[1] - time[0]), 0, 1)
-            found.append(step(epoch, self.cut(linear=self.linear_rows(after[:, None, None] * np.eye(3)))))
-        return found
+            candidates.append(step(epoch, self.cut(linear=self.linear_rows(after[:, None, None] * np.eye(3)))))
+        return candidates
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray | None]:
         """Whitened cosine and sine (n, 2) of every block, on one axis of the linear readings."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced, widened
+from gravcal.calibrations.building import build
 from gravcal.calibrations.inertial_sensor import bins, schemas
 from gravcal.calibrations.inertial_sensor.scale import published_offset_matrix, quiet_blocks
 from gravcal.effects import inertial_sensor as electrodes
@@ -77,7 +77,7 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
 
     Returns
     -------
-    found : Dataset, "inertial_sensor.offset"
+    solved : Dataset, "inertial_sensor.offset"
     """
     record = prepare(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
     k = scaled.k.values[int(scaled.chosen_arm)]
@@ -186,8 +186,3 @@ def shifts(record: Record, k: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
         scaled = replace(record, rate_dot_b=record.rate_dot_b * (1 + 1e-4 * np.array(turn)))
         change.append(fit(scaled, k * (1 + 1e-4 * np.array(push)), axes).value - middle)
     return 1e4 * np.array(change)
-
-
-def offset_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Offset with the errors of a model that was taken out of the record before; one moved offset a direction."""
-    return replaced(found, widened(found, moved, {"offset": ("covariance", "covariance_total")}))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced, widened, widened_sigmas
+from gravcal.calibrations.building import build
 from gravcal.calibrations.inertial_sensor import bins, schemas, swing
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
@@ -43,12 +43,29 @@ def scale(
     """
     prepared = prepare(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
     fitted = swing.fit(prepared, np.array(first_beta, dtype=float))
+    sigma = np.sqrt(np.diag(fitted.covariance))
+    start = kalman.free_start(fitted.design, 1.0)
+    run = kalman.filter_constants(fitted.observed, fitted.design, np.zeros(len(start)), start, 1.0)
+    last = np.maximum(np.cumsum(np.where(fitted.system.count > 0, 3, 0)) - 1, 0)  # row of each bin
+    values = _motion(prepared, fitted) | {
+        "beta": fitted.unknowns.factors[swing.OWNER],
+        "beta_sigma": sigma[swing.OWNER],
+        "delay": fitted.unknowns.delay,
+        "delay_sigma": sigma[swing.FACTORS],
+        "covariance": fitted.covariance[:3, :3],
+        "tracker_sigma": np.sqrt(prepared.tracker_variance),
+        "voltage_density": np.sqrt(2 * bin_s * prepared.voltage_variance),
+        "chi2": fitted.chi2,
+        "dof": fitted.dof,
+        "filter_value": run.value[last, : swing.FACTORS + 1],
+        "filter_sigma": run.sigma[last, : swing.FACTORS + 1],
+        "batch_value": np.append(fitted.unknowns.factors, fitted.unknowns.delay),
+        "arm_x": ARMS_X,
+        "chosen_arm": np.argmin(np.abs(np.array(ARMS_X) - arm_x_mm * 1e-3)),
+    }
     printed = method == "published"
-    values = _estimates(prepared, fitted) | _motion(prepared, fitted) | _history(fitted)
-    if printed:
-        values |= published_factors(aligned, bin_s)
+    values |= published_factors(aligned, bin_s) if printed else {}
     values |= linear_factors(values["beta"], values["beta_sigma"], geometry, (k_y, k_y_sigma), printed)
-    values |= {"arm_x": ARMS_X, "chosen_arm": np.argmin(np.abs(np.array(ARMS_X) - arm_x_mm * 1e-3))}
     return build(schemas.SCALE, values, method=method, estimated="beta_x beta_y delay", causes=" ".join(CAUSES))
 
 
@@ -109,22 +126,6 @@ def _tracker_variance(time, quaternion, calm):
     return bins.scatter_of_third_differences(np.nancumsum(turn, axis=0) + 0 * turn)
 
 
-def _estimates(prepared, fitted):
-    """Factors, delay, their errors and the noise."""
-    sigma = np.sqrt(np.diag(fitted.covariance))
-    return {
-        "beta": fitted.unknowns.factors[swing.OWNER],
-        "beta_sigma": sigma[swing.OWNER],
-        "delay": fitted.unknowns.delay,
-        "delay_sigma": sigma[swing.FACTORS],
-        "covariance": fitted.covariance[:3, :3],
-        "tracker_sigma": np.sqrt(prepared.tracker_variance),
-        "voltage_density": np.sqrt(2 * (prepared.edges[1] - prepared.edges[0]) * prepared.voltage_variance),
-        "chi2": fitted.chi2,
-        "dof": fitted.dof,
-    }
-
-
 def _motion(prepared, fitted):
     """Bin means of the motion, and the measured angle for the figures."""
     motion, edges, system = fitted.motion, prepared.edges, fitted.system
@@ -147,18 +148,6 @@ def _motion(prepared, fitted):
         "rate_dot_b": rate_dot - fitted.unknowns.factors[swing.OWNER] * system.voltage_noise,
         "gradient_b": gradient,
         "angular_volt": volt,
-    }
-
-
-def _history(fitted):
-    """Kalman estimates after each bin and the batch values they end at."""
-    start = kalman.free_start(fitted.design, 1.0)
-    run = kalman.filter_constants(fitted.observed, fitted.design, np.zeros(len(start)), start, 1.0)
-    last = np.maximum(np.cumsum(np.where(fitted.system.count > 0, 3, 0)) - 1, 0)
-    return {
-        "filter_value": run.value[last, : swing.FACTORS + 1],
-        "filter_sigma": run.sigma[last, : swing.FACTORS + 1],
-        "batch_value": np.append(fitted.unknowns.factors, fitted.unknowns.delay),
     }
 
 
@@ -195,13 +184,6 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
         "ratio_relative_sigma": relative,
         "k_budget": [[one[1], np.nan, one[0]] for one in (beta_sigma / beta, np.full(3, mass), inertia, arm)],
     }
-
-
-def scale_model_error(scaled: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Scale factors with the errors of a model that was taken out of the record; one moved scale a direction."""
-    sigmas = {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")}
-    covariance = widened(scaled, moved, {"batch_value": ("covariance",)})
-    return replaced(scaled, covariance | widened_sigmas(scaled, moved, sigmas))
 
 
 def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:

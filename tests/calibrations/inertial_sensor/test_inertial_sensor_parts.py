@@ -179,6 +179,6 @@ def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
         return xr.Dataset({name: ("axis", np.array(given)) for name, given in values.items()})
 
     moved = biased([4.0, 2.0, 1.0]), biased([0.0, 2.0, np.nan])
-    found = bias.bias_model_error(biased([0.0, 2.0, 1.0]), *moved)
+    found = bias.with_model_error(biased([0.0, 2.0, 1.0]), *moved, kind="inertial_sensor.bias")
     assert_allclose(found["bias_sigma"], [5.0, 1.0, 2.0])
     assert_allclose(found["bias_sigma_total"], [4.0, 5.0, np.nan])
