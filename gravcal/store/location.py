@@ -61,6 +61,8 @@ def links(event, name=None):
 
 def prepare():
     """Create the folders of the store and, once per process, remove what dead processes left half-written."""
+    import psutil
+
     root = folder()
     if root in _swept and all((root / name).is_dir() for name in NAMES):
         return
@@ -68,20 +70,10 @@ def prepare():
         (root / name).mkdir(parents=True, exist_ok=True)
     for path in (root / "tmp").iterdir():
         host, _, pid = path.name.rpartition("-")[0].rpartition("-")
-        if host == platform.node() and pid.isdecimal() and not _is_alive(int(pid)):  # others' are not ours to remove
+        is_ours = host == platform.node() and pid.isdecimal()
+        if is_ours and not psutil.pid_exists(int(pid)):
             shutil.rmtree(path, ignore_errors=True)
     _swept.add(root)
-
-
-def _is_alive(pid):
-    """True if a process of this machine exists."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:  # another user's
-        return True
-    return True
 
 
 def new_aside():

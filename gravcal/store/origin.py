@@ -1,4 +1,4 @@
-"""Whether records were measured or simulated, as the headers of their files say; saying nothing counts as measured."""
+"""Origin of records, measured or simulated, as the headers of their files say; saying nothing counts as measured."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def of_file(file: archive.LevelOneFile) -> str:
 
 def together(origins: Iterable[str]) -> str:
     """Origin of what is made of several; "" says nothing and changes nothing."""
-    found = {one for one in origins if one}
-    return found.pop() if len(found) == 1 else MIXED if found else ""
+    distinct = {one for one in origins if one}
+    return distinct.pop() if len(distinct) == 1 else MIXED if distinct else ""
 
 
 def raised(origin: str, own: str) -> str:

@@ -165,7 +165,7 @@ def _own(attributes):
 
 
 def is_time(name, variable):
-    """Whether this is a coordinate of GPS time: it bears the name of its dimension, ``time`` or ``time_...``."""
+    """True for a coordinate of GPS time: it bears the name of its dimension, ``time`` or ``time_...``."""
     return variable.dims == (name,) and re.fullmatch(r"time(_\w+)?", name) is not None
 
 
@@ -173,14 +173,14 @@ def _labels(name, variable, stated, where):
     """Attributes of one variable completed by the schema; those that contradict it are an error."""
     known = {label: stated[label] for label in STATED if isinstance(stated.get(label), str)}
     known = TIME | known if is_time(name, variable) else known
-    found = {label: value for label, value in variable.attrs.items() if label not in ("_FillValue", "coordinates")}
+    own = {label: value for label, value in variable.attrs.items() if label not in ("_FillValue", "coordinates")}
     for label in ("units", "frame"):
-        if label in found and label in known and found[label] != known[label]:
+        if label in own and label in known and own[label] != known[label]:
             raise ProductError(
-                f"{where}: {label} is {found[label]!r}, the schema says {known[label]!r}. Convert before returning it.",
+                f"{where}: {label} is {own[label]!r}, the schema says {known[label]!r}. Convert before returning it.",
                 where=where,
             )
-    return known | found | {label: known[label] for label in ("units", "frame") if label in known}
+    return known | own | {label: known[label] for label in ("units", "frame") if label in known}
 
 
 def _check_variable(variable, stated, where):

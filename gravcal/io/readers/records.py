@@ -108,10 +108,10 @@ def _label_header(data, where):
 
 
 def _letter(platform):
-    found = re.fullmatch(r"GRACE ([A-D])(\+[A-D])?", platform.strip())
-    if not found:
+    match = re.fullmatch(r"GRACE ([A-D])(\+[A-D])?", platform.strip())
+    if not match:
         return ""
-    return {"A": "X", "C": "Y"}.get(found[1], "") if found[2] else found[1]
+    return {"A": "X", "C": "Y"}.get(match[1], "") if match[2] else match[1]
 
 
 class Malformed(Exception):

@@ -103,7 +103,7 @@ class Product:
 
     @property
     def is_text(self) -> bool:
-        """Whether the last column runs to the end of the record."""
+        """True if the last column runs to the end of the record."""
         return self.columns[-1].kind == "text"
 
     def column(self, name: str) -> Column:

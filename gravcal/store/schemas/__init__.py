@@ -47,10 +47,10 @@ def validate(document, name=None):
             raise _wrong(_text(path), item, "a finite number, or null for what is not determined")
         if isinstance(item, dict):
             blocks.append((item, path))
-    told, validator = _validator(name)
+    resolved, validator = _validator(name)
     if not validator.is_valid(document):
         error = min(validator.iter_errors(document), key=lambda e: list(map(str, e.instance_path)))
-        raise _wrong(_text(error.instance_path), error.instance, _expected(error, told))
+        raise _wrong(_text(error.instance_path), error.instance, _expected(error, resolved))
     for block in blocks:
         _check_triples(*block)
 
@@ -60,8 +60,8 @@ def _validator(name):
     """Schema with the shared definitions in place, and its validator, compiled."""
     from jsonschema_rs import Draft202012Validator
 
-    told = _without_references(schema(name), schema("common")["$defs"])
-    return told, Draft202012Validator(told)
+    resolved = _without_references(schema(name), schema("common")["$defs"])
+    return resolved, Draft202012Validator(resolved)
 
 
 def _without_references(item, definitions):
@@ -109,12 +109,12 @@ def _check_covariance(matrix, sigma, missing, path):
             raise _wrong(_text((*path, i, i)), row[i], f"the square of sigma, {sigma[i] ** 2!r}")
 
 
-def _expected(error, told):
+def _expected(error, resolved):
     """What the schema asked for, in words."""
     words = {"type": "type", "enum": "one of", "const": "exactly", "pattern": "text like", "minimum": "at least"}
     asked = error.schema_path[-1] if error.schema_path else ""
     if asked in words:
-        return f"{words[asked]} {functools.reduce(operator.getitem, error.schema_path, told)!r}"
+        return f"{words[asked]} {functools.reduce(operator.getitem, error.schema_path, resolved)!r}"
     return error.message[:200]
 
 
