@@ -1,6 +1,7 @@
 """Readings in their own units: rebuilt from whitened rows, beside what either model simulates."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from flows import com_offset, discover
@@ -88,7 +89,7 @@ def discovered(folder, effects):
     heard = []
     with stage.using(stage.inline, lambda _call, _state, ref: heard.append(ref)):
         discover.flow_of("com_offset")(*about)
-    return made, stage.read([ref for ref in heard if ref.kind == "com_offset.discovery"][-1]), observed.views
+    return made, stage.read([ref for ref in heard if ref.kind == "com_offset.discovery"][-1]), observed
 
 
 def shown(found, channel):
@@ -98,9 +99,19 @@ def shown(found, channel):
     return values
 
 
-def test_a_leak_is_seen_in_the_linear_reading(tmp_path):
+@pytest.fixture(scope="module")
+def leaking(tmp_path_factory):
+    """Products of the baseline of a day with a leak, the product of its discovery, and its observations."""
+    patch = pytest.MonkeyPatch()
+    folder = tmp_path_factory.mktemp("leaking")
+    patch.setenv("GRAVCAL_PRODUCTS", str(folder / "products"))
+    yield discovered(folder, {"accelerometer.current_leak.y_from_x": 6e-12})
+    patch.undo()
+
+
+def test_a_leak_is_seen_in_the_linear_reading(leaking):
     """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y."""
-    made, found, views = discovered(tmp_path, {"accelerometer.current_leak.y_from_x": 6e-12})
+    made, found, views = leaking[0], leaking[1], leaking[2].views
     measured, baseline, extended = shown(found, "linear")
     (k,) = [k for k, v in enumerate(views) if np.array_equal(v.operator.time, found["time_reading"].values)]
     direct = views[k].operator(np.nan_to_num(made["align"]["linear_b"].values[views[k].rows]))
@@ -116,11 +127,11 @@ def test_a_leak_is_seen_in_the_linear_reading(tmp_path):
 
 def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
     """Recovery: a rod 3 % stronger; the rebuilt angular reading is the measured one to a part of the effect."""
-    made, found, views = discovered(tmp_path, {"torque.dipole_gain.rod_y": 0.03})
+    made, found, observed = discovered(tmp_path, {"torque.dipole_gain.rod_y": 0.03})
     assert found.attrs["rebuilt"] == "yes"
     measured, baseline, extended = shown(found, "angular")
     time = found["time_reading"].values
-    near = min(views, key=lambda v: abs(v.operator.time[0] - time[0]))
+    near = min(observed.views, key=lambda v: abs(v.operator.time[0] - time[0]))
     direct = near.operator(np.nan_to_num(made["align"]["angular_b"].values[near.rows]))
     direct = direct - np.nanmean(direct, axis=0)
     same = np.stack([np.interp(time, near.operator.time, c) for c in direct.T], axis=1)
@@ -129,9 +140,9 @@ def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
     assert np.nanstd((measured - extended)[:, 0]) < 0.3 * np.nanstd((measured - baseline)[:, 0])
 
 
-def test_attitude_and_field_give_their_readings(tmp_path):
+def test_attitude_and_field_give_their_readings(leaking):
     """Contract: the field as measured; the rotation by the torquers as fitted, and what the fit left."""
-    _, made, found = viewed(tmp_path, {})
+    made, _, found = leaking
     view, observed = found.views[1], found.blocks[1].observed[:, None]
     time, model, (rest,) = found.reading("magnetometer", 1, observed)
     good = np.isfinite(rest).all(axis=1)
