@@ -22,7 +22,7 @@ BELOW = {
         "gravcal.physics",
         *FILES,
     },
-    "gravcal.discovery": {"gravcal.calibrations", "gravcal.effects", "gravcal.estimation", "gravcal.physics"},
+    "gravcal.discovery": {"gravcal.effects", "gravcal.estimation", "gravcal.physics"},
     "gravcal.simulation": {"gravcal.effects", "gravcal.estimation", "gravcal.physics"},
     "gravcal.catalog": {"gravcal.physics", "gravcal.io", "gravcal.store"},
     "gravcal.io": {"gravcal.physics", "gravcal.catalog", "gravcal.store"},

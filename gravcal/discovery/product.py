@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
 from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Choice, Finding, Result
@@ -18,7 +17,17 @@ from gravcal.discovery.schemas import DISCOVERY
 def nothing() -> xr.Dataset:
     """Product of a record without manoeuvre."""
     values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional")}
-    return build(DISCOVERY, values, numbers=json.dumps({"status": "no_manoeuvre"}), channels="", blocks="")
+    return _dataset(values, numbers=json.dumps({"status": "no_manoeuvre"}), channels="", blocks="")
+
+
+def _dataset(values, **attrs):
+    """Dataset with the variables of the schema that have values."""
+    made = {}
+    for name in (name for name in DISCOVERY if name in values):
+        stated = DISCOVERY[name]
+        labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
+        made[name] = (stated["dims"].split(), np.asarray(values[name], dtype=stated.get("dtype", "f8")), labels)
+    return xr.Dataset(made, attrs={"time_scale": "GPS"} | attrs)
 
 
 def dataset(result: Result, numbers: dict, channels: Sequence[str], reading: Mapping | None = None) -> xr.Dataset:
@@ -54,7 +63,7 @@ def dataset(result: Result, numbers: dict, channels: Sequence[str], reading: Map
     }
     text = json.dumps(_known(numbers), allow_nan=False, sort_keys=True)
     words = {"numbers": text, "channels": " ".join(names), "blocks": ", ".join(labels)}
-    return build(DISCOVERY, values | (reading or {}), **words)
+    return _dataset(values | (reading or {}), **words)
 
 
 def _known(value):
