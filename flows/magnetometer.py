@@ -5,15 +5,14 @@ from __future__ import annotations
 import functools
 
 from flows.calibration import Calibration, Discovery
-from flows.engine import flow, models
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import common, discovery, magnetometer
+from tasks import common, magnetometer
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.magnetometer")
 writers = lazy("gravcal.io.writers")
-OBSERVATIONS = "gravcal.calibrations.magnetometer.observations"
 
 
 @flow(name="magnetometer")
@@ -22,7 +21,7 @@ def calibrate(source, chosen):
     aligned, moved = _aligned(source, chosen), []
     if chosen.model:
         solved = functools.partial(_estimated, chosen)
-        aligned, moved = models.taken_out(chosen.model, functools.partial(_extended, source, chosen, aligned), solved)
+        aligned, moved = DISCOVERY.taken_out(source, chosen, {"align": aligned}, solved)
     found = _estimated(chosen, aligned)
     checked = magnetometer.checks(aligned, found, **chosen.for_stage("checks"))
     found = magnetometer.model_error(found, *moved) if moved else found
@@ -42,16 +41,12 @@ def _estimated(chosen, aligned):
     return magnetometer.estimate(aligned, **chosen.for_stage("estimate"))
 
 
-def _extended(source, chosen, aligned, model, variant):
-    """Records without the effects of a model."""
-    about = {"observations": OBSERVATIONS, "records": "magnetometer.align", "names": ["align"]}
-    return discovery.extend(aligned, model=model, settings=settings(source, chosen), variant=variant, **about)
-
-
 def baseline(source, chosen):
     """Products that discovery looks at, by name."""
     aligned = _aligned(source, chosen)
-    return {"align": _extended(source, chosen, aligned, chosen.model, "extended") if chosen.model else aligned}
+    if chosen.model:
+        aligned = DISCOVERY.without(source, chosen, {"align": aligned}, chosen.model)
+    return {"align": aligned}
 
 
 def settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
@@ -67,6 +62,12 @@ def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for
     return invented | {"satellite": chosen.satellite}
 
 
+DISCOVERY = Discovery(
+    baseline,
+    settings,
+    observations="gravcal.calibrations.magnetometer.observations",
+    records="magnetometer.align",
+)
 CALIBRATION = Calibration(
     name="magnetometer",
     title="Magnetometer",
@@ -78,5 +79,5 @@ CALIBRATION = Calibration(
     simulation=simulation,
     products=magnetometer.KINDS,
     result=results.parameters,
-    discovery=Discovery(baseline, settings, observations=OBSERVATIONS, records="magnetometer.align"),
+    discovery=DISCOVERY,
 )

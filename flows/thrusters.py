@@ -6,15 +6,14 @@ import functools
 from dataclasses import replace
 
 from flows.calibration import Calibration, Discovery
-from flows.engine import flow, models
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import common, discovery, thrusters
+from tasks import common, thrusters
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.thrusters")
 writers = lazy("gravcal.io.writers")
-OBSERVATIONS = "gravcal.calibrations.thrusters.observations"
 
 TWIN = {"A": "B", "B": "A"}
 TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
@@ -27,8 +26,7 @@ def calibrate(source, chosen):
     measured = thrusters.noise(aligned, **chosen.for_stage("noise"))
     solved = functools.partial(_estimated, source, chosen, measured)
     if chosen.model:
-        extended = functools.partial(_extended, source, chosen, aligned, measured)
-        aligned, moved = models.taken_out(chosen.model, extended, solved)
+        aligned, moved = DISCOVERY.taken_out(source, chosen, {"align": aligned, "noise": measured}, solved)
     found = solved(aligned)
     checked = thrusters.checks(aligned, found, **chosen.for_stage("checks"))
     found = thrusters.model_error(found, *moved) if moved else found
@@ -55,18 +53,12 @@ def _inertia(source):
     return {"inertia": catalog.satellite(source.satellite).settings()["inertia"]}
 
 
-def _extended(source, chosen, aligned, measured, model, variant):
-    """Records without the effects of a model."""
-    about = {"observations": OBSERVATIONS, "records": "thrusters.align", "names": ["align", "noise"]}
-    return discovery.extend(aligned, measured, model=model, settings=settings(source, chosen), variant=variant, **about)
-
-
 def baseline(source, chosen):
     """Products that discovery looks at, by name: records of the day and noise of the attitude."""
     aligned = _aligned(source, chosen)
     measured = thrusters.noise(aligned, **chosen.for_stage("noise"))
     if chosen.model:
-        aligned = _extended(source, chosen, aligned, measured, chosen.model, "extended")
+        aligned = DISCOVERY.without(source, chosen, {"align": aligned, "noise": measured}, chosen.model)
     return {"align": aligned, "noise": measured}
 
 
@@ -83,6 +75,12 @@ def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for
     return invented | {"satellite": chosen.satellite}
 
 
+DISCOVERY = Discovery(
+    baseline,
+    settings,
+    observations="gravcal.calibrations.thrusters.observations",
+    records="thrusters.align",
+)
 CALIBRATION = Calibration(
     name="thrusters",
     title="Attitude thrusters",
@@ -94,5 +92,5 @@ CALIBRATION = Calibration(
     simulation=simulation,
     products=thrusters.KINDS,
     result=results.parameters,
-    discovery=Discovery(baseline, settings, observations=OBSERVATIONS, records="thrusters.align"),
+    discovery=DISCOVERY,
 )
