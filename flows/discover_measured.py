@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flows import measured_attitude, measured_magnetometer, measured_ranging, measured_table
+from flows import measured_attitude, measured_magnetometer, measured_table
 from gravcal import catalog
 from gravcal.discovery import attribution, product
 from gravcal.discovery.blocks import Block, Candidate
@@ -225,7 +225,6 @@ def _null(values, known):
 
 VIEWS = {
     "attitude": measured_attitude.prepare,
-    "ranging": measured_ranging.prepare,
     "magnetometer": measured_magnetometer.prepare,
     "published_table": measured_table.prepare,
 }

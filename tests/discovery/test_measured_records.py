@@ -16,7 +16,6 @@ pytestmark = [
     pytest.mark.measured,
     pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}"),
 ]
-ANTENNA = {"ranging.antenna_correction", "ranging.phase_centre"}
 
 
 def by_letter(document):
@@ -42,21 +41,6 @@ def test_thruster_firings_are_named_in_a_third_of_the_day():
     assert 1 <= facts["inflation"] < 4
     if "timing.thruster_delay" in found:
         assert found["timing.thruster_delay"].tied == ["timing.star_camera_delay"]
-
-
-def test_the_antenna_is_named_when_its_correction_is_left_out_and_not_when_it_is_there():
-    """Recovery: 2014-01-15, and the control with the correction of the catalogue added."""
-    named = {}
-    for left_out in ("true", "false"):
-        settings = {"correction_left_out": left_out}
-        document = discover_measured.discover("ranging", MEASURED / "grace-2014-01-15", settings=settings)
-        validate(document)
-        named[left_out] = {c for f in document["findings"] for c in (f["cause"], *f["tied_with"])}
-        share = next(t for t in document["tried"]["AB"] if t["cause"] == "ranging.antenna_correction")
-        truth = 1.0 if left_out == "true" else 0.0
-        assert abs(share["value"][0] - truth) < 4 * share["sigma"][0]
-    assert named["true"] & ANTENNA
-    assert not named["false"] & ANTENNA
 
 
 def test_minutes_of_magnetometer_name_bias_and_leak_and_no_more():

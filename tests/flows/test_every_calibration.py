@@ -32,6 +32,7 @@ SMALL = {
     "inertial_sensor": {"roll_s": "13000", "swing_at_s": "900"},
     "gradient_torque": {"duration_s": "3000", "field_degree": "8"},
     "magnetometer": {"duration_s": "1800"},
+    "ranging": {"phase_step_s": "1"},
     "thrusters": {"duration_s": "10800", "quiet_s": "900"},
 }
 

@@ -89,7 +89,7 @@ GOOD = {"com_offset": COM, "kbr_phase_centre": KBR, "inertial_sensor": SENSOR, "
 GOOD["discovery"] = DISCOVERY
 _NAMED = {"gain_x": {"value": 1.6, "sigma": 0.03, "unit": "1"}, "gain_y": None, "gain_z": None, "delay": None}
 _MATRIX = {"parameters": list(_NAMED), "matrix": [[9e-4, None, None, None], *[[None] * 4] * 3]}
-for _name in ("magnetometer", "thrusters"):
+for _name in ("magnetometer", "ranging", "thrusters"):
     GOOD[_name] = _head(_name, parameters=_NAMED, covariance=_MATRIX, facts={}, verdict={"text": ""})
 
 

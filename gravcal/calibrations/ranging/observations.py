@@ -1,0 +1,155 @@
+"""Routine pointing as discovery sees it: blocks of a revolution, and the effects that a range can show.
+
+No parameter but bias and slow orbit error of each block is free in the baseline: the antenna correction is left out,
+and phase centres are among the causes that are tried, so that a day shows whether it names them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.ranging import model
+from gravcal.effects import Context, effect
+from gravcal.estimation import least_squares, records
+from gravcal.estimation.noise import unwhiten
+from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Reported
+
+#: Effects that a range can show; a phase break begins another block.
+EFFECTS = (
+    "ranging.antenna_correction",
+    "ranging.phase_centre",
+    "ranging.star_camera_misalignment",
+    "ranging.multipath",
+    "ranging.once_per_revolution",
+    "ranging.delay",
+    "ranging.scale",
+    "ranging.thermal",
+)
+
+
+def observe(
+    products: Mapping[str, xr.Dataset],
+    *,
+    nominal_m,
+    correction_left_out: bool,
+    determined_limit_mm: float,
+    range_block_s: float,
+    range_degree: int,
+    noise_order: int,
+) -> Routine:
+    """Observations of a day.
+
+    Parameters
+    ----------
+    products : "align" of ranging
+    nominal_m : (2, 3) m, phase centres of the catalogue
+    correction_left_out : False adds the antenna correction of these: nothing of the antenna may then be named
+    determined_limit_mm : mm, a component of a phase centre with a larger sigma is not determined
+    range_block_s, range_degree, noise_order : as of `model.blocks`
+    """
+    minutes, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
+    parts = model.blocks(minutes, range_block_s=range_block_s, range_degree=range_degree, noise_order=noise_order)
+    return Routine(minutes, parts, nominal, correction_left_out, determined_limit_mm)
+
+
+@dataclass(frozen=True)
+class Routine(Observations):
+    """Observations of a day of routine pointing.
+
+    Attributes
+    ----------
+    minutes : Dataset, "ranging.align"
+    parts : list of model.Block
+    nominal : (2, 3) m, phase centres of the catalogue
+    correction_left_out : False if their antenna correction is added
+    determined_limit_mm : mm, largest sigma of a component that is determined
+    """
+
+    minutes: xr.Dataset
+    parts: list[model.Block]
+    nominal: np.ndarray
+    correction_left_out: bool
+    determined_limit_mm: float
+
+    name = "ranging"
+    channels = ("range",)
+    parameters = ()
+    unit, scale, start = "mm", np.zeros(0), np.zeros(0)
+    step = "unknown:step"
+    widest = False
+
+    @functools.cached_property
+    def context(self) -> Context:
+        """What the effects look at, every minute."""
+        line = -self.minutes["column"].values.reshape(-1, 2, 3)
+        x, y, z = np.moveaxis(line, -1, 0)
+        extra = {name: self.minutes[name].values for name in ("range", "range_rate", "argument", "warmth")} | {
+            "line_of_sight_b": line,
+            "antenna_x": self.nominal[:, 0],
+            "antenna_correction": np.einsum("nka,ka->n", line, self.nominal),
+            "angle": np.stack([np.arctan2(-z, x), np.arctan2(y, x)], axis=-1),
+        }
+        return Context(time=self.minutes["time"].values, extra=extra)
+
+    @functools.cached_property
+    def blocks(self) -> list[records.Block]:
+        """One block a revolution."""
+        observed, made = self.minutes["observed"].values, []
+        if not self.correction_left_out:
+            observed = observed + self.context.extra["antenna_correction"]
+        for part in self.parts:
+            first = self.context.time[part.rows[0]]
+            rows = part.white((observed[part.rows] - observed[part.rows].mean())[:, None])
+            time = first + model.MEAN_S * np.arange(len(rows))
+            channel, axis = np.array(["range"] * time.size), np.zeros(time.size, dtype=int)
+            label, slow = f"from {first:.0f} s", part.white(part.slow)
+            made.append(records.Block(label, rows[:, 0], np.zeros((time.size, 0)), slow, channel, axis, time))
+        return made
+
+    @functools.cached_property
+    def candidates(self) -> list[Candidate]:
+        """Effects of the catalogue, less what bias and slow orbit error take of them."""
+        made = []
+        for entry in map(effect, EFFECTS):
+            columns = entry.columns(self.context)
+            rows = [part.white(least_squares.without(part.slow, columns[part.rows])) for part in self.parts]
+            names, units = [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
+            made.append(Candidate(entry.slug, "", names, units, rows, [p.prior_sigma for p in entry.parameters]))
+        return made
+
+    def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
+        """Time, range less orbit as the phase centres of the catalogue predict it, and rows in metres."""
+        part, block = self.parts[number], self.blocks[number]
+        predicted, valid = np.zeros(block.time.size), np.zeros(block.time.size, dtype=bool)
+        predicted[part.place], valid[part.place] = self.minutes["column"].values[part.rows] @ self.nominal.ravel(), True
+        return block.time, predicted[:, None], unwhiten(part.noise, rows, valid).T[:, :, None]
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+        """Phase centres, null where this day does not determine a component."""
+        if entry.cause != "ranging.phase_centre":
+            return entry
+        lost = [
+            n for n, p in entry.parameters.items() if p.sigma is not None and 1e3 * p.sigma > self.determined_limit_mm
+        ]
+        unknown = {name: replace(entry.parameters[name], value=None, sigma=None) for name in lost}
+        return replace(entry, parameters=dict(entry.parameters) | unknown)
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Minutes without the effects of a model."""
+        minutes = self.minutes.copy(deep=True)
+        for entry in (one for one in model if one.cause in EFFECTS):
+            known = effect(entry.cause)
+            minutes["observed"].values[:] -= known.contribution(self.context, known.values(entry.values))
+        return minutes.assign_attrs(model=" ".join(entry.cause for entry in model))
+
+
+REPORT = Reported(
+    note="Each block has its own bias and slow orbit error; the noise of one half of the day is measured in the other. "
+    "Phase centres are null where their error is larger than a wiggle would leave.",
+    readings={"range": " The distance of the orbits is taken off, and the mean."},
+)

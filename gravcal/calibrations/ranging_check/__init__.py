@@ -1,1 +1,0 @@
-"""Routine ranging against orbits as discovery sees it: the antenna correction left out, and what else may be there."""

@@ -1,0 +1,45 @@
+"""Stages of the calibration by routine pointing; the science is in `gravcal/calibrations/ranging`."""
+
+from __future__ import annotations
+
+from gravcal.calibrations.checks import CHECKS
+from gravcal.calibrations.ranging import schemas
+from gravcal.calibrations.schemas import REPORT
+from gravcal.store import product
+from tasks.stage import lazy, stage
+
+model = lazy("gravcal.calibrations.ranging.model")
+page = lazy("gravcal.calibrations.ranging.page")
+
+KINDS = {
+    "ranging.align": schemas.ALIGN,
+    "ranging.estimate": schemas.ESTIMATE,
+    "ranging.checks": CHECKS,
+    "ranging.report": REPORT,
+}
+for _kind, _schema in KINDS.items():
+    product.register(_kind, _schema)
+
+
+@stage(reads=["kbr_phase_centre.align", "kbr_phase_centre.observable"], writes="ranging.align", version=1)
+def align(aligned, equations):
+    """Means of a minute of quiet ranging minus orbit."""
+    return model.align(aligned, equations)
+
+
+@stage(reads=["ranging.align"], writes="ranging.estimate", version=1)
+def estimate(minutes, **settings):
+    """Phase centres from routine pointing."""
+    return model.estimate(minutes, **settings)
+
+
+@stage(reads=["kbr_phase_centre.checks", "ranging.estimate"], writes="ranging.checks", version=1)
+def checks(pair, found, **settings):
+    """What orbits, attitudes and ranging must satisfy against each other, and the blocks."""
+    return model.check(pair, found, **settings)
+
+
+@stage(reads=["ranging.estimate", "ranging.align", "ranging.checks"], writes="ranging.report", version=1)
+def report(*products, event, settings):
+    """Result document and page."""
+    return page.report(*products, event=event, settings=settings)
