@@ -201,12 +201,22 @@ def test_values_that_are_not_finite_are_kept_and_flagged(tmp_path, acceleration,
 
 
 def test_quaternion_that_is_no_rotation_is_flagged(tmp_path, attitude):
-    """Contract: 2e-6 off is flagged, 1e-9 is not."""
+    """Contract: what exceeds the rounding of the file by far is flagged: 1e-7 among 16 digits, not 1e-10."""
     attitude["quatangle"][4] *= 1 + 1e-4
-    attitude["quatangle"][5] *= 1 + 1e-9
+    attitude["quatangle"][5] *= 1 + 1e-10
+    for name in ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff"):
+        attitude[name][7] *= 1 + 1e-7
     attitude["quatangle"][6] = attitude["quaticoeff"][6] = 0.0
     observed = read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
-    assert_array_equal(np.flatnonzero(observed.flag == dataset.NOT_UNIT), [4, 6])
+    assert_array_equal(np.flatnonzero(observed.flag == dataset.NOT_UNIT), [4, 6, 7])
+
+
+def test_few_digits_are_no_damage(tmp_path, attitude):
+    """Contract: quaternions of eight digits are unit quaternions."""
+    for name in ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff"):
+        attitude[name] = np.round(attitude[name], 8)
+    observed = read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
+    assert not observed.flag.any()
 
 
 def test_records_out_of_order_are_flagged(attitude_file):
