@@ -10,7 +10,7 @@ import importlib
 import json
 
 from gravcal.discovery.schemas import DISCOVERY
-from gravcal.estimation.records import entries
+from gravcal.estimation.records import Reported, entries
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -76,7 +76,7 @@ def extend_by(found, *products, records, observations, names, settings):
 def report(found, *combined, calibration, observations, event, satellite, settings):
     """Result document, page and extended model; with the calibration before and after, where it has such a result."""
     named = {"calibration": calibration, "event": event, "satellite": satellite}
-    reported = importlib.import_module(observations).REPORT
+    reported = getattr(importlib.import_module(observations), "REPORT", Reported())
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
