@@ -125,7 +125,8 @@ class InertialSensor(Observations):
         at = epoch + self.spacing(epoch) * NEAR
         index = self.roll.segment_of(epoch) if self.roll else None
         if index is not None:
-            return self._of_roll(self.roll.steps_near(index, at))
+            rows = self.roll.steps(index, at).items()
+            return self._of_roll([observed_swing.step(t, [None] * index + [columns]) for t, columns in rows])
         return [replace(one, columns=one.columns + [None] * self.counts[1]) for one in self.swing.steps(at)]
 
     def wave(self, search: LineSearch) -> Callable[[int, float], np.ndarray]:

@@ -15,15 +15,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import bias as segments
-from gravcal.calibrations.inertial_sensor.observed_swing import (
-    EFFECTS,
-    TONE,
-    listed,
-    step,
-    unknown,
-    unknown_added,
-    waves_of,
-)
+from gravcal.calibrations.inertial_sensor.observed_swing import EFFECTS, TONE, listed, unknown, unknown_added, waves_of
 from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
@@ -152,12 +144,6 @@ class RollView:
         """Number of the segment that an epoch lies in."""
         inside = np.flatnonzero((self.time[:, 0] <= epoch) & (epoch <= self.time[:, -1]))
         return int(inside[0]) if inside.size else None
-
-    def steps_near(self, index: int, epochs: np.ndarray) -> list[Candidate]:
-        """Candidates of steps in a segment."""
-        count = self.time.shape[0]
-        each = self.steps(index, epochs).items()
-        return [step(at, [rows if s == index else None for s in range(count)]) for at, rows in each]
 
     def candidates(self) -> list[Candidate]:
         """Effects on the linear readings, then what these may follow."""

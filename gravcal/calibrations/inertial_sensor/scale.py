@@ -91,6 +91,8 @@ def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: n
             f"300 s either side to measure the noise. Give a longer record, or lower quiet_margin_s.",
         )
     calm = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
+    turn, step_att = frames.attitude_error(quaternion[1:], quaternion[:-1]), np.diff(time_att)
+    turn[~((np.abs(step_att - np.median(step_att)) < 1e-3) & calm[1:] & calm[:-1])] = np.nan
     return swing.Swing(
         time=time[part],
         angular_volt=readout[part],
@@ -100,7 +102,7 @@ def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: n
         position_i=aligned.position_i.values[part],
         inertia=inertia,
         voltage_variance=variance,
-        tracker_variance=_tracker_variance(time_att, quaternion, calm),
+        tracker_variance=bins.scatter_of_third_differences(np.nancumsum(turn, axis=0) + 0 * turn),
     )
 
 
@@ -116,14 +118,6 @@ def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s
         block[good] = least_squares.without(cubic(np.linspace(-1, 1, good.size), 3)[good], block[good])
         block[~good] = np.nan
     return blocks
-
-
-def _tracker_variance(time, quaternion, calm):
-    """Noise of one attitude sample (3,) rad2, from third differences of the angle while nothing turns fast."""
-    turn = frames.attitude_error(quaternion[1:], quaternion[:-1])
-    even = np.abs(np.diff(time) - np.median(np.diff(time))) < 1e-3
-    turn[~(even & calm[1:] & calm[:-1])] = np.nan
-    return bins.scatter_of_third_differences(np.nancumsum(turn, axis=0) + 0 * turn)
 
 
 def _motion(prepared, fitted):
