@@ -1,1 +1,0 @@
-"""One table per Level-1 product: columns in the order of the data, kinds, units, frames, meaning, flag bits."""
