@@ -90,3 +90,14 @@ def test_the_browser_shows_it(tilt):
     assert done.returncode == 0, done.stderr
     for text in ("Tilt meter", "Scale and bias of the tilt meter", "tilt_scale.fit", "toy-p-2026-01-01"):
         assert text in done.stdout
+
+
+def test_a_hidden_effect_is_discovered(tilt):
+    """Recovery: a reading that bends with the angle is found, with its size."""
+    data, hidden = tilt.folder / "bent", 5.0  # rad-1
+    tilt("simulate", "tilt_scale", "--out", data, "--set", f"curvature_per_rad={hidden}", "--set", "date=2026-01-02")
+    words = ("discover", "tilt_scale", "--data", data, "--engine", "inline", "--json", "-")
+    (found,) = json.loads(tilt(*words))["findings"]
+    assert found["cause"] == "unknown:angle_squared"
+    curvature = found["parameters"]["curvature"]
+    assert abs(curvature["value"] - hidden) < 4 * curvature["sigma"]

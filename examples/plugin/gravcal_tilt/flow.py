@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flows.calibration import Calibration
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal.store.results import Value
 from gravcal_tilt import stages
@@ -22,6 +22,12 @@ def calibrate(source, chosen):
     return stages.report(fitted, event=source.event, settings=chosen.for_report())
 
 
+def baseline(source, _chosen):
+    """Products that discovery looks at, by name."""
+    (file,) = level_one_files(source)
+    return {"ingest": stages.ingest(file, event=source.event, variant="")}
+
+
 def level_one_files(source):
     """The file of a day."""
     return [file for file in files.inventory(source.folder) if file.date == source.date]
@@ -29,7 +35,8 @@ def level_one_files(source):
 
 def simulation(out, chosen, day, seed, _effects, _truth):
     """Truth of an invented day; its file is written."""
-    columns = science.simulate(day, chosen.duration_s, chosen.scale, chosen.bias_rad, chosen.noise_rad, seed)
+    known = (chosen.scale, chosen.bias_rad, chosen.curvature_per_rad, chosen.noise_rad)
+    columns = science.simulate(day, chosen.duration_s, *known, seed)
     files.write(out, chosen.date, columns)
     return {"satellite": "P", "scale": chosen.scale, "bias": chosen.bias_rad}
 
@@ -54,6 +61,12 @@ CALIBRATION = Calibration(
     files=files,
     mission="toy",
     level_one_files=level_one_files,
+    discovery=Discovery(
+        baseline,
+        lambda _source, chosen: chosen.for_stage("observe"),
+        observations="gravcal_tilt.observations",
+        records="tilt_scale.ingest",
+    ),
     schema=HERE / "tilt_scale.schema.json",
     catalogue=HERE / "catalog",
 )

@@ -3,14 +3,14 @@
 import numpy as np
 
 
-def simulate(day, duration_s, scale, bias, noise, seed):
+def simulate(day, duration_s, scale, bias, curvature, noise, seed):
     """Columns of an invented day; the turntable swings once in ten minutes.
 
     Parameters
     ----------
     day : s, GPS time of its begin
     duration_s : s
-    scale, bias, noise : 1, rad, rad
+    scale, bias, curvature, noise : 1, rad, rad-1, rad
 
     Returns
     -------
@@ -19,7 +19,7 @@ def simulate(day, duration_s, scale, bias, noise, seed):
     time = day + np.arange(0.0, duration_s, 1.0)
     angle = 1e-3 * np.sin(2 * np.pi * (time - day) / 600.0)
     random = np.random.default_rng(seed).standard_normal(time.size)
-    return time, angle, (1 + scale) * angle + bias + noise * random
+    return time, angle, (1 + scale) * angle + bias + curvature * angle**2 + noise * random
 
 
 def fit(angle, reading):
