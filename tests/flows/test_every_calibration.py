@@ -362,5 +362,5 @@ def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_pa
         own = housekeeping.entries(event, configuration=location.OPERATIONAL)  # not the experiments of other tests
         inline = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in own}
         assert found["prefect"]
-        assert found["states"] == ["made"] * len(inline)
-        assert found["products"] == inline
+        assert set(found["states"]) <= {"made", "cached"}  # cached: a file that two calibrations read
+        assert found["products"].items() <= inline.items()  # which later calibrations of the event add to
