@@ -14,19 +14,20 @@ single_threaded()
 
 import numpy as np  # noqa: E402
 
-from flows import discover_measured, measured_attitude  # noqa: E402
+from flows import discover, discover_measured, engine, thrusters  # noqa: E402
+from flows.calibration import load  # noqa: E402
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.attitude_thrusters import noise as noises  # noqa: E402
-from gravcal.calibrations.attitude_thrusters import placebo, series, view  # noqa: E402
-from tasks import common  # noqa: E402
+from gravcal.calibrations.thrusters import estimate, model  # noqa: E402
+from tasks import stage  # noqa: E402
 
 RUNS = (
-    ("attitude", "grace-2014-01-15", "AB", "2014-01-15", {}),
-    ("ranging", "grace-2014-01-15", None, "2014-01-15", {}),
-    ("ranging", "grace-2014-01-15", None, "2014-01-15", {"correction_left_out": "false"}),
-    ("magnetometer", "grace-2003-09-14/binary", "AB", "2003-09-14", {}),
-    ("magnetometer", "gracefo-2023-06-01", "CD", "2023-06-01", {}),
-    ("published_table", ".", None, None, {}),
+    ("thrusters", "grace-2014-01-15", "A"),
+    ("thrusters", "grace-2014-01-15", "B"),
+    ("magnetometer", "grace-2003-09-14/binary", "A"),
+    ("magnetometer", "grace-2003-09-14/binary", "B"),
+    ("magnetometer", "gracefo-2023-06-01", "C"),
+    ("magnetometer", "gracefo-2023-06-01", "D"),
+    ("ranging", "grace-2014-01-15", "AB"),
 )
 SHIFTS_S = (*np.arange(-60.0, 61.0, 5.0), *np.arange(-4.0, 1.5, 0.5))
 LAGS_S = np.arange(-17.5, 18.0, 5.0)
@@ -40,17 +41,18 @@ def documents(root: Path) -> list[dict]:
     root : folder of measured data
     """
     found = []
-    for name, folder, satellite, date, settings in RUNS:
-        document = discover_measured.discover(name, root / folder, satellite, date, settings)
-        found.append(document)
-        print(f"{name} {document['event']} {settings or ''}")
-        for label, facts in document["facts"].items():
-            print(f"  {label}: {json.dumps({k: v for k, v in facts.items() if k != 'placebo_gains'})}")
+    for name, folder, satellite in RUNS:
+        source = load(name).source(data=root / folder, satellite=satellite)
+        ref = engine.run(discover.flow_of(name), source, catalog.parameters(name), engine="inline")
+        found.append(discover.document(ref))
+    found.append(discover_measured.discover("published_table"))
+    for document in found:
+        print(document.get("view", document["calibration"]), document["event"])
         for one in document["findings"]:
             values = {k: f"{v['value']:.3g} +- {v['sigma']:.2g}" for k, v in one["parameters"].items() if v["sigma"]}
-            print(f"  {one['in']} {one['cause']} {one['form']} tied with {one['tied_with']}: {values}")
-            held = one["heldout_gain"]["chi2"]
-            print(f"     gain {one['gain']['chi2']:.1f} ({one['gain']['dof']}), held out {held:.1f}")
+            print(f"  {one.get('in', '')} {one['cause']} {one['form']} tied with {one['tied_with']}: {values}")
+            gains = one["heldout_gain"]
+            print(f"     gain {gains['in_sample_chi2']:.1f}, held out {gains['chi2']:.1f}")
         print(f"  adequate before {document['adequate_before']}, after {document['adequate_after']}")
     return found
 
@@ -61,35 +63,30 @@ class Attitude:
 
     Attributes
     ----------
-    firings : Firings; noise : Noise; scenes : list of Scene, one a block
-    bases : (n, k) of the smooth torque a block; rest : (n,) what is left of each block
+    firings : Firings
+    rows : whitened rows of every block
     """
 
-    firings: series.Firings
-    noise: noises.Noise
-    scenes: list
-    bases: list
-    rest: list
+    firings: model.Firings
+    rows: list
 
     def fitted(self, columns):
         """Value, sigma and gain of columns (n, 3, q) rad by block."""
-        rows = [self.noise.rows(s.camera.head, s.place, s.sharp(c)) for s, c in zip(self.scenes, columns, strict=True)]
-        rows = [placebo.less(q, r) for q, r in zip(self.bases, rows, strict=True)]
-        normal = sum(r.T @ r for r in rows)
-        right = sum(r.T @ y for r, y in zip(rows, self.rest, strict=True))
+        each = [row.less(row.whiten(row.segment.sharp(c))) for row, c in zip(self.rows, columns, strict=True)]
+        normal = sum(one.T @ one for one in each)
+        right = sum(one.T @ row.less(row.observed) for row, one in zip(self.rows, each, strict=True))
         value = np.linalg.solve(normal, right)
         return value, np.sqrt(np.diag(np.linalg.inv(normal))), float(right @ value)
 
     def gain_at(self, shift):
         """Gain in chi-square of all firings moved in time."""
-        moved = series.Firings(self.firings.time + shift, self.firings.impulse_b)
-        return self.fitted(view._firings(self.scenes, moved)["columns"])[2]
+        return self.fitted([row.segment.gains(self.firings.late_by(-shift)) for row in self.rows])[2]
 
     def around_a_firing(self, axis):
         """Torque about an axis at lags from the tag of a firing, as shares of its nominal impulse."""
-        impulse = (self.firings.impulse_b * np.eye(3)[axis])[:, :, None]
+        impulse, time = (self.firings.impulse_b * np.eye(3)[axis])[:, :, None], self.firings.time
         columns = [
-            np.concatenate([s.answer(self.firings.time + lag, impulse) for lag in LAGS_S], axis=2) for s in self.scenes
+            np.concatenate([row.segment.after(time + lag, impulse) for lag in LAGS_S], axis=2) for row in self.rows
         ]
         return self.fitted(columns)[:2]
 
@@ -101,16 +98,12 @@ def attitude(root: Path, letter: str) -> Attitude:
     ----------
     root : folder of measured data; letter : of the satellite
     """
-    chosen = catalog.parameters("discover_measured").for_stage("attitude")
-    source = common.source_of("com_offset", ("THR1B",), data=root / "grace-2014-01-15", satellite=letter)
-    camera, firings, *_, inertia = measured_attitude._inputs(source, letter)[0]
-    noise = noises.measured(camera, firings.time, chosen)
-    usable = camera.part(np.isin(camera.head, list(noise.factor)))
-    scenes = [view._scene(p, inertia, chosen) for p in view._parts(usable, chosen["block_s"])]
-    blocks = [view._block(s, noise) for s in scenes]
-    bases = [placebo.basis(b["own"]) for b in blocks]
-    rest = [placebo.less(q, b["observed"]) for q, b in zip(bases, blocks, strict=True)]
-    return Attitude(firings, noise, scenes, bases, rest)
+    chosen = catalog.parameters("thrusters")
+    source = load("thrusters").source(data=root / "grace-2014-01-15", satellite=letter)
+    products = {name: stage.read(ref) for name, ref in thrusters.baseline(source, chosen).items()}
+    records, noise = model.records(products["align"]), model.noise_of(products["noise"])
+    rows = estimate.rows_of(records.camera, noise, **thrusters.settings(source, chosen))
+    return Attitude(records.firings, rows)
 
 
 def draw(root: Path, folder: Path) -> None:

@@ -73,6 +73,10 @@ def document(ref):
     return common.document(ref, "discovery.json")
 
 
+#: Other names of calibrations, as they were searched before.
+ALIASES = {"attitude": "thrusters"}
+
+
 def measured_views():
     """Names of the views of measured data."""
     from flows import discover_measured

@@ -1,4 +1,4 @@
-"""Discovery in measured data: attitude, ranging, magnetometer, and the published table of the offset.
+"""Discovery in printed numbers: the published table of the offset.
 
 `VIEWS` maps a name to a callable (data, satellite, date, settings) that gives a document of the discovery form; the
 view of each lives in `gravcal/calibrations`, the search in `gravcal/discovery`.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flows import measured_attitude, measured_magnetometer, measured_table
+from flows import measured_table
 from gravcal import catalog
 from gravcal.discovery import attribution, product
 from gravcal.discovery.blocks import Block, Candidate
@@ -224,7 +224,5 @@ def _null(values, known):
 
 
 VIEWS = {
-    "attitude": measured_attitude.prepare,
-    "magnetometer": measured_magnetometer.prepare,
     "published_table": measured_table.prepare,
 }

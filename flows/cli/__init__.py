@@ -56,7 +56,7 @@ gravcal products                                      what lies in the store (GR
 """
 DEFAULT = "com_offset"  # calibration of demo and serve
 LAST = "event whose last report is wanted"
-VIEWS = "attitude, ranging, magnetometer, published_table"
+VIEWS = "published_table"
 PAGE = "page to write; of a view of measured data discovery_VIEW.html here if not given, of a calibration a copy"
 WHAT = f"{KINDS}, or a view of measured data: {VIEWS}"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
@@ -170,6 +170,7 @@ def discover(
     """Show what the simulation of an event gets wrong, name the cause, extend the model and measure the gain."""
     from flows import discover
 
+    calibration = discover.ALIASES.get(calibration, calibration)
     if calibration not in discover.names() and calibration in discover.measured_views():
         if model is not None or as_ is not None:
             raise typer.BadParameter(

@@ -13,9 +13,6 @@ from gravcal.report import pages
 from gravcal.report.discovery import POWER
 
 TITLES = {
-    "attitude": "measured attitude against thruster firings",
-    "ranging": "measured ranging against the orbits, antenna correction left out",
-    "magnetometer": "measured magnetometer against the reference field",
     "published_table": "printed offsets of single manoeuvres against one offset for all",
 }
 #: Lower scale of short records where it is not time, and where it begins.

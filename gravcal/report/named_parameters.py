@@ -122,7 +122,7 @@ def draw_parts(found: xr.Dataset):
     known = np.flatnonzero(np.isfinite(found["value"].values))
     if not known.size or found.sizes["part"] < 2:
         return None
-    columns = min(known.size, 4)
+    columns = min(known.size, 3)
     rows = -(-known.size // columns)
     figure, panels = grid(rows, columns, 0.5 + 1.25 * rows, sharex=True, margins={"hspace": 0.45, "wspace": 0.4})
     number = 1 + np.arange(found.sizes["part"])

@@ -1,17 +1,24 @@
 """Views of measured data on simulated records: hidden firings, leaks and steps found, clean data silent."""
 
+import json
+
 import numpy as np
 import pytest
 import seeds
-import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from flows import discover_measured
 from gravcal import catalog
-from gravcal.calibrations.attitude_thrusters import series, view
-from gravcal.calibrations.magnetometer import view as magnetometer
+from gravcal.calibrations.building import build
+from gravcal.calibrations.magnetometer import observations as magnetometer
+from gravcal.calibrations.magnetometer.schemas import ALIGN as FIELD
 from gravcal.calibrations.published_table import geometry
 from gravcal.calibrations.published_table import view as table
+from gravcal.calibrations.thrusters import model
+from gravcal.calibrations.thrusters import observations as thrusters
+from gravcal.calibrations.thrusters.schemas import ALIGN as ATTITUDE
+from gravcal.discovery.driver import Limits, discover
+from gravcal.physics import frames
 
 CHOSEN = catalog.parameters("discover_measured")
 START, HOURS = 443016000.0, 2.0
@@ -44,15 +51,6 @@ def flown(rng, epochs, impulse_b):
     return (Rotation.concatenate(kept) * noise).as_quat(scalar_first=True)
 
 
-def star_camera(quaternion):
-    """Dataset as the reader gives SCA1B."""
-    time = START + 5 * np.arange(len(quaternion))
-    columns = dict(zip(("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff"), quaternion.T, strict=True))
-    columns |= {"time_second": time.astype(np.int64), "time_fraction": 0 * time, "flag": np.zeros(time.size, np.uint8)}
-    columns |= {"sca_id": np.full(time.size, 4), "qual_rss": 5e-5 + 0 * time, "qualflg": np.zeros(time.size, np.uint8)}
-    return xr.Dataset({n: ("record", v) for n, v in columns.items()}, attrs={"product": "SCA1B"})
-
-
 def schedule(rng):
     """Firings in half of the time, none in the other: epochs (k,) and nominal impulses (k, 3)."""
     spans = START + 300 + 600 * np.arange(0, int(6 * HOURS) - 1)
@@ -63,43 +61,55 @@ def schedule(rng):
     return epochs, impulse
 
 
-def searched(camera, firings):
-    """Result on invented attitude."""
-    settings = CHOSEN.for_stage("attitude")
-    blocks, candidates, _ = view.view(camera, firings, None, None, np.diag([110.49, 580.67, 649.69]), **settings)
-    return discover_measured.searched(blocks, candidates, CHOSEN)
+def findings(observed):
+    """Findings of a search, {cause: finding}."""
+    numbers = json.loads(discover(observed, Limits(0.005, 9.0, 4, 900.0, 20140115)).attrs["numbers"])
+    return {one["cause"]: one for one in numbers["findings"]}
+
+
+def searched(quaternion, epochs, impulse):
+    """Findings in invented attitude."""
+    time, minutes = START + 5.0 * np.arange(len(quaternion)), START + 60.0 * np.arange(-1, 60 * HOURS + 2)
+    angle = 1.1e-3 * (minutes - START)
+    around = np.stack([np.cos(angle), np.sin(angle), 0.1 + 0 * angle], axis=1)
+    values = {"time": time, "quaternion": frames.continuous(quaternion), "head": 4 + np.zeros(time.size, int)}
+    values |= {"quality": 5e-5 + 0 * time, "step": 5.0, "firing": epochs, "impulse_b": impulse, "velocity_error": 0.0}
+    values |= {"time_orbit": minutes, "position_i": 6.8e6 * around, "field_i": 3e-5 * around[:, ::-1]}
+    aligned, chosen = build(ATTITUDE, values), catalog.parameters("thrusters")
+    products = {"align": aligned, "noise": model.quiet_noise(aligned, **chosen.for_stage("noise"))}
+    return findings(
+        thrusters.observe(products, inertia=np.diag([110.49, 580.67, 649.69]), **chosen.for_stage("observe"))
+    )
 
 
 def test_hidden_firings_are_named_with_their_size(rng):
     """Recovery: share of the nominal impulses on roll within 4 sigma of the moment of inertia's ratio."""
     epochs, impulse = schedule(rng)
     share = rng.uniform(1.5, 3.0)  # gains of 80 and more, whatever the slow torques
-    camera = series.camera(star_camera(flown(rng, epochs, share * impulse)))
-    found = searched(camera, series.Firings(epochs, impulse)).findings
-    assert found[0].cause == "torque.thruster_firings"
-    assert found[0].heldout > 0
-    expected = share * 110.49 / 105.0
-    assert abs(found[0].value[0] - expected) < 4 * found[0].sigma[0] + 0.02 * expected  # kicks are spread over 1 s
-    assert not {f.cause for f in found} & {"torque.constant", "attitude.star_camera_misalignment"}
+    found = searched(flown(rng, epochs, share * impulse), epochs, impulse)
+    assert next(iter(found)) == "torque.thruster_firings"
+    first = found["torque.thruster_firings"]
+    assert first["heldout_gain"]["chi2"] > 0
+    expected, roll = share * 110.49 / 105.0, first["parameters"]["share_x"]
+    assert abs(roll["value"] - expected) < 4 * roll["sigma"] + 0.02 * expected  # kicks are spread over 1 s
+    assert not found.keys() & {"torque.constant", "attitude.star_camera_misalignment"}
 
 
 def test_firings_at_wrong_times_are_not_named(rng):
     """Recovery: the same kicks, a telemetry with other times; below a chance of 2e-4, by 0.5 % they are in 1 of 200."""
     epochs, impulse = schedule(rng)
-    camera = series.camera(star_camera(flown(rng, epochs, 0.3 * impulse)))
+    quaternion = flown(rng, epochs, 0.3 * impulse)
     moved = START + 300 + (epochs - START - 300 + rng.uniform(2000, 4000)) % (3600 * HOURS - 900)
     order = np.argsort(moved)
-    shuffled = series.Firings(moved[order], rng.permutation(impulse)[order])
-    found = [f for f in searched(camera, shuffled).findings if f.cause == "torque.thruster_firings"]
-    assert not [f for f in found if f.significance < 2e-4]
+    found = searched(quaternion, moved[order], rng.permutation(impulse)[order])
+    assert found.get("torque.thruster_firings", {"significance": 1.0})["significance"] >= 2e-4
 
 
 def test_quiet_attitude_names_nothing(rng):
     """Recovery: firings in the telemetry that did not turn the satellite; level 0.5 %, so once in 200 runs at most."""
     epochs, impulse = schedule(rng)
-    camera = series.camera(star_camera(flown(rng, epochs, 0 * impulse)))
-    found = searched(camera, series.Firings(epochs, impulse)).findings
-    assert not [f for f in found if f.significance < 1e-3]
+    found = searched(flown(rng, epochs, 0 * impulse), epochs, impulse)
+    assert not [f for f in found.values() if f["significance"] < 1e-3]
 
 
 def field(rng, bias=0.0, leak=0.0, count=60):
@@ -112,29 +122,27 @@ def field(rng, bias=0.0, leak=0.0, count=60):
     measured = model + 5e-9 * rng.standard_normal((count, 3)) + bias
     measured[:, 0] += leak * dipole[:, 1]
     axis = np.stack([np.sin(angle), 0.1 + 0 * angle, np.cos(angle)], axis=1)
-    from gravcal.calibrations.magnetometer.series import Field
-
-    return Field(time, measured, model, slope, dipole, axis / np.linalg.norm(axis, axis=1, keepdims=True))
+    values = {"time": time, "measured_b": measured, "model_b": model, "slope_b": slope, "dipole_b": dipole}
+    values |= {"axis_b": axis / np.linalg.norm(axis, axis=1, keepdims=True), "step": 10.0}
+    return build(FIELD, values | {"attitude_jump": 0.0, "velocity_error": 0.0})
 
 
 def magnetometer_findings(record):
-    """Findings of the magnetometer's view."""
-    blocks, candidates, _ = magnetometer.view(record, **CHOSEN.for_stage("magnetometer"))
-    return discover_measured.searched(blocks, candidates, CHOSEN).findings
+    """Findings in minutes of a magnetometer."""
+    return findings(magnetometer.observe({"align": record}, **catalog.parameters("magnetometer").for_stage("observe")))
 
 
 def test_bias_and_leak_of_a_magnetometer_are_named(rng):
     """Recovery: bias of 300 nT and a leak of 20 nT per A m2: both, nothing else, sizes within 5 sigma."""
-    found = {f.cause: f for f in magnetometer_findings(field(rng, bias=3e-7, leak=2e-8))}
+    found = magnetometer_findings(field(rng, bias=3e-7, leak=2e-8))
     assert set(found) == {"magnetometer.bias", "magnetometer.current_leak"}
-    leak = found["magnetometer.current_leak"]
-    index = leak.names.index("x_from_y")
-    assert abs(leak.value[index] - 2e-8) < 5 * leak.sigma[index]
+    leak = found["magnetometer.current_leak"]["parameters"]["x_from_y"]
+    assert abs(leak["value"] - 2e-8) < 5 * leak["sigma"]
 
 
 def test_a_clean_magnetometer_names_nothing(rng):
     """Recovery: noise alone; a finding below 1e-3 comes once in a thousand runs."""
-    assert not [f for f in magnetometer_findings(field(rng)) if f.significance < 1e-3]
+    assert not [f for f in magnetometer_findings(field(rng)).values() if f["significance"] < 1e-3]
 
 
 def rows(rng, leak):

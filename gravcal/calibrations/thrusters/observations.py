@@ -12,7 +12,7 @@ import xarray as xr
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.calibrations.thrusters.model import Firings, Segment
 from gravcal.effects import Context, effect
-from gravcal.estimation.records import Block, Candidate, Entry, Observations
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported
 from gravcal.physics import frames, orbit_environment
 
 #: In the model where firings at wrong times are tried, if they are there.
@@ -165,3 +165,13 @@ def _listed(slug, columns):
 def _driver(driver, form, unit, columns, names=("x", "y", "z")):
     """Driver that is no effect of the catalogue."""
     return Candidate(f"unknown:{driver}", form, list(names), [unit] * len(names), columns)
+
+
+NOTE = (
+    "A day is looked at in blocks with a torque free to change every knot, which stands for torquers, aerodynamics, "
+    "radiation and gravity gradient: it takes up a constant torque, a constant dipole and the mounting of the star "
+    "camera to some percent, so that these cannot be seen. Power and gains are divided by the inflation, what "
+    "firings at wrong times gain over what chance would give. Shares are in units of lever arm x force x time on of "
+    "the thruster table."
+)
+REPORT = Reported(note=NOTE)

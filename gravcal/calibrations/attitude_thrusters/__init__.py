@@ -1,1 +1,0 @@
-"""Routine attitude of one satellite as discovery sees it: star camera against a smooth torque, firings as candidate."""
