@@ -44,11 +44,16 @@ def process(columns, orbit="GNI1B", **settings):
     )
 
 
+def drawn(seed, **settings):
+    """One campaign, not kept: truth (6,) mm and products."""
+    columns, truth = simulated.__wrapped__(seed, tuple(settings.items()))
+    return true_mm(truth), process(columns)
+
+
 @lru_cache(maxsize=2)
 def campaign(seed=1):
     """One campaign with the default noise: truth (6,) mm and products."""
-    columns, truth = simulated(seed)
-    return true_mm(truth), process(columns)
+    return drawn(seed)
 
 
 def true_mm(truth):
