@@ -211,6 +211,13 @@ def test_quaternion_that_is_no_rotation_is_flagged(tmp_path, attitude):
     assert_array_equal(np.flatnonzero(observed.flag == dataset.NOT_UNIT), [4, 6, 7])
 
 
+def test_a_file_of_no_rotations_is_refused(tmp_path, attitude):
+    """Contract: one coefficient scaled by a thousandth in every record; each alone would be flagged, none is left."""
+    attitude["quatangle"] = attitude["quatangle"] * 1.01
+    with pytest.raises(ProductError, match="quaternions whose norm is not one"):
+        read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
+
+
 def test_few_digits_are_no_damage(tmp_path, attitude):
     """Contract: quaternions of eight digits are unit quaternions."""
     for name in ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff"):

@@ -37,6 +37,7 @@ MEANING = {
 }
 #: Largest difference of a norm from one, in medians of the file (its digits) and absolutely; measured: 4e-16 to 9e-11.
 NORM_ROUNDINGS, NORM_LIMITS = 10, (1e-9, 1e-6)
+NORM_SHARE = 0.5  # of a file's quaternions, from which on it is damaged as a whole
 KNOWN_TIMES = {"GPS": b"G", "OBC": b"R", "receiver": b"R", "LRI": b"SB"}
 DAY_S = 86400
 MARGIN_S = 4 * 3600  # files by an on-board or receiver clock overlap their day by up to three hours
@@ -231,11 +232,7 @@ def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np
             _check_column(flag, arrays, column, table)
     if table.id_name and satellite:
         _mark(flag, arrays[table.id_name] != satellite.encode(), OTHER_SATELLITE)
-    if table.quaternion:
-        with np.errstate(over="ignore", invalid="ignore"):
-            excess = np.abs(np.sqrt(sum(arrays[name] * arrays[name] for name in table.quaternion)) - 1)
-        limit = np.clip(NORM_ROUNDINGS * np.nanmedian(excess), *NORM_LIMITS) if np.isfinite(excess).any() else 0.0
-        _mark(flag, ~(excess <= limit), NOT_UNIT)
+    _mark(flag, _off_length(arrays, table), NOT_UNIT)
     _check_order(flag, ticks, arrays, table)
     return flag
 
@@ -309,6 +306,10 @@ def _check_identity(file, header, table, arrays, expected):
         expected = f"{', '.join(KNOWN_TIMES[table.time_scale].decode())} for {table.time_scale} time"
         remedy = "The tags are of another time scale: take the product of the right level."
         refuse(where, f"time_ref {written}", expected, remedy)
+    lengths = _off_length(arrays, table)
+    if lengths is not None and np.count_nonzero(lengths) > NORM_SHARE * lengths.size:  # fewer are flagged
+        found = f"{np.count_nonzero(lengths)} of {lengths.size} quaternions whose norm is not one"
+        refuse(where, found, "unit quaternions", "The file is damaged: fetch it again, or write it with more digits.")
 
 
 def _check_day(where, date, seconds, margin):
@@ -322,6 +323,16 @@ def _check_day(where, date, seconds, margin):
         refuse(
             where, f"no record of {date}, the first at {first} GPS", f"records of {date}", "Take the right day's file."
         )
+
+
+def _off_length(arrays, table):
+    """Records whose quaternion is no rotation; None where the product has none."""
+    if not table.quaternion:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        excess = np.abs(np.sqrt(sum(arrays[name] * arrays[name] for name in table.quaternion)) - 1)
+    limit = np.clip(NORM_ROUNDINGS * np.nanmedian(excess), *NORM_LIMITS) if np.isfinite(excess).any() else 0.0
+    return ~(excess <= limit)
 
 
 def _other_time(arrays, table):
