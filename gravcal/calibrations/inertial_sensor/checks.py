@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import xarray as xr
+from scipy.ndimage import median_filter
 
 from gravcal.calibrations import checks
 from gravcal.calibrations.checks import Check, at_least, at_most
@@ -16,6 +17,8 @@ from gravcal.physics import frames
 from gravcal.physics.constants import EARTH_RADIUS
 
 STEP = 10.0  # s, of means while rolling
+GUARD = 20.0  # s kept clear of the swing where voltages are to be quiet
+MEDIAN = 11  # samples of the running median before changes are looked at
 LEAST = 3000.0  # s of a roll that determine the torque of gravity to 3 %
 TORQUE = "angular reading y over gravity torque while rolling, from one"
 
@@ -28,6 +31,7 @@ def inputs(
     constant_limit_s,
     norm_limit,
     jump_limit_rad,
+    quiet_step_limit,
     velocity_limit_m_s,
     height_limit_m,
     pointing_limit_rad,
@@ -43,7 +47,7 @@ def inputs(
     detected : Dataset, "inertial_sensor.detect"
     days : functions that read sensor, tracker and orbit of each day
     margin_s : s on either side of a swing that are looked at
-    constant_limit_s .. pointing_limit_rad, factor_limit : limits
+    constant_limit_s .. pointing_limit_rad, quiet_step_limit, factor_limit : limits
     expected_beta : (2,) rad s-2 V-1, about x and about y and z
     orbit_height : m, catalogued; inertia : (3,) kg m2, of the test mass
 
@@ -58,8 +62,11 @@ def inputs(
         "orbit velocity against position": (velocity_limit_m_s, "m/s"),
         "orbit height against the catalogue": (height_limit_m, "m"),
         "attitude against orbit": (pointing_limit_rad, "rad"),
+        "quiet voltages, rms over median change": (quiet_step_limit, "1"),
         TORQUE: (factor_limit, "1"),
     }
+    still = [[detected.swing_start[0] - margin_s, detected.swing_start[0] - GUARD]] if detected.sizes["swing"] else []
+    still += [[detected.swing_stop[0] + GUARD, detected.swing_stop[0] + margin_s]] if still else []
     swing = np.stack([detected.swing_start, detected.swing_stop], axis=1)[:1] + [-margin_s, margin_s]
     roll = np.stack([detected.roll_start, detected.roll_stop], axis=1)
     departures = []
@@ -80,6 +87,7 @@ def inputs(
             checks.velocity_error(orbit["time"], position, velocity),
             np.nanmax(np.abs(np.linalg.norm(position, axis=1) - EARTH_RADIUS - orbit_height)),
             _pointing(time, quaternion, orbit, _inside(time, roll)),
+            _steps(sensor, still),
             _torque(*rolling, expected_beta[1], np.diag(inertia)),
         ])  # fmt: skip
     if not departures:
@@ -98,6 +106,24 @@ def _within(record, spans):
     """Part of a record that lies in spans."""
     inside = _inside(record["time"], spans)
     return {name: values[inside] for name, values in record.items()}
+
+
+def _steps(sensor, spans):
+    """Rms over median of the change of a voltage in a second of quiet data, from one; spikes of a few samples apart.
+
+    Changes of noise give one; a sign, a scale or an offset of some seconds gives steps, which the noise would hold.
+    """
+    worst = 1.0
+    for start, stop in spans:
+        volts = _within(sensor, np.array([[float(start), float(stop)]]))["volts"]
+        if len(volts) > 10 * MEDIAN:
+            smooth = median_filter(volts, size=(MEDIAN, 1))
+            change = smooth[MEDIAN:] - smooth[:-MEDIAN]
+            change -= np.median(change, axis=0)
+            typical = 1.4826 * np.median(np.abs(change), axis=0)
+            rms = np.sqrt(np.mean(change**2, axis=0))
+            worst = max(worst, float(np.max(np.divide(rms, typical, out=np.ones_like(rms), where=typical > 0))))
+    return worst
 
 
 def _torque(sensor, tracker, orbit, beta, inertia):
