@@ -30,7 +30,8 @@ ORBIT = ("GNI1B", "GNV1B")
 @flow(name="kbr_phase_centre")
 def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
-    aligned = kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
+    files = ingested(source, chosen)
+    aligned = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
     moved = []
     if chosen.model:
         products = _of_range(source, chosen, aligned)
@@ -40,7 +41,7 @@ def calibrate(source, chosen):
         combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
     settings = chosen.for_stage("routine") | nominal_of(source)
     described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **settings)
-    checked = inputs_checked(source, chosen, aligned, pointed, equations)
+    checked = inputs_checked(source, chosen, files, aligned, pointed, equations)
     return kbr_phase_centre.report(
         combined, pointed, quiet, described, checked, *solved, **_report_settings(source, chosen)
     )
@@ -53,9 +54,9 @@ def with_equations(source, chosen, aligned, observables):
     return pointed, [kbr_phase_centre.observable(aligned, pointed, variant=one, **settings) for one in observables]
 
 
-def inputs_checked(source, chosen, aligned, pointed, equations):
+def inputs_checked(source, chosen, files, aligned, pointed, equations):
     """Checks of orbits, attitudes and ranging against each other, with the equations of range and range rate."""
-    orbits = _orbits(source, ingested(source, chosen))
+    orbits = _orbits(source, files)
     settings = nominal_of(source) | chosen.for_stage("checks")
     return kbr_phase_centre.checks(aligned, pointed, *equations[:2], *orbits, **settings)
 

@@ -26,9 +26,11 @@ def calibrate(source, chosen):
 def _minutes(source):
     """Means of a minute and checks of the inputs; ranging minus orbit is made as for kbr_phase_centre."""
     chosen = catalog.parameters("kbr_phase_centre")
-    aligned = kbr_phase_centre.align(*wiggles.ingested(source, chosen), **chosen.for_stage("align"))
+    files = wiggles.ingested(source, chosen)
+    aligned = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
     pointed, equations = wiggles.with_equations(source, chosen, aligned, ("range", "range_rate"))
-    return ranging.align(aligned, equations[0]), wiggles.inputs_checked(source, chosen, aligned, pointed, equations)
+    checked = wiggles.inputs_checked(source, chosen, files, aligned, pointed, equations)
+    return ranging.align(aligned, equations[0]), checked
 
 
 def _extended(source, chosen, minutes):

@@ -60,7 +60,7 @@ def kind(line):
     for mark in ("gravcal serve", "gravcal browse", "gravcal fetch", "prefect", "python -m benchmarks"):
         if mark in line:
             return mark.split()[-1]
-    return "measured" if re.search(r"discover (attitude|ranging|magnetometer)", line) else "plain"
+    return "measured" if re.search(r"discover (attitude|thrusters|ranging|magnetometer)", line) else "plain"
 
 
 def of_kind(*kinds):

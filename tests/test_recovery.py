@@ -108,7 +108,7 @@ CASES = {
 @pytest.mark.parametrize("case", sorted(CASES))
 def test_events_of_the_second_simulator_come_back(tmp_path, case):
     """Recovery: random offset to 0.5 mm; every variant within five sigma of the truth, in total error; delays too."""
-    seed = seeds.seed("events")
+    seed = seeds.seed("events of the second simulator")
     offset = tuple(np.random.default_rng(seed).uniform(-500, 500, 3))
     truth = make_event(tmp_path / "files", seed, offset_um=offset, **(SMALL | CASES[case]))
     document = through_the_flow(tmp_path / "files")

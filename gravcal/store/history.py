@@ -147,6 +147,8 @@ def level_one_folders(calibration):
         made.setdefault(link.relative_to(latest).parts[0], []).append((link.name, folder.name))
     for event, products in made.items():
         reports = [key for stage, key in products if stage.endswith(".report")]
+        if not reports and last_run(event, calibration) is None:  # another calibration uses some of its stages
+            continue
         files = [one for key in reports or [key for _, key in products] for one in raw_files(key)]
         files = [one for one in files if one["product"] not in AUXILIARY]
         if files:
