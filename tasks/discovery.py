@@ -63,7 +63,9 @@ def search_again(
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
 def extend(*products, records, observations, names, model, settings):
     """Records without the effects of an extended model."""
-    return _without(products, records, observations, names, settings, entries(json.loads(model)))
+    given = entries(json.loads(model))
+    driver.check_causes(_observed(products, observations, names, settings), given)
+    return _without(products, records, observations, names, settings, given)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])

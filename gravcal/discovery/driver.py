@@ -20,6 +20,7 @@ from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline,
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, search
 from gravcal.discovery.trials import SHARES
+from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, epoch_of, slug_of
 
@@ -81,6 +82,31 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
         return first
     numbers |= {name: before[name] for name in ("adequate_before", "p_before", "tried")}
     return _product(observed, limits, result, numbers).assign_attrs(rebuilt="yes")
+
+
+def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
+    """Raise if an entry in no list names no driver of this calibration: its effect would stay in the records unseen.
+
+    Parameters
+    ----------
+    observed : Observations, None where there is nothing to look at
+    model : entries of a model file
+
+    Raises
+    ------
+    CatalogError : such an entry
+    """
+    strange = {entry.cause for entry in model if not entry.listed}
+    if observed is None or not strange:
+        return
+    known = {slug_of(one.cause) for one in observed.candidates} | {line.cause for line in observed.lines}
+    known |= set(observed.tones.values())
+    if strange - known:
+        drivers = sorted(cause for cause in known if cause.startswith("unknown:"))
+        raise CatalogError(
+            f"model: found {', '.join(sorted(strange - known))}, expected some of the catalogue or of {observed.name}: "
+            f"{', '.join(drivers)}. Write the model with gravcal discover of this calibration."
+        )
 
 
 def _searched(observed, limits, model):
