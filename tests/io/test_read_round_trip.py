@@ -78,6 +78,7 @@ def test_every_table_writes_and_reads(tmp_path, name):
     if table.optional:
         columns["prod_flag"] = np.full(2, sum(1 << c.bit for c in table.optional))
     columns.pop("time_ref", None)
+    columns |= {one: np.array([0.5, 0.5]) for one in table.quaternion}
     columns[table.time[0]] = np.array([START, START + 1])
     path = write(columns, tmp_path / f"{name}_2023-06-01_{satellite}_04.txt")
     observed = read(path)
