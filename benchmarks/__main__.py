@@ -37,7 +37,6 @@ def main() -> None:
     parser.add_argument("--out", metavar="PATH", help="for lines of cases, or documents of a folder")
     parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing")
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
-    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster for the study of discovery")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
     parser.add_argument("--events", type=int, help="events of the campaign, by default 20")
     parser.add_argument("--windows", action="store_true", help="windows of manoeuvres in the campaign, not days")

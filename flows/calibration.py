@@ -8,6 +8,7 @@ docs/adding_a_calibration.md.
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -97,7 +98,6 @@ class Calibration:
     source : (event=, data=, satellite=, date=) -> Source; None: by ``begins``
     days : folder -> [(folder, satellite, date)] of the events below it; None: by ``begins``
     level_one_files : source -> Level-1 files of the event; None: one for each of ``inputs``
-    page : module that declares the page of the report
     printed : {section of the published values: function of a record -> rows of the time line}
     levels : {panel: published scalar, m s-2, drawn as a line: the printed order of magnitude}
     trims : True if a time line shows the mass trims of its satellite
@@ -128,7 +128,6 @@ class Calibration:
     source: Callable | None = None
     days: Callable | None = None
     level_one_files: Callable | None = None
-    page: Any = None
     printed: Mapping[str, Callable] = field(default_factory=dict)
     levels: Mapping[str, str] = field(default_factory=dict)
     trims: bool = False
@@ -173,6 +172,27 @@ class Calibration:
         """Document with the manoeuvres of a product of `detect`."""
         found = read(ref)
         return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": list(self.manoeuvres(found))}
+
+
+def of_one_satellite(module: str) -> Callable:
+    """Simulation that writes the Level-1 files of one satellite, for a record.
+
+    Parameters
+    ----------
+    module : with ``simulate(numbers of the satellite, chosen, day, seed, effects)`` -> columns by product, truth
+    """
+
+    def simulation(out, chosen, day, seed, effects, _truth):
+        from gravcal import catalog
+        from gravcal.io import writers
+
+        numbers = catalog.satellite(chosen.satellite).settings()
+        columns, invented = importlib.import_module(module).simulate(numbers, chosen, day, seed, effects)
+        for product, values in columns.items():
+            writers.write(values, out / writers.file_name(product, chosen.date, chosen.satellite))
+        return invented | {"satellite": chosen.satellite}
+
+    return simulation
 
 
 def _source(calibration, *, event=None, data=None, satellite=None, date=None):

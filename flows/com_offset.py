@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from flows.calibration import Calibration, Discovery
+from flows.calibration import Calibration, Discovery, of_one_satellite
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.browse import printed
 from gravcal.store import results
 from tasks import com_offset, common
-from tasks.stage import lazy
-
-simulator = lazy("gravcal.simulation.com_offset")
-writers = lazy("gravcal.io.writers")
 
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 TORQUERS = ("inertia", "dipole_per_current")
@@ -147,15 +143,6 @@ def manoeuvres(found):
         yield {"kind": ("roll", "pitch", "yaw")[int(kind)], "start": float(start), "stop": float(stop)}
 
 
-def simulation(out, chosen, day, seed, effects, _truth):
-    """Truth of an invented day; its Level-1 files are written."""
-    satellite = catalog.satellite(chosen.satellite).settings()
-    columns, invented = simulator.simulate(satellite, chosen, day, seed, effects)
-    for product, values in columns.items():
-        writers.write(values, out / writers.file_name(product, chosen.date, chosen.satellite))
-    return invented | {"satellite": chosen.satellite}
-
-
 def values(document):
     """Adopted offset."""
     adopted = (document.get("variants") or {}).get((document.get("adopted") or {}).get("variant"))
@@ -180,7 +167,7 @@ CALIBRATION = Calibration(
     flow=calibrate,
     detect=detect,
     manoeuvres=manoeuvres,
-    simulation=simulation,
+    simulation=of_one_satellite("gravcal.simulation.com_offset"),
     products=com_offset.KINDS,
     result=values,
     printed={"history": printed.vector("µm")},

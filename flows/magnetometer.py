@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import functools
 
-from flows.calibration import Calibration, Discovery
+from flows.calibration import Calibration, Discovery, of_one_satellite
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
 from tasks import common, magnetometer
-from tasks.stage import lazy
-
-simulator = lazy("gravcal.simulation.magnetometer")
-writers = lazy("gravcal.io.writers")
 
 
 @flow(name="magnetometer")
@@ -54,14 +50,6 @@ def settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
     return chosen.for_stage("observe")
 
 
-def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
-    """Truth of an invented day; its Level-1 files are written."""
-    columns, invented = simulator.simulate(catalog.satellite(chosen.satellite).settings(), chosen, day, seed, effects)
-    for name, values in columns.items():
-        writers.write(values, out / writers.file_name(name, chosen.date, chosen.satellite))
-    return invented | {"satellite": chosen.satellite}
-
-
 DISCOVERY = Discovery(
     baseline,
     settings,
@@ -76,7 +64,7 @@ CALIBRATION = Calibration(
     satellites=("A", "B", "C", "D"),
     inputs={"mag": ("MAG1B",), "sca": ("SCA1B",), "orbit": ("GNV1B",)},
     flow=calibrate,
-    simulation=simulation,
+    simulation=of_one_satellite("gravcal.simulation.magnetometer"),
     products=magnetometer.KINDS,
     result=results.parameters,
     discovery=DISCOVERY,

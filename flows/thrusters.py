@@ -5,15 +5,11 @@ from __future__ import annotations
 import functools
 from dataclasses import replace
 
-from flows.calibration import Calibration, Discovery
+from flows.calibration import Calibration, Discovery, of_one_satellite
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
 from tasks import common, thrusters
-from tasks.stage import lazy
-
-simulator = lazy("gravcal.simulation.thrusters")
-writers = lazy("gravcal.io.writers")
 
 TWIN = {"A": "B", "B": "A"}
 TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
@@ -67,14 +63,6 @@ def settings(source, chosen):
     return _inertia(source) | chosen.for_stage("observe")
 
 
-def simulation(out, chosen, day, seed, effects, truth):  # noqa: ARG001 - as for the other calibrations
-    """Truth of an invented day; its Level-1 files are written."""
-    columns, invented = simulator.simulate(catalog.satellite(chosen.satellite).settings(), chosen, day, seed, effects)
-    for name, values in columns.items():
-        writers.write(values, out / writers.file_name(name, chosen.date, chosen.satellite))
-    return invented | {"satellite": chosen.satellite}
-
-
 DISCOVERY = Discovery(
     baseline,
     settings,
@@ -89,7 +77,7 @@ CALIBRATION = Calibration(
     satellites=("A", "B"),
     inputs={"sca": ("SCA1B",), "thrusters": ("THR1B",), "orbit": ("GNV1B",)},
     flow=calibrate,
-    simulation=simulation,
+    simulation=of_one_satellite("gravcal.simulation.thrusters"),
     products=thrusters.KINDS,
     result=results.parameters,
     discovery=DISCOVERY,

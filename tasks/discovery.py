@@ -63,15 +63,15 @@ def search_again(
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
 def extend(*products, records, observations, names, model, settings):
     """Records without the effects of an extended model."""
-    given = entries(json.loads(model))
-    driver.check_causes(_observed(products, observations, names, settings), given)
-    return _without(products, records, observations, names, settings, given)
+    observed, given = _observed(products, observations, names, settings), entries(json.loads(model))
+    driver.check_causes(observed, given)
+    return _without(observed, products, records, names, given)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
 def extend_by(found, *products, records, observations, names, settings):
     """Records without what was found in them."""
-    return _without(products, records, observations, names, settings, _model(found))
+    return _without(_observed(products, observations, names, settings), products, records, names, _model(found))
 
 
 @stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=3, also=["{observations}"])
@@ -92,9 +92,8 @@ def _model(found):
     return entries(json.loads(found.attrs["numbers"]).get("findings", []))
 
 
-def _without(products, records, observations, names, settings, model):
+def _without(observed, products, records, names, model):
     """Records of a kind without the effects of a model; as they are where nothing is observed."""
-    observed = _observed(products, observations, names, settings)
     if observed is None:
         return dict(zip(names, products, strict=True))[records.rpartition(".")[2]].copy()
     return observed.without(model)
