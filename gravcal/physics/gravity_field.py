@@ -209,12 +209,12 @@ def _prepared(field, derivatives):
         for name in derivatives:
             for k in range(len(name)):
                 if name[: k + 1] not in known:
-                    known[name[: k + 1]] = _derivative(known[name[:k]], name[k])
-        field.tables[derivatives] = _tables([known[name] for name in derivatives])
+                    known[name[: k + 1]] = derivative(known[name[:k]], name[k])
+        field.tables[derivatives] = kernel_tables([known[name] for name in derivatives])
     return field.tables[derivatives]
 
 
-def _derivative(K, axis):
+def derivative(K, axis):
     """Coefficients of R d/d(axis) of the series Re sum K_nm Z_nm, Z_nm the normalised V_nm + i W_nm.
 
     (d/dx + i d/dy) Z_nm = -Z_(n+1)(m+1), (d/dx - i d/dy) Z_nm = (n-m+1)(n-m+2) Z_(n+1)(m-1) for m > 0,
@@ -238,8 +238,8 @@ def _derivative(K, axis):
     return out
 
 
-def _tables(series):
-    """Kernel arrays: coefficients by order and degree above the order, in tiles, and the two recursion factors."""
+def kernel_tables(series):
+    """Arguments of `sum_series`: coefficients by order and degree above it, in tiles, and the recursion's factors."""
     orders = series[0].shape[0]
     table = np.zeros((orders, orders, -(-2 * len(series) // TILE) * TILE))
     alpha, beta = np.zeros((2, orders, orders))
