@@ -5,8 +5,11 @@ The simulator injects an effect, the estimator fits it, discovery proposes it; `
 
 from __future__ import annotations
 
+import difflib
+
 from gravcal.effects import accelerometer, gradient, inertial_sensor, ranging, sensors, torque
 from gravcal.effects.base import CHANNELS, Context, Effect, Parameter
+from gravcal.errors import CatalogError
 
 __all__ = ["CHANNELS", "Context", "Effect", "Parameter", "catalogue", "effect"]
 
@@ -15,23 +18,13 @@ def catalogue() -> dict[str, Effect]:
     """Every effect by slug."""
     families = (sensors.TIMING, torque.EFFECTS, accelerometer.EFFECTS, sensors.EFFECTS)
     families += (ranging.EFFECTS, inertial_sensor.EFFECTS, gradient.EFFECTS)
-    known = [entry for family in families for entry in family]
-    return {entry.slug: entry for entry in known}
+    return {entry.slug: entry for family in families for entry in family}
 
 
 def effect(slug: str) -> Effect:
-    """One effect; an unknown slug names its nearest neighbours.
-
-    Parameters
-    ----------
-    slug : "family.name"
-    """
+    """One effect by its slug "family.name"; an unknown one names its nearest neighbours."""
     known = catalogue()
     if slug not in known:
-        import difflib
-
-        from gravcal.errors import CatalogError
-
         near = difflib.get_close_matches(slug, known, n=3) or sorted(known)[:5]
         raise CatalogError(f"effect {slug!r} is not in the catalogue. Did you mean {', '.join(near)}?", slug=slug)
     return known[slug]

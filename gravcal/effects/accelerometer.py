@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from gravcal.effects.base import Context, Effect, Parameter, axes, coupled, drifting, misaligned, scaled
+from gravcal.effects.base import (
+    Context,
+    Laws,
+    Parameter,
+    axes,
+    coupled,
+    drifting,
+    each,
+    misaligned,
+    pairs,
+    scaled,
+    symmetric,
+)
 from gravcal.physics.sensing import offset_tensor
 
-
-def _offset(context: Context, values):
-    """CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass)."""
-    return _offset_columns(context) @ np.asarray(values)
+EFFECTS = Laws()
+law = EFFECTS.law
+_COUPLING = "coupling of the torquer currents into the electronics"
 
 
 def _offset_columns(context: Context):
@@ -18,6 +30,20 @@ def _offset_columns(context: Context):
     return -offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
 
 
+_SOURCE = "CoM paper eqs. 2, 5; equations.md (M1)"
+_FROM_PROOF_MASS = axes("", "m", "proof mass to centre of mass along", 2e-4)
+
+
+@law("accelerometer.offset", "linear_b", _FROM_PROOF_MASS, _SOURCE, jacobian=_offset_columns)
+def _offset(context: Context, values):
+    """CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass)."""
+    return _offset_columns(context) @ np.asarray(values)
+
+
+_SPEED = axes("speed", "m s-1", "drift of proof mass to centre of mass along", 1e-7)
+
+
+@law("accelerometer.moving_offset", "linear_b", _SPEED, "equations.md (M1), terms in dp/dt")
 def _moving(context: Context, values):
     """Offset drifting at a constant speed, zero at mid manoeuvre; the speed terms 2 w x dp/dt are kept."""
     middle = (context.start + context.stop) / 2
@@ -27,154 +53,100 @@ def _moving(context: Context, values):
     return -(elapsed * (tensor @ np.asarray(values)) + 2 * np.cross(context.rate_b, values))
 
 
+_SCALE = axes("", "1", "relative excess of the scale of", 0.02)
+law("accelerometer.scale", "linear_b", _SCALE, "reading")(scaled("linear_b"))
+_ANGLE = axes("angle", "rad", "sensor frame turned about", 1e-3)
+law("accelerometer.misalignment", "linear_b", _ANGLE, "reading")(misaligned("linear_b"))
+
+
+@law("accelerometer.quadratic", "linear_b", axes("", "s2 m-1", "quadratic response of", 10.0), "reading")
 def _quadratic(context: Context, values):
     return context.linear_b**2 * values
 
 
+_LEAK = pairs("m s-2 A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 3e-11)
+law("accelerometer.current_leak", "linear_b", _LEAK, _COUPLING)(coupled("dipole_b"))
+_LEAK = pairs("m", "reading of {0[0]} per angular acceleration about {0[7]}", 1e-4)
+law("accelerometer.angular_leak", "linear_b", _LEAK, "electrode cross-talk")(coupled("angular_b"))
+_STEP = (*axes("", "m s-2", "step of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0))
+
+
+@law("accelerometer.bias_step", "linear_b", _STEP, "reading", linear=False)
 def _bias_step(context: Context, values):
     return np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
 
 
+law("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of", 1e-12), "reading")(drifting)
+_TONE = (
+    Parameter("frequency", "Hz", "frequency", 0.1),
+    *axes("", "m s-2", "amplitude along", 1e-10),
+    Parameter("phase", "rad", "phase at the reference epoch", 1.0),
+)
+
+
+@law("accelerometer.stray_tone", "linear_b", _TONE, "disturbance of the platform", linear=False)
 def _tone(context: Context, values):
     frequency, x, y, z, phase = values
     return np.sin(2 * np.pi * frequency * (context.time - context.epoch) + phase)[:, None] * np.array([x, y, z])
 
 
+_SCALE = axes("", "1", "relative excess of the angular scale about", 0.05)
+law("accelerometer.angular_scale", "angular_b", _SCALE, "CoM paper eq. 31")(scaled("angular_b"))
+_ANGLE = axes("angle", "rad", "angular sensor turned about", 2e-3)
+law("accelerometer.angular_misalignment", "angular_b", _ANGLE, "reading")(misaligned("angular_b"))
+_LEAK = pairs("rad s-2 A-1 m-2", "reading about {0[0]} per dipole along {0[7]}", 1e-8)
+law("accelerometer.angular_current_leak", "angular_b", _LEAK, _COUPLING)(coupled("dipole_b"))
+_SHARE = each(("xy", "xz", "yz"), "1", "share of {0[0]} read by {0[1]} and of {0[1]} by {0[0]}", 1e-2)
+
+
+@law("accelerometer.cross_talk", "linear_b", _SHARE, "electrode cross-talk")
 def _crosstalk(context: Context, values):
     """Each of two axes reads the same share of the other; the antisymmetric part is a misalignment."""
-    xy, xz, yz = values
-    return context.linear_b @ np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+    return context.linear_b @ symmetric(*values)
 
 
+_WARMING = axes("", "m s-2", "change from long night to long day of", 1e-9)
+
+
+@law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")
 def _temperature(context: Context, values):
     """Reading that follows sunlight through a first-order lag."""
     return context.extra["warmth"][:, None] * np.asarray(values)
 
 
+_MODE = (
+    Parameter("frequency", "Hz", "own frequency", 0.01, neutral=0.5, lower=0.0),
+    Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),
+    *axes("", "m s-2 A-1 m-2", "ringing per dipole of", 1e-11),
+)
+
+
+@law("accelerometer.flexible_mode", "linear_b", _MODE, "appendage driven by the torque steps", linear=False)
 def _flexible(context: Context, values):
     """Ringing of an appendage driven by the torquers: x'' + 2 z w x' + w^2 x = w^2 u, reading c (x - u), u = |m|."""
-    from gravcal.effects.kernels import ringing
-
     frequency, damping, *size = values
     return ringing(context.time, context.dipole_b.sum(axis=1), frequency, damping)[:, None] * np.array(size)
 
 
-_BOTH = ("xy", "xz", "yz")
-_PAIRS = tuple(f"{a}_from_{b}" for a in "xyz" for b in "xyz")
+@njit(cache=True)
+def ringing(time, drive, frequency, damping):
+    """Oscillator less its drive, (n,) unit of the drive; the drive is held from epoch to epoch, at rest at first.
 
-EFFECTS = (
-    Effect(
-        "accelerometer.offset",
-        "linear_b",
-        axes("", "m", "proof mass to centre of mass along", 2e-4),
-        _offset,
-        "CoM paper eqs. 2, 5; equations.md (M1)",
-        jacobian=_offset_columns,
-    ),
-    Effect(
-        "accelerometer.moving_offset",
-        "linear_b",
-        axes("speed", "m s-1", "drift of proof mass to centre of mass along", 1e-7),
-        _moving,
-        "equations.md (M1), terms in dp/dt",
-    ),
-    Effect(
-        "accelerometer.scale",
-        "linear_b",
-        axes("", "1", "relative excess of the scale of", 0.02),
-        scaled("linear_b"),
-        "reading",
-    ),
-    Effect(
-        "accelerometer.misalignment",
-        "linear_b",
-        axes("angle", "rad", "sensor frame turned about", 1e-3),
-        misaligned("linear_b"),
-        "reading",
-    ),
-    Effect(
-        "accelerometer.quadratic", "linear_b", axes("", "s2 m-1", "quadratic response of", 10.0), _quadratic, "reading"
-    ),
-    Effect(
-        "accelerometer.current_leak",
-        "linear_b",
-        tuple(Parameter(n, "m s-2 A-1 m-2", f"reading of {n[0]} per dipole along {n[-1]}", 3e-11) for n in _PAIRS),
-        coupled("dipole_b"),
-        "coupling of the torquer currents into the electronics",
-    ),
-    Effect(
-        "accelerometer.angular_leak",
-        "linear_b",
-        tuple(Parameter(n, "m", f"reading of {n[0]} per angular acceleration about {n[-1]}", 1e-4) for n in _PAIRS),
-        coupled("angular_b"),
-        "electrode cross-talk",
-    ),
-    Effect(
-        "accelerometer.bias_step",
-        "linear_b",
-        (*axes("", "m s-2", "step of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0)),
-        _bias_step,
-        "reading",
-        linear=False,
-    ),
-    Effect("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of", 1e-12), drifting, "reading"),
-    Effect(
-        "accelerometer.stray_tone",
-        "linear_b",
-        (
-            Parameter("frequency", "Hz", "frequency", 0.1),
-            *axes("", "m s-2", "amplitude along", 1e-10),
-            Parameter("phase", "rad", "phase at the reference epoch", 1.0),
-        ),
-        _tone,
-        "disturbance of the platform",
-        linear=False,
-    ),
-    Effect(
-        "accelerometer.angular_scale",
-        "angular_b",
-        axes("", "1", "relative excess of the angular scale about", 0.05),
-        scaled("angular_b"),
-        "CoM paper eq. 31",
-    ),
-    Effect(
-        "accelerometer.angular_misalignment",
-        "angular_b",
-        axes("angle", "rad", "angular sensor turned about", 2e-3),
-        misaligned("angular_b"),
-        "reading",
-    ),
-    Effect(
-        "accelerometer.angular_current_leak",
-        "angular_b",
-        tuple(Parameter(n, "rad s-2 A-1 m-2", f"reading about {n[0]} per dipole along {n[-1]}", 1e-8) for n in _PAIRS),
-        coupled("dipole_b"),
-        "coupling of the torquer currents into the electronics",
-    ),
-    Effect(
-        "accelerometer.cross_talk",
-        "linear_b",
-        tuple(Parameter(n, "1", f"share of {n[0]} read by {n[1]} and of {n[1]} by {n[0]}", 1e-2) for n in _BOTH),
-        _crosstalk,
-        "electrode cross-talk",
-    ),
-    Effect(
-        "accelerometer.temperature",
-        "linear_b",
-        axes("", "m s-2", "change from long night to long day of", 1e-9),
-        _temperature,
-        "reading against sunlight with a lag of 600 s",
-    ),
-    Effect(
-        "accelerometer.flexible_mode",
-        "linear_b",
-        (
-            Parameter("frequency", "Hz", "own frequency", 0.01, neutral=0.5, lower=0.0),
-            Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),
-            *axes("", "m s-2 A-1 m-2", "ringing per dipole of", 1e-11),
-        ),
-        _flexible,
-        "appendage driven by the torque steps",
-        linear=False,
-    ),
-)
+    Parameters
+    ----------
+    time : (n,) s
+    drive : (n,) any unit
+    frequency, damping : Hz, 1, less than critical
+    """
+    out = np.zeros(time.size)
+    own = 2 * np.pi * max(frequency, 1e-9)
+    decay, swing = damping * own, own * np.sqrt(1 - damping**2)
+    x, v = 0.0, 0.0
+    for k in range(1, time.size):
+        step, target = time[k] - time[k - 1], drive[k - 1]
+        c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
+        away = x - target
+        x = target + fade * (away * c + (v + decay * away) / swing * s)
+        v = fade * (v * c - (decay * v + own**2 * away) / swing * s)
+        out[k] = x - drive[k]
+    return out

@@ -31,8 +31,6 @@ CHANNELS = {
 class Parameter:
     """One number of an effect.
 
-    Attributes
-    ----------
     name : word used in settings, results and model files
     unit : SI
     meaning : what a positive value does
@@ -53,8 +51,6 @@ class Parameter:
 class Context:
     """What an effect may look at, on the epochs of its channel; fields that a channel has not are None.
 
-    Attributes
-    ----------
     time : (n,) s, GPS
     rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2, body with respect to inertial
     gradient_b : (n, 3, 3) s-2, gravity gradient
@@ -87,8 +83,6 @@ class Context:
 class Effect:
     """A physical or instrumental effect, shared by the simulator, the estimator and discovery.
 
-    Attributes
-    ----------
     slug : "family.name"
     channel : key of CHANNELS
     parameters : its numbers
@@ -107,21 +101,13 @@ class Effect:
     jacobian: Callable[[Context], np.ndarray] | None = None
 
     def values(self, given: Mapping[str, float]) -> np.ndarray:
-        """Parameter values in order, neutral where not given.
-
-        Parameters
-        ----------
-        given : by parameter name, SI
-        """
+        """Parameter values in order from SI values by name, neutral where not given."""
         return np.array([given.get(p.name, p.neutral) for p in self.parameters], dtype=float)
 
     def columns(self, context: Context, at: np.ndarray | None = None) -> np.ndarray:
         """Derivative of the contribution by each parameter, last axis; central differences where not linear.
 
-        Parameters
-        ----------
-        context : Context
-        at : (p,) values about which to differentiate, neutral by default
+        They are taken about the values ``at`` (p,), neutral by default; at the end of a range by one plausible step.
         """
         if self.jacobian is not None:
             return self.jacobian(context)
@@ -132,9 +118,7 @@ class Effect:
             unit[index] = 1.0
             if self.linear:
                 parts.append(self.contribution(context, unit))
-            elif (
-                at[index] - 1e-3 * parameter.prior_sigma < parameter.lower
-            ):  # at the end of its range: one plausible step
+            elif at[index] - 1e-3 * parameter.prior_sigma < parameter.lower:  # at the end of its range
                 moved = self.contribution(context, at + parameter.prior_sigma * unit)
                 parts.append((moved - self.contribution(context, at)) / parameter.prior_sigma)
             else:
@@ -144,10 +128,38 @@ class Effect:
         return np.stack(parts, axis=-1)
 
 
-def axes(name: str, unit: str, meaning: str, prior_sigma: float, letters: str = "xyz") -> tuple[Parameter, ...]:
+class Laws(list):
+    """Effects of a family, in order."""
+
+    def law(self, slug: str, channel: str, parameters, reference: str, **more) -> Callable:
+        """Decorator that adds an effect of this contribution (context, values); arguments as the fields of `Effect`."""
+
+        def add(contribution):
+            self.append(Effect(slug, channel, tuple(parameters), contribution, reference, **more))
+            return contribution
+
+        return add
+
+
+def axes(name: str, unit: str, meaning: str, prior_sigma: float) -> tuple[Parameter, ...]:
     """Parameters of the same kind along the three body axes, named `name_x`, `name_y`, `name_z` or `x`, `y`, `z`."""
     prefix = f"{name}_" if name else ""
-    return tuple(Parameter(f"{prefix}{a}", unit, f"{meaning} {a}", prior_sigma) for a in letters)
+    return tuple(Parameter(f"{prefix}{a}", unit, f"{meaning} {a}", prior_sigma) for a in "xyz")
+
+
+def each(names, unit: str, meaning: str, prior_sigma: float) -> tuple[Parameter, ...]:
+    """Parameters of the same kind by name; the meaning holds "{0}" for the name, or "{0[0]}" for its first letter."""
+    return tuple(Parameter(name, unit, meaning.format(name), prior_sigma) for name in names)
+
+
+def pairs(unit: str, meaning: str, prior_sigma: float) -> tuple[Parameter, ...]:
+    """Parameters of all nine pairs of axes, "x_from_y", row by row as in `coupled`."""
+    return each([f"{a}_from_{b}" for a in "xyz" for b in "xyz"], unit, meaning, prior_sigma)
+
+
+def symmetric(xy: float, xz: float, yz: float) -> np.ndarray:
+    """Symmetric matrix (3, 3) without diagonal."""
+    return np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
 
 
 # laws that several families share: contributions (context, values) by what they act on

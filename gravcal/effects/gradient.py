@@ -9,30 +9,47 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.effects.base import Context, Effect, Parameter, axes
+from gravcal.effects.base import Context, Laws, Parameter, axes
 from gravcal.physics.sensing import offset_tensor
 
 SOURCE = "S-GRS paper, eqs. 4-10 (errata S-2, S-3, S-5)"
+EFFECTS = Laws()
+law = EFFECTS.law
+
+_PLACE = axes("", "m", "both test masses away from the CoM along", 1e-3)
 
 
+@law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)
 def _mounting(context: Context, values):
     """Both sensors moved by the same vector: what eq. 10 takes to be zero, as an accelerometer reads it."""
     tensor = offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
     return _each(context, np.matvec(tensor, values))
 
 
+_SHARE = (Parameter("scale", "1", "gravity gradient over its model, minus one", 1e-3),)
+
+
+@law("gradient.field_scale", "linear_each_b", _SHARE, SOURCE)
 def _field_scale(context: Context, values):
     """Gravity gradient larger than modelled, felt at each sensor's place."""
     places = context.extra["positions"]
     return np.stack([-values[0] * np.matvec(context.gradient_b, place) for place in places], axis=1)
 
 
+_WAVE = Parameter("cosine", "1", "C_22 beyond its model", 1e-8), Parameter("sine", "1", "S_22 beyond its model", 1e-8)
+
+
+@law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)
 def _tesseral(context: Context, values):
     """Gradient of coefficients that the model does not know, felt at each sensor's place."""
     tensor = np.einsum("p,npij->nij", np.asarray(values, dtype=float), context.extra["tesseral_b"])
     return np.stack([-np.matvec(tensor, place) for place in context.extra["positions"]], axis=1)
 
 
+_BIAS = axes("", "rad s-2", "constant angular reading about", 1e-9)
+
+
+@law("gradient.angular_bias", "angular_each_b", _BIAS, SOURCE)
 def _angular_bias(context: Context, values):
     return _each(context, np.broadcast_to(values, context.rate_b.shape))
 
@@ -40,38 +57,3 @@ def _angular_bias(context: Context, values):
 def _each(context, reading):
     """The same reading for every sensor, (n, sensors, 3)."""
     return np.repeat(reading[:, None, :], len(context.extra["positions"]), axis=1)
-
-
-EFFECTS = (
-    Effect(
-        "gradient.mounting",
-        "linear_each_b",
-        axes("", "m", "both test masses away from the CoM along", 1e-3),
-        _mounting,
-        SOURCE,
-    ),
-    Effect(
-        "gradient.field_scale",
-        "linear_each_b",
-        (Parameter("scale", "1", "gravity gradient over its model, minus one", 1e-3),),
-        _field_scale,
-        SOURCE,
-    ),
-    Effect(
-        "gradient.tesseral",
-        "linear_each_b",
-        (
-            Parameter("cosine", "1", "C_22 beyond its model", 1e-8),
-            Parameter("sine", "1", "S_22 beyond its model", 1e-8),
-        ),
-        _tesseral,
-        SOURCE,
-    ),
-    Effect(
-        "gradient.angular_bias",
-        "angular_each_b",
-        axes("", "rad s-2", "constant angular reading about", 1e-9),
-        _angular_bias,
-        SOURCE,
-    ),
-)

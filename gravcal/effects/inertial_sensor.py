@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.effects.base import Context, Effect, Parameter, axes, constant, drifting
+from gravcal.effects.base import Context, Laws, Parameter, axes, constant, drifting, each
 from gravcal.physics.constants import VACUUM_PERMITTIVITY
 
 VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
@@ -170,73 +170,50 @@ def volts(combined: np.ndarray) -> np.ndarray:
     return combined @ np.linalg.inv(READOUT).T
 
 
+#: The context holds `extra["linear_volt"]` (n, 3) V, readouts, and `extra["displacement_b"]` (n, 3) m of the test mass.
+EFFECTS = Laws()
+law = EFFECTS.law
+_PAPER = "Remote Sens. 2023, 15, 3817"
+_SQUARE = axes("", "m s-2 V-2", "acceleration per squared volt beyond k V along", 1e-7)
+
+
+@law("inertial_sensor.quadratic", "linear_b", _SQUARE, f"{_PAPER}, eq. 4, second term")
 def _quadratic(context: Context, values):
     """Part of f = b + k V + k2 V V that k V does not read; Taiji eq. 4."""
     return -np.asarray(values) * context.extra["linear_volt"] ** 2
 
 
+_OFF = (np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1]))
+_SHARES = [f"{'xyz'[i]}_from_{'xyz'[j]}" for i, j in zip(*_OFF, strict=True)]
+_SHARES = each(_SHARES, "1", "share of the force along {0[7]} that {0[0]} reads", 1e-3)
+
+
+@law("inertial_sensor.cross_coupling", "linear_b", _SHARES, "electrodes not at right angles")
 def _coupling(context: Context, values):
     matrix = np.zeros((3, 3))
     matrix[_OFF] = values
     return context.linear_b @ matrix.T
 
 
+_PULL = axes("", "s-2", "pull per metre off the middle of the cage along", 1e-5)
+
+
+@law("inertial_sensor.stiffness", "linear_b", _PULL, "electrostatic spring of the electrodes, of negative sign")
 def _stiffness(context: Context, values):
     """A test mass held off its place is pulled on; the suspension reads the opposite."""
     return -np.asarray(values) * context.extra["displacement_b"]
 
 
+_DELAY = Parameter("delay", "s", "angular readings follow the motion by", 0.02)
+
+
+@law("inertial_sensor.loop_delay", "angular_b", (_DELAY,), "suspension loop")
 def _loop_delay(context: Context, values):
     """Voltages answer to the motion of before: to first order minus the delay times the change."""
     return -values[0] * np.gradient(context.angular_b, context.time, axis=0)
 
 
-_OFF = (np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1]))
-_PAIRS = tuple(f"{'xyz'[i]}_from_{'xyz'[j]}" for i, j in zip(*_OFF, strict=True))
-_PAPER = "Remote Sens. 2023, 15, 3817"
-
-#: The context holds `extra["linear_volt"]` (n, 3) V, readouts, and `extra["displacement_b"]` (n, 3) m of the test mass.
-EFFECTS = (
-    Effect(
-        "inertial_sensor.quadratic",
-        "linear_b",
-        axes("", "m s-2 V-2", "acceleration per squared volt beyond k V along", 1e-7),
-        _quadratic,
-        f"{_PAPER}, eq. 4, second term",
-    ),
-    Effect(
-        "inertial_sensor.cross_coupling",
-        "linear_b",
-        tuple(Parameter(n, "1", f"share of the force along {n[-1]} that {n[0]} reads", 1e-3) for n in _PAIRS),
-        _coupling,
-        "electrodes not at right angles",
-    ),
-    Effect(
-        "inertial_sensor.stiffness",
-        "linear_b",
-        axes("", "s-2", "pull per metre off the middle of the cage along", 1e-5),
-        _stiffness,
-        "electrostatic spring of the electrodes, of negative sign",
-    ),
-    Effect(
-        "inertial_sensor.loop_delay",
-        "angular_b",
-        (Parameter("delay", "s", "angular readings follow the motion by", 0.02),),
-        _loop_delay,
-        "suspension loop",
-    ),
-    Effect(
-        "inertial_sensor.bias_drift",
-        "linear_b",
-        axes("", "m s-3", "drift of the reading of", 1e-13),
-        drifting,
-        f"{_PAPER}, Sec. 4.4, trends of the segments",
-    ),
-    Effect(
-        "inertial_sensor.tracker_misalignment",
-        "pointing_b",
-        axes("angle", "rad", "star tracker turned against the sensor about", 1e-3),
-        constant,
-        "mounting",
-    ),
-)
+_DRIFT = axes("", "m s-3", "drift of the reading of", 1e-13)
+law("inertial_sensor.bias_drift", "linear_b", _DRIFT, f"{_PAPER}, Sec. 4.4, trends of the segments")(drifting)
+_ANGLE = axes("angle", "rad", "star tracker turned against the sensor about", 1e-3)
+law("inertial_sensor.tracker_misalignment", "pointing_b", _ANGLE, "mounting")(constant)

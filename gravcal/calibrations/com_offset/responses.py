@@ -16,8 +16,8 @@ import xarray as xr
 from gravcal.calibrations.com_offset import lag
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, attitude_at, field_at, of_torque
 from gravcal.effects import Context, catalogue, effect
+from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
-from gravcal.effects.kernels import ringing
 from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape, Wave
 from gravcal.physics import frames
 
