@@ -44,23 +44,19 @@ def modules():
 
 
 @cache
-def tree(path):
-    """Syntax tree of a file."""
-    return ast.parse(path.read_text())
-
-
 def imports(path):
     """Full names that a file imports, at any depth; relative ones made absolute; lazy("...") counts."""
-    package = path.relative_to(ROOT).parent.parts
-    for node in ast.walk(tree(path)):
+    package, found = path.relative_to(ROOT).parent.parts, set()
+    for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = ".".join(package[: len(package) + 1 - node.level]) if node.level else ""
             module = ".".join(part for part in (base, node.module) if part)
-            yield from (f"{module}.{alias.name}" for alias in node.names)
+            found |= {f"{module}.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "lazy" and node.args:
-            yield node.args[0].value
+            found.add(node.args[0].value)
+    return found
 
 
 def layer(name):

@@ -19,16 +19,6 @@ def test_columns_that_keep_their_slow_part_pull_the_phase_centre_off(capsys):
     assert found["gravcal", "range", "ls", "all"][1].max() < 5
 
 
-def test_without_arguments_every_calibration_is_studied(monkeypatch):
-    """Contract: the four tables, one behind the other."""
-    called = []
-    for name in study.PARTS:
-        monkeypatch.setattr(study, name, lambda runs, name=name: called.append((name, runs)))
-    monkeypatch.setattr("sys.argv", ["published_methods"])
-    study.main()
-    assert called == [(name, 4) for name in study.PARTS]
-
-
 def test_drag_by_quaternions_is_the_plain_reading(capsys):
     """Recovery: eq. 16 errs by the gradient over a millimetre, 1e-9 m s-2, a hundred times more than a model of it."""
     found = study.gradient_torque(1)

@@ -55,12 +55,6 @@ def test_every_calibration_has_a_series(name, tmp_path):
     assert DOCUMENTS[name][0] in page.read_text()
 
 
-def test_a_document_on_standard_output_is_alone_there(tmp_path):
-    """Contract: '-' means standard output and nothing else is printed there."""
-    code, said = gravcal("com_offset", "--satellite", "C", "--out", tmp_path / "series.html", "--json", "-")
-    assert (code, json.loads(said)["satellite"]) == (0, "C")
-
-
 def test_a_series_of_nothing_says_so_and_leaves_the_page(tmp_path):
     """Contract: exit code 3 and "no_data"; an older page stays, a new one is not made."""
     old, new = tmp_path / "old.html", tmp_path / "new.html"

@@ -116,13 +116,6 @@ def test_lines_of_the_chain_run_to_the_right(shop):
     assert max(x for x, _ in places.values()) + graph.WIDTH <= picture["width"]
 
 
-def test_a_replaced_product_is_offered_with_what_differs(shop):
-    """Contract: the older product of the same event is compared by its settings."""
-    found = store_index.entry(shop["again"]["mtq"].key)
-    rows = [(one.ref.key, why) for one, why in store_index.relatives(found)]
-    assert (shop["first"]["mtq"].key, ["gain: 1.0 -> 1.5"]) in rows
-
-
 @pytest.mark.parametrize(
     "path",
     [

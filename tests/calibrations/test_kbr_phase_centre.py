@@ -127,17 +127,6 @@ def test_phase_breaks_within_wiggles_do_no_harm():
     assert np.abs(z).max() < 4.5
 
 
-def test_a_large_error_is_the_draw_of_the_noise_and_nothing_else():
-    """Recovery: seed 20001, break within a wiggle, x of C 4.4 sigma off: a hundredth of the noise, of the error too."""
-    products = []
-    for settings in ((), (("ranging_noise_m", 1e-8), ("noise_scale", 0.01))):
-        columns, truth = simulated(20001, settings=settings)
-        products.append(process(columns))
-    error, small = (estimate_mm(one) - true_mm(truth) for one in products)
-    assert error[0, 0] > 4 * sigma_mm(products[0].combined)[0, 0]
-    assert_allclose(small[:, [0, 3]], error[:, [0, 3]] / 100, atol=5e-4)  # mm; 0.2 um is left without any noise
-
-
 def test_one_sided_sets_follow_the_tan_law():
     """Recovery: sigma of y, z is tan(2 deg) that of x, and their shifts follow that of x; erratum K-2."""
     _, products = campaign()

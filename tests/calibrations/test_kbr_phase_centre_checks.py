@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from commands import gravcal
 from kbr_campaign import NOMINAL, process, simulated
 
 from flows import kbr_phase_centre
@@ -197,8 +198,6 @@ def test_an_attitude_that_is_late_by_a_second_fails_the_fit():
 
 def test_a_questionable_result_says_so_everywhere(tmp_path, monkeypatch):
     """Contract: exit code 4; status and failed check in document, verdict, page, vector files and lines."""
-    from test_bad_input_others import gravcal
-
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     for (product, letter), values in changed(put("GNI1B", "C", "ypos", 0.0)).items():
         path = writers.write(values, tmp_path / writers.file_name(product, "2020-09-10", letter))

@@ -103,21 +103,6 @@ def test_the_page_holds_tables_and_figures(campaign):
 
 
 @pytest.mark.usefixtures("shared_store")
-def test_a_second_run_and_a_plan_make_nothing(campaign):
-    """Contract: everything is in the store; another weight of robustness remakes solutions only."""
-    folder, _ = campaign
-    run(folder)
-    source = kbr_phase_centre.CALIBRATION.source(data=folder)
-    chosen = catalog.parameters("kbr_phase_centre")
-    steps, _ = engine.plan(kbr_phase_centre.calibrate, source, chosen)
-    assert {step.action for step in steps} == {"reuse"}
-    steps, _ = engine.plan(kbr_phase_centre.calibrate, source, chosen.with_settings({"robust_k1": 3.0}))
-    remade = {step.stage.rsplit(".", 1)[-1] for step in steps if step.action != "reuse"}
-    assert remade == {"range", "range_rate", "range_acceleration", "combine", "routine", "report"}
-    assert all("observable" not in step.stage for step in steps if step.action != "reuse")
-
-
-@pytest.mark.usefixtures("shared_store")
 def test_detect_tells_the_wiggles(campaign):
     """Contract: satellite, kind, start and stop of all eight."""
     folder, truth = campaign
@@ -152,15 +137,6 @@ def test_a_day_without_wiggles_says_so(tmp_path):
         assert routine[letter]["phase_centre_mm"][0] is routine[letter]["sigma_mm"][0] is None  # 1500 +- 35 before
         assert None not in routine[letter]["phase_centre_mm"][1:]
     assert "x is not determined" in (ref.folder / "report.html").read_text(encoding="utf-8")
-
-
-def test_a_missing_file_is_named(campaign, tmp_path):
-    """Contract: without the attitude of D the message says product, satellite and day."""
-    for path in campaign[0].glob("*.txt"):
-        if not path.name.startswith("SCA1B") or "_D_" not in path.name:
-            (tmp_path / path.name).symlink_to(path)
-    with pytest.raises(ProductError, match="found no SCA1B of satellite D on 2020-09-10"):
-        run(tmp_path)
 
 
 def test_an_event_of_the_catalogue_stands_for_its_pair(tmp_path, monkeypatch):

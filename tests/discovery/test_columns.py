@@ -64,11 +64,3 @@ def test_columns_along_own_ones_are_gone_and_not_rounding(made):
     squares = np.append(np.zeros(9), 1e20)
     products = np.full((10, 10), 1e3)
     assert np.count_nonzero(without_rounding(products, squares)) == 81
-
-
-def test_choices_of_columns_are_not_kept_without_end(made):
-    """Contract: memory stays bounded, whatever is asked for."""
-    columns, _, _ = made
-    for k in range(100):
-        columns.of(np.array([k % 9, k // 9 % 9]))
-    assert len(columns.memory) < 10

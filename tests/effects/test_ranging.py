@@ -38,10 +38,3 @@ def test_an_effect_adds_what_its_law_says(slug, given, expected):
     """Analytic: each law at numbers done by hand."""
     effect = BY_SLUG[slug]
     assert_allclose(effect.contribution(CONTEXT, effect.values(given)), expected, atol=1e-18)
-
-
-@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.slug)
-def test_an_effect_at_its_neutral_values_adds_nothing(effect):
-    """Contract: neutral parameters vanish, and every parameter has unit, meaning and prior."""
-    assert np.all(effect.contribution(CONTEXT, effect.values({})) == 0)
-    assert all(one.unit and one.meaning and one.prior_sigma > 0 for one in effect.parameters)

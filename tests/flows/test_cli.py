@@ -5,19 +5,11 @@ import subprocess
 import sys
 
 import pytest
+from commands import gravcal
 
-from flows import cli
 from gravcal.errors import EstimationError
 from gravcal.store import housekeeping, keys
 from gravcal.store.schemas import validate
-
-
-def gravcal(*arguments):
-    """Exit code of a command run in this process."""
-    sys.argv = ["gravcal", *map(str, arguments)]
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    return ended.value.code
 
 
 def test_a_run_delivers_a_document(fakecal, capsys):

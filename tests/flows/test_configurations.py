@@ -7,22 +7,15 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import gravcal
 
-from flows import cli, command, engine
+from flows import command, engine
 from flows.engine import through_prefect
 from gravcal import catalog
 from gravcal.errors import CatalogError
 from gravcal.store import configurations, history, housekeeping, location
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
-
-
-def gravcal(*arguments):
-    """Exit code of a command run in this process."""
-    sys.argv = ["gravcal", *map(str, arguments)]
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    return ended.value.code
 
 
 @pytest.fixture

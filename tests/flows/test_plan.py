@@ -19,12 +19,6 @@ def test_a_plan_of_nothing_made_yet(pipeline):
     assert housekeeping.folders() == []
 
 
-def test_a_plan_after_a_run_reuses_all(pipeline):
-    """Contract: same inputs, settings and code."""
-    pipeline.run()
-    assert set(plan(pipeline).values()) == {("reuse",)}
-
-
 def test_a_changed_setting_is_shown_with_both_values(pipeline):
     """Contract: old and new value; below, what may have to run."""
     pipeline.run()

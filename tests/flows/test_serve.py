@@ -14,7 +14,6 @@ from pathlib import Path
 import psutil
 import pytest
 import requests
-import yaml
 
 from flows import campaign as campaigns
 from flows import serve
@@ -427,23 +426,6 @@ def test_the_table_of_a_page_begins_with_what_failed():
     rows = [{"event": number, "status": "delivered" if number else "failed"} for number in range(1003)][::-1]
     shown, left_out = campaigns.table(rows)
     assert (shown[0]["event"], len(shown), left_out) == (0, 1000, "; 3 of 1003 events are not shown")
-
-
-@pytest.mark.usefixtures("_prefect")
-def test_the_file_of_deployments_names_flows_that_exist():
-    """Contract: prefect.yaml, for a server and a process pool that are there."""
-    import importlib
-
-    known = yaml.safe_load((ROOT / "prefect.yaml").read_text())
-    assert [one["entrypoint"] for one in known["deployments"]] == [
-        "flows.scheduled.reprocess_all",
-        "flows.scheduled.new_data",
-    ]
-    for one in known["deployments"]:
-        module, _, name = one["entrypoint"].rpartition(".")
-        flow = getattr(importlib.import_module(module), name)
-        assert set(one["parameters"]) <= set(flow.parameters.properties)
-        assert one["work_pool"]["name"] == "gravcal"
 
 
 @pytest.mark.usefixtures("_prefect")

@@ -12,16 +12,12 @@ class Body:
 
     inertia: np.ndarray
     dipole: np.ndarray  # (3, 3) A m2 per mA, column = rod
-    slow_dipole: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     residual_dipole: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    lags: np.ndarray = field(default_factory=lambda: np.zeros(2))  # s, of dipole and slow dipole
-    cubic: float = 0.0  # relative loss of dipole at 110 mA
-    eddy: float = 0.0  # N m s T-2
+    lag: float = 0.0  # s, of the dipole behind the current
 
     def parts(self):
         """The tuple that `propagate` takes."""
-        rods = (self.dipole, self.slow_dipole, self.residual_dipole, self.cubic)
-        return (self.inertia, np.linalg.inv(self.inertia), self.eddy), rods, self.lags
+        return (self.inertia, np.linalg.inv(self.inertia)), (self.dipole, self.residual_dipole), self.lag
 
 
 @njit(cache=True)
@@ -66,12 +62,11 @@ def gravity_torque(q, inertia, gradient):
 
 
 @njit(cache=True)
-def rate_dot(q, w, moment, env, extra, inertia, inverse, eddy):
+def rate_dot(q, w, moment, env, extra, solid):
     """Angular acceleration; env rows: field (inertial), gradient (3 rows, inertial), smooth torque (body)."""
-    field_b = rotate(q, env[0], -1.0)
-    torque = add(cross(moment, field_b), gravity_torque(q, inertia, env[1:4]), 1.0)
+    inertia, inverse = solid
+    torque = add(cross(moment, rotate(q, env[0], -1.0)), gravity_torque(q, inertia, env[1:4]), 1.0)
     torque = add(add(torque, env[4], 1.0), extra, 1.0)
-    torque = add(torque, cross(cross(w, field_b), field_b), eddy)
     return times(inverse, add(torque, cross(w, times(inertia, w)), -1.0))
 
 
@@ -92,14 +87,13 @@ def moved(q, rate, step):
 @njit(cache=True)
 def runge_kutta(q, w, h, moments, envs, extra, solid):
     """One classical step; three moments and three environments (start, middle, end); normalised quaternion."""
-    inertia, inverse, eddy = solid
-    a1, b1 = attitude_rate(q, w), rate_dot(q, w, moments[0], envs[0], extra, inertia, inverse, eddy)
+    a1, b1 = attitude_rate(q, w), rate_dot(q, w, moments[0], envs[0], extra, solid)
     q2, w2 = moved(q, a1, h / 2), add(w, b1, h / 2)
-    a2, b2 = attitude_rate(q2, w2), rate_dot(q2, w2, moments[1], envs[1], extra, inertia, inverse, eddy)
+    a2, b2 = attitude_rate(q2, w2), rate_dot(q2, w2, moments[1], envs[1], extra, solid)
     q3, w3 = moved(q, a2, h / 2), add(w, b2, h / 2)
-    a3, b3 = attitude_rate(q3, w3), rate_dot(q3, w3, moments[1], envs[1], extra, inertia, inverse, eddy)
+    a3, b3 = attitude_rate(q3, w3), rate_dot(q3, w3, moments[1], envs[1], extra, solid)
     q4, w4 = moved(q, a3, h), add(w, b3, h)
-    a4, b4 = attitude_rate(q4, w4), rate_dot(q4, w4, moments[2], envs[2], extra, inertia, inverse, eddy)
+    a4, b4 = attitude_rate(q4, w4), rate_dot(q4, w4, moments[2], envs[2], extra, solid)
     q = moved(moved(q, a1, h / 6), a4, h / 6)
     q = moved(moved(q, a2, h / 3), a3, h / 3)
     w = add(add(add(add(w, b1, h / 6), b2, h / 3), b3, h / 3), b4, h / 6)
@@ -114,12 +108,10 @@ def lagged(before, target, step, lag):
 
 
 @njit(cache=True)
-def moment_of(fast, slow, rods):
+def moment_of(current, rods):
     """Dipole of the rods in A m2."""
-    dipole, slow_dipole, residual, cubic = rods
-    a, b, c = fast
-    full = (a - cubic * a**3 / 12100.0, b - cubic * b**3 / 12100.0, c - cubic * c**3 / 12100.0)
-    return add(add(times(dipole, full), times(slow_dipole, slow), 1.0), residual, 1.0)
+    dipole, residual = rods
+    return add(times(dipole, current), residual, 1.0)
 
 
 @njit(cache=True)
@@ -159,31 +151,29 @@ def propagate(t, envs, modes, drive, reference, dither, start, body, control):
     """Go through the grid t; rows of state (7), current, dipole, angular acceleration; and the state to go on with.
 
     envs = at the grid times and at the middles of the steps. modes[k]: 0 control currents unchanged, 1 off,
-    2 renewed, 3 renewed with ideal actuators besides. drive = current (3) and torque (3) held over the step.
-    reference = quaternion and rate (7), valid where renewed. start = quaternion, rate, control current, two lagged
-    currents, ideal torque. body = (inertia, inverse, eddy), rods, lags; values at a grid time are right limits.
+    2 renewed, 3 renewed with ideal actuators besides. drive = current (3) held over the step.
+    reference = quaternion and rate (7), valid where renewed. start = quaternion, rate, control current, lagged
+    current, ideal torque. body = (inertia, inverse), rods, lag; values at a grid time are right limits.
     """
-    (inertia, inverse, eddy), rods, lags = body
-    q, w, trim, fast, slow, ideal = start
+    solid, rods, lag = body
+    q, w, trim, fast, ideal = start
     n, table = len(t), np.empty((len(t), 16))
     for k in range(n):
         h, last = (t[k + 1] - t[k], k + 1) if k < n - 1 else (0.0, k)
         if modes[k] == 1:
             trim, ideal = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         elif modes[k] > 1:
-            trim, rest = steer(q, w, envs[0][k], reference[k], dither[k], inertia, control)
+            trim, rest = steer(q, w, envs[0][k], reference[k], dither[k], solid[0], control)
             ideal = add((0.0, 0.0, 0.0), rest, modes[k] - 2.0)
-        now, extra = add(drive[k], trim, 1.0), add(drive[k, 3:], ideal, 1.0)
-        f0, s0 = lagged(fast, now, 0.0, lags[0]), lagged(slow, now, 0.0, lags[1])
-        f1, s1 = lagged(fast, now, h / 2, lags[0]), lagged(slow, now, h / 2, lags[1])
-        fast, slow = lagged(fast, now, h, lags[0]), lagged(slow, now, h, lags[1])
-        m = moment_of(f0, s0, rods), moment_of(f1, s1, rods), moment_of(fast, slow, rods)
-        wd = rate_dot(q, w, m[0], envs[0][k], extra, inertia, inverse, eddy)
+        now = add(drive[k], trim, 1.0)
+        begun, half, fast = lagged(fast, now, 0.0, lag), lagged(fast, now, h / 2, lag), lagged(fast, now, h, lag)
+        m = moment_of(begun, rods), moment_of(half, rods), moment_of(fast, rods)
+        wd = rate_dot(q, w, m[0], envs[0][k], ideal, solid)
         table[k] = np.array(q + w + now + m[0] + wd)
         if k < n - 1:
             here = envs[0][k], envs[1][k], envs[0][last]
-            q, w = runge_kutta(q, w, h, m, here, extra, (inertia, inverse, eddy))
-    return table, (q, w, trim, fast, slow, ideal)
+            q, w = runge_kutta(q, w, h, m, here, ideal, solid)
+    return table, (q, w, trim, fast, ideal)
 
 
 @njit(cache=True)
@@ -193,22 +183,4 @@ def first_order(t, values, lag, start):
     out[0] = start
     for k in range(len(t) - 1):
         out[k + 1] = values[k] + (out[k] - values[k]) * np.exp(-(t[k + 1] - t[k]) / lag)
-    return out
-
-
-@njit(cache=True)
-def oscillator(t, drive, frequency, damping):
-    """Displacement of x'' + 2 z w x' + w^2 x = w^2 u, u (n,) held from one grid time to the next, at rest at first."""
-    out = np.empty_like(drive)
-    w0 = 2 * np.pi * frequency
-    wd, decay = w0 * np.sqrt(1 - damping**2), w0 * damping
-    x, v = drive[0], 0.0
-    for k in range(len(t)):
-        out[k] = x
-        if k < len(t) - 1:
-            h, y = t[k + 1] - t[k], x - drive[k]
-            c, s, e = np.cos(wd * h), np.sin(wd * h), np.exp(-decay * h)
-            b = (v + decay * y) / wd
-            x = drive[k] + e * (y * c + b * s)
-            v = e * (-decay * (y * c + b * s) + wd * (b * c - y * s))
     return out

@@ -17,36 +17,24 @@ class Effect:
 
 TIMING = {
     "acc_delay_s": Effect("s", "scalar", "all ACC1A tags late by this"),
-    "acc_clock_drift": Effect("s/s", "scalar", "ACC1A tags late by this times (t - noon)"),
     "sca_delay_s": Effect("s", "scalar", "all SCA1B tags late by this"),
     "mag_delay_s": Effect("s", "scalar", "all MAG1B tags (field and currents) late by this"),
 }
 TORQUE = {
     "dipole_gain": Effect("1", "vector", "dipole of each rod = (1 + value) k current"),
     "rod_misalignment": Effect("rad", "matrix", "dipole along row axis from column rod, relative to its own"),
-    "dipole_cubic": Effect("1", "scalar", "relative loss of dipole at 110 mA, falling with the square of the current"),
     "torque_lag_s": Effect("s", "scalar", "dipole follows the current with this first-order lag"),
     "residual_dipole": Effect("A m2", "vector", "constant dipole"),
-    "eddy_damping": Effect("N m s T-2", "scalar", "torque = value (w x B) x B"),
     "inertia_scale": Effect("1", "vector", "true principal moments = (1 + value) nominal"),
     "inertia_products": Effect("kg m2", "vector", "true J_xy, J_xz, J_yz elements"),
     "torque_constant": Effect("N m", "vector", "constant torque"),
-    "thruster_pulse": Effect("N m", "vector", "torque pulse", {"manoeuvre": 0, "at_s": 60.0, "duration_s": 0.1}),
-    "external_field": Effect("T", "scalar", "uniform field along the moment of the main dipole (ring current)"),
-    "odd_dipole_viscosity": Effect("1", "scalar", "this share of the dipole follows slowly", {"lag_s": 20.0}),
-    "odd_torque_latitude": Effect("N m", "vector", "torque value sin(cycles latitude)", {"cycles": 60.0}),
 }
 READING = {
     "acc_scale": Effect("1", "vector", "linear reading = (1 + value) truth"),
     "acc_misalignment": Effect("rad", "vector", "linear sensor axes turned by +value from SRF"),
     "acc_crosstalk": Effect("1", "matrix", "row channel also reads this share of column axis"),
-    "acc_quadratic": Effect("s2/m", "vector", "adds value f^2 (f without bias)"),
-    "acc_lag_s": Effect("s", "scalar", "linear and angular readings follow with this first-order lag"),
-    "acc_noise": Effect("1", "vector", "linear noise multiplied by 1 + value"),
-    "ang_noise": Effect("1", "vector", "angular noise multiplied by 1 + value"),
     "ang_scale": Effect("1", "vector", "angular reading = (1 + value) truth"),
     "ang_misalignment": Effect("rad", "vector", "angular sensor axes turned by +value from SRF"),
-    "com_motion_um": Effect("um", "vector", "offset moves by this, linearly, centred", {"manoeuvre": None}),
     "mag_scale": Effect("1", "vector", "magnetometer = (1 + value) field"),
     "mag_misalignment": Effect("rad", "vector", "magnetometer axes turned by +value from SRF"),
     "mag_current_leak": Effect("nT/mA", "matrix", "magnetometer row axis from column rod"),
@@ -54,18 +42,7 @@ READING = {
 }
 ADDED = {
     "acc_current_leak": Effect("m s-2/mA", "matrix", "linear reading, row axis from column rod"),
-    "acc_angular_leak": Effect("m", "matrix", "linear reading, row axis from angular acceleration of column axis"),
-    "acc_bias_step": Effect("m s-2", "vector", "step that stays", {"manoeuvre": 0, "at": 0.5}),
-    "acc_drift": Effect("m s-2/s", "vector", "bias drift from noon"),
     "acc_tone": Effect("m s-2", "vector", "sine", {"frequency_hz": 0.05, "phase": None}),
-    "acc_temperature": Effect("m s-2", "vector", "value x sunlight lagged", {"lag_s": 600.0}),
-    "flexible_mode": Effect(
-        "m s-2/(N m)",
-        "vector",
-        "ringing of an oscillator driven by control torque about `axis`; `angular` rad s-2/(N m) about that axis",
-        {"axis": 0, "frequency_hz": 0.7, "damping": 0.02, "angular": 0.0},
-    ),
-    "ang_current_leak": Effect("rad s-2/mA", "matrix", "angular reading, row axis from column rod"),
     "odd_field_current": Effect("m s-2/(mA T)", "vector", "|B| times summed current"),
     "odd_current_squared": Effect("m s-2/mA2", "vector", "summed current squared, lagged", {"lag_s": 2.0}),
     "odd_latitude": Effect(
@@ -76,12 +53,7 @@ ADDED = {
     "odd_hysteresis": Effect("m s-2/mA", "vector", "play operator of summed current", {"width_ma": 60.0}),
     "odd_second_hand": Effect("m s-2", "vector", "saw-tooth of each GPS second"),
     "odd_rate_product": Effect("m", "vector", "value x (rates off the reference: x times z)"),
-    "odd_pointing": Effect("m s-2/rad", "matrix", "row axis from pointing error about column axis"),
     "odd_chirp": Effect("m s-2", "vector", "chirp within each manoeuvre", {"from_hz": 0.03, "to_hz": 0.3}),
-    "odd_current_latitude": Effect("m s-2/mA", "vector", "summed current x sin(latitude)"),
-    "odd_settling": Effect("m s-2", "vector", "decay from the start of each manoeuvre", {"decay_s": 40.0}),
-    "odd_gain_drift": Effect("1", "vector", "gain grows from 0 to value along each manoeuvre"),
-    "odd_angular_field": Effect("rad s-2/(mA T)", "vector", "angular reading: |B| times summed current"),
 }
 EFFECTS = TIMING | TORQUE | READING | ADDED
 _AXES = {"x": 0, "y": 1, "z": 2}

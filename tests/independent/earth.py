@@ -51,9 +51,3 @@ def gcrs_to_earth(date, seconds):
     angle = erfa.era00(J2000, (gps + ut1_minus_gps) / 86400)
     pole = erfa.pom00(xp, yp, erfa.sp00(J2000, gps.mean() / 86400))
     return erfa.c2tcio(erfa.c2ixys(*xys), angle, pole)
-
-
-def sun_direction(date):
-    """Unit vector to the Sun at noon, GCRS."""
-    earth, _ = erfa.epv00(J2000, (day_start(date) + 43200) / 86400)
-    return -earth["p"] / np.linalg.norm(earth["p"])

@@ -62,16 +62,7 @@ class World:
         inertia += np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
         dipole = s.dipole_per_current * (np.eye(3) + e["rod_misalignment"]["value"])
         dipole = dipole * (1 + e["dipole_gain"]["value"])
-        share = e["odd_dipole_viscosity"]["value"]
-        return Body(
-            inertia,
-            (1 - share) * dipole,
-            share * dipole,
-            e["residual_dipole"]["value"],
-            np.array([e["torque_lag_s"]["value"], e["odd_dipole_viscosity"]["lag_s"]]),
-            e["dipole_cubic"]["value"],
-            e["eddy_damping"]["value"],
-        )
+        return Body(inertia, dipole, e["residual_dipole"]["value"], e["torque_lag_s"]["value"])
 
 
 def _inside(times, window, *others):
@@ -85,8 +76,7 @@ def _samples(world, window):
     value = {name: e[name]["value"] for name in catalogue.TIMING}
     index, tags = clocks.accelerometer_tags(*window)
     read = clocks.to_gps(tags * 1e-6)
-    late = value["acc_delay_s"] + value["acc_clock_drift"] * (read - 43200)
-    acc = _inside(read - late, window, index, tags)
+    acc = _inside(read - value["acc_delay_s"], window, index, tags)
     seconds = np.arange(int(window[0]) - 30, int(window[1]) + 31)
     sca = _inside(seconds - value["sca_delay_s"], window, seconds)
     board = clocks.torquer_tags(*window)

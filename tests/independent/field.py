@@ -21,9 +21,3 @@ def field_earth(date, seconds, position_e, generation=13):
     e_south = np.stack([ct * cp, ct * sp, -st], -1)
     e_east = np.stack([-sp, cp, 0 * sp], -1)
     return up[:, None] * e_up + south[:, None] * e_south + east[:, None] * e_east
-
-
-def dipole_axis():
-    """Unit vector, Earth-fixed, along the moment of the main dipole (epoch 2020): a ring current's field."""
-    moment = np.array([-1450.9, 4652.5, -29404.8])
-    return moment / np.linalg.norm(moment)

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from . import attitude, earth
-from .field import dipole_axis, field_earth
+from .field import field_earth
 
 
 def stream(seed, *names):
@@ -77,13 +77,6 @@ class Scene:
         reference = Rotation.from_rotvec(self.pointing).inv().apply(self.world.orbit.reference_rate(self.t))
         return self.rate - reference
 
-    def sunlit(self, seconds):
-        """Whether the satellite is out of a cylindrical shadow."""
-        sun = earth.sun_direction(self.world.settings.date)
-        r = self.world.orbit.position(seconds)
-        along = r @ sun
-        return (along > 0) | (np.linalg.norm(r - np.outer(along, sun), axis=1) > earth.EQUATOR)
-
     def at(self, seconds):
         """Indices of times that are on the grid."""
         return np.searchsorted(self.t, seconds)
@@ -96,31 +89,16 @@ def environment(world, t):
     turn = earth.gcrs_to_earth(s.date, knots)
     position_e = np.einsum("nij,nj->ni", turn, world.orbit.position(knots))
     field_e = field_earth(s.date, knots, position_e, s.field_generation)
-    field_e = field_e + effects["external_field"]["value"] * dipole_axis()
     field_i = CubicSpline(knots, np.einsum("nji,nj->ni", turn, field_e))(t)
-    x, y, z = world.orbit.solution(t)[:3]
-    wave = np.sin(effects["odd_torque_latitude"]["cycles"] * np.arctan2(z, np.hypot(x, y)))
     torque = world.torque(t) + effects["torque_constant"]["value"]
-    torque = torque + np.outer(wave, effects["odd_torque_latitude"]["value"])
     return np.concatenate([field_i[:, None], world.orbit.gradient(t), torque[:, None]], axis=1)
 
 
-def pulses(world):
-    """(start, stop, torque) of thruster pulses."""
-    p = world.effects["thruster_pulse"]
-    if not np.any(p["value"]):
-        return []
-    start = world.manoeuvres[p["manoeuvre"]].start + p["at_s"]
-    return [(start, start + p["duration_s"], p["value"])]
-
-
 def held(world, t):
-    """Square-wave currents (3) and pulse torque (3) held from each grid time to the next."""
-    out = np.zeros((len(t), 6))
+    """Square-wave currents (n, 3) held from each grid time to the next."""
+    out = np.zeros((len(t), 3))
     for m in world.manoeuvres:
         out[:, m.rod] += m.current(t)
-    for start, stop, torque in pulses(world):
-        out[(t >= start) & (t < stop), 3:] += torque
     return out
 
 
@@ -145,14 +123,13 @@ def start_state(world, start):
     error = Rotation.from_rotvec(rng.normal(0, s.pointing_error_rad, 3))
     rate = error.inv().apply(world.orbit.reference_rate([start])[0]) + rng.normal(0, s.rate_error_rad_s, 3)
     q = (world.orbit.reference([start]) * error).as_quat(scalar_first=True)[0]
-    return (tuple(q.tolist()), tuple(rate.tolist()), *[(0.0, 0.0, 0.0)] * 4)
+    return (tuple(q.tolist()), tuple(rate.tolist()), *[(0.0, 0.0, 0.0)] * 3)
 
 
 def simulate(world, window, samples, ticks, state):
     """Scene over a window whose grid holds the samples; and the state at its end."""
     s, (start, stop) = world.settings, window
-    breaks = [m.edges for m in world.manoeuvres] + [np.array(p[:2]) for p in pulses(world)]
-    t = np.unique(np.concatenate([*samples, ticks, *breaks, np.array([start, stop])]))
+    t = np.unique(np.concatenate([*samples, ticks, *(m.edges for m in world.manoeuvres), np.array([start, stop])]))
     t = t[(t >= start) & (t <= stop)]
     mode = modes(world, t, ticks)
     renew, reference = mode >= 2, np.zeros((len(t), 7))

@@ -4,7 +4,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from . import added, noise
-from .attitude import first_order
 from .scene import stream
 
 BIAS = {  # SRF; the files of 2023
@@ -16,25 +15,10 @@ ANGULAR_STEP = np.array([1.01327896e-8, 6.10947609e-10, 1.01327896e-8])
 FIELD_STEP_UT = 65.0 / 32768
 
 
-def offset(scene):
-    """Proof mass -> centre of mass (n, 3) in m, and its rate."""
-    s, motion = scene.world.settings, scene.world.effects["com_motion_um"]
-    place = np.tile(np.asarray(s.offset_um, float) * 1e-6, (len(scene.t), 1))
-    speed = np.zeros_like(place)
-    for index, m in enumerate(scene.manoeuvres):
-        if motion["manoeuvre"] in (None, index):
-            x = (scene.t - m.start) / m.duration_s
-            inside = ((x >= 0) & (x < 1))[:, None]
-            place += inside * np.outer(x - 0.5, motion["value"] * 1e-6)
-            speed += inside * motion["value"] * 1e-6 / m.duration_s
-    return place, speed
-
-
 def truth_at_proof_mass(scene):
-    """Suspension acceleration f = a_ng + (M - G) p + 2 w x dp/dt with p = -offset."""
-    d, d_dot = offset(scene)
-    p, p_dot, w = -d, -d_dot, scene.rate
-    spin = np.cross(w, np.cross(w, p)) + np.cross(scene.rate_dot, p) + 2 * np.cross(w, p_dot)
+    """Suspension acceleration f = a_ng + (M - G) p with p = -offset."""
+    p, w = np.tile(-1e-6 * np.asarray(scene.world.settings.offset_um, float), (len(scene.t), 1)), scene.rate
+    spin = np.cross(w, np.cross(w, p)) + np.cross(scene.rate_dot, p)
     turn = scene.rotation
     gradient = scene.world.orbit.gradient(scene.t)
     tidal = turn.inv().apply(np.einsum("nij,nj->ni", gradient, turn.apply(p)))
@@ -50,26 +34,20 @@ def accelerometer(scene, keep):
     """Linear and angular readings (m, 3) at grid indices, without noise, bias or quantisation."""
     e = scene.world.effects
     scene.linear = truth_at_proof_mass(scene)
-    linear = scene.linear + added.total(added.LINEAR, scene, e)
-    linear = linear + e["acc_quadratic"]["value"] * linear**2
+    linear = scene.linear + added.total(scene, e)
     linear = _turned(linear, e["acc_misalignment"]["value"]) @ (np.eye(3) + e["acc_crosstalk"]["value"]).T
     linear = linear * (1 + e["acc_scale"]["value"])
     angular = _turned(scene.rate_dot, e["ang_misalignment"]["value"]) * (1 + e["ang_scale"]["value"])
-    angular = angular + added.total(added.ANGULAR, scene, e)
-    lag = e["acc_lag_s"]["value"]
-    if lag > 0:
-        linear, angular = (first_order(scene.t, v, lag, v[0]) for v in (linear, angular))
     return linear[keep], angular[keep]
 
 
 def spoil(scene, linear, angular):
     """Add noise and bias, and quantise."""
     world = scene.world
-    s, e, start = world.settings, world.effects, round(scene.t[0])
+    s, start = world.settings, round(scene.t[0])
     for kind, values, tables in (("lin", linear, noise.LINEAR), ("ang", angular, noise.ANGULAR)):
         series = noise.coloured(stream(world.seed, kind, start), len(values), tables)
-        gain = 1 + e["acc_noise" if kind == "lin" else "ang_noise"]["value"]
-        values += s.noise_scale * gain * series
+        values += s.noise_scale * series
     linear, angular = linear + BIAS[s.satellite][0], angular + BIAS[s.satellite][1]
     if s.quantise:
         linear = np.rint(linear / LINEAR_STEP) * LINEAR_STEP

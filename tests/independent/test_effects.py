@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from . import EFFECTS, attitude, catalogue, damage, make_event
+from . import EFFECTS, catalogue, damage, make_event
 from .rows import EXACT, SHORT, table
 
 
@@ -42,8 +42,8 @@ def test_an_effect_does_not_move_the_noise(tmp_path, event):
     assert np.abs(difference).max() == pytest.approx(2e-11 * current, rel=0.1)
 
 
-AMPLITUDE = {"s": 0.3, "s/s": 1e-5, "1": 0.05, "rad": 0.02, "A m2": 0.5, "N m": 1e-4, "T": 1e-7, "m s-2": 1e-8}
-AMPLITUDE |= {"m s-2/s": 1e-12, "um": 50.0, "nT/mA": 5.0, "kg m2": 3.0, "s2/m": 1e3, "m": 1e-3, "N m s T-2": 1e4}
+AMPLITUDE = {"s": 0.3, "1": 0.05, "rad": 0.02, "A m2": 0.5, "N m": 1e-4, "m s-2": 1e-8, "nT/mA": 5.0, "kg m2": 3.0}
+AMPLITUDE |= {"m": 1e-3}
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -52,14 +52,9 @@ def test_every_effect_changes_what_it_should(tmp_path, exact, name):
     effect = EFFECTS[name]
     size = AMPLITUDE.get(effect.unit, 1e-10)
     value = size * (1 - np.eye(3)) if effect.shape == "matrix" else size
-    value = [0.0, 0.0, 0.0] if name.endswith("_noise") else value
-    given = {"value": value, "angular": 1e-4} if name == "flexible_mode" else value
-    truth = make_event(tmp_path, 11, effects={name: given}, **EXACT)
-    same = [
-        Path(truth["files"][p]).read_bytes() == Path(exact["files"][p]).read_bytes()
-        for p in ("ACC1A", "SCA1B", "MAG1B")
-    ]
-    assert all(same) == name.endswith("_noise")
+    truth = make_event(tmp_path, 11, effects={name: value}, **EXACT)
+    files = [[Path(one["files"][p]).read_bytes() for p in ("ACC1A", "SCA1B", "MAG1B")] for one in (truth, exact)]
+    assert files[0] != files[1]
     assert np.isfinite(table(truth, "ACC1A")[:, 6:12]).all()
     assert np.abs(truth["scenes"][0].pointing).max() < 0.1
 
@@ -71,16 +66,6 @@ def test_a_wrong_effect_or_setting_is_refused(tmp_path):
             catalogue.parse(wrong)
     with pytest.raises(TypeError):
         make_event(tmp_path, 1, noise=0.0)
-
-
-def test_an_oscillator_rings_at_its_frequency():
-    """Analytic: step response of a damped oscillator."""
-    t = np.arange(0, 20.0, 0.013)
-    x = attitude.oscillator(t, (t >= 0.013).astype(float), 0.5, 0.05)
-    w, s = 2 * np.pi * 0.5, t - 0.013
-    wd = w * np.sqrt(1 - 0.05**2)
-    exact = 1 - np.exp(-0.05 * w * s) * (np.cos(wd * s) + 0.05 * w / wd * np.sin(wd * s))
-    assert_allclose(x[1:], exact[1:], atol=1e-12)
 
 
 FAULTS = {

@@ -23,8 +23,8 @@ def body_on_grid(seconds, step, body, q, w, env):
     t = np.arange(0.0, seconds + step / 2, step)
     n = len(t)
     envs = np.tile(env, (n, 1, 1)), np.tile(env, (n - 1, 1, 1))
-    zero, none = np.zeros((n, 6)), (0.0, 0.0, 0.0)
-    start = (tuple(q), tuple(w), none, none, none, none)
+    zero, none = np.zeros((n, 3)), (0.0, 0.0, 0.0)
+    start = (tuple(q), tuple(w), none, none, none)
     modes, reference, dither = np.zeros(n, int), np.zeros((n, 7)), np.zeros((n, 3))
     rows, _ = attitude.propagate(t, envs, modes, zero, reference, dither, start, body.parts(), (0.25, 0.05))
     return t, rows

@@ -60,14 +60,6 @@ def test_a_record_across_midnight_becomes_two_files_and_one_record(tmp_path):
     assert_array_equal(orbit["time"], start + np.arange(1, 50))
 
 
-def test_a_missing_product_is_named(tmp_path):
-    """Contract: the error says what is missing of which day."""
-    _, paths = write(tmp_path)
-    paths["ATT"].unlink()
-    with pytest.raises(ProductError, match="no ATT of 2022-05-18"):
-        files.days(tmp_path)
-
-
 def test_a_folder_without_files_is_refused(tmp_path):
     """Contract: nothing there is an error that says what is expected."""
     with pytest.raises(ProductError, match="IS1, ATT and ORB"):
@@ -93,11 +85,3 @@ def test_a_wrong_file_is_refused_with_what_was_found(tmp_path, change, words):
         change(file)
     with pytest.raises(ProductError, match=words):
         files.read(files.days(tmp_path)["2022-05-18"]["IS1"])
-
-
-def test_a_file_that_is_no_netcdf_is_refused(tmp_path):
-    """Contract: a truncated download is named as such."""
-    _, paths = write(tmp_path)
-    paths["ORB"].write_bytes(b"not a netCDF file")
-    with pytest.raises(ProductError, match="no readable netCDF"):
-        files.read(files.days(tmp_path)["2022-05-18"]["ORB"])

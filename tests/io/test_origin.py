@@ -13,7 +13,7 @@ from gravcal import catalog
 from gravcal.catalog import files
 from gravcal.errors import CatalogError, ProductError
 from gravcal.io import archive, readers, sgrs_files, writers
-from gravcal.store import origin, store
+from gravcal.store import origin
 from tasks.stage import read
 
 RECORDS = {"time_second": 634219200 + np.arange(3), "time_fraction": np.zeros(3)}
@@ -155,15 +155,6 @@ def test_an_event_of_the_catalogue_may_state_it(pipeline, tmp_path, monkeypatch)
     own.write_text('origin = "invented"\n' + shipped)
     with pytest.raises(CatalogError, match="origin.*invented.*measured, simulated"):
         catalog.event("grace-c-2020-02-01")
-
-
-def test_products_without_origin_are_made_again(pipeline):
-    """Contract: the recipe of what reads a file names the origin stated, so nothing made before is found again."""
-    _, ref = pipeline.run()
-    keys = [store.read_record(ref.folder)["from"][0]["key"]]
-    record = store.read_record(store.folder_of(keys[0]))
-    started = store.read_record(store.folder_of(record["from"][0]["key"]))
-    assert started["recipe"]["origin"] == ""
 
 
 @pytest.mark.parametrize("foreign", ["measured", "measured.gz", "below", "archive", "notes", "netcdf"])

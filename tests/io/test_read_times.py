@@ -41,13 +41,6 @@ def test_magnetometer_tags_move_by_the_clock_offset(measured, satellite, offset)
     assert_allclose((done.time_second - tags.second) + (done.time_fraction - tags.fraction), 0, atol=1e-6)
 
 
-def _unique_angles(observed):
-    """Record of each gyro and angle that comes once."""
-    pairs = np.stack([observed.gyro_id.values, observed.FiltAng.values], axis=-1)
-    values, first, counts = np.unique(pairs, axis=0, return_index=True, return_counts=True)
-    return {tuple(value): i for value, i, n in zip(values, first, counts, strict=True) if n == 1}
-
-
 @pytest.mark.parametrize("satellite", ["C", "D"])
 def test_gyro_tags_are_reproduced(measured, satellite):
     """Published: IMU 1A to 1B to 1 us (data/README.md); the angles tell which records belong together."""

@@ -41,19 +41,6 @@ def test_eulers_equation_has_the_gyroscopic_term_with_minus():
     assert_allclose(rate_dot, [0, 0, -0.25], atol=1e-16)  # rounding
 
 
-def test_constant_torque_about_an_axis_gives_a_parabola():
-    """Analytic: w = w0 + (t/J) s, angle = w0 s + (t/2J) s^2 about z, wherever the outputs fall."""
-    start = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.array([0, 0, 2e-3]))
-    torque = quiet(np.diag([100.0, 200, 300]), constant_b=(0, 0, 3e-3))
-    at = np.array([0.0, 0.2, 1.0, 17.77, 900.0])
-    quaternion, rate, rate_dot = dynamics.integrate(at, start, torque)
-    angle = 2e-3 * at + 0.5e-5 * at**2
-    expected = np.stack([np.cos(angle / 2), 0 * at, 0 * at, np.sin(angle / 2)], axis=-1)
-    assert_allclose(quaternion, expected, atol=1e-12)  # rounding of 900 steps
-    assert_allclose(rate, np.stack([0 * at, 0 * at, 2e-3 + 1e-5 * at], axis=-1), atol=1e-15)  # rounding
-    assert_allclose(rate_dot, np.tile([0, 0, 1e-5], (5, 1)), atol=1e-20)  # rounding
-
-
 def test_a_free_symmetric_top_precesses_at_the_known_rate():
     """Analytic: w_x + i w_y turns at (Jz - Jx)/Jx w_z; angular momentum and energy stay."""
     J, w0 = np.diag([100.0, 100, 150]), np.array([0.01, 0, 0.05])

@@ -1,4 +1,4 @@
-"""Figure of measured and simulated readings."""
+"""Figures of a discovery: measured and simulated readings, residuals."""
 
 import numpy as np
 import xarray as xr
@@ -58,3 +58,20 @@ def test_the_caption_says_what_the_reading_is():
     assert "linear form" not in caption
     assert "mean is left out" in discovery_figures.caption(found(), {})
     assert "linear form" in discovery_figures.caption(found(rebuilt="yes"), {})
+
+
+def series(count):
+    """Product with one block of `count` rows on the first axis, four sigma of signal before the extension."""
+    values = {"time_row": np.arange(count, dtype=float), "residual_before": np.full(count, 4.0)}
+    values |= {"residual_after": np.zeros(count), "channel": np.zeros(count, dtype=int)}
+    values |= {"block": np.zeros(count, dtype=int), "component": np.zeros(count, dtype=int)}
+    data = {name: ("row", column) for name, column in values.items()}
+    return xr.Dataset(data, attrs={"channels": "timing", "blocks": "timing"})
+
+
+def test_a_handful_of_edge_times_is_no_curve():
+    """Contract: eight edge times give no figure, a series on one axis gives one with that axis alone."""
+    assert discovery_figures.residuals(series(8)) is None
+    figure = discovery_figures.residuals(series(200))
+    assert len(figure.axes) == 1
+    assert [line.get_label() for line in figure.axes[0].lines] == ["baseline", "extended model"]

@@ -32,17 +32,6 @@ def put(number=1.0, **changes):
     return ref
 
 
-def test_what_was_put_is_found_and_read():
-    """Contract: round trip through the store, with the files beside the product."""
-    ref = put(2.0)
-    memory.clear()
-    assert store.find(ref.key) == ref
-    assert store.load(ref)["value"].values.tolist() == [2.0, 2.0, 2.0]
-    assert (ref.folder / "note.txt").read_text() == "n"
-    assert housekeeping.resolve("e/test.store").ref == ref
-    assert housekeeping.verify() == []
-
-
 def test_a_product_is_named_by_every_path_that_leads_to_it(monkeypatch):
     """Contract: its folder, the readable link that a campaign prints, a file in either; relative ones too."""
     ref = put(2.0)

@@ -2,16 +2,15 @@
 
 import json
 import shutil
-import sys
 
 import com_offset_chain as tools
 import numpy as np
 import pytest
 import xarray as xr
+from commands import gravcal
 from independent import make_event
 from independent.damage import MARK
 
-from flows import cli
 from gravcal import catalog
 from gravcal.calibrations import checks as checking
 from gravcal.calibrations.align import orbit_i
@@ -34,12 +33,8 @@ def files(tmp_path_factory):
 
 def ran(folder, out):
     """Exit code and document of a run on the command line."""
-    argv = ["gravcal", "run", "com_offset", "--data", str(folder), "--engine", "inline", "--json", str(out)]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", argv)
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-    return ended.value.code, json.loads(out.read_text())
+    code = gravcal("run", "com_offset", "--data", folder, "--engine", "inline", "--json", out)
+    return code, json.loads(out.read_text())
 
 
 def failed(document):
