@@ -14,7 +14,6 @@ NAMES = {
     "simulate": ("benchmarks.speed", "simulate"),
     "day": ("benchmarks.day", "run"),
     "campaign": ("benchmarks.campaign", "run"),
-    "scale": ("benchmarks.scale", "run"),
     "browse": ("benchmarks.browse", "run"),
     "fuzz": ("benchmarks.fuzz", "run"),
     "worlds": ("benchmarks.worlds", "study"),

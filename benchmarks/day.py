@@ -1,8 +1,7 @@
-"""A whole day: what it costs beyond reading, how much memory, and what a second run costs."""
+"""A whole day: what it costs from files to page, how much memory, and what a second run costs."""
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from pathlib import Path
 import psutil
 
 from benchmarks import stopwatch as watch
-from benchmarks.tables import Figure, at_most, grid, say, show, title
+from benchmarks.tables import Figure, at_most, say, show, title
 
 CLI = [sys.executable, "-m", "flows.cli"]
 
@@ -28,42 +27,22 @@ def run(options) -> list[Figure]:
         size = sum(path.stat().st_size for path in files.iterdir()) / 1e6
         say(f"simulated and written in {time.perf_counter() - start:.1f} s, {size:.0f} MB\n")
         store = os.environ | {"GRAVCAL_PRODUCTS": str(Path(folder) / "products")}
-        figures = _memory_of(peak, [*CLI, "run", "com_offset", "--data", str(files)], store)
-        figures += _inside(files, max(options.rounds // 2, 1))
-        return figures + _again([*CLI, "run", "com_offset", "--data", str(files)], store, options.rounds)
+        command = [*CLI, "run", "com_offset", "--data", str(files)]
+        return _first(peak, command, store) + _again(command, store, options.rounds)
 
 
-def _memory_of(simulated, command, store):
-    """Peak memory of simulating and of the first run, which leaves its products in the store."""
+def _first(simulated, command, store):
+    """Time and peak memory of the first run, which leaves its products in the store, and memory of simulating."""
     start = time.perf_counter()
     peak = _peak([*command, "--engine", "inline"], store)
     figures = [
         at_most("peak memory of gravcal simulate", simulated, 2.0, " GiB"),
         at_most("peak memory of gravcal run, empty store", peak, 2.0, " GiB"),
-        Figure("its wall time", f"{time.perf_counter() - start:.3g} s"),
+        at_most("gravcal run, empty store, files to page", time.perf_counter() - start, 10.0, " s"),
     ]
     show(figures)
     say()
     return figures
-
-
-def _inside(files, rounds):
-    """Stages of a run in a process of its own, several times."""
-    command = [sys.executable, "-m", "benchmarks.whole_day", str(files)]
-    made = [json.loads(output(command, os.environ)) for _ in range(rounds)]
-    _profile(made)
-    beyond = [[_seconds(runs[k], reading=False) for runs in made] for k in (0, 1)]
-    processor = [_seconds(runs[1], reading=False, clock=2) for runs in made]
-    reading = [_seconds(runs[1], reading=True) for runs in made]
-    return show(
-        [
-            Figure("reading: six Level-1 files to products", f"{watch.middle(reading):.3g} s", watch.span(reading)),
-            at_most("beyond reading, processor time", watch.middle(processor), 2.0, " s", watch.span(processor)),
-            Figure("  by the clock on the wall", f"{watch.middle(beyond[1]):.3g} s", watch.span(beyond[1])),
-            Figure("  with loading of modules and kernels", f"{watch.middle(beyond[0]):.3g} s", watch.span(beyond[0])),
-        ],
-        "min .. max",
-    )
 
 
 def output(command, environment):
@@ -75,21 +54,6 @@ def output(command, environment):
     environment : mapping
     """
     return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
-
-
-def _seconds(stages, *, reading, clock=1):
-    """Sum over the stages that read Level-1 files, or over all others, the plan with its digests of files left out."""
-    return sum(row[clock] for row in stages if row[0] != "plan" and row[0].startswith("ingest") == reading)
-
-
-def _profile(made):
-    """Median seconds of each stage: first run of a process, second run, and the processor's part of that."""
-    rows = [("stage", "first in a process", "again", "processor")]
-    for i, (name, *_) in enumerate(made[0][0]):
-        columns = [[runs[k][i][clock] for runs in made] for k, clock in ((0, 1), (1, 1), (1, 2))]
-        rows.append((name, *(f"{watch.middle(c):.3f} s" for c in columns)))
-    grid(rows)
-    say()
 
 
 def _again(command, store, rounds):

@@ -3,18 +3,10 @@
 Prints, over simulated campaigns in memory: error/sigma with its chi-square interval, bias, scatter against the
 Cramer-Rao bound and the accuracy figures; then the time of one campaign. Beside the drawn scatter stands the exact
 one of least squares: the covariance of its weights under the true noise, which needs no draws.
-
-With `files` instead of a number: the files of one campaign written, then processed by the command line five times, each
-in a process and a store of its own; processor time of all of it, and of a process that stops after reading.
 """
 
-import os
-import resource
-import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 from scipy import stats
@@ -31,18 +23,6 @@ from tasks import kbr_phase_centre as stages
 DAY = 653011200.0 - 43200.0
 FILES = (("KBR1B", "Y"), ("GNI1B", "C"), ("GNI1B", "D"), ("SCA1B", "C"), ("SCA1B", "D"))
 ORBIT_HZ = 1 / 5670.0
-READING = """
-import sys
-from flows.engine import single_threaded
-single_threaded()
-from flows import kbr_phase_centre as flow
-from gravcal import catalog
-from tasks import common
-chosen = catalog.parameters("kbr_phase_centre")
-source = flow.CALIBRATION.source(data=sys.argv[1])
-for file in flow.level_one_files(source, chosen.ranging):
-    common.ingest(file, event=source.event)
-"""
 
 
 def process(columns, chosen):
@@ -137,37 +117,8 @@ def study(count, settings):
     return tuple(np.array(one) for one in (errors, sigmas, bounds, exact, seconds))
 
 
-def study_files(runs=5):
-    """Print what one campaign takes from its files to its page."""
-    from flows import kbr_phase_centre as flow
-
-    with tempfile.TemporaryDirectory() as folder:
-        data = str(Path(folder) / "in")
-        flow.CALIBRATION.simulate(data, seed=1, truth=None, effects={}, settings={"phase_step_s": 1.0})
-        whole = ["-m", "flows.cli", "run", "kbr_phase_centre", "--data", data, "--engine", "inline"]
-        tasks = {"whole process": whole, "process that only reads": ["-c", READING, data]}
-        spent = {name: [_spent(task, folder, k) for k in range(runs + 1)][1:] for name, task in tasks.items()}
-    spent["difference, asked 3"] = np.subtract(*spent.values())
-    print(f"one campaign from files to page, median (least, most) of {runs} runs, seconds of processor:")
-    for name, row in spent.items():
-        print(f"{name:24} {np.median(row):.2f} ({np.min(row):.2f}, {np.max(row):.2f})")
-
-
-def _spent(task, folder, number):
-    """Seconds of processor of a process with a store of its own; the first fills the caches of the system."""
-    store = Path(folder) / f"{task[0]}{number}"
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    environment = os.environ | {"GRAVCAL_PRODUCTS": str(store)}
-    subprocess.run([sys.executable, *task], env=environment, capture_output=True, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
 def main():
     """Run the study and print its tables."""
-    if sys.argv[1:] == ["files"]:
-        study_files()
-        return
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     settings = dict(text.split("=", 1) for text in sys.argv[2:])
     with one_thread():
