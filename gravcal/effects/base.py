@@ -31,6 +31,8 @@ CHANNELS = {
 class Parameter:
     """One number of an effect.
 
+    Attributes
+    ----------
     name : word used in settings, results and model files
     unit : SI
     meaning : what a positive value does
@@ -51,6 +53,8 @@ class Parameter:
 class Context:
     """What an effect may look at, on the epochs of its channel; fields that a channel has not are None.
 
+    Attributes
+    ----------
     time : (n,) s, GPS
     rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2, body with respect to inertial
     gradient_b : (n, 3, 3) s-2, gravity gradient
@@ -83,6 +87,8 @@ class Context:
 class Effect:
     """A physical or instrumental effect, shared by the simulator, the estimator and discovery.
 
+    Attributes
+    ----------
     slug : "family.name"
     channel : key of CHANNELS
     parameters : its numbers

@@ -71,16 +71,7 @@ class Torque:
 
 
 def gravity_gradient_torque(inertia, gradient_b):
-    """Torque of the gravity gradient on a rigid body.
-
-    Parameters
-    ----------
-    inertia : (..., 3, 3) kg m2, about the CoM, in b
-    gradient_b : (..., 3, 3) s-2, dg/dr, symmetric
-
-    Returns
-    -------
-    torque_b : (..., 3) N m
+    """Torque (..., 3) N m of the gravity gradient (..., 3, 3) s-2 on a rigid body of inertia (..., 3, 3) kg m2, in b.
 
     Notes
     -----
@@ -91,17 +82,7 @@ def gravity_gradient_torque(inertia, gradient_b):
 
 
 def rate_derivative(inertia, rate_b, torque_b):
-    """Angular acceleration of a rigid body.
-
-    Parameters
-    ----------
-    inertia : (..., 3, 3) kg m2
-    rate_b : (..., 3) rad s-1
-    torque_b : (..., 3) N m
-
-    Returns
-    -------
-    rate_dot_b : (..., 3) rad s-2
+    """Angular acceleration (..., 3) rad s-2 of a rigid body from inertia kg m2, rate rad s-1 and torque N m, in b.
 
     Notes
     -----
@@ -197,7 +178,10 @@ def _problem(torque, origin, duration):
     inertia = check_shape("torque.inertia", torque.inertia, (3, 3))
     edges = check_increasing("torque.edges", torque.edges) - origin
     dipole = check_shape("torque.dipole_b", torque.dipole_b, (max(edges.size - 1, 0), 3))
-    extra_time, extra = _extra(torque, origin)
+    extra_time, extra = np.empty(0), np.empty((0, 3))
+    if torque.extra_time is not None:
+        extra_time = check_increasing("torque.extra_time", torque.extra_time, strictly=False) - origin
+        extra = check_shape("torque.extra_b", torque.extra_b, (extra_time.size, 3))
     inner = np.concatenate([edges, extra_time])
     breaks = np.unique(np.concatenate([[0.0, duration, duration + 1.0], inner[(inner > 0) & (inner < duration)]]))
     middle = (breaks[1:] + breaks[:-1]) / 2
@@ -205,26 +189,10 @@ def _problem(torque, origin, duration):
     padded = np.concatenate([np.zeros((1, 3)), dipole, np.zeros((1, 3))])
     value, slope = _piecewise_linear(extra_time, extra, breaks[:-1], middle)
     knots, spline = _polynomials(torque, origin, duration)
-    return Problem(
-        *(breaks, padded[_after(edges, middle)], value, slope, knots, spline, inertia, np.linalg.inv(inertia)),
-        *(
-            check_shape("torque.constant_b", torque.constant_b, (3,)),
-            check_shape("torque.scale_b", torque.scale_b, (3,)),
-        ),
-        torque.gradient_i is not None,
-    )
-
-
-def _after(edges, at):
-    """Index into a padded list of segments: 0 before the first edge, the last one from the last edge on."""
-    return np.searchsorted(edges, at, side="right") if edges.size > 1 else np.zeros(at.size, int)
-
-
-def _extra(torque, origin):
-    if torque.extra_time is None:
-        return np.empty(0), np.empty((0, 3))
-    time = check_increasing("torque.extra_time", torque.extra_time, strictly=False) - origin
-    return time, check_shape("torque.extra_b", torque.extra_b, (time.size, 3))
+    segment = np.searchsorted(edges, middle, side="right") if edges.size > 1 else np.zeros(middle.size, int)
+    constant, scale = (check_shape(f"torque.{n}", getattr(torque, n), (3,)) for n in ("constant_b", "scale_b"))
+    known = inertia, np.linalg.inv(inertia), constant, scale, torque.gradient_i is not None
+    return Problem(breaks, padded[segment], value, slope, knots, spline, *known)
 
 
 def _piecewise_linear(time, values, start, middle):
@@ -244,9 +212,8 @@ def _polynomials(torque, origin, duration):
     knots = check_increasing("torque.field_time", torque.field_time) - origin
     if knots.size < 4 or knots[0] > 1e-6 or knots[-1] < duration - 1e-6:
         found = f"{knots.size} samples from {knots[:1]} to {knots[-1:]} s after the state"
-        refuse(
-            "torque.field_time", found, f"at least 4 that cover 0 to {duration:.3f} s", "Evaluate the field further."
-        )
+        expected = f"at least 4 that cover 0 to {duration:.3f} s"
+        refuse("torque.field_time", found, expected, "Evaluate the field further.")
     values = np.zeros((knots.size, 9))
     values[:, :3] = check_shape("torque.field_i", torque.field_i, (knots.size, 3))
     if torque.gradient_i is not None:
@@ -535,15 +502,9 @@ def _torque_by_rate(J, w, H):
     """[J w x] - [w x] J; Remote Sens. 2022, 14, 4030, eq. 27 with the opposite sign."""
     wJ = matmul((0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0), J)
     return (
-        -wJ[0],
-        -H[2] - wJ[1],
-        H[1] - wJ[2],
-        H[2] - wJ[3],
-        -wJ[4],
-        -H[0] - wJ[5],
-        -H[1] - wJ[6],
-        H[0] - wJ[7],
-        -wJ[8],
+        *(-wJ[0], -H[2] - wJ[1], H[1] - wJ[2]),
+        *(H[2] - wJ[3], -wJ[4], -H[0] - wJ[5]),
+        *(-H[1] - wJ[6], H[0] - wJ[7], -wJ[8]),
     )
 
 

@@ -28,19 +28,7 @@ PRECESSION_STEP = 3 * 3600.0  # s; the fastest nutation takes days, a cubic over
 
 
 def R_ei(time_gps):
-    """Rotation from inertial (GCRS) to Earth-fixed (ITRS) components.
-
-    Parameters
-    ----------
-    time_gps : (n,) GPS s
-
-    Returns
-    -------
-    R_ei : (n, 3, 3)
-
-    Raises
-    ------
-    GravcalError : an epoch outside the IERS table, unless outside is "nearest"
+    """Rotation (n, 3, 3) from inertial (GCRS) to Earth-fixed (ITRS) components at GPS seconds (n,) of the IERS table.
 
     Notes
     -----
@@ -67,30 +55,15 @@ def state_to_inertial(time_gps, position_e, velocity_e):
     -----
     v_i = R_ie (v_e + w x r_e), w the Earth's rotation in e; IERS Conventions 2010, chapter 5.
     """
-    position, velocity = (
-        check_shape("position_e", position_e, (None, 3)),
-        check_shape("velocity_e", velocity_e, (None, 3)),
-    )
+    position = check_shape("position_e", position_e, (None, 3))
     R, rate_e = _orientation(time_gps)
-    carried = velocity + np.cross(rate_e, position)
+    carried = check_shape("velocity_e", velocity_e, (None, 3)) + np.cross(rate_e, position)
     R_ie = np.swapaxes(R, -1, -2)
     return np.matvec(R_ie, position), np.matvec(R_ie, carried)
 
 
 def state_to_fixed(time_gps, position_i, velocity_i):
-    """Orbit from inertial to Earth-fixed, the inverse of state_to_inertial.
-
-    Parameters
-    ----------
-    time_gps : (n,) GPS s
-    position_i : (n, 3) m
-    velocity_i : (n, 3) m s-1
-
-    Returns
-    -------
-    position_e : (n, 3) m
-    velocity_e : (n, 3) m s-1, with respect to the rotating Earth
-    """
+    """Orbit from inertial to Earth-fixed, the inverse of state_to_inertial, with the same shapes and units."""
     R, rate_e = _orientation(time_gps)
     position = np.matvec(R, check_shape("position_i", position_i, (None, 3)))
     velocity = np.matvec(R, check_shape("velocity_i", velocity_i, (None, 3)))
@@ -120,16 +93,10 @@ def geocentric(position_e):
 
 
 def R_en_from_position(position_e, geocentric_down=False):
-    """Rotation from the local north-east-down frame n to Earth-fixed components.
+    """Rotation (..., 3, 3) from the local frame n to Earth-fixed components: columns north, east, down.
 
-    Parameters
-    ----------
-    position_e : (..., 3) m
-    geocentric_down : bool, down towards the Earth's centre instead of along the normal of the ellipsoid
-
-    Returns
-    -------
-    R_en : (..., 3, 3) columns north, east, down; at a pole of longitude atan2(y, x) = 0
+    Down is along the normal of the ellipsoid, or towards the centre of the Earth. The position is (..., 3) m; at a pole
+    the longitude is atan2(y, x) = 0.
     """
     latitude, longitude, _ = (geocentric if geocentric_down else geodetic)(position_e)
     sin, cos, sin_l, cos_l = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
@@ -186,16 +153,7 @@ COLUMNS = {
 
 
 def orientation_parameters(time_gps):
-    """Polar motion, UT1 and pole corrections.
-
-    Parameters
-    ----------
-    time_gps : (n,) GPS s
-
-    Returns
-    -------
-    parameters : (5, n) xp, yp rad; UT1 - TAI s; dX, dY rad
-    """
+    """Polar motion xp, yp in rad, UT1 - TAI in s, and pole corrections dX, dY in rad, (5, n), at GPS seconds (n,)."""
     table = _table()
     first, last = table[0, [0, -1]]
     start, stop = np.min(time_gps), np.max(time_gps)

@@ -11,16 +11,7 @@ from gravcal.physics.shapes import check_increasing, check_shape, refuse
 
 
 def cross_matrix(vector):
-    """Matrix of the cross product.
-
-    Parameters
-    ----------
-    vector : (..., 3)
-
-    Returns
-    -------
-    matrix : (..., 3, 3) with matrix @ u = vector x u
-    """
+    """Matrix (..., 3, 3) of the cross product with vectors (..., 3): matrix @ u = vector x u."""
     v = check_shape("cross_matrix", vector, (..., 3))
     matrix = np.zeros((*v.shape, 3))
     matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
@@ -29,30 +20,13 @@ def cross_matrix(vector):
 
 
 def vex(matrix):
-    """Vector of an antisymmetric matrix, the inverse of cross_matrix.
-
-    Parameters
-    ----------
-    matrix : (..., 3, 3) antisymmetric
-
-    Returns
-    -------
-    vector : (..., 3) elements 32, 13, 21
-    """
+    """Vector (..., 3) of an antisymmetric matrix (..., 3, 3), elements 32, 13, 21: the inverse of cross_matrix."""
     S = check_shape("vex", matrix, (..., 3, 3))
     return np.stack([S[..., 2, 1], S[..., 0, 2], S[..., 1, 0]], axis=-1)
 
 
 def R_bi_from_quaternion(quaternion):
-    """Rotation from inertial to body components.
-
-    Parameters
-    ----------
-    quaternion : (..., 4) scalar first
-
-    Returns
-    -------
-    R_bi : (..., 3, 3)
+    """Rotation (..., 3, 3) from inertial to body components, from quaternions (..., 4), scalar first.
 
     Notes
     -----
@@ -62,16 +36,7 @@ def R_bi_from_quaternion(quaternion):
 
 
 def quaternion_from_R_bi(R_bi):
-    """Quaternion of a rotation from inertial to body components, scalar not negative.
-
-    Parameters
-    ----------
-    R_bi : (..., 3, 3)
-
-    Returns
-    -------
-    quaternion : (..., 4) scalar first
-    """
+    """Quaternion (..., 4), scalar first and not negative, of rotations (..., 3, 3) from inertial to body components."""
     R = check_shape("quaternion_from_R_bi", R_bi, (..., 3, 3))
     q = scipy.spatial.transform.Rotation.from_matrix(np.swapaxes(R, -1, -2).reshape(-1, 3, 3)).as_quat(
         canonical=True, scalar_first=True
@@ -80,41 +45,17 @@ def quaternion_from_R_bi(R_bi):
 
 
 def quaternion_product(left, right):
-    """Hamilton product.
-
-    Parameters
-    ----------
-    left, right : (..., 4) scalar first
-
-    Returns
-    -------
-    product : (..., 4) (a0 b0 - a.b, a0 b + b0 a + a x b)
-    """
+    """Hamilton product (..., 4) = (a0 b0 - a.b, a0 b + b0 a + a x b) of quaternions (..., 4), scalar first."""
     a, b = check_shape("quaternion_product", left, (..., 4)), check_shape("quaternion_product", right, (..., 4))
     a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
     b0, b1, b2, b3 = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
-            a0 * b1 + b0 * a1 + a2 * b3 - a3 * b2,
-            a0 * b2 + b0 * a2 + a3 * b1 - a1 * b3,
-            a0 * b3 + b0 * a3 + a1 * b2 - a2 * b1,
-        ],
-        axis=-1,
-    )
+    scalar, x = a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3, a0 * b1 + b0 * a1 + a2 * b3 - a3 * b2
+    y, z = a0 * b2 + b0 * a2 + a3 * b1 - a1 * b3, a0 * b3 + b0 * a3 + a1 * b2 - a2 * b1
+    return np.stack([scalar, x, y, z], axis=-1)
 
 
 def conjugate(quaternion):
-    """The opposite rotation: vector part with the other sign.
-
-    Parameters
-    ----------
-    quaternion : (..., 4) scalar first
-
-    Returns
-    -------
-    conjugate : (..., 4)
-    """
+    """The opposite rotation: quaternions (..., 4), scalar first, with the other sign of the vector part."""
     return check_shape("conjugate", quaternion, (..., 4)) * np.array([1.0, -1.0, -1.0, -1.0])
 
 
@@ -128,16 +69,7 @@ def flight_frame(state_i):
 
 
 def continuous(quaternion):
-    """The same attitudes with signs such that neighbours are close (q and -q are one attitude).
-
-    Parameters
-    ----------
-    quaternion : (n, 4) scalar first, in order of time
-
-    Returns
-    -------
-    quaternion : (n, 4) the first one unchanged
-    """
+    """The same attitudes (n, 4), scalar first, with signs such that neighbours are close: q and -q are one attitude."""
     q = check_shape("continuous", quaternion, (None, 4))
     flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
     sign = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
@@ -145,46 +77,19 @@ def continuous(quaternion):
 
 
 def from_rotation_vector(angle_b):
-    """Quaternion of a rotation vector, scalar not negative up to a turn of pi.
-
-    Parameters
-    ----------
-    angle_b : (..., 3) rad, angle times axis
-
-    Returns
-    -------
-    quaternion : (..., 4) (cos(phi/2), n sin(phi/2))
-    """
+    """Quaternion (..., 4) = (cos(phi/2), n sin(phi/2)) of rotation vectors (..., 3) rad; scalar not negative to pi."""
     angle = check_shape("from_rotation_vector", angle_b, (..., 3))
     q = scipy.spatial.transform.Rotation.from_rotvec(angle.reshape(-1, 3)).as_quat(scalar_first=True)
     return q.reshape(*angle.shape[:-1], 4)
 
 
 def rotation_vector(quaternion):
-    """Angle times axis of a rotation, angle from 0 to pi; the same for q and -q.
-
-    Parameters
-    ----------
-    quaternion : (..., 4) scalar first
-
-    Returns
-    -------
-    angle_b : (..., 3) rad
-    """
+    """Angle times axis (..., 3) rad of quaternions (..., 4), scalar first; angle from 0 to pi, same for q and -q."""
     return _unflatten(scipy.spatial.transform.Rotation.as_rotvec, quaternion, (4,))
 
 
 def attitude_error(quaternion, reference):
-    """Small rotation in the body frame that leads from a reference attitude to another.
-
-    Parameters
-    ----------
-    quaternion, reference : (..., 4) scalar first
-
-    Returns
-    -------
-    angle_b : (..., 3) rad, quaternion = reference * from_rotation_vector(angle_b)
-    """
+    """Small rotation angle_b (..., 3) rad: quaternion = reference * from_rotation_vector(angle_b), both (..., 4)."""
     return rotation_vector(quaternion_product(conjugate(reference), quaternion))
 
 

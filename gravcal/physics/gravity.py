@@ -36,17 +36,9 @@ def acceleration_i(position_i, j2=J2, pole_i=NORTH):
 
 
 def gradient_i(position_i, j2=J2, pole_i=NORTH):
-    """Gravity-gradient tensor of point mass and J2, all elements computed from their own terms.
+    """Gravity-gradient tensor dg/dr (..., 3, 3) s-2 of point mass and J2, symmetric, without trace.
 
-    Parameters
-    ----------
-    position_i : (..., 3) m, from the Earth's centre
-    j2 : float, 0 for a point mass
-    pole_i : (3,) unit vector of the figure axis
-
-    Returns
-    -------
-    gradient_i : (..., 3, 3) s-2, dg/dr, symmetric, without trace
+    All elements are computed from their own terms; arguments as of acceleration_i.
 
     Notes
     -----
@@ -59,27 +51,13 @@ def gradient_i(position_i, j2=J2, pole_i=NORTH):
     rk = r[..., :, None] * k
     point_mass = GM / d**3 * (3 * rr / d**2 - one)
     u = z / d
-    terms = (
-        (1 - 5 * u**2) * one
-        - (5 - 35 * u**2) * rr / d**2
-        + 2 * k[:, None] * k
-        - 10 * u / d * (rk + rk.swapaxes(-1, -2))
-    )
-    return point_mass - 1.5 * j2 * GM * EARTH_RADIUS**2 / d**5 * terms
+    even = (1 - 5 * u**2) * one - (5 - 35 * u**2) * rr / d**2 + 2 * k[:, None] * k
+    mixed = 10 * u / d * (rk + rk.swapaxes(-1, -2))
+    return point_mass - 1.5 * j2 * GM * EARTH_RADIUS**2 / d**5 * (even - mixed)
 
 
 def rotate_tensor(R_ab, tensor_b):
-    """Second-order tensor in another frame.
-
-    Parameters
-    ----------
-    R_ab : (..., 3, 3)
-    tensor_b : (..., 3, 3)
-
-    Returns
-    -------
-    tensor_a : (..., 3, 3) R T R^T
-    """
+    """Second-order tensor (..., 3, 3) in another frame: R T R^T, R = R_ab takes it from b to a."""
     R = check_shape("rotate_tensor", R_ab, (..., 3, 3))
     return R @ tensor_b @ np.swapaxes(R, -1, -2)
 
@@ -87,7 +65,6 @@ def rotate_tensor(R_ab, tensor_b):
 def _distance(r):
     distance = np.linalg.norm(r, axis=-1)
     if np.any(distance < 1e6):
-        refuse(
-            "position_i", f"{distance.min():.3f} m from the Earth's centre", "an orbit", "Give metres, not kilometres."
-        )
+        found = f"{distance.min():.3f} m from the Earth's centre"
+        refuse("position_i", found, "an orbit", "Give metres, not kilometres.")
     return distance

@@ -56,16 +56,7 @@ class Field:
 
 
 def potential_e(field, position_e):
-    """Gravitational potential, positive.
-
-    Parameters
-    ----------
-    field : Field
-    position_e : (..., 3) m, in the frame of the coefficients
-
-    Returns
-    -------
-    potential : (...,) m2 s-2
+    """Gravitational potential (...,) m2 s-2, positive, of a Field at positions (..., 3) m in the frame of the Field.
 
     Notes
     -----
@@ -76,16 +67,7 @@ def potential_e(field, position_e):
 
 
 def acceleration_e(field, position_e):
-    """Gravitational acceleration.
-
-    Parameters
-    ----------
-    field : Field
-    position_e : (..., 3) m
-
-    Returns
-    -------
-    acceleration_e : (..., 3) m s-2
+    """Gravitational acceleration (..., 3) m s-2 of a Field at positions (..., 3) m.
 
     Notes
     -----
@@ -95,16 +77,7 @@ def acceleration_e(field, position_e):
 
 
 def gradient_e(field, position_e):
-    """Gravity-gradient tensor; its six elements come from six independent series.
-
-    Parameters
-    ----------
-    field : Field
-    position_e : (..., 3) m
-
-    Returns
-    -------
-    gradient_e : (..., 3, 3) s-2, dg/dr, symmetric
+    """Gravity-gradient tensor dg/dr (..., 3, 3) s-2 of a Field at positions (..., 3) m, from six independent series.
 
     Notes
     -----
@@ -115,13 +88,7 @@ def gradient_e(field, position_e):
 
 
 def truncated(field, lowest, highest):
-    """The part of a field between two degrees.
-
-    Parameters
-    ----------
-    field : Field
-    lowest, highest : int, both kept
-    """
+    """The part of a Field between two degrees, both kept."""
     kept = slice(0, min(highest, field.degree) + 1)
     blank = np.arange(field.degree + 1)[kept, None] < lowest
     parts = [
@@ -132,29 +99,14 @@ def truncated(field, lowest, highest):
 
 
 def zonal(field, degree):
-    """One zonal term of a field.
-
-    Parameters
-    ----------
-    field : Field
-    degree : int
-    """
+    """The zonal term of one degree of a Field."""
     cosine = np.zeros((degree + 1, degree + 1))
     cosine[degree, 0] = field.cosine[degree, 0]
     return Field(field.gm, field.radius, cosine, np.zeros_like(cosine), name=f"{field.name} zonal degree {degree}")
 
 
 def sectorial_gradient_e(position_e):
-    """Gravity gradient of C_22 = 1 and of S_22 = 1, fully normalised, for the Earth of the constants.
-
-    Parameters
-    ----------
-    position_e : (n, 3) m
-
-    Returns
-    -------
-    gradient_e : (n, 2, 3, 3) s-2
-    """
+    """Gravity gradient (n, 2, 3, 3) s-2 of C_22 = 1 and of S_22 = 1, fully normalised, at positions (n, 3) m."""
     unit, none = np.zeros((3, 3)), np.zeros((3, 3))
     unit[2, 2] = 1.0
     fields = (Field(GM, EARTH_RADIUS, *pair) for pair in ((unit, none), (none, unit)))

@@ -113,17 +113,7 @@ def attitude_from_rates(time: np.ndarray, rate_b: np.ndarray, start: np.ndarray)
 
 
 def running_integral(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Integral from the first epoch by the trapezoidal rule.
-
-    Parameters
-    ----------
-    time : (n,) s
-    values : (n, ...) any unit
-
-    Returns
-    -------
-    integral : (n, ...) unit times s, zero at the first epoch
-    """
+    """Integral (n, ...) from the first epoch of values (n, ...) at times (n,) s, by the trapezoidal rule."""
     values = np.asarray(values, dtype=float)
     step = np.diff(time).reshape(-1, *[1] * (values.ndim - 1))
     pieces = step / 2 * (values[:-1] + values[1:])
@@ -152,15 +142,7 @@ def angle_from_rate_change(time: np.ndarray, R_bi: np.ndarray, rate_change_b: np
 
 
 def range_between(separation):
-    """Range between two satellites.
-
-    Parameters
-    ----------
-    separation : (..., 3) m, position of B minus position of A
-
-    Returns
-    -------
-    range : (...,) m
+    """Range (...,) m between two satellites from the separation (..., 3) m, position of B minus that of A.
 
     Notes
     -----

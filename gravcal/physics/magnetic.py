@@ -60,15 +60,9 @@ def field_e(time_gps, position_e, generation):
 
 
 def decimal_year(time_gps):
-    """Calendar year and the fraction of it that has passed (365 or 366 days), in GPS time.
+    """Calendar year and the fraction of it that has passed (365 or 366 days) of GPS seconds (...,), in GPS time.
 
-    Parameters
-    ----------
-    time_gps : (...,) GPS s
-
-    Returns
-    -------
-    year : (...,) the 18 s between GPS and UTC change the field by less than 1e-4 nT
+    The 18 s between GPS and UTC change the field by less than 1e-4 nT.
     """
     time = np.asarray(time_gps, float)
     years, starts = _year_starts()

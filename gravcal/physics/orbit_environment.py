@@ -17,33 +17,14 @@ STEP_S = 10.0
 
 
 def sun_i(time_gps):
-    """Direction of the Sun from the Earth.
-
-    Parameters
-    ----------
-    time_gps : (n,) GPS seconds
-
-    Returns
-    -------
-    sun_i : (n, 3) 1, celestial frame; 0.01 deg, aberration not applied
-    """
+    """Direction of the Sun (n, 3) at GPS seconds (n,), celestial frame; good to 0.01 deg, aberration not applied."""
     first, second = earth.gps_to_tt(np.atleast_1d(time_gps))
     heliocentric, _ = erfa.epv00(first, second)
     return -heliocentric["p"] / np.linalg.norm(heliocentric["p"], axis=-1, keepdims=True)
 
 
 def sunlit(position_i, sun):
-    """Whether a satellite is outside the cylinder of the Earth's shadow.
-
-    Parameters
-    ----------
-    position_i : (n, 3) m
-    sun : (n, 3) 1
-
-    Returns
-    -------
-    lit : (n,) bool
-    """
+    """True (n,) where positions (n, 3) m are outside the cylinder of the Earth's shadow, the Sun at (n, 3)."""
     along = np.sum(position_i * sun, axis=-1)
     across = np.linalg.norm(position_i - along[..., None] * sun, axis=-1)
     return (along > 0) | (across > EARTH_RADIUS)
@@ -82,16 +63,7 @@ def warmth(time, time_orbit, position_i, lag_s=WARMING_S):
 
 
 def dipole_axis_i(time_gps):
-    """Direction of the geomagnetic dipole moment, that of IGRF at 2015, in the celestial frame.
-
-    Parameters
-    ----------
-    time_gps : (n,) GPS seconds
-
-    Returns
-    -------
-    axis_i : (n, 3) 1; the moment points south
-    """
+    """Direction (n, 3) of the geomagnetic dipole moment, IGRF at 2015, in the celestial frame; it points south."""
     colatitude, longitude = np.radians([9.69, -72.63])
     north = np.sin(colatitude) * np.cos(longitude), np.sin(colatitude) * np.sin(longitude), np.cos(colatitude)
     return np.matvec(np.swapaxes(earth.R_ei(np.atleast_1d(time_gps)), -1, -2), -np.array(north))

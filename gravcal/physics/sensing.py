@@ -30,16 +30,7 @@ def offset_tensor(rate_b, rate_dot_b, gradient_b):
 
 
 def rotation_tensor(rate_b, rate_dot_b):
-    """The part of the offset tensor that comes from the satellite's rotation.
-
-    Parameters
-    ----------
-    rate_b : (..., 3) rad s-1
-    rate_dot_b : (..., 3) rad s-2
-
-    Returns
-    -------
-    tensor_b : (..., 3, 3) s-2
+    """The part (..., 3, 3) s-2 of the offset tensor that comes from the rotation; arguments as of offset_tensor.
 
     Notes
     -----
@@ -51,16 +42,7 @@ def rotation_tensor(rate_b, rate_dot_b):
 
 
 def published_offset_matrix(rate_b, rate_dot_b):
-    """Matrix A of the CoM paper: reading = A d with d from the proof mass to the CoM.
-
-    Parameters
-    ----------
-    rate_b : (..., 3) rad s-1
-    rate_dot_b : (..., 3) rad s-2
-
-    Returns
-    -------
-    matrix_b : (..., 3, 3) s-2
+    """Matrix A (..., 3, 3) s-2 of the CoM paper: reading = A d with d from the proof mass to the CoM.
 
     Notes
     -----

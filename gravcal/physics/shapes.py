@@ -28,10 +28,9 @@ def check_increasing(name, time, strictly=True):
     steps = np.diff(array)
     if not np.all(np.isfinite(array)):
         refuse(name, "epochs that are not finite", "finite seconds", "Remove them first.")
-    if np.any(steps <= 0 if strictly else steps < 0):
-        at = int(np.argmax(steps <= 0 if strictly else steps < 0))
-        order = "strictly increasing epochs" if strictly else "sorted epochs"
-        refuse(
-            name, f"{array[at]:.9f} s followed by {array[at + 1]:.9f} s at index {at}", order, "Sort them.", index=at
-        )
+    wrong = steps <= 0 if strictly else steps < 0
+    if np.any(wrong):
+        at = int(np.argmax(wrong))
+        found = f"{array[at]:.9f} s followed by {array[at + 1]:.9f} s at index {at}"
+        refuse(name, found, "strictly increasing epochs" if strictly else "sorted epochs", "Sort them.", index=at)
     return array
