@@ -14,10 +14,12 @@ single_threaded()
 
 import numpy as np  # noqa: E402
 
-from flows import discover, discover_measured, engine, thrusters  # noqa: E402
+from flows import discover, engine, thrusters  # noqa: E402
 from flows.calibration import load  # noqa: E402
 from gravcal import catalog  # noqa: E402
+from gravcal.calibrations.published_table import observations as published  # noqa: E402
 from gravcal.calibrations.thrusters import estimate, model  # noqa: E402
+from gravcal.discovery import driver  # noqa: E402
 from tasks import stage  # noqa: E402
 
 RUNS = (
@@ -40,17 +42,16 @@ def documents(root: Path) -> list[dict]:
     ----------
     root : folder of measured data
     """
-    found = []
-    for name, folder, satellite in RUNS:
-        source = load(name).source(data=root / folder, satellite=satellite)
+    found, study = [], discover.STUDIES["published_table"]
+    runs = [(name, load(name).source(data=root / folder, satellite=letters)) for name, folder, letters in RUNS]
+    for name, source in [*runs, (study.name, study)]:
         ref = engine.run(discover.flow_of(name), source, catalog.parameters(name), engine="inline")
         found.append(discover.document(ref))
-    found.append(discover_measured.discover("published_table"))
     for document in found:
-        print(document.get("view", document["calibration"]), document["event"])
+        print(document["calibration"], document["event"])
         for one in document["findings"]:
             values = {k: f"{v['value']:.3g} +- {v['sigma']:.2g}" for k, v in one["parameters"].items() if v["sigma"]}
-            print(f"  {one.get('in', '')} {one['cause']} {one['form']} tied with {one['tied_with']}: {values}")
+            print(f"  {one['cause']} {one['form']} tied with {one['tied_with']}: {values}")
             gains = one["heldout_gain"]
             print(f"     gain {gains['in_sample_chi2']:.1f}, held out {gains['chi2']:.1f}")
         print(f"  adequate before {document['adequate_before']}, after {document['adequate_after']}")
@@ -138,25 +139,21 @@ def draw(root: Path, folder: Path) -> None:
 
 def table(folder: Path, plt) -> None:
     """Published offsets by manoeuvre, and what one offset with a current leak gives."""
-    rows = discover_measured.measured_table.view.variants(catalog.published("com_offset")["manoeuvres"])["mtq"]
-    chosen = catalog.parameters("discover_measured")
-    prepared = discover_measured.measured_table.prepare(None, None, None, chosen)
-    label, blocks, candidates = prepared["runs"][0]
-    result = discover_measured.searched(blocks, candidates, chosen)
-    baseline = result.baseline
-    total = result.problem.total
-    value = np.linalg.pinv(total[np.ix_(baseline, baseline)]) @ total[baseline, 0]
+    study = discover.STUDIES["published_table"]
+    chosen = catalog.parameters(study.name)
+    observed = published.observe({}, **study.discovery.settings(study, chosen))
+    limits = driver.Limits(*(getattr(chosen, name) for name in discover.LIMITS))
+    found = driver.discover(observed, limits)
+    block, axis = found["block"].values, found["component"].values
+    fitted = (found["observed"] - found["residual_after"]).values
+    value, sigma, known = observed.printed
     figure, axes = plt.subplots(1, 3, figsize=(9, 3.0), layout="constrained")
-    for axis, name in enumerate("xyz"):
-        for k, row in enumerate(rows):
-            if not np.isfinite(row["value"][axis]):
-                continue
-            place = int(np.flatnonzero(blocks[k]["axis"] == axis)[0])
-            predicted = result.problem.columns[k].of(baseline)[place] @ value
-            scale = row["sigma"][axis] * prepared["facts"][label]["error_factor_by_repeats"]
-            axes[axis].errorbar(k + 1, 1e6 * row["value"][axis], 1e6 * scale, color="k", marker="o", capsize=3)
-            axes[axis].plot(k + 1.2, 1e6 * predicted * scale, color="#d55e00", marker="x")
-        axes[axis].set(title=f"d{name}", xlabel="manoeuvre", ylabel="um" if axis == 0 else "", xlim=(0.5, 7.7))
+    for k, panel in enumerate(axes):
+        number, place = np.flatnonzero(known[:, k]), np.flatnonzero(axis == k)
+        scale = 1e6 * sigma[number, k]
+        panel.errorbar(number + 1, 1e6 * value[number, k], scale, color="k", marker="o", ls="", capsize=3)
+        panel.plot(block[place] + 1.2, fitted[place] * scale, color="#d55e00", marker="x", ls="")
+        panel.set(title=f"d{'xyz'[k]}", xlabel="manoeuvre", ylabel="um" if k == 0 else "", xlim=(0.5, 7.7))
     figure.savefig(folder / "discovery_table.svg", metadata={"Date": None})
     plt.close(figure)
 

@@ -34,6 +34,11 @@ def record(calibration):
 def chosen(calibration, settings, model=None, name=None):
     """Parameters of the operational configuration, or of an experiment: recorded, or made of what is given."""
     record(calibration)
+    return configured(calibration, settings, model, name)
+
+
+def configured(calibration, settings, model=None, name=None):
+    """The same of whatever has a settings file."""
     given = pairs(settings)
     if model is not None:
         given["model"] = models.text_of(model)
@@ -131,8 +136,8 @@ def discover(calibration, source, chosen, engine_name):
     from flows import discover as flow
 
     check_engine(engine_name)
-    if calibration not in flow.names():
-        names = ", ".join([*flow.names(), *flow.measured_views()])
+    if calibration not in (*flow.names(), *flow.STUDIES):
+        names = ", ".join([*flow.names(), *flow.STUDIES])
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {names}")
     body = flow.flow_of(calibration)
     with output.progress(body.flow_name) as listener:

@@ -7,24 +7,25 @@ import functools
 from flows import calibration as calibrations
 from flows.calibration import Calibration
 from flows.engine import flow
+from flows.published_table import STUDY, Study
 from tasks import common, discovery
 
 
 @functools.cache
 def flow_of(name: str):
-    """Flow of the discovery of a calibration.
+    """Flow of the discovery of a calibration, or of a study.
 
     Raises
     ------
     KeyError : no such calibration, or none that can be searched
     """
-    one = calibrations.load(name)
+    one = STUDIES.get(name) or calibrations.load(name)
     if one.discovery is None:
         raise KeyError(name)
     return flow(name=f"{name}_discovery")(functools.partial(_discover, one))
 
 
-def _discover(one: Calibration, source, chosen):
+def _discover(one: Calibration | Study, source, chosen):
     """Causes of what a calibration leaves unexplained in one event."""
     looked, event = one.discovery, {"event": source.event}
     products = looked.baseline(source, chosen)
@@ -73,21 +74,7 @@ def document(ref):
     return common.document(ref, "discovery.json")
 
 
+#: Printed numbers by name; they have no files, so each is the source of its event.
+STUDIES = {STUDY.name: STUDY}
 #: Other names of calibrations, as they were searched before.
 ALIASES = {"attitude": "thrusters"}
-
-
-def measured_views():
-    """Names of the views of measured data."""
-    from flows import discover_measured
-
-    return tuple(discover_measured.VIEWS)
-
-
-def measured(name, data, satellite, date, settings):
-    """Result document of a view of measured data, and its page."""
-    from flows import discover_measured
-    from gravcal.report import discovery_measured
-
-    document, found = discover_measured.discovered(name, data, satellite, date, settings)
-    return document, discovery_measured.page(document, found)

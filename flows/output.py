@@ -157,11 +157,9 @@ def discovery(document, files, json_path):
     for one in document.get("findings", []):
         for name, parameter in one["parameters"].items():
             if parameter["value"] is not None:
-                rows.append([one.get("in", ""), one["cause"], name, *discovery.scaled(parameter)])
+                rows.append([one["cause"], name, *discovery.scaled(parameter)])
     if rows:
-        several = len({row[0] for row in rows}) > 1
-        heads = ["search", "cause", "parameter", "value", "unit"]
-        table(heads[not several :], [row[not several :] for row in rows])
+        table(["cause", "parameter", "value", "unit"], rows)
     change = document.get("calibration_change", {})
     if rows and change.get("change"):
         names = zip(change["names"], change["change"], change["change_in_old_sigma"], strict=True)

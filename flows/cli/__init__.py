@@ -6,6 +6,7 @@ is asked of its record (`flows.calibration`).
 
 import contextlib
 import datetime
+import shutil
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -34,8 +35,10 @@ from flows.cli.options import (
     complete_calibrations,
     complete_events,
     json_option,
+    writable,
 )
 from flows.engine import single_threaded
+from flows.published_table import STUDY
 from gravcal.errors import GravcalError
 
 HELP = """
@@ -56,9 +59,8 @@ gravcal products                                      what lies in the store (GR
 """
 DEFAULT = "com_offset"  # calibration of demo and serve
 LAST = "event whose last report is wanted"
-VIEWS = "published_table"
-PAGE = "page to write; of a view of measured data discovery_VIEW.html here if not given, of a calibration a copy"
-WHAT = f"{KINDS}, or a view of measured data: {VIEWS}"
+PAGE = "copy of the page"
+WHAT = f"{KINDS}, or printed numbers: {STUDY.name}"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
 SERVED = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
 HOST = "address to listen on; the token in the address printed is asked for everywhere"
@@ -162,7 +164,7 @@ def discover(
     settings: Settings = None,
     model: Model = None,
     as_: As = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE)] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE, callback=writable)] = None,
     json: Json = None,
     remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
     engine: Engine = "prefect",
@@ -171,29 +173,19 @@ def discover(
     from flows import discover
 
     calibration = discover.ALIASES.get(calibration, calibration)
-    if calibration not in discover.names() and calibration in discover.measured_views():
-        if model is not None or as_ is not None:
-            raise typer.BadParameter(
-                f"--model and --as belong to a calibration ({', '.join(discover.names())}), not to a view"
-            )
-        document, page = discover.measured(calibration, data, satellite, date, command.pairs(settings))
-        files = [_written(page, out or Path(f"discovery_{calibration}.html"))]
-    else:
+    study = discover.STUDIES.get(calibration)
+    if study is None:
         source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
-        with _failures(calibration, source, json, chosen.configuration):
-            document, files = command.discover(calibration, source, chosen, engine)
-        pages = [path.read_text() for path in files if path.name == "discovery.html"]
-        files += [_written(page, out) for page in pages if out]
+    elif event or data or satellite or date or model:
+        raise typer.BadParameter(f"{calibration} is a study of printed numbers: it takes no event, folder or model")
+    else:
+        source, chosen = study, command.recorded(command.configured(calibration, settings, None, as_))
+    with _failures(calibration, source, json, chosen.configuration):
+        document, files = command.discover(calibration, source, chosen, engine)
+    files += [shutil.copy(path, out) for path in files if out and path.name == "discovery.html"]
     output.write_json(document, json)
     output.discovery(document, files, json)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))
-
-
-def _written(page, path):
-    """Path of a page that is written there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page)
-    return path
 
 
 @app.command()

@@ -121,20 +121,9 @@ def _said(numbers):
         return f"The model describes the data to their noise ({chance}); nothing is named."
     if not found:
         return f"The model is not adequate ({chance}), but no cause that was tried passes; see what is left."
-    named = _by_search(found, numbers["gain"])
+    named = "; ".join(_named(one) for one in found)
     after = "describes the data to their noise" if numbers["adequate_after"] else "still leaves more than noise"
-    return f"Found{named}. The extended model {after} ({_chance(numbers['p_after'])})."
-
-
-def _by_search(found, searches):
-    """Names of the findings; where there is more than one search, each with those it found the same in."""
-    if "in" not in found[0] or len(searches) == 1:
-        return ": " + "; ".join(_named(one) for one in found)
-    groups = {}
-    for label in dict.fromkeys(one["in"] for one in found):
-        names = "; ".join(_named(one) for one in found if one["in"] == label)
-        groups.setdefault(names, []).append(label)
-    return " in " + ". In ".join(f"{', '.join(labels)}: {names}" for names, labels in groups.items())
+    return f"Found: {named}. The extended model {after} ({_chance(numbers['p_after'])})."
 
 
 def _chance(p):

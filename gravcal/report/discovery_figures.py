@@ -21,7 +21,7 @@ BINS = 24
 CURVE = 60  # rows of a channel and block below which they are no curve
 
 
-def power(found, kind="manoeuvre"):
+def power(found):
     """Power over expected noise of each channel, block and band, before and after."""
     names = found.attrs["channels"].split()
     tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
@@ -39,7 +39,7 @@ def power(found, kind="manoeuvre"):
         panel.set_ylabel(names[k])
     numbers = range(each, int(blocks.max()) + 2, each)
     panel.set_xticks(numbers, [_number(found, i) for i in numbers])
-    panel.set_xlabel(f"{kind}, four bands from low to high frequency")
+    panel.set_xlabel("manoeuvre, four bands from low to high frequency")
     legend(figure, panels, 3)
     return figure
 
@@ -120,35 +120,6 @@ def residuals(found):
     panels[0, 0].set_title(f"whitened residual of {', '.join(names)}")
     panel.set_xlabel("time from the first row (s)")
     legend(figure, panels, 2)
-    return figure
-
-
-def scattered(found, x_label="time from the first row (s)", origin=None):
-    """Whitened residual of every row of a short record, the three axes; before and after have scales of their own.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    x_label : of the lower scale
-    origin : s, where that scale begins; None for the first row
-    """
-    component = found["component"].values
-    axes = [int(axis) for axis in np.unique(component) if axis < 3]  # a fourth holds priors
-    if not axes:
-        return None
-    time = found["time_row"].values - (found["time_row"].values[component < 3].min() if origin is None else origin)
-    figure, panels = grid(len(axes), 2, 0.7 + 0.8 * len(axes), sharex=True, margins={"wspace": 0.16, "hspace": 0.16})
-    for axis, row in zip(axes, panels, strict=True):
-        here = component == axis
-        for panel, which, (name, style) in zip(row, ("before", "after"), POINTS.items(), strict=True):
-            panel.axhspan(-1.0, 1.0, color=COLOURS["black"], alpha=0.1, linewidth=0, label="noise, one sigma")
-            panel.plot(time[here], found[f"residual_{which}"].values[here], markersize=3.2, **style)
-            panel.set_ylabel(f"{'xyz'[axis]} (sigma)")
-            if axis == axes[0]:
-                panel.set_title(name)
-            if axis == axes[-1]:
-                panel.set_xlabel(x_label)
-    legend(figure, panels, 1)
     return figure
 
 

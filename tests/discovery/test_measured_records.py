@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows import discover, discover_measured, engine
+from flows import discover, engine
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.store.schemas import validate
@@ -52,21 +52,3 @@ def test_fifty_seconds_of_magnetometer_leave_all_but_the_bias_tied(satellite):
     _, found = searched("magnetometer", "gracefo-2023-06-01", satellite)
     assert "magnetometer.bias" in found
     assert all(found[cause]["tied_with"] for cause in set(found) - {"magnetometer.bias"})
-
-
-def test_the_published_table_asks_for_a_leak_not_for_a_lag_or_a_scale():
-    """Published: Table 7: one offset leaves chi-square above 700; a leak or an angular leak explains every variant."""
-    document = discover_measured.discover("published_table")
-    validate(document)
-    assert not document["adequate_before"]
-    assert document["adequate_after"]
-    for facts in document["facts"].values():
-        assert facts["error_factor_for_one_offset"] > 4 * facts["error_factor_by_repeats"]
-    for rows in document["tried"].values():
-        gain = {}
-        for row in rows:
-            gain[row["cause"]] = max(gain.get(row["cause"], 0.0), row["gain"])
-        assert gain["timing.accelerometer_delay"] < 1
-        assert gain["accelerometer.scale"] < 0.6 * gain["accelerometer.current_leak"]
-    named = [{f["cause"], *f["tied_with"]} for f in document["findings"]]
-    assert all("accelerometer.current_leak" in one for one in named)

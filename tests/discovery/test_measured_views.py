@@ -7,20 +7,21 @@ import pytest
 import seeds
 from scipy.spatial.transform import Rotation
 
-from flows import discover_measured
+from flows import discover as flow
+from flows import engine
 from gravcal import catalog
 from gravcal.calibrations.building import build
 from gravcal.calibrations.magnetometer import observations as magnetometer
 from gravcal.calibrations.magnetometer.schemas import ALIGN as FIELD
 from gravcal.calibrations.published_table import geometry
-from gravcal.calibrations.published_table import view as table
+from gravcal.calibrations.published_table import observations as table
 from gravcal.calibrations.thrusters import model
 from gravcal.calibrations.thrusters import observations as thrusters
 from gravcal.calibrations.thrusters.schemas import ALIGN as ATTITUDE
 from gravcal.discovery.driver import Limits, discover
 from gravcal.physics import frames
+from gravcal.store.schemas import validate
 
-CHOSEN = catalog.parameters("discover_measured")
 START, HOURS = 443016000.0, 2.0
 INERTIA = np.diag([105.0, 570.0, 640.0])  # not that of the catalogue
 NOISE = np.array([20e-6, 80e-6, 80e-6])  # rad, as measured with both cameras
@@ -164,20 +165,38 @@ def rows(rng, leak):
 
 
 def table_findings(rng, leak):
-    """Findings of the table's view, with moments of inertia that are 5 % off."""
-    blocks, candidates, _ = table.view(rows(rng, leak), np.diag([110.49, 580.67, 649.69]), 27.5, 14)
-    return discover_measured.searched(blocks, candidates, CHOSEN).findings
+    """Findings in an invented table, with moments of inertia that are 5 % off."""
+    return findings(table.Table(rows(rng, leak), ((110.49, 580.67, 649.69), 27.5, 14)))
 
 
 def test_a_leak_into_one_channel_explains_a_table_that_one_offset_does_not(rng):
     """Recovery: 3e-12 m s-2 per A m2: current leak, or what is tied with it."""
-    found = table_findings(rng, 3e-12)
-    assert "accelerometer.current_leak" in {found[0].cause, *found[0].tied}
+    cause, first = next(iter(table_findings(rng, 3e-12).items()))
+    assert "accelerometer.current_leak" in {cause, *first["tied_with"]}
 
 
 def test_a_table_of_one_offset_names_nothing(rng):
     """Recovery: errors as large as stated; a finding below 1e-3 comes once in a thousand runs."""
-    assert not [f for f in table_findings(rng, 0.0) if f.significance < 1e-3]
+    assert not [f for f in table_findings(rng, 0.0).values() if f["significance"] < 1e-3]
+
+
+@pytest.mark.parametrize(("variant", "factor", "gain"), [("mtq", 3.7, 850), ("sca", 2.7, 705)])
+def test_the_published_table_asks_for_a_leak_not_for_a_lag_or_a_scale(variant, factor, gain, tmp_path, monkeypatch):
+    """Published: Table 7: one offset leaves chi-square above 700, a leak or an angular leak takes nearly all of it."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
+    study = flow.STUDIES["published_table"]
+    chosen = catalog.parameters(study.name).with_settings({"variant": variant})
+    document = flow.document(engine.run(flow.flow_of(study.name), study, chosen, engine="inline"))
+    validate(document)
+    assert (document["adequate_before"], document["adequate_after"]) == (False, True)
+    found, tried = document["findings"], {row["cause"]: row["chi2"] for row in document["tried"]}
+    assert [one["cause"] for one in found] == ["accelerometer.current_leak"]
+    assert "accelerometer.angular_leak" in found[0]["tied_with"]
+    assert tried["accelerometer.current_leak"] == pytest.approx(gain, abs=1)
+    assert tried["timing.accelerometer_delay"] < 1
+    assert tried["accelerometer.scale"] < 0.6 * gain
+    printed = table.observe({}, **study.discovery.settings(study, chosen))
+    assert table.repeatability(printed.rows)[0] == pytest.approx(factor, abs=0.05)
 
 
 def test_errors_are_as_large_as_repeated_manoeuvres_differ(rng):

@@ -61,7 +61,7 @@ def test_exit_codes_tell_what_happened(fakecal, capsys):
     )
     assert gravcal("run", "fakecal", "unheard", "--engine", "inline") == 1
     assert gravcal("run", "fakecal") == 2
-    assert gravcal("discover", "published_table", "--model", path) == 2  # a view takes no model
+    assert gravcal("discover", "published_table", "--model", path) == 2  # printed numbers take no model
     assert gravcal("run", "fakecal", "fake-1", "--data", fakecal) == 2
     assert gravcal("run", "fakecla", "fake-1") == 2
     assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "other") == 2

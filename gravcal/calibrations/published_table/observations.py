@@ -1,0 +1,196 @@
+"""The printed table as discovery sees it: one offset for seven manoeuvres, and what may disturb it.
+
+The error of each number is the printed one times what repeated manoeuvres of one kind ask for. Areas, rods and the
+field in the middle of each area are modelled; the direction of flight is not printed, so every heading is tried.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gravcal.calibrations.published_table import geometry
+from gravcal.effects import Context, catalogue
+from gravcal.estimation.records import Block, Candidate, Observations, Reported
+
+HEADINGS = {(1, 1): "+x north", (-1, -1): "+x south", (1, -1): "+x north, yaw south", (-1, 1): "+x south, yaw north"}
+
+
+def observe(_products: Mapping, *, rows: Sequence[Mapping], inertia, dipole: float, igrf_generation: int) -> Table:
+    """Observations of one variant of the table, which is all in the settings.
+
+    Parameters
+    ----------
+    rows : {"order", "kind", "latitude_class", "value" (3,), "sigma" (3,)} um, None where nothing is printed
+    inertia : (3, 3) kg m2
+    dipole : A m2, full scale of a rod
+    igrf_generation : of the field
+    """
+    arrays = [dict(row) | {n: 1e-6 * np.array(row[n], dtype=float) for n in ("value", "sigma")} for row in rows]
+    return Table(arrays, (tuple(np.diag(inertia)), dipole, igrf_generation))
+
+
+@dataclass(frozen=True)
+class Table(Observations):
+    """Observations of one variant of the table.
+
+    Attributes
+    ----------
+    rows : {"order", "kind", "latitude_class", "value" (3,), "sigma" (3,)} m, NaN where nothing is printed
+    about : principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF
+    """
+
+    rows: list[Mapping]
+    about: tuple
+
+    name = "published_table"
+    channels = ("table",)
+    parameters = ("x", "y", "z")
+    unit, scale, start = "um", np.full(3, 1e6), np.zeros(3)
+    step = "unknown:step"
+    widest = False
+    whole_manoeuvres = True
+
+    @functools.cached_property
+    def printed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Value and sigma (n, 3) m, by the scatter of repeats, and where they are known; sigma 1 elsewhere."""
+        value, sigma = (np.array([row[name] for row in self.rows]) for name in ("value", "sigma"))
+        known = np.isfinite(value)
+        return value, np.where(known, sigma * repeatability(self.rows)[0], 1.0), known
+
+    @functools.cached_property
+    def mean(self) -> np.ndarray:
+        """(3,) m, weighted mean of all manoeuvres."""
+        value, sigma, known = self.printed
+        return np.nansum(value / sigma**2, axis=0) / np.sum(known / sigma**2, axis=0)
+
+    @functools.cached_property
+    def blocks(self) -> list[Block]:
+        """One block a manoeuvre: its numbers, and a share of the priors of all listed effects.
+
+        With them an explanation that asks for a scale error of one half gains little. Their channel has no axis: they
+        are no record.
+        """
+        made = []
+        for row, value, sigma, known in zip(self.rows, *self.printed, strict=True):
+            zeros = np.zeros(len(self._priors))
+            observed = np.concatenate([(value / sigma)[known], zeros])
+            columns = np.concatenate([(np.eye(3) / sigma[:, None])[known], np.zeros((zeros.size, 3))])
+            channel = np.repeat(["table", "prior"], [known.sum(), zeros.size])
+            axis = np.concatenate([np.flatnonzero(known), zeros + 3]).astype(int)
+            time = np.concatenate([np.full(known.sum(), float(row["order"])), zeros])
+            label = f"{row['order']} {row['kind']} {row['latitude_class']}"
+            made.append(Block(label, observed, columns, np.zeros((observed.size, 0)), channel, axis, time))
+        return made
+
+    @functools.cached_property
+    def candidates(self) -> list[Candidate]:
+        """Causes with what they do to the offset of each manoeuvre, and their rows of the priors."""
+        made, (_, sigma, known) = [], self.printed
+        for number, (cause, form, names, units, columns) in enumerate(self._causes):
+            held = np.zeros((len(self._priors), len(names)))
+            for k, (owner, parameter, prior) in enumerate(self._priors):
+                if owner == number:
+                    held[k, parameter] = 1 / (prior * np.sqrt(len(self.rows)))
+            rows = zip(columns, sigma, known, strict=True)
+            whitened = [np.concatenate([c[k] / s[k][:, None], held]) for c, s, k in rows]
+            made.append(Candidate(cause, form, list(names), list(units), whitened))
+        return made
+
+    @functools.cached_property
+    def _priors(self):
+        """Number of the cause, place in it and plausible size of every parameter of a listed effect."""
+        found = []
+        for number, (cause, _, names, _, _) in enumerate(self._causes):
+            sizes = {p.name: p.prior_sigma for p in catalogue()[cause].parameters} if cause in catalogue() else {}
+            found += [(number, k, sizes.get(name, 1.0)) for k, name in enumerate(names) if sizes]
+        return found
+
+    @functools.cached_property
+    def _causes(self):
+        """Cause, form, names, units, and what it does to the offset of each manoeuvre (3, q) m."""
+        found, mean, count = [], self.mean, len(self.rows)
+        for (pitch, yaw), form in HEADINGS.items():
+            heading = {"pitch": pitch, "roll": pitch, "yaw": yaw}
+            arcs = {k: geometry.arc(*k, heading[k[0]], self.about) for k in geometry.AREAS}
+            each = [arcs[r["kind"], r["latitude_class"]] for r in self.rows]
+            found += [_readings(slug, form, each, mean) for slug in READINGS]
+            found += [_only_y(form, each), _scale(form, each, mean)]
+        found.append(("timing.accelerometer_delay", "", ["one_minus_cosine"], ["1"], [-mean[:, None]] * count))
+        order = [(r["order"] - 4.0) * np.eye(3) for r in self.rows]
+        found.append(("unknown:time", "offset moves between manoeuvres", "xyz", ["m"] * 3, order))
+        low = [float(r["latitude_class"] == "low") * np.eye(3) for r in self.rows]
+        found.append(("unknown:latitude", "offset differs at low latitude", "xyz", ["m"] * 3, low))
+        return found
+
+
+def repeatability(rows: list[dict]) -> tuple[float, int]:
+    """Scatter of repeated manoeuvres of a kind and area over the printed errors, at least 1, and how many numbers.
+
+    Parameters
+    ----------
+    rows : as of `Table`
+    """
+    chi2, count = 0.0, 0
+    for kind in {(r["kind"], r["latitude_class"]) for r in rows}:
+        same = [r for r in rows if (r["kind"], r["latitude_class"]) == kind]
+        value, sigma = (np.array([r[k] for r in same]) for k in ("value", "sigma"))
+        used = np.isfinite(value).all(axis=0) & (len(same) > 1)
+        if used.any():
+            weight = sigma[:, used] ** -2
+            mean = np.sum(value[:, used] * weight, axis=0) / weight.sum(axis=0)
+            chi2 += float(np.sum((value[:, used] - mean) ** 2 * weight))
+            count += int(used.sum()) * (len(same) - 1)
+    return max(float(np.sqrt(chi2 / max(count, 1))), 1.0), count
+
+
+#: Effects that add to the linear reading.
+READINGS = (
+    "accelerometer.current_leak",
+    "accelerometer.angular_leak",
+    "accelerometer.scale",
+    "accelerometer.misalignment",
+)
+
+
+def _readings(slug, form, arcs, mean):
+    """Effect of the catalogue on the linear reading, as an error of each manoeuvre's offset."""
+    entry, columns = catalogue()[slug], []
+    for arc in arcs:
+        linear = geometry.euler_columns(arc.alpha_b) @ mean
+        time = np.arange(len(linear), dtype=float)
+        context = Context(time=time, dipole_b=arc.dipole_b, angular_b=arc.alpha_b, linear_b=linear)
+        columns.append(arc.answer(entry.columns(context)))
+    return slug, form, [p.name for p in entry.parameters], [p.unit for p in entry.parameters], columns
+
+
+def _only_y(form, arcs):
+    """The part of the current leak that goes into a_y alone: erratum C-11."""
+    entry = catalogue()["accelerometer.current_leak"]
+    kept = [i for i, p in enumerate(entry.parameters) if p.name.startswith("y_from")]
+    columns = []
+    for arc in arcs:
+        context = Context(time=np.arange(len(arc.dipole_b), dtype=float), dipole_b=arc.dipole_b)
+        columns.append(arc.answer(entry.columns(context)[..., kept]))
+    names, units = zip(*((entry.parameters[i].name, entry.parameters[i].unit) for i in kept), strict=True)
+    return entry.slug, f"into a_y, {form}", names, units, columns
+
+
+def _scale(form, arcs, mean):
+    """Angular acceleration too large by a share about each axis: a gain of dipole or inertia, or of the sensor."""
+    entry, columns = catalogue()["accelerometer.angular_scale"], []
+    for arc in arcs:
+        parts = [geometry.euler_columns(arc.alpha_b * unit) @ -mean for unit in np.eye(3)]
+        columns.append(arc.answer(np.stack(parts, axis=2)))
+    return entry.slug, form, [p.name for p in entry.parameters], ["1"] * 3, columns
+
+
+REPORT = Reported(
+    note="Every manoeuvre of the table gives its own offset; the model is one offset for all. The errors are the "
+    "printed ones times what repeats of one kind ask for. The table holds estimates, not readings: what an effect does "
+    "to them is modelled, and no offset is adopted. The variants share one accelerometer: they are no independent "
+    "evidence."
+)
