@@ -1,7 +1,7 @@
 """Which cause explains the residual: likelihood ratios with all baseline parameters free, and what data cannot show.
 
 Gram matrices (m, m) hold products of all columns, the observed rows first; `place` are the columns of a candidate,
-`size` (m,) the norm of the columns before any projection.
+`size` (m,) the norm of the columns beside own ones.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np
     grams : (b, m, m), own columns projected out
     baseline : (p,) indices of shared columns
     place : columns of the candidate
-    size : (m,) norm of the columns before any projection
+    size : (m,) norm of the columns with own columns projected out
     """
     index = np.arange(place.start, place.stop)
     present = [g for g in grams if np.any(np.diag(g)[index] > 0)]

@@ -50,6 +50,8 @@ GROUPS = 12  # of rows, at most; a block whose channels alternate is one group
 REMEMBERED = 8  # choices of columns
 #: Share of the square of a column that is rounding when its part along the own columns is taken off.
 ROUNDING = 1e-13
+#: Share of a column that its size keeps at least, so that no rounding counts as seen.
+LEAST = 0.03
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ class Problem:
     columns : Columns of each block: observed, shared, candidates
     gram : (b, m, m) products of these columns
     places : slice of each candidate; shared : slice
-    size : (m,) norm before any projection
+    size : (m,) norm with own columns projected out, to which what is seen beside a baseline is compared
     samples : (b,) rows that carry weight, less own columns
     memory : what follows from the blocks alone, made once
     """
@@ -237,8 +239,13 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
         return columns, columns.products(), columns.squares, float(_used(block) - columns.basis.shape[1])
 
     columns, gram, squares, samples = zip(*parallel(one, range(len(blocks)), blocks), strict=True)
-    size = np.sqrt(sum(squares))
+    size = _size(gram, squares)
     return Problem(blocks, list(candidates), list(columns), np.stack(gram), places, size, np.array(samples))
+
+
+def _size(gram, squares):
+    """Norm (m,) of columns less own ones, from their products (m, m) and squares (m,) in each block."""
+    return np.sqrt(np.maximum(sum(np.diag(one) for one in gram), LEAST**2 * sum(squares)))
 
 
 def _used(block):
@@ -261,7 +268,7 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
         return both, without_rounding(wider, np.append(np.zeros(place.start), squares)), squares
 
     columns, gram, squares = zip(*parallel(one, problem.columns, problem.gram, candidate.columns), strict=True)
-    size = np.append(problem.size, np.sqrt(sum(squares)))
+    size = np.append(problem.size, _size([one[place, place] for one in gram], squares))
     more = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
     return replace(problem, columns=list(columns), gram=np.stack(gram), size=size, **more)
 

@@ -42,6 +42,14 @@ def test_an_effect_is_named_with_the_one_that_looks_the_same():
     assert found[0].heldout > 0
 
 
+def test_a_column_that_is_nearly_a_drift_is_seen_by_what_it_has_beside_it():
+    """Recovery: S/N 12 in a thirty-thousandth of a column whose rest is the blocks' own drift."""
+    blocks, candidates = made(np.random.default_rng(5), signal=12.0)
+    steep = [c + 3e4 * b.local_columns[:, 1:] for c, b in zip(candidates[0].columns, blocks, strict=True)]
+    found = search(blocks, [replace(candidates[0], columns=steep)], CHOICE, np.random.default_rng(1)).findings
+    assert [one.cause for one in found] == ["case.a"]
+
+
 def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
     """Recovery: the double is a regressor in no list; the listed cause is named, and the document says of the other."""
     blocks, candidates = made(np.random.default_rng(5), signal=12.0)
