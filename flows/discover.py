@@ -40,12 +40,12 @@ def _discover(one: Calibration | Study, source, chosen):
         found = discovery.search(*products.values(), variant="", **searched)
     else:
         first = discovery.search(*products.values(), variant="first", **searched)
-        without = discovery.extend_by(first, *products.values(), variant="first", **extended)
+        without = discovery.extend_by(first, *products.values(), variant="first", tentative=True, **extended)
         again = looked.again(source, chosen, without)
         found = discovery.search_again(first, *again.values(), variant="", **searched)
     results = ()
     if looked.result is not None:
-        without = discovery.extend_by(found, *products.values(), variant="discovered", **extended)
+        without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **extended)
         after = looked.result(source, chosen, without)
         before = looked.result(source, chosen, products[looked.records.rpartition(".")[2]])  # last: latest/ leads to it
         results = before, after

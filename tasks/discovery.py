@@ -22,7 +22,7 @@ product.register("*.discovery_report", product.ANY)
 ANY_PRODUCT = ["*"]
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=11, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
 def search(
     *products,
     calibration,  # noqa: ARG001 - it names the product
@@ -40,7 +40,7 @@ def search(
     return driver.discover(_observed(products, observations, names, settings), limits)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=11, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
 def search_again(
     first,
     *products,
@@ -68,13 +68,14 @@ def extend(*products, records, observations, names, model, settings):
     return _without(observed, products, records, names, given)
 
 
-@stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
-def extend_by(found, *products, records, observations, names, settings):
-    """Records without what was found in them."""
-    return _without(_observed(products, observations, names, settings), products, records, names, _model(found))
+@stage(reads=ANY_PRODUCT, writes="{records}", version=4, also=["{observations}"])
+def extend_by(found, *products, records, observations, names, settings, tentative):
+    """Records without what was found in them; what is not adopted is taken out tentatively only."""
+    model = _model(found) if tentative or json.loads(found.attrs["numbers"]).get("adopted", True) else []
+    return _without(_observed(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=3, also=["{observations}"])
+@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=4, also=["{observations}"])
 def report(found, *combined, calibration, observations, event, satellite, settings):
     """Result document, page and extended model; with the calibration before and after, where it has such a result."""
     named = {"calibration": calibration, "event": event, "satellite": satellite}

@@ -2,7 +2,8 @@
 
 Four families of tests, each corrected for its number: power per channel, block and band; every candidate; every line;
 every step. The smallest of all is set against its own distribution under noise, so that the probability is uniform
-on data without error, whatever the tests have in common.
+on data without error, whatever the tests have in common. Power of all blocks together that is less than noise has is
+an alarm of its own: the noise is overrated, and what is small is not seen.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from gravcal.estimation.parallel import parallel
 
 BANDS = 4
 DRAWS = 199
+QUIET = 1e-3  # probability of so little power, below which the noise is overrated
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Test:
 
     Attributes
     ----------
-    p : probability of so small a minimum on clean data
+    p : probability of so small a minimum on clean data; quiet : of so little power in any channel and band
     rows : {"block", "channel", "band", "ratio", "p"}, power against expected noise
     scans : list of Scan of the residual
     rest : (n,) residual of each block
@@ -38,6 +40,11 @@ class Test:
     rows: list[dict]
     scans: list[scan.Scan]
     rest: list[np.ndarray]
+    quiet: float = 1.0
+
+    def adequate(self, level: float) -> bool:
+        """Whether the residual is noise at a family-wise level."""
+        return bool(self.p >= level and self.quiet >= QUIET)
 
 
 def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Test:
@@ -53,11 +60,12 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     here = problem, baseline, rest
     parts = [partial(scan.steps, *here), partial(_candidates, *here)]
     parts += [partial(scan.lines, *here, channel) for channel in channels]
-    steps, of_candidates, *found, (rows, smallest) = parallel(_called, [*parts, partial(_bands, problem.blocks, rest)])
+    parts.append(partial(_bands, problem.blocks, rest))
+    steps, of_candidates, *found, (rows, smallest, quiet) = parallel(_called, parts)
     scans = [s for s in [*found, steps] if s.at.size]
     least = np.min(_tested([smallest, of_candidates, *(_scanned(s) for s in scans)], problem), axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
-    return Test(_rank(least), rows, own, [r[:, 0] for r in rest])
+    return Test(_rank(least), rows, own, [r[:, 0] for r in rest], 1.0 if quiet is None else _rank(quiet))
 
 
 def _called(part):
@@ -101,8 +109,8 @@ def _scanned(found):
 
 
 def _bands(blocks, rest):
-    """Rows for the first column, and log of the corrected smallest probability for every column."""
-    rows, log_p = [], []
+    """Rows for the first column, and logs of the corrected smallest probabilities of more and of less power."""
+    rows, log_p, sums = [], [], {}
     for block, values in zip(blocks, rest, strict=True):
         for channel in dict.fromkeys(block.channel):
             power, freedom = _power(block, channel, values)
@@ -111,10 +119,14 @@ def _bands(blocks, rest):
                 if mean <= 0:
                     continue
                 shape = mean**2 / freedom[band]
+                for place in ((channel, band), channel):  # a band, and all of them
+                    total = sums.setdefault(place, np.zeros(power.shape[1] + 1))
+                    total += np.append(power[band], freedom[band])
                 log_p.append(chi2_tail.log_gamma_tail(power[band], shape, mean))
                 one = {"block": block.label, "channel": str(channel), "band": band, "p": float(np.exp(log_p[-1][0]))}
                 rows.append(one | {"ratio": float(power[band, 0] / mean)})
-    return rows, (np.min(log_p, axis=0) + np.log(len(log_p)) if log_p else None)
+    less = [chi2_tail.log_gamma_head(s[:-1], s[1:-1].mean() ** 2 / s[-1], s[1:-1].mean()) for s in sums.values()]
+    return rows, *(np.min(one, axis=0) + np.log(len(one)) if one else None for one in (log_p, less))
 
 
 def _power(block, channel, values):

@@ -15,7 +15,7 @@ import xarray as xr
 
 from gravcal.discovery import attribution, product
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
-from gravcal.discovery.model_average import named_parameters, widened, with_ties
+from gravcal.discovery.model_average import delivered, named_parameters
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, random_source
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, search
@@ -80,7 +80,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     result, numbers = _searched(observed, limits, model)
     if not numbers["adequate_after"] and numbers["p_after"] < before["p_after"]:
         return first
-    numbers |= {name: before[name] for name in ("adequate_before", "p_before", "tried")}
+    numbers |= {name: before[name] for name in ("adequate_before", "p_before", "p_quiet_before", "tried")}
     return _product(observed, limits, result, numbers).assign_attrs(rebuilt="yes")
 
 
@@ -116,7 +116,7 @@ def _searched(observed, limits, model):
     fixed = {"quiet": observed.quiet, "order": observed.noise_order, "segment_s": limits.segment_s}
     choice = Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
     result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
-    averaged = _reported(widened(result) if observed.widest else with_ties(result), observed)
+    averaged = _reported(delivered(result, limits.level, observed.scale.size, observed.widest), observed)
     count = observed.scale.size
     numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)
     for one in numbers["indistinguishable_from_calibration"]:
@@ -167,7 +167,7 @@ def _reported(result, observed):
     scale, count = observed.scale, observed.scale.size
     cut = {n: tuple(scale * part[:count] for part in getattr(result, n)) for n in ("shared", "sigma")}
     both = tuple(np.outer(scale, scale) * part[:count, :count] for part in result.covariance)
-    return replace(result, **cut, covariance=both)
+    return replace(result, **cut, covariance=both, correction=scale * result.correction[:count])
 
 
 def _described(finding: dict, result: Result, position: int, observed, waves):

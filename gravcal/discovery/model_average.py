@@ -1,4 +1,4 @@
-"""What the calibration parameters become when every named cause is free with all its parameters."""
+"""The one number that stands after a search: over tied causes, their forms and directions that the data do not see."""
 
 from __future__ import annotations
 
@@ -6,74 +6,142 @@ from dataclasses import replace
 
 import numpy as np
 
-from gravcal.discovery import attribution, trials
-from gravcal.discovery.attribution import UNSEEN
+from gravcal.discovery import attribution
+from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.problem import baseline_of, inverse_of
 from gravcal.discovery.rounds import Result
+from gravcal.estimation import chi2_tail
+from gravcal.estimation.records import slug_of
 
 CLEAR = 5.0  # sigma from which a direction is believed against its prior
-UNLIKELY = 12.0  # less of score than the best form: a weight of a quarter of a percent
+UNLIKELY = 12.0  # less of twice the logarithm of the evidence than the best form: a weight of a quarter of a percent
+FAR = 1e-3  # probability of so large a move by the error that is then given, below which an unsure name is not adopted
+SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause that was not named, over its prior
 
 
-def widened(result: Result) -> Result:
-    """Result whose calibration parameters and covariance after the extension leave named causes all their parameters.
+def delivered(result: Result, level: float, count: int, widest: bool = False) -> Result:
+    """Result whose calibration after the search is the one number that is delivered, with its whole error.
 
-    A cause is often named by one of its parameters; the others move the calibration too, and what the data say of them
-    is part of the error. Where the data do not determine them all, the cause stays as it was named. Where causes are
-    tied, the error holds how far the calibration would move with each of the others.
+    The value is the mean over the causes that are tied and their forms, by their evidence with the priors of the
+    catalogue; the error holds their spread, and what directions that the data do not see would do: of named causes as
+    large as those that are seen, of all others at the price of their prior, one cause in the catalogue being there. An
+    extension is adopted only if the extended model is adequate or foretells manoeuvres left out, and if it moves the
+    calibration no further than its error allows, unless it is adequate and made of causes with a mechanism. Else the
+    value stays as it was, and the move is part of its error.
+
+    Parameters
+    ----------
+    result : of `rounds.search`
+    level : family-wise; count : of the shared parameters that are reported, the first ones
+    widest : True if the calibration is reported beside named causes with all their parameters: a cause is often named
+        by one of them, and the others move the calibration too. Where the data do not determine them all, the cause
+        stays as it was named
+
+    Returns
+    -------
+    result : with `adopted`, and with the `correction` from the fit beside the names to the mean
     """
     problem, width = result.problem, result.shared[1].size
-    total, named = problem.total, [one.index for one in result.findings]
+    named = _widest(result) if widest else [one.index for one in result.findings]
+    before, (fitted, covariance) = result.shared[0], _fit(problem, named, width)
+    value = fitted.copy()
+    for position, (index, one) in enumerate(zip(named, result.findings, strict=True)):
+        others = [*named[:position], *named[position + 1 :]]
+        mean, spread = _over_forms(problem, others, _alternatives(problem, one, index, others), (index, fitted))
+        value, covariance = value + mean, covariance + spread - np.outer(mean, mean)
+    adopted = not named or _adopted(result, (value - before)[:count], covariance[:count, :count], level)
+    if not adopted:
+        value, covariance = before, result.covariance[0] + np.outer(value - before, value - before)
+        fitted = before
+    elif not named and result.before.p < level:
+        tried = {one.index for one in result.first if one.index >= 0}
+        covariance = covariance + _over_forms(problem, [], tried, (-1, fitted))[1]
+    covariance = covariance + _unnamed(result, named if adopted else [], width)
+    ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
+    ends = {name: (getattr(result, name)[0], after) for name, after in ends.items()}
+    return replace(result, **ends, adopted=adopted, correction=value - fitted)
+
+
+def _adopted(result, move, covariance, level):
+    """Whether an extension that moves the calibration (p,), with a covariance (p, p) after it, is adopted."""
+    adequate = result.after.adequate(level)
+    foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in result.findings)
+    known = all(not one.cause.startswith("unknown:") and not np.isfinite(one.at) for one in result.findings)
+    near = chi2_tail.log_tail(move @ inverse_of(covariance) @ move, move.size) > np.log(FAR)
+    return (adequate or foretold) and (near or (adequate and known))
+
+
+def _widest(result):
+    """Indices of the forms with all parameters of what was named, where the data determine them all."""
+    problem, named = result.problem, [one.index for one in result.findings]
     for position, index in enumerate(named):
         others = baseline_of(problem, [*named[:position], *named[position + 1 :]])
-        widest = _widest(problem, index)
-        found = attribution.ratio(attribution.projected(total, others), problem.places[widest], problem.size)
-        if found.determined.all():
+        mine = problem.candidates[index]
+        forms = [k for k, c in enumerate(problem.candidates) if (c.cause, c.local) == (mine.cause, mine.local)]
+        forms = [k for k in forms if mine.listed and set(mine.names) < set(problem.candidates[k].names)]
+        widest = max(forms, key=lambda k: len(problem.candidates[k].names), default=index)
+        gram = attribution.projected(problem.total, others)
+        if attribution.ratio(gram, problem.places[widest], problem.size).determined.all():
             named[position] = widest
+    return named
+
+
+def _fit(problem, named, width):
+    """Calibration (p,) and its covariance (p, p) beside some candidates."""
     fixed = baseline_of(problem, named)
-    covariance = inverse_of(total[np.ix_(fixed, fixed)])
-    return _after(result, (covariance @ total[fixed, 0])[:width], covariance[:width, :width], named)
+    covariance = inverse_of(problem.total[np.ix_(fixed, fixed)])
+    return (covariance @ problem.total[fixed, 0])[:width], covariance[:width, :width]
 
 
-def with_ties(result: Result) -> Result:
-    """Result whose error after the extension holds how far the calibration would move with each tied cause."""
-    return _after(result, result.shared[1], result.covariance[1], [one.index for one in result.findings])
+def _alternatives(problem, finding, index, others):
+    """Indices of what may be there instead of a finding: forms of it and of listed causes tied with it, imitators."""
+    causes = {finding.cause, *finding.tied}
+    forms = {(one["cause"], one["form"]) for one in finding.imitators}
+    rows = enumerate(problem.candidates)
+    return {index} | {k for k, c in rows if (c.cause in causes or (c.cause, c.form) in forms) and k not in others}
 
 
-def _after(result, value, covariance, named):
-    """Result with other calibration parameters after the extension, and the error of its ties."""
-    covariance = covariance + sum(_moment(result, named, k, value) for k in range(len(named)))
-    ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
-    return replace(result, **{name: (getattr(result, name)[0], after) for name, after in ends.items()})
+def _over_forms(problem, others, tried, about):
+    """Mean (p,) and second moment (p, p) of how far candidates move the calibration, by their evidence.
 
-
-def _moment(result, named, position, value):
-    """Second moment (p, p) of the calibration about its value over the forms of the causes that are tied.
-
-    By their likelihood; and what the directions that the data do not see of these causes would do to the calibration.
+    With what the directions that the data do not see of them would do to the calibration.
     """
-    problem, width = result.problem, value.size
-    others = [*named[:position], *named[position + 1 :]]
-    total, baseline = problem.total, baseline_of(problem, others)
-    gram = attribution.projected(total, baseline)
-    causes, rows = (result.findings[position].cause, *result.findings[position].tied), []
-    for k, candidate in enumerate(problem.candidates):
-        if candidate.cause in causes and k not in others:
-            found = attribution.ratio(gram, problem.places[k], problem.size)
-            rows.append((found.gain - trials.COST * found.dof, k))
+    (named, value), baseline = about, baseline_of(problem, others)
+    width, gram = value.size, attribution.projected(problem.total, baseline)
+    mean, moment = np.zeros(width), np.zeros((width, width))
+    rows = [(_evidence(problem, gram, k), k) for k in sorted(tried)]
     rows = [(score, k) for score, k in rows if score > max(rows)[0] - UNLIKELY]
-    weight, moment = np.exp(np.array([score for score, _ in rows]) / 2 - max(rows)[0] / 2), np.zeros((width, width))
-    for share, (_, k) in zip(weight / weight.sum(), rows, strict=True):
-        if k != named[position]:
-            moved = _with(problem, total, baseline, k)[:width] - value
-            moment += share * np.outer(moved, moved)
+    weight = np.exp(np.array([score for score, _ in rows]) / 2 - max(rows, default=(0,))[0] / 2)
+    weight = weight / weight.sum()
+    for share, (_, k) in zip(weight, rows, strict=True):
+        if k != named:
+            moved = _with(problem, baseline, k)[:width] - value
+            mean, moment = mean + share * moved, moment + share * np.outer(moved, moved)
+    causes, seen = {problem.candidates[k].cause for _, k in rows}, _scale
     for k, whole in enumerate(problem.candidates):
-        if whole.cause not in causes or k in others or "alone" in whole.form or whole.local or not whole.prior:
-            continue
-        likely = sum(w for w, (_, row) in zip(weight, rows, strict=True) if _is_part(problem.candidates[row], whole))
-        if likely:
-            moment += likely / weight.sum() * _unseen(problem, gram, baseline, k, width)
-    return moment
+        if whole.cause in causes and k not in others and _whole(whole):
+            likely = float(weight @ [_is_part(problem.candidates[row], whole) for _, row in rows])
+            moment = moment + likely * (_unseen(problem, gram, baseline, k, width, seen) if likely else 0.0)
+    return mean, moment
+
+
+def _evidence(problem, gram, index):
+    """Twice the logarithm of the evidence of a candidate over that of none, its parameters spread as its prior says.
+
+    Without a prior as wide as they are found, the widest that gains.
+    """
+    place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
+    if prior.size == place.stop - place.start:
+        spread, right = np.eye(prior.size) + gram[place, place] * np.outer(prior, prior), prior * gram[place, 0]
+        return float(right @ np.linalg.solve(spread, right) - np.linalg.slogdet(spread)[1])
+    gain, dof, _ = attribution.gained(gram, place, problem.size)
+    return gain - dof * (1 + np.log(max(gain / dof, 1.0))) if dof else 0.0
+
+
+def _whole(candidate):
+    """Whether a candidate has all parameters of a form whose plausible sizes are known, in more than one block."""
+    whole = "alone" not in candidate.form and not candidate.local
+    return whole and candidate.listed and len(candidate.prior) == len(candidate.names)
 
 
 def _is_part(one, whole):
@@ -82,18 +150,47 @@ def _is_part(one, whole):
     return one is whole or alone
 
 
-def _unseen(problem, gram, baseline, index, width):
+def _unnamed(result, named, width):
+    """Second moment (p, p) of what directions not seen of causes that were not named would do to the calibration.
+
+    Each cause of the catalogue is there with a probability of one in their number, and as large as its prior at most,
+    by the likelihood of what the data do see of it.
+    """
+    problem, causes = result.problem, {slug_of(c) for one in result.findings for c in (one.cause, *one.tied)}
+    baseline, forms = baseline_of(problem, named), {}
+    gram = attribution.projected(problem.total, baseline)
+    for k, candidate in enumerate(problem.candidates):
+        if _whole(candidate):
+            forms.setdefault(slug_of(candidate.cause), []).append(k)
+    odds, moment = 1 / max(len(forms) - 1, 1), np.zeros((width, width))
+
+    def priced(known, gain):
+        spread = 1 + np.outer(SIZES, known)
+        more = np.exp(np.minimum(np.sum(gain - np.log(spread) - gain / spread, axis=1) / 2, 300.0))
+        return SIZES, odds * more / more.size / (1 + odds * more.mean())
+
+    for cause, rows in forms.items():
+        for k in rows if cause not in causes else ():
+            moment += _unseen(problem, gram, baseline, k, width, priced) / len(rows)
+    return moment
+
+
+def _unseen(problem, gram, baseline, index, width, sized):
     """Second moment (p, p) of what directions that the data do not see of a form would do to the calibration.
 
-    As large as those that they see, in units of what is plausible of each parameter.
+    In units of what is plausible of each parameter; `sized` gives squares of their common size and the weights of
+    these, by what is known (n,) of the directions that are seen and the chi-square (n,) that each gains.
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     inverse = inverse_of(problem.total[np.ix_(baseline, baseline)])
-    known, vectors = np.linalg.eigh(gram[place, place] * np.outer(prior, prior))
+    whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
+    known, vectors = np.linalg.eigh(left)
     hidden = known < UNSEEN**2
-    square = _scale(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
+    square, share = sized(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
     shift = (inverse @ problem.total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
-    bias = shift @ vectors[:, hidden] / np.sqrt(1 / square + np.maximum(known[hidden], 0.0))
+    real = known > ROUNDING * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
+    size = np.sum(share / (1 / square + np.where(real, known, 0.0)[hidden, None]), axis=1)
+    bias = shift @ vectors[:, hidden] * np.sqrt(size)
     return bias @ bias.T
 
 
@@ -101,17 +198,18 @@ def _scale(known, gain):
     """Square of the most likely common size of directions, from their information (n,) and gain (n,); 1 of none."""
     square = np.geomspace(1e-6, 1e2, 161)
     width = 1 + np.outer(square, known)
-    return float(square[np.argmin(np.sum(np.log(width) + gain / width, axis=1))]) if known.size else 1.0
+    best = square[np.argmin(np.sum(np.log(width) + gain / width, axis=1))] if known.size else 1.0
+    return np.array([best]), np.ones(1)
 
 
-def _with(problem, total, baseline, index):
+def _with(problem, baseline, index):
     """Values of the baseline beside a candidate whose size is held by its prior."""
     place, prior = problem.places[index], problem.candidates[index].prior
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
-    inner = total[np.ix_(fixed, fixed)].copy()
+    inner = problem.total[np.ix_(fixed, fixed)].copy()
     if len(prior) == place.stop - place.start:
         inner[baseline.size :, baseline.size :] += np.diag(1 / np.square(prior))
-    return inverse_of(inner) @ total[fixed, 0]
+    return inverse_of(inner) @ problem.total[fixed, 0]
 
 
 def named_parameters(result: Result, position: int) -> dict:
@@ -150,11 +248,3 @@ def _held(normal, right, prior):
     back = prior[:, None] * vectors
     covariance = (back / weight) @ back.T
     return covariance @ right, covariance
-
-
-def _widest(problem, index):
-    """Form of a cause that holds the parameters of one of its forms and most beside them."""
-    mine = problem.candidates[index]
-    forms = [k for k, c in enumerate(problem.candidates) if (c.cause, c.local) == (mine.cause, mine.local)]
-    forms = [k for k in forms if mine.listed and set(mine.names) < set(problem.candidates[k].names)]
-    return max(forms, key=lambda k: len(problem.candidates[k].names), default=index)

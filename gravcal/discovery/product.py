@@ -93,10 +93,13 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
     numbers : plain lists and floats, NaN where not determined
     """
     return {
-        "adequate_before": bool(result.before.p >= choice.level),
-        "adequate_after": bool(result.after.p >= choice.level),
+        "adequate_before": result.before.adequate(choice.level),
+        "adequate_after": result.after.adequate(choice.level),
         "p_before": result.before.p,
         "p_after": result.after.p,
+        "p_quiet_before": result.before.quiet,
+        "p_quiet_after": result.after.quiet,
+        "adopted": result.adopted,
         "level": choice.level,
         "findings": [_finding(f, choice) for f in result.findings],
         "indistinguishable_from_calibration": beside_calibration(
@@ -157,6 +160,7 @@ def _change(result, names, unit, scale, start):
         "sigma_after": (scale * new).tolist(),
         "variant": "joint fit",
         "covariance_of_findings": (scale**2 * (result.covariance[1] - result.covariance[0])).tolist(),
+        "correction": None if result.correction is None else (scale * result.correction).tolist(),
         "change": change.tolist(),
         "change_in_old_sigma": (change / np.where(old > 0, scale * old, np.inf)).tolist(),
     }

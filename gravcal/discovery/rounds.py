@@ -89,6 +89,8 @@ class Result:
     covariance : (p, p) before, after
     problem : Problem, with everything accepted; baseline : (p,) indices of columns of the extended model
     first : list of Trial of the first round, best first
+    adopted : False if the calibration is delivered without the findings
+    correction : (p,) from the calibration beside the findings as named to the one that is delivered
     """
 
     findings: list[Finding]
@@ -102,6 +104,8 @@ class Result:
     problem: Problem
     baseline: np.ndarray
     first: list[trials.Trial]
+    adopted: bool = True
+    correction: np.ndarray | None = None
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
@@ -128,7 +132,7 @@ def _named(problem, choice):
             break
         problem, chosen = _revised(problem, [*chosen, found], choice)
     chosen = renamed(problem, merged(problem, chosen, choice), choice)
-    return problem, without_shadows(problem, chosen), first
+    return problem, pruned(problem, without_shadows(problem, chosen)), first
 
 
 def _best(problem, used, rows, choice):
@@ -295,6 +299,8 @@ def _result(problem, findings, tests, baseline, first):
 DISAGREE = (0.15, 1e-4)
 #: Share of the gain of a cause in no list that its form may leave.
 SHADOW = 0.05
+#: Share of the power of the smaller of two contributions that their sum keeps where they cancel each other.
+CANCELLED = 0.1
 
 
 def merged(problem: Problem, chosen: list, choice) -> list:
@@ -335,6 +341,36 @@ def without_shadows(problem: Problem, chosen: list) -> list:
     unknown = [g for g, (k, _) in zip(gains, chosen, strict=True) if not problem.candidates[k].listed]
     least = SHADOW * max(unknown, default=0.0)
     return [one for one, gain in zip(chosen, gains, strict=True) if gain >= least]
+
+
+def pruned(problem: Problem, chosen: list) -> list:
+    """Names without those that cancel each other: of two contributions whose sum is small that which gains less goes.
+
+    Each is far larger than what both explain, so that the data speak for neither.
+    """
+    while len(chosen) > 1:
+        indices = [k for k, _ in chosen]
+        baseline = baseline_of(problem, indices)
+        value = inverse_of(problem.total[np.ix_(baseline, baseline)]) @ problem.total[baseline, 0]
+        gram, width = attribution.projected(problem.total, baseline_of(problem, ())), problem.shared.stop - 1
+        whole = np.zeros((problem.size.size, len(indices)))
+        for column, k in enumerate(indices):
+            own = np.isin(baseline, np.arange(problem.places[k].start, problem.places[k].stop))
+            own[:width] = False
+            whole[baseline[own], column] = value[own]
+        power = whole.T @ gram @ whole
+        size = np.diag(power)
+        joint = (size[:, None] + size + 2 * power) / np.maximum(np.minimum(size[:, None], size), 1e-300)
+        np.fill_diagonal(joint, np.inf)
+        if joint.min() > CANCELLED:
+            break
+        pair = np.unravel_index(np.argmin(joint), joint.shape)
+        gains = []
+        for one, other in (pair, pair[::-1]):
+            rest = attribution.projected(problem.total, baseline_of(problem, np.delete(indices, [one, other])))
+            gains.append((attribution.gained(rest, problem.places[indices[one]], problem.size)[0], one))
+        chosen = [one for k, one in enumerate(chosen) if k != min(gains)[1]]
+    return chosen
 
 
 def settled(problem, chosen, choice, noise, before):

@@ -39,3 +39,9 @@ def log_gamma_tail(value, shape: float, mean: float) -> np.ndarray:
     """
     with np.errstate(divide="ignore"):
         return np.log(special.gammaincc(shape, np.maximum(value, 0.0) * shape / mean))
+
+
+def log_gamma_head(value, shape: float, mean: float) -> np.ndarray:
+    """Logarithm of the probability that a value of a gamma distribution is smaller, as of `log_gamma_tail`."""
+    with np.errstate(divide="ignore"):
+        return np.log(special.gammainc(shape, np.maximum(value, 0.0) * shape / mean))

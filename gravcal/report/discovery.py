@@ -45,7 +45,7 @@ def report(
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     extended = model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
-    if extended and "model" in settings:  # a calibration that takes one
+    if extended and "model" in settings and numbers.get("adopted", True):  # a calibration that takes one
         files["model.toml"] = extended
     files["discovery.html"] = page(found, document, satellite, reported)
     names = {"before": "baseline", "after": "extended model"}
@@ -61,6 +61,7 @@ def _with_result(numbers, before, after):
     change = numbers["calibration_change"]
     extra = np.array(change["covariance_of_findings"], dtype=float)
     (name, old, covariance), (_, new, other) = before, after
+    new = new + np.array(change["correction"], dtype=float)
     sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
     found = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
     found |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
@@ -119,11 +120,20 @@ def _said(numbers):
     chance = _chance(numbers["p_before"])
     if not found and numbers["adequate_before"]:
         return f"The model describes the data to their noise ({chance}); nothing is named."
+    if not found and numbers["p_before"] >= numbers["level"]:
+        return f"What the model leaves is less than its noise ({_chance(numbers['p_quiet_before'])}); nothing is named."
     if not found:
         return f"The model is not adequate ({chance}), but no cause that was tried passes; see what is left."
     named = "; ".join(_named(one) for one in found)
     after = "describes the data to their noise" if numbers["adequate_after"] else "still leaves more than noise"
-    return f"Found: {named}. The extended model {after} ({_chance(numbers['p_after'])})."
+    return f"Found: {named}. The extended model {after} ({_chance(numbers['p_after'])}).{_left(numbers)}"
+
+
+def _left(numbers):
+    """That the calibration is delivered without what was found."""
+    if numbers.get("adopted", True):
+        return ""
+    return " The calibration stays as it was, with an error that holds the move: the extension is too unsure."
 
 
 def _chance(p):
@@ -308,7 +318,10 @@ CAUSE = (
     "if its chance, corrected for everything that was tried, is below the level, and if it also gains on data that it "
     "was not fitted to: manoeuvres left out one by one, or every second stretch of time for what happens in one."
 )
-GAIN = "The result is estimated anew with the findings free, so its error contains theirs."
+GAIN = (
+    "The result is estimated anew with the findings free, and averaged over what is tied with them; its error contains "
+    "theirs, and what a search cannot see of the catalogue at the price of its priors."
+)
 UNOBSERVABLE = (
     "These causes look like the calibration parameters themselves; only other data or ground tests can exclude them."
 )
