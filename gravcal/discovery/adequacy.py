@@ -1,9 +1,9 @@
 """Is the model adequate: whitened residuals against noise drawn through the same projection.
 
-Four families of tests, each corrected for its number: power per channel, block and band; every candidate; every line;
-every step. The smallest of all is set against its own distribution under noise, so that the probability is uniform
-on data without error, whatever the tests have in common. Power of all blocks together that is less than noise has is
-an alarm of its own: the noise is overrated, and what is small is not seen.
+Families of tests, each corrected for its number: power per channel, block and band; every candidate; every line;
+every step; power beyond noise in time and frequency. The smallest of all is set against its own distribution under
+noise, so that the probability is uniform on data without error, whatever the tests have in common. Power of all blocks
+together that is less than noise has is an alarm of its own: the noise is overrated, and what is small is not seen.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from gravcal.estimation.parallel import parallel
 BANDS = 4
 DRAWS = 199
 QUIET = 1e-3  # probability of so little power, below which the noise is overrated
+CERTAIN = -10.0  # log of a probability below which several kinds of excess are there for sure
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Test:
     rows : {"block", "channel", "band", "ratio", "p"}, power against expected noise
     scans : list of Scan of the residual
     rest : (n,) residual of each block
+    excess : the most unlikely of `scan.excess`, None where nothing is long enough; excess_p : probability of one so
+        unlikely on clean data
     """
 
     p: float
@@ -41,6 +44,8 @@ class Test:
     scans: list[scan.Scan]
     rest: list[np.ndarray]
     quiet: float = 1.0
+    excess: scan.Excess | None = None
+    excess_p: float = 1.0
 
     def adequate(self, level: float) -> bool:
         """Whether the residual is noise at a family-wise level."""
@@ -60,12 +65,19 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     here = problem, baseline, rest
     parts = [partial(scan.steps, *here), partial(_candidates, *here)]
     parts += [partial(scan.lines, *here, channel) for channel in channels]
+    parts += [partial(scan.excess, problem, rest, channel) for channel in channels]
     parts.append(partial(_bands, problem.blocks, rest))
     steps, of_candidates, *found, (rows, smallest, quiet) = parallel(_called, parts)
+    found, power = found[: len(channels)], [one for some in found[len(channels) :] for one in some]
     scans = [s for s in [*found, steps] if s.at.size]
-    least = np.min(_tested([smallest, of_candidates, *(_scanned(s) for s in scans)], problem), axis=0)
+    unlikely = [one.log_p for one in power]
+    least = np.min(_tested([smallest, of_candidates, *map(_scanned, scans), *unlikely], problem), axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
-    return Test(_rank(least), rows, own, [r[:, 0] for r in rest], 1.0 if quiet is None else _rank(quiet))
+    certain = [one for one in power if one.log_p[0] < CERTAIN]
+    excess = max(certain, key=lambda one: one.score, default=min(power, key=lambda one: one.log_p[0], default=None))
+    excess_p = _rank(np.min(unlikely, axis=0)) if power else 1.0
+    quiet = 1.0 if quiet is None else _rank(quiet)
+    return Test(_rank(least), rows, own, [r[:, 0] for r in rest], quiet, excess, excess_p)
 
 
 def _called(part):

@@ -19,7 +19,7 @@ from gravcal.discovery.model_average import delivered, named_parameters
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, random_source
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, search
-from gravcal.discovery.trials import SHARES
+from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, epoch_of, slug_of
@@ -174,6 +174,9 @@ def _described(finding: dict, result: Result, position: int, observed, waves):
     """Parameters of a finding as the effect of the catalogue has them, in place."""
     one: Finding = result.findings[position]
     fitted = _fitted(result, position)
+    if one.cause == EXCESS:  # which no model takes out
+        finding |= {"parameters": _shaped(fitted.candidate.shape), "model": {}}
+        return
     if one.form in waves:
         words = one.form.partition(",")[0].split()  # "<channel> reading <axis>"
         name = words[2] if len(words) > 2 else "amplitude"
@@ -197,6 +200,12 @@ def _described(finding: dict, result: Result, position: int, observed, waves):
                 finding[name] = [_plain(each) for each in getattr(entry, name)]
     if not observed.whole_manoeuvres:
         finding["heldout"] = "blocks"
+
+
+def _shaped(shape):
+    """Values of a shape with their errors, where they have some."""
+    rows = zip(shape.names, shape.value.tolist(), np.sqrt(np.diag(shape.covariance)).tolist(), shape.units, strict=True)
+    return {name: {"value": value, "sigma": sigma or None, "unit": unit} for name, value, sigma, unit in rows}
 
 
 def _plain(record):

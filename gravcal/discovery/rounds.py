@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gravcal.discovery import adequacy, attribution, scan, shaping, trials
-from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, inverse_of, prepare
+from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, extended, inverse_of, prepare
 from gravcal.estimation.records import Block, Candidate
 
 
@@ -116,6 +116,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)
     chosen, after = settled(problem, chosen, choice, noise, before)
+    problem, chosen, after = with_excess(problem, chosen, choice, noise, after)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return _result(problem, findings, (before, after), baseline, first)
@@ -301,6 +302,8 @@ DISAGREE = (0.15, 1e-4)
 SHADOW = 0.05
 #: Share of the power of the smaller of two contributions that their sum keeps where they cancel each other.
 CANCELLED = 0.1
+EXCESSES = 3  # that are named at most
+MANY = 10.0  # log of what a probability that is zero to rounding was corrected by
 
 
 def merged(problem: Problem, chosen: list, choice) -> list:
@@ -397,6 +400,52 @@ def settled(problem, chosen, choice, noise, before):
         return chosen, after
     again = adequacy.test(problem, baseline_of(problem, [k for k, _ in other]), noise)
     return (other, again) if again.p > after.p else (chosen, after)
+
+
+def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
+    """Problem, names and adequacy with the power beyond noise that follows nothing.
+
+    Names that pass no more beside it go, and lines in its band: a line, a step or a cause of the catalogue takes some
+    of the power of a chirp or of a signal that jumps at random. An excess that is small beside the names is what their
+    form leaves, and gets none.
+
+    Parameters
+    ----------
+    problem, chosen, choice, noise : as of `settled`
+    after : adequacy of the names
+    """
+    for _ in range(EXCESSES):
+        candidate = trials.excess_of(problem, after.excess) if after.excess_p < choice.level else None
+        if candidate is None:
+            break
+        baseline = baseline_of(problem, [k for k, _ in chosen])
+        grown, index = extended(problem, candidate), len(problem.candidates)
+        grown, index = shaping.refined(grown, baseline, index)
+        ratio = attribution.ratio(attribution.projected(grown.total, baseline), grown.places[index], grown.size)
+        about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
+        trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
+        if (index, trial) not in without_shadows(grown, [*chosen, (index, trial)]):
+            break
+        others = [one for one in chosen if not _inside(one[1], after.excess)]
+        others = [one for one in others if _passes(grown, [k for k, _ in others if k != one[0]] + [index], one, choice)]
+        problem, chosen = grown, [*others, (index, trial)]
+        after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
+    return problem, chosen, after
+
+
+def _inside(trial, excess):
+    """Whether a name is a line in the channel and band of an excess, which is no tone."""
+    low, high = sorted(excess.band)
+    return trial.kind == "line" and trial.channel == excess.channel and low <= trial.at <= high
+
+
+def _passes(problem, others, one, choice):
+    """Whether a name is significant beside others, corrected as it was when it was named."""
+    index, trial = one
+    gram = attribution.projected(problem.total, baseline_of(problem, others))
+    log_p = attribution.ratio(gram, problem.places[index], problem.size).log_p
+    times = np.log(trial.significance) - trial.log_p if trial.significance > 0 else MANY
+    return log_p + times < np.log(choice.level)
 
 
 def _given_way(problem, chosen, position, choice, least):

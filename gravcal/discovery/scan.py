@@ -1,11 +1,13 @@
-"""Search along the time and the frequency axis: steps at an epoch, lines at a frequency."""
+"""Search along the time and the frequency axis: steps at an epoch, lines at a frequency, power beyond noise in both."""
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from scipy import fft, special
 
 from gravcal.discovery.problem import Problem, inverse_of_baseline, weighted_rows
 from gravcal.estimation.parallel import parallel
@@ -210,3 +212,162 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
         phase = 2 * np.pi * frequency * block.time[rows]
         columns[rows, 2 * k], columns[rows, 2 * k + 1] = np.cos(phase), np.sin(phase)
     return columns
+
+
+SHORTEST, NARROWEST = 32, 2  # samples of a stretch, bins of its spectrum, of the smallest tile of time and frequency
+LONGEST = {"tile": 50_000, "slow": 50_000, "chirp": 2048}  # samples of a block in which they are tried
+FEWEST = 4.0  # degrees of freedom that the model leaves of a tile, to be looked at
+
+
+@dataclass(frozen=True)
+class Excess:
+    """The most unusual place of a channel in time and frequency.
+
+    Attributes
+    ----------
+    kind : "tile", "slow" or "chirp"
+    channel : name
+    axis, block : index, -1 for all axes, all blocks
+    span : (2,) s from the first row of the block
+    band : (2,) Hz; of a chirp where it begins and where it ends
+    log_p : (d,) log of the probability of so unusual a place, corrected for how many there are, of each residual
+    score : power less twice its degrees of freedom, to choose among several
+    """
+
+    kind: str
+    channel: str
+    axis: int
+    block: int
+    span: tuple[float, float]
+    band: tuple[float, float]
+    log_p: np.ndarray
+    score: float
+
+
+def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Excess]:
+    """Where there is most power beyond that of drawn noise after the same fit: in a tile, at its slow end, in a chirp.
+
+    Tiles are stretches of 1/2^k of a block and bands of 2^k bins of their spectrum; chirps pass through a band at a
+    steady rate in the whole of a block. Both on an axis or on all, in a block or in all at the same time from its
+    start. The slow end of the spectrum of all blocks has weights that fall with the square of frequency from 2^k bins
+    on, as power does of what jumps at random (Papoulis, Probability, ch. 10).
+
+    Parameters
+    ----------
+    problem : Problem
+    rest : (n, 1 + d) a block, observed and drawn residuals, as of `residuals_of`
+    channel : name
+    """
+    numbers, spacing, series = _series(problem.blocks, rest, channel)
+    found = []
+    for kind, made in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps)):
+        best, count = (-np.inf,), 0
+        most = np.full(rest[0].shape[1], -np.inf)
+        scales = made(series[0].shape[1]) if numbers and series[0].shape[1] <= LONGEST[kind] else []
+        for where, power in scales:
+            of_axes = [power(one) for one in series]
+            for axis, of_blocks in zip((0, 1, 2, -1), [*of_axes, sum(of_axes)], strict=True):
+                apart = zip(numbers, of_blocks, strict=True) if kind != "slow" else ()
+                for block, each in [*apart, (-1, of_blocks.sum(axis=0))]:
+                    score = _deviations(each)
+                    largest = score.max(axis=0)
+                    count, most = count + int(np.sum(np.isfinite(score[:, 0]))), np.maximum(most, largest)
+                    if largest[0] > best[0]:
+                        place = int(score[:, 0].argmax())
+                        best = largest[0], axis, block, *where(place), each[place, 0] - 2 * each[place, 1:].mean()
+        if count and np.isfinite(best[0]):
+            log_p = special.log_ndtr(-most) + np.log(count)
+            span, band = np.array(best[3]) * spacing, np.array(best[4]) / spacing
+            found.append(Excess(kind, channel, *best[1:3], tuple(span), tuple(band), log_p, float(best[5])))
+    return found
+
+
+def _series(blocks, rest, channel):
+    """Numbers of the blocks that hold a channel, spacing s of its rows, and of each axis their rows (b, n, d)."""
+    rows = {k: [np.flatnonzero((b.channel == channel) & (b.axis == a)) for a in range(3)] for k, b in enumerate(blocks)}
+    rows = {k: parts for k, parts in rows.items() if min(part.size for part in parts) >= SHORTEST}
+    if not rows:
+        return (), np.nan, []
+    longest = max(parts[0].size for parts in rows.values())
+    rows = {k: parts for k, parts in rows.items() if min(part.size for part in parts) > 0.9 * longest}
+    count = min(part.size for parts in rows.values() for part in parts)
+    spacing = float(np.median([np.median(np.diff(blocks[k].time[parts[0]])) for k, parts in rows.items()]))
+    series = [np.stack([rest[k][parts[a][:count]] for k, parts in rows.items()]).astype("f4") for a in range(3)]
+    return tuple(rows), spacing, series
+
+
+def _deviations(power):
+    """Standard deviations (k, d) by which power (k, d) is above that of all but the first column (Wilson-Hilferty).
+
+    The degrees of freedom are the mean of sums of squares of unit variance, less where these are weighted.
+    """
+    mean, square = power[:, 1:].mean(axis=1, keepdims=True), power[:, 1:].var(axis=1, keepdims=True)
+    freedom = np.minimum(mean, 2 * mean**2 / np.maximum(square, 1e-6))
+    spread = 2 / (9 * np.maximum(freedom, 1e-6))
+    score = (np.cbrt(power / np.maximum(mean, 1e-6)) - 1 + spread) / np.sqrt(spread)
+    return np.where(freedom < FEWEST, -np.inf, score)
+
+
+def _tiles(count):
+    """Places and powers of the tiles of every length of stretch; spans and bands in samples and their inverse."""
+    parts = 1
+    while count // parts >= SHORTEST:
+        size = count // parts
+        bins = (size - 1) // 2
+        widths = [w for w in NARROWEST * 2 ** np.arange(20) if w <= bins]
+        edges = [(lo, lo + w) for w in widths for lo in range(0, bins - w + 1, max(w // 2, 1))]
+        yield partial(_tile, size, edges), partial(_tile_power, size, parts, np.array(edges))
+        parts *= 2
+
+
+def _tile(size, edges, index):
+    """Span and band of a tile."""
+    part, (low, high) = index // len(edges), edges[index % len(edges)]
+    return (part * size, (part + 1) * size), ((low + 1) / size, (high + 1) / size)
+
+
+def _tile_power(size, parts, edges, series):
+    """Power (b, parts k, d) in tiles, that of a number of unit variance for each degree of freedom."""
+    cut = series[:, : parts * size].reshape(len(series), parts, size, -1)
+    power = np.abs(fft.rfft(cut, axis=2)[:, :, 1 : 1 + (size - 1) // 2]) ** 2 * (2 / size)
+    total = np.concatenate([np.zeros_like(power[:, :, :1]), np.cumsum(power, axis=2)], axis=2)
+    return (total[:, :, edges[:, 1]] - total[:, :, edges[:, 0]]).reshape(len(series), -1, series.shape[2])
+
+
+def _slow(count):
+    """Places and powers of the slow end of the spectrum."""
+    bins = (count - 1) // 2
+    corners = [c for c in 2 ** np.arange(20) if c <= bins / 4]
+    weights = 1 / (1 + (np.arange(1, bins + 1) / np.array(corners)[:, None]) ** 2)
+    if corners:
+        yield lambda index: ((0, count), (1 / count, (1 + corners[index]) / count)), partial(_slow_power, weights)
+
+
+def _slow_power(weights, series):
+    """Weighted power (b, k, d)."""
+    power = np.abs(fft.rfft(series, axis=1)[:, 1 : 1 + weights.shape[1]]) ** 2 * (2 / series.shape[1])
+    return np.einsum("kf,bfd->bkd", weights, power, optimize=True)
+
+
+def _chirps(count):
+    """Places and powers of chirps of every rate; the first and the last frequency are between zero and the largest."""
+    turns = 0.25 * count  # of a rate of half the band in half the time, apart by what turns the ends by a quarter
+    for step in range(-int(turns / 2), int(turns / 2) + 1):
+        rate = 4 * step / count**2
+        middle = np.arange(count) / count
+        kept = np.flatnonzero((middle > abs(rate) * count / 2) & (middle < 0.5 - abs(rate) * count / 2))
+        if step and kept.size:
+            yield partial(_chirp, count, kept, rate), partial(_chirp_power, kept, rate)
+
+
+def _chirp(count, kept, rate, index):
+    """Span and band of a chirp."""
+    middle = kept[index] / count
+    return (0, count), (middle - rate * count / 2, middle + rate * count / 2)
+
+
+def _chirp_power(kept, rate, series):
+    """Power (b, k, d) along chirps, that of a number of unit variance for each of the two degrees of freedom."""
+    away = np.arange(series.shape[1]) - series.shape[1] / 2
+    turned = series * np.exp(-1j * np.pi * rate * away**2).astype("c8")[:, None]
+    return np.abs(fft.fft(turned, axis=1)[:, kept]) ** 2 * (2 / series.shape[1])

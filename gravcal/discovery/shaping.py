@@ -182,7 +182,8 @@ def _with_spread(candidate: Candidate, value, beside):
 def _form(shape, value):
     """Shape in words."""
     rows = zip(shape.names, value, shape.units, strict=True)
-    return ", ".join(f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in rows)
+    words = [shape.words] if shape.words else []
+    return ", ".join(words + [f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in rows])
 
 
 def _slope(shape, value, k, size):

@@ -8,14 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from gravcal.discovery import attribution, scan
-from gravcal.discovery.problem import Problem, extended, halves, observed_rows, residuals_of
+from gravcal.discovery.problem import Problem, extended, halves, observed_rows, residuals_of, weighted_rows
 from gravcal.estimation import chi2_tail
-from gravcal.estimation.records import Candidate
+from gravcal.estimation.records import Candidate, Shape
 
 #: Share of the family-wise level that each kind of trial may spend.
 SHARES = {"listed": 0.5, "unknown": 0.2, "line": 0.2, "step": 0.1}
 #: Share of the largest block's information from which another block can test a cause.
 SHARED = 0.02
+EXCESS = "unknown:excess"  # cause of power beyond noise that follows nothing
+WIDEST = 500  # columns of an excess
+AXES = "xyz"
 #: What a parameter costs when causes with different numbers of parameters are compared (Akaike).
 COST = 2.0
 
@@ -149,6 +152,59 @@ def _line(problem, trial):
     names = [n for n, u in zip(names, used, strict=True) if u]
     form, where = f"{trial.channel} reading, {trial.at:.4f} Hz", {"at": trial.at, "at_sigma": trial.at_sigma}
     return Candidate(trial.cause, form, names, ["1"] * len(names), merged, **where)
+
+
+def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
+    """Candidate of sines of any size in a tile, or of a chirp, in each block and axis; None of too many to fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Excess
+    """
+    blocks = range(len(problem.blocks)) if found.block < 0 else [found.block]
+    axes = [found.axis] if found.axis >= 0 else [0, 1, 2]
+    places = [(k, a) for k in blocks for a in axes if np.any(_rows(problem.blocks[k], found, a))]
+    length, lowest = found.span[1] - found.span[0], found.band[0]
+    bins = lowest + np.arange(max(round((found.band[1] - lowest) * length), 1)) / length
+    count = 2 * len(places) * (1 if found.kind == "chirp" else bins.size)
+    if count > WIDEST:
+        return None
+
+    def columns(value):
+        begin, change = (value[:1], np.diff(value) / (2 * length)) if found.kind == "chirp" else (bins, 0.0)
+        made = [np.zeros((block.observed.size, count)) for block in problem.blocks]
+        for (k, axis), part in zip(places, np.split(np.arange(count), len(places)), strict=True):
+            rows = _rows(problem.blocks[k], found, axis)
+            time = problem.blocks[k].time
+            since = (time[rows] - time[problem.blocks[k].channel == found.channel].min() - found.span[0])[:, None]
+            phase = 2 * np.pi * (begin + change * since) * since
+            made[k][np.ix_(rows, part)] = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+        return made
+
+    words = f"{found.channel} reading{f' {AXES[found.axis]}' if found.axis >= 0 else ''}"
+    words += f", {problem.blocks[found.block].label}" if found.block >= 0 else ""
+    if found.kind == "chirp":
+        value, near = np.array(found.band), np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) / (2 * length)
+        lower, upper = np.maximum(value - 3 / length, 0.1 / length), value + 3 / length
+        about = np.clip(value + near, lower, upper), lower, upper
+        shape = Shape(("begin", "end"), ("Hz", "Hz"), value, columns, *about, words=f"{words}, chirp")
+    else:
+        value = np.array([*found.span, *found.band])
+        known = {"covariance": np.zeros((4, 4)), "words": words}
+        names, units = ("from", "to", "lowest", "highest"), ("s", "s", "Hz", "Hz")
+        shape = Shape(names, units, value, columns, value[None], value, value, **known)
+    low, high = sorted(1e3 * np.array(found.band))
+    form = f"{words}, {found.span[0]:.0f} to {found.span[1]:.0f} s, {low:.0f} to {high:.0f} mHz"
+    names = [f"part_{k}" for k in range(count)]
+    return Candidate(EXCESS, form, names, ["1"] * count, columns(value), shape=shape)
+
+
+def _rows(block, found, axis):
+    """Rows (n,) of an axis in the stretch of an excess."""
+    here = block.channel == found.channel
+    since = block.time - block.time[here].min() if here.any() else block.time
+    return here & (block.axis == axis) & weighted_rows(block) & (since >= found.span[0]) & (since <= found.span[1])
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:

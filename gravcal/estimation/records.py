@@ -48,6 +48,7 @@ class Shape:
         block that nothing else shares, where it fits best; None without
     sized : True if the first of the values is the size of the cause itself
     covariance : (s, s) once it is refined, None before; chosen : (b,) of `inside` then
+    words : of the form, before the values
     """
 
     names: tuple[str, ...]
@@ -61,6 +62,7 @@ class Shape:
     sized: bool = False
     covariance: np.ndarray | None = None
     chosen: np.ndarray | None = None
+    words: str = ""
 
 
 @dataclass(frozen=True)
@@ -182,10 +184,10 @@ def entries(model: Sequence[Mapping]) -> list[Entry]:
     Parameters
     ----------
     model : {"cause", "form", "parameters"} each; "model" goes before "parameters", where a cause was named by a few of
-        its parameters; "waves" and "leads" if it has them
+        its parameters; "waves" and "leads" if it has them; what has none, such as an excess of power, is left out
     """
     made = []
-    for one in model:
+    for one in (one for one in model if one.get("model", one["parameters"])):
         parameters = {}
         for name, known in one.get("model", one["parameters"]).items():
             row = known.get("sigma"), known.get("unit", ""), known.get("correlation", {})

@@ -142,6 +142,8 @@ def _chance(p):
 
 
 def _named(one):
+    if one["cause"] == "unknown:excess":
+        return f"unknown: excess in the {one['form']}"
     label = one["cause"] if one["in_catalogue"] else f"unknown effect, follows {one['cause'].removeprefix('unknown:')}"
     listed = [name for name in one["tied_with"] if not name.startswith("unknown:")]
     drivers = [name.removeprefix("unknown:") for name in one["tied_with"] if name.startswith("unknown:")]

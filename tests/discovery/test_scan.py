@@ -1,10 +1,11 @@
-"""The search along the time axis on invented linear algebra."""
+"""The search along the time and the frequency axis on invented linear algebra."""
 
 import numpy as np
 import pytest
 
 from gravcal.discovery import scan
 from gravcal.discovery.problem import observed_rows, prepare, residuals_of
+from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.records import Block
 
 
@@ -40,3 +41,49 @@ def test_gain_of_a_step_is_that_of_least_squares():
         one = columns if dof == 3 else columns[:, [k % 16 // 4 - 1]]
         left = [np.linalg.lstsq(m, right)[1][0] for m in (plain, np.concatenate([plain, one], axis=1))]
         assert gain == pytest.approx(left[0] - left[1], rel=1e-9)
+
+
+def three_blocks(rng, added):
+    """Three blocks of 3 axes x 200 rows of noise beside a drift, and a signal on y of that size."""
+    axis, time, blocks = np.repeat([0, 1, 2], 200), np.tile(np.arange(200.0), 3), []
+    signal = [np.where(axis == 1, added(time, k), 0.0) for k in range(3)]
+    for k, one in enumerate(signal):
+        drift = np.stack([np.where(axis == a, time**n, 0.0) for a in range(3) for n in (0, 1)], axis=1)
+        size = one / np.sqrt(sum(np.sum(s**2) for s in signal)) if one.any() else one
+        rows = rng.standard_normal(600) + SIZE * size, rng.standard_normal((600, 1)), drift
+        blocks.append(Block(f"block {k}", *rows, np.array(["linear"] * 600), axis, time + 1000.0 * k))
+    return blocks
+
+
+SIZE = 12.0
+CHOICE = Choice(0.005, 9.0, 4, "case.step", {"linear": "case.tone"})
+
+
+def jumps(time, k):
+    """Sign that changes at random, once in 40 s."""
+    ends = np.cumsum(np.random.default_rng(k + 3).exponential(40.0, 60))
+    return 1.0 - 2.0 * (np.searchsorted(ends, time) % 2)
+
+
+def chirp(time, k):
+    """From 50 to 200 mHz, with a phase of its own in every block."""
+    return np.sin(2 * np.pi * (0.05 * time + 0.15 / 400 * time**2) + 2.0 * k)
+
+
+@pytest.mark.parametrize(
+    ("signal", "words"),
+    [
+        (chirp, "linear reading y, chirp, begin 0.05"),
+        (jumps, "linear reading"),
+        (lambda time, k: (k == 1) * ((time > 60) & (time < 90)) * np.sin(1.9 * time + np.sin(0.9 * time)), "block 1"),
+        (lambda time, _: 0.0 * time, ""),
+    ],
+)
+def test_power_that_follows_nothing_is_noticed_and_is_no_tone(signal, words):
+    """Recovery: a chirp, a random telegraph signal and a burst have their channel and place said; noise has nothing."""
+    blocks = three_blocks(np.random.default_rng(8), signal)
+    result = search(blocks, [], CHOICE, np.random.default_rng(1))
+    assert [one.cause for one in result.findings] == ["unknown:excess"] * bool(words)
+    assert all(words in one.form for one in result.findings)
+    assert (result.before.p < 0.005) == bool(words)
+    assert result.after.p > 0.005
