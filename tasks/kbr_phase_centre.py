@@ -48,13 +48,13 @@ def observable(aligned, pointed, *, variant, **settings):
     return pointing_science.observable(aligned, pointed, variant=variant, **settings)
 
 
-@stage(reads=[OBSERVABLE], writes=NOISE, version=1)
+@stage(reads=[OBSERVABLE], writes=NOISE, version=2)
 def noise(equations, **settings):
     """Noise of the range in quiet data, and what the star cameras add in the manoeuvres."""
     return noise_science.noise(equations, **settings)
 
 
-@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=1)
+@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=2)
 def solve(equations, measured, *, variant, **settings):
     """Phase centres from one observable."""
     return solve_science.solve(equations, measured, variant=variant, **settings)
@@ -72,7 +72,7 @@ def model_error(combined, *moved, **settings):
     return solve_science.with_model_error(combined, *moved, **settings)
 
 
-@stage(reads=[ALIGN, POINTING, OBSERVABLE, NOISE], writes=ROUTINE, version=2)
+@stage(reads=[ALIGN, POINTING, OBSERVABLE, NOISE], writes=ROUTINE, version=3)
 def routine(aligned, pointed, equations, measured, **settings):
     """What routine pointing says of the phase centres."""
     return solve_science.routine(aligned, pointed, equations, measured, **settings)

@@ -198,6 +198,123 @@ def coloured(density, count: int, step_s: float, rng: np.random.Generator) -> np
     return fft.irfft(spectrum, length)[:count]
 
 
+TAPERS = 3  # of waves, at frequencies so many apart: as many numbers as samples
+LEFT = 0.5  # share of a wave beside the columns from which it is used
+BEND = 3.0  # change of slope from knot to knot that is nothing unusual
+SCORINGS = 60
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Density of noise, its logarithm straight between knots over the logarithm of the frequency, held beyond them.
+
+    Attributes
+    ----------
+    knot_hz : (k,) Hz
+    log_density : (k,) natural logarithm of the one-sided density, squared unit per Hz
+    covariance : (k, k) of these
+    """
+
+    knot_hz: np.ndarray
+    log_density: np.ndarray
+    covariance: np.ndarray
+
+    def density(self, frequency_hz: np.ndarray, sigmas: float = 0.0) -> np.ndarray:
+        """One-sided density (m,), squared unit per Hz, at frequencies (m,) Hz; so many standard deviations above."""
+        shares = _shares(self.knot_hz, frequency_hz)
+        sigma = np.sqrt(np.einsum("mk,kl,ml->m", shares, self.covariance, shares)) if sigmas else 0.0
+        return np.exp(shares @ self.log_density + sigmas * sigma)
+
+
+def _shares(knot_hz, frequency_hz):
+    """Shares (m, k) of the knots in what is straight between them."""
+    at = np.log(np.clip(frequency_hz, knot_hz[0], knot_hz[-1]))
+    return np.stack([np.interp(at, np.log(knot_hz), row) for row in np.eye(len(knot_hz))], axis=-1)
+
+
+def fit_spectrum(
+    pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, knot_hz: np.ndarray, parts: int = 1024
+) -> Spectrum:
+    """Density of noise from all quiet pieces there are, long or short, with gaps, beside columns of any size in them.
+
+    Parameters
+    ----------
+    pieces : list of (n_i,) values, any unit, evenly spaced, NaN where missing, and (n_i, q_i) columns
+    step_s : s
+    knot_hz : (k,) Hz
+    parts : of the band up to Nyquist, at which the response of each wave is known; as many as a piece has samples
+
+    Notes
+    -----
+    Waves under sine tapers (Riedel and Sidorenko, IEEE Trans. Signal Process. 43, 1995) are made orthogonal to the
+    columns. The square q of the product of one with the values is exponential about m = int S(f) |B(f)|^2 df, whatever
+    the columns took from it: Fisher scoring of -sum(log m + q / m), with a weak prior on the bends of log S.
+    """
+    knots, frequency = np.asarray(knot_hz, dtype=float), np.linspace(0, 0.5 / step_s, parts + 1)
+    rows = zip(*(_waves(*group, step_s, parts) for group in _alike(pieces)), strict=True)
+    square, response, times = (np.concatenate(one) for one in rows)
+    shares, at = _shares(knots, frequency), np.log(knots)
+    bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(at)[:, None], axis=0)
+    prior = bends.T @ bends / BEND**2 + 1e-9 * np.eye(knots.size)
+    whole = response.sum(axis=1)
+    middle, rough = np.log(response @ frequency / whole), square / times / whole
+    near = [np.argsort(np.abs(middle - one))[: 5 * TAPERS] for one in at]
+    value = np.log([max(np.median(rough[one]), 1e-300) for one in near])
+
+    def loss(value):
+        mean = response @ np.exp(shares @ value)
+        return np.sum(times * np.log(mean) + square / mean) + value @ prior @ value / 2
+
+    best = loss(value)
+    for _ in range(SCORINGS):
+        density = np.exp(shares @ value)
+        mean = response @ density
+        slope = (response * density) @ shares / mean[:, None]
+        information = (slope.T * times) @ slope + prior
+        step = np.linalg.solve(information, slope.T @ (square / mean - times) - prior @ value)
+        step *= min(1.0, 2 / np.abs(step).max())
+        while (new := loss(value + step)) > best + 1e-9 and np.abs(step).max() > 1e-6:
+            step = step / 2
+        value, gained, best = value + step, best - new, new
+        if gained < 1e-3:
+            break
+    return Spectrum(knots, value, np.linalg.inv(information))
+
+
+def _alike(pieces):
+    """Pieces without gaps and of equal columns together: values (g, n) and columns (n, q)."""
+    groups: list[tuple[list, np.ndarray]] = []
+    for values, columns in pieces:
+        for others, known in groups:
+            whole = np.isfinite([values, others[0]]).all() if others[0].shape == values.shape else False
+            if whole and known.shape == columns.shape and np.allclose(known, columns):
+                others.append(values)
+                break
+        else:
+            groups.append(([values], columns))
+    return [(np.array(values), columns) for values, columns in groups]
+
+
+def _waves(values, columns, step_s, parts):
+    """Tapered waves beside the columns of some pieces (g, n): squared products (m,), responses (m, parts + 1), g (m,).
+
+    The squares are those of all pieces together.
+    """
+    good, count = np.isfinite(values[0]), values.shape[1]
+    place, number = np.arange(count), np.arange(1, TAPERS + 1)
+    tapers = np.sqrt(2 / (count + 1)) * np.sin(np.pi * np.outer(number, place + 1) / (count + 1))
+    turns = np.exp(-2j * np.pi * np.outer(np.arange(TAPERS, count // 2, TAPERS) / count, place))
+    waves = (tapers[:, None] * turns).reshape(-1, count) * good
+    basis = orthonormal(columns[good])
+    waves[:, good] -= (waves[:, good] @ basis) @ basis.T
+    waves = waves[np.sum(np.abs(waves) ** 2, axis=1) > LEFT]
+    square = np.sum(np.abs(waves[:, good] @ values[:, good].T) ** 2, axis=1)
+    power = np.abs(np.fft.fft(waves, 2 * parts, axis=1)) ** 2
+    power = (power[:, : parts + 1] + power[:, -np.arange(parts + 1)]) / 2
+    power[:, [0, -1]] /= 2
+    return square, power * (0.5 / step_s / parts), np.full(square.size, len(values))
+
+
 PIECES = 150  # of simulated noise
 ROUNDS = 2
 DEPENDENT = 1e-5  # of the largest: columns that hardly differ are one

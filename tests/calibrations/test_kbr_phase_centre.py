@@ -111,11 +111,11 @@ def test_noise_from_short_quiet_pieces_is_that_of_long_ones():
 
 
 def test_quiet_pieces_that_are_too_short_are_said_to_be_so():
-    """Bad input: nine pieces of 800 s; what was found, what is needed."""
+    """Bad input: nine pieces of 290 s; what was found, what is needed."""
     _, products = campaign(1)
     chosen = catalog.parameters("kbr_phase_centre")
-    with pytest.raises(EstimationError, match=r"found 9 stretches .* longest of 800 s, expected one of 925 s"):
-        stages.noise(in_pieces(products.equations[0], 800.0), **chosen.for_stage("noise"))
+    with pytest.raises(EstimationError, match=r"found 9 stretches .* longest of 290 s, expected 925 s"):
+        stages.noise(in_pieces(products.equations[0], 290.0), **chosen.for_stage("noise"))
 
 
 def test_phase_breaks_within_wiggles_do_no_harm():

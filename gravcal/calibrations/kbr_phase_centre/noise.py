@@ -22,6 +22,9 @@ from gravcal.estimation import crn, least_squares
 from gravcal.estimation import noise as noises
 
 LEAST_DEGREE = 6  # fewer leave slow orbit errors of a short stretch, which raise the density at 4 mHz up to 80 times
+SHORTEST = 60  # epochs of a stretch that says something of the noise
+#: Hz, of the spectrum of the range: orbit errors fall by 1e4 in power from 1 to 6 mHz, the filter ends at 0.1 Hz.
+KNOTS_HZ = 1e-3 * np.array([0.5, 0.8, 1.2, 1.7, 2.3, 3, 4, 5.5, 7.5, 10, 14, 20, 30, 50, 70, 80, 90, 100])
 CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz, of star camera noise; the last one is white
 BINS = 4096  # frequencies between zero and Nyquist
 FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the filter shapes the residual
@@ -31,17 +34,14 @@ BESIDE, DEPENDENT = 1e-4, 1e-2  # share of a candidate beside the baseline, and 
 SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part
 
 
-def noise(
-    equations: xr.Dataset, *, noise_order: int, noise_degree: int, quiet_length_s: float, quiet_minimum_s: float
-) -> xr.Dataset:
-    """Autoregressive model of the range residual in quiet data; from the manoeuvres where there is too little of it.
+def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, quiet_minimum_s: float) -> xr.Dataset:
+    """Spectrum of the range residual in all quiet data; from the manoeuvres where there is too little of it.
 
     Parameters
     ----------
     equations : Dataset, "kbr_phase_centre.observable" of the range
-    noise_order : highest order
-    noise_degree : degree of the polynomial removed from each stretch
-    quiet_length_s : s, length of a stretch; where none has half of it, shorter ones will do
+    noise_degree : degree of the polynomial free in a stretch of `quiet_length_s`, less in shorter ones
+    quiet_length_s : s, longest stretch
     quiet_minimum_s : s, of quiet data that suffice
 
     Returns
@@ -54,35 +54,38 @@ def noise(
     if quiet.sum() * step < quiet_minimum_s:
         quiet, source = equations["arc"].values >= 0, "manoeuvres"
     stretches = _stretches(equations, quiet, step)
-    for least in (quiet_length_s / 2, quiet_length_s / 4):
-        pieces, removed = _residuals(equations, stretches, noise_degree, quiet_length_s, least, step)
-        if pieces:
-            break
-    else:
+    in_manoeuvres, centre = manoeuvre_residuals(equations, noise_degree)
+    pieces = _pieces(equations, stretches, centre, noise_degree, quiet_length_s, step)
+    if sum(values.size for values, _ in pieces) * step < quiet_length_s / 4:
         lengths = [time[part[-1]] - time[part[0]] for part in stretches]
         where = "quiet data" if source == "quiet" else "the manoeuvres, with less quiet data than quiet_minimum_s"
         raise EstimationError(
             f"{equations.attrs['ranging']}: found {len(lengths)} stretches of ranging with orbits and attitudes in "
-            f"{where}, the longest of {max(lengths, default=0):.0f} s, expected one of {least:.0f} s without a gap "
-            f"of {20 * step:.0f} s or a phase break, to measure the noise. Add the files that close the gaps, or "
-            f"lower quiet_length_s.",
+            f"{where}, the longest of {max(lengths, default=0):.0f} s, expected {quiet_length_s / 4:.0f} s in "
+            f"stretches of at least {SHORTEST * step:.0f} s without a gap of {20 * step:.0f} s or a phase break, to "
+            f"measure the noise. Add the files that close the gaps, or lower quiet_length_s.",
             usable=int(time.size),
         )
-    ranging = noises.fit_noise(pieces, noise_order, step, removed)
-    in_manoeuvres = manoeuvre_residuals(equations, noise_degree)
+    ranging = noises.fit_spectrum(pieces, step, KNOTS_HZ[KNOTS_HZ * step < 0.501])
     frequency = np.linspace(0, 0.5 / step, 257)[1:]
     values = {
-        "reflection": ranging.reflection,
-        "variance": ranging.variance,
+        "knot": ranging.knot_hz,
+        "log_density": ranging.log_density,
+        "log_covariance": ranging.covariance,
         "frequency": frequency,
-        "density": density(pieces, step, frequency),
+        "density": density([_left(*piece) for piece in pieces], step, frequency),
         "model": ranging.density(frequency),
         "in_manoeuvres": density([piece for piece, _ in in_manoeuvres], step, frequency),
         "seconds": quiet.sum() * step,
         "corner": CORNERS,
-        "pointing_power": pointing_power(in_manoeuvres if source == "quiet" else [], ranging),
+        "pointing_power": pointing_power(in_manoeuvres if source == "quiet" else [], ranging, step),
     }
     return build(NOISE, values, title="Noise of ranging minus orbit", source_data=source, step_s=step)
+
+
+def spectrum(measured: xr.Dataset) -> noises.Spectrum:
+    """Spectrum of the range, m2 Hz-1, of a noise product."""
+    return noises.Spectrum(*(measured[name].values for name in ("knot", "log_density", "log_covariance")))
 
 
 def _stretches(equations, chosen, step):
@@ -93,22 +96,35 @@ def _stretches(equations, chosen, step):
     return np.split(index, cuts) if index.size else []
 
 
-def _residuals(equations, stretches, degree, length, least, step):
-    """Residuals of pieces of stretches on their even grid, NaN where missing, and the number of parameters removed."""
-    time, observed, column = (equations[name].values for name in ("time_kbr", "observed", "column"))
-    pieces, removed = [], 0
+def _pieces(equations, stretches, centre, degree, length, step):
+    """Residuals (n,) of pieces of stretches on their even grid, NaN where missing, and columns of what is no noise.
+
+    The phase centres are those of the manoeuvres; free ones would take up the noise at twice the periods of pointing.
+    """
+    time, column = (equations[name].values for name in ("time_kbr", "column"))
+    known = np.isfinite(centre).all()
+    observed = equations["observed"].values - (column @ centre if known else 0.0)
+    column = column[:, [] if known else [1, 2, 4, 5]]
+    pieces = []
     for whole in stretches:
-        count = max(int(round((time[whole[-1]] - time[whole[0]]) / length)), 1)
-        for part in np.array_split(whole, count):
+        count = int(np.ceil((time[whole[-1]] - time[whole[0]]) / (1.5 * length)))
+        for part in np.array_split(whole, max(count, 1)):
             span = time[part[-1]] - time[part[0]]
-            if span < least or part.size < 0.7 * span / step:
+            used = max(int(np.ceil(degree * span / length)), LEAST_DEGREE)
+            if part.size < max(SHORTEST, 4 * used, 0.7 * span / step):
                 continue
-            used = max(int(degree * span / length), min(degree, LEAST_DEGREE))
             slow = least_squares.polynomial(time[part], used, time[part[0]], time[part[-1]])
-            basis = least_squares.orthonormal(np.column_stack([slow, column[part]]))
-            pieces.append(on_even_grid(time[part], step, least_squares.without(basis, observed[part])))
-            removed += basis.shape[1]
-    return pieces, removed
+            values = np.column_stack([observed[part] - observed[part].mean(), slow, column[part]])
+            values = on_even_grid(time[part], step, values)
+            pieces.append((values[:, 0], values[:, 1:]))
+    return pieces
+
+
+def _left(values, columns):
+    """Values beside columns, NaN where missing."""
+    good, left = np.isfinite(values), np.full(values.size, np.nan)
+    left[good] = least_squares.without(least_squares.orthonormal(columns[good]), values[good])
+    return left
 
 
 def on_even_grid(time: np.ndarray, step: float, values: np.ndarray) -> np.ndarray:
@@ -146,8 +162,11 @@ def shapes(step_s: float) -> np.ndarray:
     return passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
 
 
-def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Range residual (n,) m of each manoeuvre on its even grid after ordinary least squares, and lever (n, 4) m."""
+def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+    """Ordinary least squares: residual (n,) m and lever (n, 4) m of each manoeuvre on its even grid, and phase centres.
+
+    The phase centres (6,) m are NaN without manoeuvres.
+    """
     time, number, segment = (equations[n].values for n in ("time_kbr", "arc", "segment"))
     observed, column, lever = (equations[n].values for n in ("observed", "column", "lever"))
     step = float(np.median(np.diff(time)))
@@ -158,14 +177,14 @@ def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> list[tuple[np.nda
         slow = slow_columns(time[index], segment[index], degree, 0)
         detrended.append(least_squares.without(slow, np.column_stack([observed[index], column[index]])))
     if not detrended:
-        return []
+        return [], np.full(6, np.nan)
     y, A = np.concatenate([d[:, 0] for d in detrended]), np.concatenate([d[:, 1:] for d in detrended])
     centre = least_squares.stable_inverse(A.T @ A) @ (A.T @ y)
     residual = [
         on_even_grid(time[i], step, d[:, 0] - d[:, 1:] @ centre) for i, d in zip(indices, detrended, strict=True)
     ]
     arms = [np.nan_to_num(on_even_grid(time[index], step, lever[index, 0])) for index in indices]
-    return list(zip(residual, arms, strict=True))
+    return list(zip(residual, arms, strict=True)), centre
 
 
 def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative: int) -> np.ndarray:
@@ -179,7 +198,7 @@ def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative:
     return np.column_stack([slow, *steps]).astype(float)
 
 
-def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.NoiseModel) -> np.ndarray:
+def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Spectrum, step: float) -> np.ndarray:
     """Densities of the star camera noise below each corner (corner,) rad^2 Hz^-1, none negative.
 
     The covariance of g(t) phi(t) is on average mean(g(t) g(t + tau)) C(tau); its density is fitted to the excess of the
@@ -190,7 +209,6 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.No
     excess = np.zeros(CORNERS.size)
     if not pieces:
         return excess
-    step = quiet.step_s
     length = max(piece.size for piece, _ in pieces)
     frequency = np.fft.rfftfreq(2 * length, step)
     power, model = np.zeros(frequency.size), np.zeros((frequency.size, CORNERS.size))
@@ -235,10 +253,9 @@ class Lags:
 def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
     """Covariances of the noise of the range or a derivative (0, 1 or 2) of it, by so many lags."""
     step = float(measured.attrs["step_s"])
-    ranging = noises.NoiseModel(measured["reflection"].values, measured["variance"].values, step)
-    frequency = np.linspace(0, 0.5 / step, BINS + 1)
+    ranging = spectrum(measured).density(np.linspace(0, 0.5 / step, BINS + 1))
     pointing = np.einsum("c,cim->im", measured["pointing_power"].values, shapes(step))
-    return lags_of_densities(ranging.density(frequency), pointing, step, derivative, count)
+    return lags_of_densities(ranging, pointing, step, derivative, count)
 
 
 def lags_of_densities(ranging: np.ndarray, pointing: np.ndarray, step_s: float, derivative: int, count: int) -> Lags:

@@ -66,8 +66,9 @@ OBSERVABLE = {
 } | _MANOEUVRE
 
 NOISE = {
-    "reflection": column("lag", "1", "reflection coefficients of the range"),
-    "variance": column("order", "m2", "prediction-error variance"),
+    "knot": column("knot", "Hz", "knots of the spectrum of the range"),
+    "log_density": column("knot", "1", "logarithm of its one-sided density in m2 Hz-1"),
+    "log_covariance": column("knot knot_2", "1", "covariance of these logarithms"),
     "frequency": column("frequency", "Hz", "frequency"),
     "density": column("frequency", "m2 Hz-1", "one-sided density of quiet ranging minus orbit"),
     "model": column("frequency", "m2 Hz-1", "one-sided density of the model"),
