@@ -38,8 +38,6 @@ TIED = (2, 0, 0)
 class Electrode:
     """Electrodes driven by one voltage on one axis.
 
-    Attributes
-    ----------
     voltage : index into VOLTAGES
     axis : linear axis of the force, 0 x, 1 y, 2 z
     turns : axis of the torque, None if the force passes through the centre

@@ -7,36 +7,20 @@ from scipy import special
 
 
 def log_tail(chi2, dof) -> np.ndarray:
-    """Logarithm of the probability that a chi-square is larger; minus infinity below 1e-308.
-
-    Parameters
-    ----------
-    chi2, dof : numbers or arrays that broadcast
-    """
+    """Logarithm of the probability that a chi-square of so many degrees of freedom is larger; -inf below 1e-308."""
     with np.errstate(divide="ignore"):
         return np.log(special.chdtrc(dof, np.maximum(chi2, 0.0)))
 
 
 def least_log_tail(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
-    """Smallest `log_tail` over many, for each column (d,): that of the largest of each number of parameters.
-
-    Parameters
-    ----------
-    chi2 : (k, d); dof : (k,)
-    """
+    """Smallest `log_tail` over many (k, d), for each column: that of the largest of each of the numbers `dof` (k,)."""
     kinds = np.unique(dof)
     largest = np.stack([chi2[dof == kind].max(axis=0) for kind in kinds])
     return log_tail(largest, kinds[:, None]).min(axis=0)
 
 
 def log_gamma_tail(value, shape: float, mean: float) -> np.ndarray:
-    """Logarithm of the probability that a value of a gamma distribution is larger.
-
-    Parameters
-    ----------
-    value : number or array
-    shape, mean : of the distribution
-    """
+    """Logarithm of the probability that a value of the gamma distribution of this shape and mean is larger."""
     with np.errstate(divide="ignore"):
         return np.log(special.gammaincc(shape, np.maximum(value, 0.0) * shape / mean))
 

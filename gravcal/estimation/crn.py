@@ -17,8 +17,6 @@ from gravcal.estimation.resampling import Resampler
 class Crn:
     """Constants of the filter; the defaults are those of KBR1B.
 
-    Attributes
-    ----------
     window_s : s, length of the filter
     bandwidth_hz : Hz, target pass band
     convolutions : 1, of the rectangular window with itself
@@ -35,21 +33,10 @@ class Crn:
 
 @lru_cache(maxsize=32)
 def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
-    """Weights for samples at the lags -K..K times the step, later samples last.
+    """Weights (2 K + 1,) s**-derivative for samples at the lags -K..K times the step in s, later samples last.
 
-    What a process keeps is summed without BLAS, whose sums depend on the number of its threads at the time.
-
-    The response is nil above 0.2 Hz, so that samples up to 1 s apart give the same filter as those of 0.1 s.
-
-    Parameters
-    ----------
-    crn : Crn
-    step_s : s, spacing of the samples
-    derivative : 0, 1 or 2
-
-    Returns
-    -------
-    weights : (2 K + 1,) s**-derivative
+    The response is nil above 0.2 Hz, so that samples up to 1 s apart give the same filter as those of 0.1 s. What a
+    process keeps is summed without BLAS, whose sums depend on the number of its threads at the time.
 
     Notes
     -----
@@ -84,15 +71,7 @@ def _response(crn):
 
 
 def gain(crn: Crn, step_s: float, derivative: int, frequency_hz: np.ndarray) -> np.ndarray:
-    """Factor on exp(2 pi i f t), without the i of the first derivative.
-
-    Parameters
-    ----------
-    crn : Crn
-    step_s : s
-    derivative : 0, 1 or 2
-    frequency_hz : (m,) Hz
-    """
+    """Factor (m,) on exp(2 pi i f t) of samples a step in s apart, without the i of the first derivative."""
     taps = weights(crn, step_s, derivative)
     half = taps.size // 2
     phase = 2 * np.pi * np.outer(frequency_hz, step_s * np.arange(-half, half + 1))

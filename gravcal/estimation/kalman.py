@@ -12,8 +12,6 @@ import numpy as np
 class Filtered:
     """Estimates as they develop.
 
-    Attributes
-    ----------
     value : (n, p) after each observation
     sigma : (n, p) square root of the diagonal of the covariance
     covariance : (p, p) at the end
@@ -47,17 +45,9 @@ def filter_constants(
     eqs. 21 to 23 with transition 1 and no process noise. The end equals least squares with the start as an
     observation (erratum T-7).
     """
-    design = np.ascontiguousarray(design, dtype=float)
-    noise = np.broadcast_to(np.asarray(noise_variance, dtype=float), design.shape[:1])
-    return Filtered(
-        *_run(
-            np.ascontiguousarray(observed, dtype=float),
-            design,
-            np.array(value, dtype=float),
-            np.array(covariance, dtype=float),
-            np.ascontiguousarray(noise),
-        )
-    )
+    noise = np.broadcast_to(noise_variance, np.shape(observed))
+    arrays = (np.array(one, dtype=float, order="C") for one in (observed, design, value, covariance, noise))
+    return Filtered(*_run(*arrays))
 
 
 @numba.njit(cache=True)
@@ -80,16 +70,6 @@ def _run(observed, design, x, P, noise):
 
 
 def free_start(design: np.ndarray, noise_variance: np.ndarray, width: float = 1e5) -> np.ndarray:
-    """Covariance of a start that says nothing: `width` times what all observations together will know.
-
-    Parameters
-    ----------
-    design : (n, p); noise_variance : (n,) squared unit
-    width : 1, ratio of standard deviations; the start then weighs 1 / width^2
-
-    Returns
-    -------
-    covariance : (p, p) diagonal
-    """
+    """Covariance (p, p) of a start that says nothing: `width` squared times what all (n, p) observations will know."""
     information = np.sum(design**2 / np.broadcast_to(noise_variance, design.shape[:1])[:, None], axis=0)
     return np.diag(width**2 / np.where(information > 0, information, 1.0))

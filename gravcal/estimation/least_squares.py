@@ -14,8 +14,6 @@ class Score:
     With Z = A this is least squares. With a noisy design A and instruments Z that share its signal but not its noise
     the estimate is not attenuated.
 
-    Attributes
-    ----------
     right : (p,) Z'y
     normal : (p, p) Z'A
     information : (p, p) Z'Z, covariance of Z'y for unit-variance noise
@@ -31,13 +29,7 @@ class Score:
         return stable_inverse(self.normal) @ self.right
 
     def determined(self, about: np.ndarray, limit: float) -> np.ndarray:
-        """(p,) solution of this block alone in the directions it determines, the others held.
-
-        Parameters
-        ----------
-        about : (p,) where the other directions are held
-        limit : largest standard deviation of a direction that is solved for
-        """
+        """(p,) solution in the directions known better than the limit (a standard deviation), the others as `about`."""
         size, vectors = np.linalg.eigh(self.information)
         used = vectors[:, size > limit**-2]
         inner = used.T @ self.normal @ used
@@ -45,24 +37,15 @@ class Score:
 
 
 def without(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Columns with their part along the nuisance columns removed.
-
-    Parameters
-    ----------
-    nuisance : (n, k)
-    columns : (n,) or (n, m)
-    """
+    """Columns (n,) or (n, m) with their part along the nuisance columns (n, k) removed."""
     basis = orthonormal(nuisance)
     return columns - basis @ (basis.T @ columns)
 
 
 def orthonormal(columns: np.ndarray, tolerance: float = 1e-10) -> np.ndarray:
-    """Orthonormal basis of the column space (n, r), dependent columns left out.
+    """Orthonormal basis (n, r) of the column space of (n, k), dependent columns left out.
 
-    Parameters
-    ----------
-    columns : (n, k)
-    tolerance : 1, share of the largest singular value below which a direction of columns of unit length depends
+    A direction of columns of unit length depends below the tolerance, a share of the largest singular value.
     """
     scale = np.linalg.norm(columns, axis=0)
     used = columns[:, scale > 0] / scale[scale > 0]
@@ -75,38 +58,20 @@ def orthonormal(columns: np.ndarray, tolerance: float = 1e-10) -> np.ndarray:
 def score(
     observed: np.ndarray, design: np.ndarray, nuisance: np.ndarray, instruments: np.ndarray | None = None
 ) -> Score:
-    """Estimating equation of one block.
-
-    Parameters
-    ----------
-    observed : (n,) whitened
-    design : (n, p) whitened
-    nuisance : (n, k) whitened
-    instruments : (n, p) whitened; the design itself if None
-    """
+    """Estimating equation of whitened rows (n,), (n, p), nuisance (n, k); instruments (n, p) by default the design."""
     clean = without(nuisance, design if instruments is None else instruments)
     return Score(clean.T @ observed, clean.T @ design, clean.T @ clean)
 
 
 def stable_inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse after scaling to unit diagonal; pseudo-inverse where that is singular.
-
-    Parameters
-    ----------
-    matrix : (p, p)
-    """
+    """Inverse of a matrix (p, p) after scaling to unit diagonal; pseudo-inverse where that is singular."""
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0, scale, 1.0)
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-13) / np.outer(scale, scale)
 
 
 def covariance(information: np.ndarray) -> np.ndarray:
-    """Covariance of an information matrix; infinite variance for parameters in its null space.
-
-    Parameters
-    ----------
-    information : (p, p) symmetric
-    """
+    """Covariance of a symmetric information matrix (p, p); infinite variance for parameters in its null space."""
     scale = np.sqrt(np.abs(np.diag(information)))
     blank = scale <= 0
     scale = np.where(blank, 1.0, scale)
@@ -144,8 +109,6 @@ def covariance_of_moves(value: np.ndarray, moved: list[np.ndarray]) -> np.ndarra
 class Combination:
     """Joint solution of several blocks.
 
-    Attributes
-    ----------
     value : (p,)
     covariance : (p, p) of noise and of the errors of single blocks
     shift : (m, p) change of the value by one standard deviation of each shared error
@@ -179,7 +142,8 @@ def combine(
     prior = np.zeros_like(scores[0].information) if prior is None else prior
     normal = prior + sum(w @ s.normal for w, s in zip(weight, scores, strict=True))
     right = sum(w @ s.right for w, s in zip(weight, scores, strict=True))
-    information = [_symmetric(w @ s.information) for w, s in zip(weight, scores, strict=True)]
+    weighted = [w @ s.information for w, s in zip(weight, scores, strict=True)]
+    information = [(one + one.T) / 2 for one in weighted]
     total = prior + sum(information)
     size, vectors = np.linalg.eigh(sum(information))
     used = vectors[:, size > 10 * np.abs(np.diag(prior)).max()]  # a noisy normal matrix may cancel the prior elsewhere
@@ -192,22 +156,12 @@ def combine(
 
 
 def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:
-    """Factor W with W I = (I^-1 + M M')^-1, without inverting I.
-
-    Parameters
-    ----------
-    information : (p, p)
-    modes : (k, p), rows of M'
-    """
+    """Factor W with W I = (I^-1 + M M')^-1 without inverting the information I (p, p); modes (k, p) are M'."""
     if not len(modes):
         return np.eye(information.shape[0])
     M = modes.T
     inner = np.linalg.inv(np.eye(len(modes)) + M.T @ information @ M)
     return np.eye(information.shape[0]) - information @ M @ inner @ M.T
-
-
-def _symmetric(matrix):
-    return (matrix + matrix.T) / 2
 
 
 def _disagreement(residuals, informations, modes):
@@ -237,13 +191,6 @@ def _rank(information):
 
 
 def polynomial(time: np.ndarray, degree: int, start: float, stop: float) -> np.ndarray:
-    """Legendre polynomials of time over an interval, (n, degree + 1).
-
-    Parameters
-    ----------
-    time : (n,) s
-    degree : highest degree; -1 gives no column
-    start, stop : s
-    """
+    """Legendre polynomials of times (n,) s over an interval, (n, degree + 1); no column for degree -1."""
     u = (2 * time - start - stop) / (stop - start)
     return np.polynomial.legendre.legvander(u, degree) if degree >= 0 else np.zeros((time.size, 0))

@@ -14,8 +14,6 @@ import numpy as np
 class Block:
     """Whitened observations that share nothing but the global parameters with other blocks.
 
-    Attributes
-    ----------
     label : what it is
     observed : (n,) 1, residual of the baseline, noise of unit variance
     global_columns : (n, p) of parameters common to all blocks, those of the calibration first
@@ -38,8 +36,6 @@ class Block:
 class Shape:
     """What a cause depends on otherwise than linearly, all positive.
 
-    Attributes
-    ----------
     names, units : (s,)
     value : (s,) of the columns
     columns : function of (s,) values -> one (n, q) or None a block; with `inside`, of these numbers as well
@@ -69,8 +65,6 @@ class Shape:
 class Candidate:
     """A cause with its columns in every block.
 
-    Attributes
-    ----------
     cause : slug, or "unknown:<driver channel>"; while an epoch is searched for "slug@epoch", see `at_epoch`
     form : which of several shapes of the cause
     names, units : (q,) parameters
@@ -212,8 +206,6 @@ class LineSearch:
 class Bias:
     """What a parameter of an effect, at its plausible size, does to a result that the parameters are not.
 
-    Attributes
-    ----------
     cause, parameter : names; prior : plausible size
     name : field of the document, such as "drag_bias_m_s2"
     rms : (3,) of the result; in_sigma : over the error of the result
@@ -231,8 +223,6 @@ class Bias:
 class Fitted:
     """A cause as it was fitted.
 
-    Attributes
-    ----------
     candidate : Candidate, with its shape as refined
     value, sigma : (q,) of its parameters, NaN where not determined
     rest : (n,) a block, residual of the extended model
@@ -250,8 +240,6 @@ class Fitted:
 class Reported:
     """What a calibration says of its result and readings beside a discovery, `REPORT` of the module of `observe`.
 
-    Attributes
-    ----------
     result : combined product -> name of the variant, parameters (p,) and covariance (p, p) in the reported unit
     note : how the records are looked at, for the page
     readings : {channel: what its reading is}, for the caption of the figure
@@ -265,8 +253,6 @@ class Reported:
 class Observations(Protocol):
     """All that discovery sees of a calibration; subclasses state the attributes, and the methods where they differ.
 
-    Attributes
-    ----------
     name : of the calibration
     channels : in the order of the page
     parameters : names of the calibration's parameters, the first of the global ones

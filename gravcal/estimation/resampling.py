@@ -17,8 +17,6 @@ INTERVALS = 16384
 class Resampler:
     """Banded linear operator from input samples to output epochs.
 
-    Attributes
-    ----------
     time : (m,) s, output epochs
     start : (m,) int, first input sample used by each output
     weights : (m, k) 1, weights of the k inputs from `start` on, summing to one
@@ -31,16 +29,7 @@ class Resampler:
     valid: np.ndarray
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Apply the operator along the first axis.
-
-        Parameters
-        ----------
-        columns : (n,) or (n, ...) any unit, samples at the input epochs
-
-        Returns
-        -------
-        resampled : (m,) or (m, ...) same unit; NaN where the output is not valid
-        """
+        """Samples (n, ...) at the input epochs through the operator, (m, ...) in the same unit; NaN where not valid."""
         columns = np.asarray(columns, dtype=float)
         flat = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
         out = _applied(self.start, self.weights, self.valid, flat)

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gravcal.estimation.least_squares import stable_inverse
+
 
 @dataclass(frozen=True)
 class RobustEstimate:
     """Solution with down-weighted outliers.
 
-    Attributes
-    ----------
     value : (p,)
     information : (p, p) inverse covariance
     weight : (n,) of every observation, 0 to 1
@@ -28,16 +28,7 @@ class RobustEstimate:
 
 
 def igg3_weights(normalised: np.ndarray, k0: float, k1: float) -> np.ndarray:
-    """Weight factors of the IGG-III scheme.
-
-    Parameters
-    ----------
-    normalised : (n,) 1, residual over robust sigma
-    k0, k1 : 1, full weight up to k0, none beyond k1
-
-    Returns
-    -------
-    weight : (n,) 1
+    """Weight factors (n,) of the IGG-III scheme for residuals (n,) over robust sigma: full up to k0, none beyond k1.
 
     Notes
     -----
@@ -72,23 +63,17 @@ def solve(observed: np.ndarray, design: np.ndarray, constants: tuple[float, floa
     estimate : RobustEstimate
     """
     normal = design.T @ design
-    value = _solved(normal, design.T @ observed)
+    value = stable_inverse(normal) @ (design.T @ observed)
     for _ in range(50):
         residual = observed - design @ value
         scale = robust_scale(residual)
         weight = igg3_weights(residual / scale, *constants) if scale > 0 else np.ones_like(residual)
         weighted = design.T * weight
-        change = _solved(weighted @ design, weighted @ residual)
+        change = stable_inverse(weighted @ design) @ (weighted @ residual)
         value = value + change
         if change @ normal @ change <= 1e-12 * max(scale, 1e-300) ** 2:
             break
     return RobustEstimate(value, *_honest(residual, weight, scale, constants, (normal, weighted @ design, unknowns)))
-
-
-def _solved(matrix, right):
-    from gravcal.estimation.least_squares import stable_inverse
-
-    return stable_inverse(matrix) @ right
 
 
 def _honest(residual, weight, scale, constants, normals):

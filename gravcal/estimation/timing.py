@@ -69,13 +69,7 @@ def normalised(second, fraction) -> Tags:
 
 
 def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
-    """Receiver minus on-board time at the records of TIM1B.
-
-    Parameters
-    ----------
-    obc_second, rcv_second : (m,) int s
-    rcv_fraction : (m,) s
-    qualflg : (m,) bits; records without a mapping (bits 3, 6) are left out
+    """Receiver minus on-board time at the records (m,) of TIM1B, those without a mapping (bits 3, 6) left out.
 
     Notes
     -----
@@ -89,14 +83,7 @@ def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
 
 
 def clk1b_clock(rcv_second, eps_time, eps_drift, qualflg) -> Clock:
-    """GPS minus receiver time at the records of CLK1B.
-
-    Parameters
-    ----------
-    rcv_second : (m,) int s
-    eps_time : (m,) s
-    eps_drift : (m,) s s-1
-    qualflg : (m,) bits; bit 0 ends and bit 1 starts a stretch without jumps
+    """GPS minus receiver time at the records (m,) of CLK1B; qualflg bit 0 ends, bit 1 starts a stretch without jumps.
 
     Notes
     -----
@@ -120,18 +107,10 @@ def _clock(second, offset, drift, qualflg):
 
 
 def converted(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarray]:
-    """Tags in the time that a clock leads to, never across one of its jumps.
+    """Tags in the time that a clock leads to, never across one of its jumps, and where they are undetermined (n,).
 
-    Parameters
-    ----------
-    tags : Tags, on-board for the clock of TIM1B, in receiver time for that of CLK1B
-    clock : of `tim1b_clock` or `clk1b_clock`
-    limits : what may be bridged
-
-    Returns
-    -------
-    tags : Tags in receiver time, or in GPS time
-    undetermined : (n,) bool, beyond the limits, in a gap, or at a jump
+    On-board tags for the clock of TIM1B, receiver time for that of CLK1B; undetermined is what lies beyond the limits,
+    in a gap, or at a jump.
     """
     if not len(clock.second):
         undetermined = np.ones(len(tags.second), bool)
@@ -171,17 +150,7 @@ def _reachable(clock, limits):
 
 
 def ordered(tags: Tags, values=()) -> Ordering:
-    """Order of time with repeated records left out and reported.
-
-    Parameters
-    ----------
-    tags : Tags, none undetermined
-    values : arrays (n,) or (n, k) that make two records equal or not
-
-    Returns
-    -------
-    ordering : Ordering; of records with one tag the first is kept
-    """
+    """Order of tags that are all determined, repeated ones left out; two are equal if their values (n, ...) are."""
     n = len(tags.second)
     order = np.lexsort([np.arange(n), tags.fraction, tags.second])
     second, fraction = tags.second[order], tags.fraction[order]

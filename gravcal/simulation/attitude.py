@@ -12,8 +12,6 @@ import numpy as np
 class Steps:
     """Timeline of integration steps; nothing jumps inside a step.
 
-    Attributes
-    ----------
     bound : (n + 1,) s, ends of the steps
     control : (n,) bool, the controller acts at the start of the step
     wave : (n,) bool, a manoeuvre runs and the controller rests
@@ -30,8 +28,6 @@ class Steps:
 class Environment:
     """What the satellite flies through, at evenly spaced nodes.
 
-    Attributes
-    ----------
     time : (k,) s, nodes
     position_i : (k, 3) m
     field_i : (k, 3) T
@@ -54,8 +50,6 @@ class Environment:
 class Body:
     """Inertia, gains and limits.
 
-    Attributes
-    ----------
     inertia_b : (3, 3) kg m2
     frequency, damping : rad s-1 and 1, of the controlled attitude
     dipole_limit, dipole_step : A m2, saturation and quantum of a rod under control

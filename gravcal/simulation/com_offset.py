@@ -30,8 +30,6 @@ RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
 class Scene:
     """Everything drawn from the seed before the satellite flies.
 
-    Attributes
-    ----------
     orbit : callable, (n,) s -> (n, 6) m, m s-1
     kinds : names of the manoeuvres, in order of time
     start, stop : (k,) s, first and last edge

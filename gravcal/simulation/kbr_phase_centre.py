@@ -35,8 +35,6 @@ class Wiggle:
 class Pair:
     """Both satellites of a day.
 
-    Attributes
-    ----------
     day : s, GPS
     path : callables, (n,) s -> (n, 6) m, m s-1, of both
     pointing : callables, (n,) s -> (n, 3) rad, roll, pitch, yaw of both

@@ -18,8 +18,6 @@ MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the rea
 class Clock:
     """Receiver clock and on-board mapping of a day.
 
-    Attributes
-    ----------
     receiver : (c,) s, CLK1B nodes; offset : (c,) s, GPS minus receiver
     onboard : (m,) s, TIM1B nodes; mapping_ns : (m,) ns, receiver minus on-board
     """
@@ -40,8 +38,6 @@ class Clock:
 class Epochs:
     """True times of the readings of one span and the tags they get.
 
-    Attributes
-    ----------
     acc, sca, mag : (n,) s, true GPS time of the readings
     acc_tag : (n,) us past `origin`, integer on-board tags; sca_tag, mag_tag : s, GPS
     """

@@ -11,8 +11,6 @@ AXES = "xyz"
 class Value:
     """One number of a result document, null where it is not determined.
 
-    Attributes
-    ----------
     satellite : letter where the document is of several, otherwise ""
     name : such as "x", "offset x", "k z"
     unit : of all three
