@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from gravcal.physics import earth, magnetic
+from gravcal.simulation.orbit import nominal_attitude
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -44,6 +47,14 @@ class Environment:
     def at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Values (k, m) of the nodes at other times (n, m), linear."""
         return np.stack([np.interp(time, self.time, column) for column in values.T], axis=1)
+
+
+def environment(time, path, x_along_velocity: float, generation: int) -> Environment:
+    """Position, field of an IGRF generation and wanted attitude along an orbit at even epochs (k,) s."""
+    state, R_ei = path(time), earth.R_ei(time)
+    field_e = magnetic.field_e(time, np.matvec(R_ei, state[:, :3]), generation)
+    target, rate = nominal_attitude(state, x_along_velocity)
+    return Environment(time, state[:, :3], np.matvec(np.swapaxes(R_ei, 1, 2), field_e), target, rate)
 
 
 @dataclass(frozen=True)

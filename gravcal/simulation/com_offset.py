@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gravcal.effects import effect
-from gravcal.physics import constants, dynamics, earth, frames, gravity, magnetic
+from gravcal.physics import constants, dynamics, earth, frames, gravity
 from gravcal.simulation import attitude, orbit, sensors
 from gravcal.simulation.injection import added as contributed
 
@@ -59,10 +59,7 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     """Orbit, manoeuvre times and true values."""
     kinds = tuple(k for k in chosen.manoeuvres if k)
     for _ in range(200):
-        angles = rng.uniform(0, 2 * np.pi, 2)
-        inclination = np.radians(chosen.inclination_deg)
-        state = orbit.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
-        path = orbit.fly_orbit(state, day - 60, day + constants.DAY + 60)
+        path = orbit.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng)
         start = _schedule(path, kinds, chosen, day)
         if start is not None:
             break
@@ -121,21 +118,7 @@ def _spans(start, stop, chosen, day):
 
 
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
-    """Level-1 columns of a simulated day and its truth.
-
-    Parameters
-    ----------
-    satellite : numbers of the catalogue
-    chosen : parameters of the simulation
-    day : GPS s of midnight
-    seed : int
-    effects : {slug: {parameter: value}}, hidden in the data beside the offset
-
-    Returns
-    -------
-    columns : {product: {column: array}}
-    truth : plain dict, SI and um where named so
-    """
+    """Level-1 columns of a simulated day and its truth; arguments as of `gravcal.simulation`."""
     rng = np.random.default_rng(seed)
     scene = draw_scene(satellite, chosen, day, rng)
     clock = sensors.draw_clock(chosen, day, rng)
@@ -161,7 +144,8 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
 def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     """Motion and readings of one contiguous span."""
     epochs = sensors.draw_epochs(span, clock, effects, satellite)
-    around = _environment(span, scene, satellite, chosen.igrf_generation)
+    nodes = np.arange(np.floor(span[0]) - 8, np.ceil(span[1]) + 8)
+    around = attitude.environment(nodes, scene.orbit, satellite["x_along_velocity"], chosen.igrf_generation)
     steps = _steps(span, epochs, scene, satellite, chosen, rng)
     body = attitude.Body(
         scene.inertia_b,
@@ -187,16 +171,6 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
         added = (np.zeros_like(slow), slow)
     motion = _motion(steps, around, scene, states, control, added)
     return sensors.read_instruments(epochs, motion, scene, satellite, chosen, effects, rng)
-
-
-def _environment(span, scene, satellite, generation):
-    """Position, field and wanted attitude at 1 Hz, two seconds wider than the span."""
-    nodes = np.arange(np.floor(span[0]) - 8, np.ceil(span[1]) + 8)
-    state = scene.orbit(nodes)
-    R_ei = earth.R_ei(nodes)
-    field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), generation)
-    target, rate = orbit.nominal_attitude(state, satellite["x_along_velocity"])
-    return attitude.Environment(nodes, state[:, :3], np.matvec(np.swapaxes(R_ei, 1, 2), field_e), target, rate)
 
 
 def _steps(span, epochs, scene, satellite, chosen, rng):

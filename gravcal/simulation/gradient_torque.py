@@ -39,22 +39,9 @@ class Motion:
 
 
 def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=None, nongravitational=None):
-    """Columns of an SGRS file and their truth.
+    """Columns of an SGRS file and their truth, whose series are arrays; arguments as of `gravcal.simulation`.
 
-    Parameters
-    ----------
-    satellite : numbers of the catalogue
-    chosen : parameters of the simulation
-    field : gravity_field.Field, what the analysis will know
-    day : GPS s of midnight
-    seed : int
-    effects : {slug: {parameter: value}}, of KNOWN
-    nongravitational : callable, (n,) s -> (n, 3) m s-2 in b, in place of the invented drag
-
-    Returns
-    -------
-    columns : {variable: array} of data/sgrs_files.py
-    truth : dict; the series are arrays
+    The analysis knows the Field; nongravitational (n,) s -> (n, 3) m s-2 in b may take the place of the invented drag.
     """
     rng = np.random.default_rng(seed)
     time = day + chosen.step_s * np.arange(int(chosen.duration_s / chosen.step_s))
@@ -151,13 +138,9 @@ def _true_field(field, chosen, rng):
 
 def _motion(time, chosen, body, effects, field, drag, rng):
     """Orbit, attitude and gravity gradient at the epochs."""
-    start = orbit.initial_state(
-        chosen.altitude_km * 1e3, np.radians(chosen.inclination_deg), chosen.eccentricity, *rng.uniform(0, 2 * np.pi, 2)
-    )
     beyond = chosen.step_s * np.arange(1, 4)
     padded = np.concatenate([time[0] - beyond[::-1], time, time[-1] + beyond])
-    path = orbit.fly_orbit(start, padded[0] - 60, padded[-1] + 60)
-    state = path(padded)
+    state = orbit.drawn(chosen, chosen.eccentricity, padded[0], padded[-1], rng)(padded)
     nominal, _ = orbit.nominal_attitude(state, 1.0)
     inner = slice(3, -3)
     R_ei = earth.R_ei(time)
@@ -177,11 +160,8 @@ def _motion(time, chosen, body, effects, field, drag, rng):
         gradient_b = gravity.rotate_tensor(frames.R_bi_from_quaternion(quaternion[inner]), gradient_i)
         angle_rate = np.gradient(angle, chosen.step_s, axis=0, edge_order=2)
         control = -np.matvec(J, W**2 * angle + 2 * chosen.control_damping * W * angle_rate)
-        taken = (
-            np.matvec(J, rate_dot)
-            + np.cross(rate, np.matvec(J, rate))
-            - dynamics.gravity_gradient_torque(J, gradient_b)
-        )
+        taken = np.matvec(J, rate_dot) + np.cross(rate, np.matvec(J, rate))
+        taken = taken - dynamics.gravity_gradient_torque(J, gradient_b)
         coupling = coupling + (taken - (external + control))  # the torque that the motion takes beyond what is applied
         angle = _response(external - coupling, chosen, body)
     return Motion(time, state[inner], quaternion[inner], rate, rate_dot, gradient_b)

@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 
 import numba
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import lfilter
 
 from gravcal.effects import Context
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.physics import frames, gravity, sensing
+from gravcal.physics import dynamics, frames, gravity, sensing
 from gravcal.physics.constants import DAY, EARTH_RADIUS, GM
 from gravcal.simulation import injection, orbit
 
@@ -75,20 +77,9 @@ class Roll:
 def simulate(
     satellite: Mapping, chosen, day: float, seed: int, effects: Mapping | None = None
 ) -> tuple[Iterator[dict], dict]:
-    """Records of an event, one day or less at a time, and the truth.
+    """Records {"IS1", "ATT", "ORB"} of an event and the truth; arguments as of `gravcal.simulation`.
 
-    Parameters
-    ----------
-    satellite : numbers of the catalogue, with `_sigma` beside them
-    chosen : parameters of the simulation
-    day : GPS s of midnight
-    seed : int
-    effects : {slug: {parameter: value}} to hide, of KNOWN; another one is refused
-
-    Returns
-    -------
-    records : iterator of {"IS1", "ATT", "ORB"}, none across midnight
-    truth : plain dict, SI and um where named so
+    They are made when they are asked for, one day or less at a time, none across midnight; effects are of KNOWN.
     """
     hidden = Hidden(injection.within(effects or {}, KNOWN), day)
     first, second = np.random.SeedSequence(seed).spawn(2)
@@ -150,13 +141,6 @@ def draw(satellite: Mapping, chosen, rng) -> Truth:
     )
 
 
-def draw_orbit(chosen, start: float, stop: float, rng) -> Callable[[np.ndarray], np.ndarray]:
-    """Circular orbit from a random place, (n,) s -> (n, 6) m and m s-1."""
-    node, argument = rng.uniform(0, 2 * np.pi, 2)
-    state = orbit.initial_state(chosen.altitude_km * 1e3, np.radians(chosen.inclination_deg), 1e-4, node, argument)
-    return orbit.fly_orbit(state, start - 60, stop + 60)
-
-
 def orbital_rate(chosen) -> float:
     """Mean motion of the orbit, rad s-1."""
     return float(np.sqrt(GM / (EARTH_RADIUS + chosen.altitude_km * 1e3) ** 3))
@@ -179,29 +163,15 @@ def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, c
     air_and_light_o = np.stack([0.1 * light * np.cos(phase), light, -drag], axis=1)
     tensor = sensing.offset_tensor(rate_b, rate_dot_b, gradient_b)
     linear = np.matvec(R_bo, air_and_light_o) + np.matvec(tensor, truth.offset)
-    J = np.diag(truth.inertia)
-    gravity_torque = frames.vex(J @ gradient_b - gradient_b @ J)
+    gravity_torque = dynamics.gravity_gradient_torque(np.diag(truth.inertia), gradient_b)
     gyroscopic = np.cross(rate_b, rate_b * truth.inertia)
     return linear, rate_dot_b + (gyroscopic - gravity_torque) / truth.inertia
 
 
 def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
-    """Voltages, attitude and orbit round one swing.
-
-    Parameters
-    ----------
-    chosen : parameters of the simulation
-    start : GPS s, begin of the record, whole
-    truth : Truth
-    rng : source of randomness
-    hidden : Hidden
-
-    Returns
-    -------
-    record : {"IS1": {"time", "volts"}, "ATT": {"time", "quaternion"}, "ORB": {"time", "position", "velocity"}}
-    """
+    """Voltages, attitude and orbit round one swing, {"IS1", "ATT", "ORB"}, from a whole GPS second on."""
     length = 2 * chosen.quiet_s + chosen.swing_s
-    path = draw_orbit(chosen, start, start + length, rng)
+    path = orbit.drawn(chosen, 1e-4, start, start + length, rng)
     fine = start - 10 + FINE * np.arange(round((length + 20) / FINE) + 1)
     quaternion, rate, rate_dot = _motion(fine, start + chosen.quiet_s, path, chosen, rng)
     tag = start + STEP_SENSOR * np.arange(round(length / STEP_SENSOR))
@@ -219,8 +189,6 @@ def _motion(fine, swing_start, path, chosen, rng):
 
     A swing is a square wave of torque with rounded edges, whole periods, rate zero at both ends.
     """
-    from scipy.integrate import cumulative_trapezoid
-
     rate_dot, rise = np.zeros((fine.size, 3)), max(chosen.swing_rise_s, 1e-3)
     axes = enumerate(zip(chosen.swing_period_s, chosen.swing_rate_rad_s, strict=True))
     for axis, (period, rate) in axes if chosen.manoeuvre != "none" else ():
@@ -326,11 +294,9 @@ def _lines(at, time, values):
 
 def draw_roll(chosen, start: float, rng) -> Roll:
     """Orbit, roll rate and wander of the bias, a first-order Markov process at the knots; start GPS s, whole."""
-    from scipy.signal import lfilter
-
     stop = start + chosen.roll_s
     knot = start - KNOT + KNOT * np.arange(int(np.ceil(chosen.roll_s / KNOT)) + 3)
-    path = draw_orbit(chosen, knot[0], knot[-1], rng)
+    path = orbit.drawn(chosen, 1e-4, knot[0], knot[-1], rng)
     block = rng.random(knot.size // 6 + 1) < chosen.roll_disturbed_share
     size = chosen.roll_rate_scatter * np.where(np.repeat(block, 6)[: knot.size], 5.0, 1.0)
     inertial = 2 * np.pi / chosen.roll_period_s * (1 + size * rng.standard_normal(knot.size))

@@ -9,12 +9,7 @@ from gravcal.errors import CatalogError
 
 
 def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]]:
-    """Values by effect, {slug: {parameter: value}}, from {"slug.parameter": value}.
-
-    Parameters
-    ----------
-    strengths : SI values, or None
-    """
+    """Values by effect, {slug: {parameter: value}}, from {"slug.parameter": value}, SI, or None."""
     found: dict[str, dict[str, float]] = {}
     for name, value in (strengths or {}).items():
         slug, _, parameter = name.rpartition(".")
@@ -28,13 +23,7 @@ def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]
 
 
 def within(effects: Mapping[str, Mapping[str, float]], slugs: tuple[str, ...]) -> Mapping:
-    """The effects, if all of them are among those that a simulation can hide.
-
-    Parameters
-    ----------
-    effects : {slug: {parameter: value}}
-    slugs : known to the simulation
-    """
+    """The effects {slug: {parameter: value}}, if all of them are among those that a simulation can hide."""
     for slug in effects:
         if slug not in slugs:
             raise CatalogError(
@@ -45,14 +34,7 @@ def within(effects: Mapping[str, Mapping[str, float]], slugs: tuple[str, ...]) -
 
 
 def added(effects: Mapping[str, Mapping[str, float]], channel: str, context: Context):
-    """Sum of the contributions of the effects to one channel, 0.0 if there is none.
-
-    Parameters
-    ----------
-    effects : {slug: {parameter: value}}
-    channel : key of CHANNELS
-    context : Context on the epochs of the channel
-    """
+    """Sum of the contributions of the effects to a channel of CHANNELS, 0.0 if there is none."""
     total = 0.0
     for slug, given in effects.items():
         entry = effect(slug)

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import make_interp_spline
 
-from gravcal.effects import Context, Effect, effect
+from gravcal.effects import Context
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured
-from gravcal.physics import constants, earth, frames, orbit_environment
+from gravcal.physics import constants, frames, orbit_environment
 from gravcal.simulation import orbit, sensors
+from gravcal.simulation.injection import added
 
 BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
-QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
-STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
 EDGE = 70.0  # s flown before and after the day, for the filters
 
 
@@ -47,43 +47,20 @@ class Pair:
     wiggles: tuple[Wiggle, ...]
 
 
-#: Effects to inject by slug, with their values.
-Injected = Mapping[str, tuple[Effect, np.ndarray]]
-
-
 def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
-    """Level-1 columns of a simulated day and its truth.
-
-    Parameters
-    ----------
-    letters : of both satellites, "CD"
-    chosen : parameters of the simulation
-    day : GPS s of midnight
-    seed : int
-    effects : {slug: {parameter: value}}, hidden in the data
-
-    Returns
-    -------
-    columns : {(product, letter): {column: array}}; the ranging has the letter "Y"
-    truth : plain dict, mm where named so
-    """
+    """Level-1 columns by (product, letter), the ranging of "Y", and the truth; arguments as of `gravcal.simulation`."""
     rng = np.random.default_rng(seed)
     pair = draw_pair(chosen, day, rng)
-    injected = known_effects(effects)
     scatter = chosen.phase_centre_scatter_mm * rng.standard_normal((2, 3))
     centre = 1e-3 * (np.array([chosen.phase_centre_a_mm, chosen.phase_centre_b_mm]) + scatter)
-    columns = {("KBR1B", "Y"): ranging(pair, centre, chosen, injected, rng)}
+    columns = {("KBR1B", "Y"): ranging(pair, centre, chosen, effects, rng)}
     for k, letter in enumerate(letters):
         columns[chosen.orbit_product, letter] = _orbit(pair, k, chosen, rng)
-        columns["SCA1B", letter] = _star_camera(pair, k, chosen, injected, rng)
+        columns["SCA1B", letter] = _star_camera(pair, k, chosen, effects, rng)
+    kinds = ["+-"[one.sign < 0] + ("pitch", "yaw")[one.axis] for one in pair.wiggles]
     manoeuvres = [
-        {
-            "satellite": letters[one.satellite],
-            "kind": "+-"[one.sign < 0] + ("pitch", "yaw")[one.axis],
-            "start": one.start,
-            "stop": one.stop,
-        }
-        for one in pair.wiggles
+        {"satellite": letters[one.satellite], "kind": kind, "start": one.start, "stop": one.stop}
+        for kind, one in zip(kinds, pair.wiggles, strict=True)
     ]
     truth = {
         "seed": seed,
@@ -95,17 +72,6 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
         "effects": {slug: dict(given) for slug, given in effects.items()},
     }
     return columns, truth
-
-
-def known_effects(effects: Mapping[str, Mapping[str, float]]) -> Injected:
-    """Effects to inject; an unknown slug is refused by the catalogue."""
-    return {slug: (effect(slug), effect(slug).values(given)) for slug, given in effects.items()}
-
-
-def _added(injected: Injected, channel, context):
-    """Sum of the contributions to a channel, 0.0 if there is none."""
-    known = [entry.contribution(context, values) for entry, values in injected.values() if entry.channel == channel]
-    return sum(known, start=0.0)
 
 
 def draw_pair(chosen, day: float, rng) -> Pair:
@@ -125,8 +91,6 @@ def draw_pair(chosen, day: float, rng) -> Pair:
 
 def _paths(chosen, day, rng):
     """Two bodies on one orbit, the second some seconds behind or ahead: both obey the same field exactly."""
-    from scipy.interpolate import make_interp_spline
-
     angles = rng.uniform(0, 2 * np.pi, 2)
     inclination = np.radians(chosen.inclination_deg)
     state = orbit.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
@@ -145,8 +109,6 @@ def _paths(chosen, day, rng):
 
 def _pointing(chosen, day, wiggles, rng):
     """Roll, pitch and yaw: slow motion of the control loop and the wiggles."""
-    from scipy.interpolate import make_interp_spline
-
     step = 20.0
     nodes = day - 4 * EDGE + step * np.arange(int((constants.DAY + 8 * EDGE) / step) + 1)
     corner = 1 / (2 * np.pi * chosen.pointing_memory_s)
@@ -198,7 +160,7 @@ def turned(angle: np.ndarray) -> np.ndarray:
     return frames.from_rotation_vector(angle * np.array([1.0, -1.0, -1.0]))
 
 
-def ranging(pair: Pair, centre: np.ndarray, chosen, injected: Injected, rng) -> dict:
+def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> dict:
     """Columns of KBR1B: phase at a high rate, CRN-filtered, biased, with light-time terms; phase centres (2, 3) m.
 
     rho = |u + v|, v = R_ib,B c_B - R_ib,A c_A; Remote Sens. 2022, 14, 3395, eqs. 7-9. The light-time term is that of
@@ -231,7 +193,7 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, injected: Injected, rng) -> 
     noise = chosen.ranging_noise_m * np.sqrt(0.5 / step) * rng.standard_normal(time.size)
     if chosen.ranging_corner_hz > 0:  # a part that rises towards low frequencies
         noise += coloured(lambda f: chosen.ranging_noise_m**2 * chosen.ranging_corner_hz / f, time.size, step, rng)
-    phase = np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1) + _added(injected, "range", context) - light + noise
+    phase = np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1) + added(effects, "range", context) - light + noise
     at = pair.day + np.arange(0, constants.DAY, chosen.ranging_step_s)
     breaks = np.sort(rng.uniform(pair.day, pair.day + constants.DAY, chosen.phase_breaks))
     bias = -float(np.round(com[0])) + np.cumsum(np.append(rng.normal(), rng.normal(scale=0.05, size=breaks.size)))
@@ -266,20 +228,18 @@ def _orbit(pair, k, chosen, rng):
     along = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
     error = (np.stack([radial, along, np.cross(radial, along)], axis=2) @ local[:, :, None])[:, :, 0]
     state = state + np.concatenate([error, np.gradient(error, time, axis=0)], axis=1)
-    if chosen.orbit_product == "GNV1B":
-        state = np.concatenate(earth.state_to_fixed(time, state[:, :3], state[:, 3:]), axis=1)
-    return {"gps_time": time.astype(np.int64)} | dict(zip(STATE, state.T, strict=True))
+    return sensors.orbit_columns(time, state, chosen.orbit_product)
 
 
-def _star_camera(pair, k, chosen, injected, rng):
+def _star_camera(pair, k, chosen, effects, rng):
     """SCA1B: true attitude, mounting error, noise."""
     tag = pair.day + np.arange(constants.DAY)
-    time = tag - _added(injected, "sca_delay", Context(time=tag))
+    time = tag - added(effects, "sca_delay", Context(time=tag))
     R_bi = nominal(*(path(time) for path in pair.path))[k]
     true = frames.quaternion_product(frames.quaternion_from_R_bi(R_bi), turned(pair.pointing[k](time)))
     angle = sensors.star_camera_noise(time.size, chosen, rng) + 1e-6 * np.array(chosen.misalignment_urad)
-    measured = sensors.star_camera(true, angle + _added(injected, "pointing_b", Context(time=time)), rng)
-    return {"gps_time": tag.astype(np.int64)} | dict(zip(QUATERNION, measured.T, strict=True))
+    measured = sensors.star_camera(true, angle + added(effects, "pointing_b", Context(time=time)), rng)
+    return sensors.attitude_columns(tag, measured)
 
 
 def ingested(columns: Mapping) -> dict[tuple[str, str], xr.Dataset]:

@@ -6,23 +6,16 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from gravcal.physics import frames
 from gravcal.physics.constants import EARTH_RADIUS, GM, J2
 
 
 def initial_state(altitude: float, inclination: float, eccentricity: float, node: float, argument: float) -> np.ndarray:
-    """Position and velocity at perigee-referenced argument of latitude zero offset.
+    """State (6,) m, m s-1 at perigee, of a semi-major axis so many m above the equatorial radius; angles in rad.
 
-    Parameters
-    ----------
-    altitude : m above the equatorial radius, of the semi-major axis
-    inclination, node, argument : rad; `argument` is both argument of perigee and place of the start
-    eccentricity : 1
-
-    Returns
-    -------
-    state_i : (6,) m and m s-1
+    The argument is both that of perigee and the place of the start.
     """
     axis = EARTH_RADIUS + altitude
     radius = axis * (1 - eccentricity)
@@ -35,20 +28,15 @@ def initial_state(altitude: float, inclination: float, eccentricity: float, node
     return np.concatenate([radius * along @ plane, speed * across @ plane])
 
 
+def drawn(chosen, eccentricity: float, start: float, stop: float, rng) -> Callable[[np.ndarray], np.ndarray]:
+    """Orbit of the settings from a random node and place, as `fly_orbit` gives it, a minute wider than the bounds."""
+    angles = rng.uniform(0, 2 * np.pi, 2)
+    state = initial_state(chosen.altitude_km * 1e3, np.radians(chosen.inclination_deg), eccentricity, *angles)
+    return fly_orbit(state, start - 60, stop + 60)
+
+
 def fly_orbit(state_i: np.ndarray, start: float, stop: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Orbit in the field of the point mass and the flattening.
-
-    Parameters
-    ----------
-    state_i : (6,) m and m s-1 at `start`
-    start, stop : s
-
-    Returns
-    -------
-    at : (n,) s -> (n, 6) m and m s-1
-    """
-    from scipy.interpolate import CubicHermiteSpline
-
+    """Orbit (n,) s -> (n, 6) m, m s-1 in the field of point mass and flattening, from its state (6,) at `start`."""
     step = 10.0
     nodes = start + step * np.arange(int(np.ceil((stop - start) / step)) + 1)
     states = _march(np.asarray(state_i, dtype=float), nodes.size, step, GM, EARTH_RADIUS, J2)
@@ -87,18 +75,7 @@ def _march(state, count, step, gm, radius, j2):
 
 
 def nominal_attitude(state_i: np.ndarray, x_along_velocity: float) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude with z to nadir, x along or against the flight direction, y completing.
-
-    Parameters
-    ----------
-    state_i : (n, 6) m and m s-1
-    x_along_velocity : +1 or -1
-
-    Returns
-    -------
-    quaternion : (n, 4) scalar first, continuous in sign
-    rate_b : (n, 3) rad s-1, of the rotation with the orbit
-    """
+    """Quaternion (n, 4) and rate (n, 3) rad s-1 with z to nadir, x along (+1) or against (-1) the flight."""
     position, velocity = state_i[:, :3], state_i[:, 3:]
     z = -position / np.linalg.norm(position, axis=1, keepdims=True)
     normal = np.cross(position, velocity)
@@ -111,15 +88,7 @@ def nominal_attitude(state_i: np.ndarray, x_along_velocity: float) -> tuple[np.n
 
 
 def passes(time: np.ndarray, latitude: np.ndarray, longitude: np.ndarray, area: dict, duration: float) -> np.ndarray:
-    """Start times at which a manoeuvre has its middle in an area.
-
-    Parameters
-    ----------
-    time : (n,) s
-    latitude, longitude : (n,) rad, longitude in (-pi, pi]
-    area : lat_min, lat_max and optionally lon_min, lon_max in degrees
-    duration : s
-    """
+    """Times s at which a manoeuvre starts that has its middle in an area, whose bounds are in degrees."""
     inside = (np.degrees(latitude) >= area["lat_min"]) & (np.degrees(latitude) <= area["lat_max"])
     if "lon_min" in area:
         inside &= (np.degrees(longitude) >= area["lon_min"]) & (np.degrees(longitude) <= area["lon_max"])
@@ -127,13 +96,7 @@ def passes(time: np.ndarray, latitude: np.ndarray, longitude: np.ndarray, area: 
 
 
 def schedule(starts_by_kind: list[np.ndarray], spacing: float, earliest: float, latest: float) -> np.ndarray | None:
-    """Earliest start of each manoeuvre in turn, at least `spacing` apart; None if one finds no place.
-
-    Parameters
-    ----------
-    starts_by_kind : possible starts of each manoeuvre, s
-    spacing, earliest, latest : s
-    """
+    """Earliest start s of each manoeuvre in turn, at least `spacing` apart; None if one finds no place."""
     taken: list[float] = []
     for starts in starts_by_kind:
         free = (starts >= earliest) & (starts <= latest)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from gravcal.effects import Context, effect
 from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, earth, frames, gravity, orbit_environment
 from gravcal.simulation.injection import added
 
+QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
+STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
 MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the real file of 2023-06-01
 
 
@@ -96,7 +99,7 @@ def read_instruments(epochs, motion, scene, satellite, chosen, effects, rng):
         "ACC1A": _accelerometer(epochs, motion.at(epochs.acc), scene, satellite, chosen, effects, rng),
         "SCA1B": _star_camera(epochs, motion.at(epochs.sca), chosen, effects, rng),
         "MAG1B": _magnetometer(epochs, motion.at(epochs.mag), scene, satellite, chosen, effects, rng),
-    } | _orbit(epochs.sca_tag, scene)
+    } | {name: orbit_columns(epochs.sca_tag, scene.orbit(epochs.sca_tag), name) for name in ("GNI1B", "GNV1B")}
 
 
 def _accelerometer(epochs, motion, scene, satellite, chosen, effects, rng):
@@ -165,8 +168,7 @@ def _star_camera(epochs, motion, chosen, effects, rng):
     angle = star_camera_noise(epochs.sca.size, chosen, rng)
     angle = angle + added(effects, "pointing_b", Context(time=epochs.sca, rate_b=motion.rate_b))
     measured = star_camera(motion.quaternion, angle, rng)
-    names = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
-    return {"gps_time": epochs.sca_tag.astype(np.int64)} | dict(zip(names, measured.T, strict=True))
+    return attitude_columns(epochs.sca_tag, measured)
 
 
 def _magnetometer(epochs, motion, scene, satellite, chosen, effects, rng):
@@ -175,26 +177,37 @@ def _magnetometer(epochs, motion, scene, satellite, chosen, effects, rng):
     noise = chosen.noise_scale * np.array(satellite["magnetometer_noise"]) * rng.standard_normal((epochs.mag.size, 3))
     field = motion.field_b + added(effects, "field_b", context) + scene.magnetometer_bias + noise
     held = np.maximum(np.arange(epochs.mag.size) - np.arange(epochs.mag.size) % 2, 0)
-    field = 1e6 * quantised(field[held], satellite["magnetometer_step"])
-    current = quantised(motion.command_b / scene.dipole_per_current, satellite["torquer_current_step"])
-    whole = np.floor(epochs.mag_tag)
-    micro = np.round(1e6 * (epochs.mag_tag - whole)).astype(np.int64)
-    columns = {"time_intg": whole.astype(np.int64), "time_frac": micro}
-    columns |= {f"Mfv{axis}_RAW": field[:, i] for i, axis in enumerate("XYZ")}
-    return columns | coil_currents(current)
+    return magnetometer_columns(epochs.mag_tag, field[held], motion.command_b / scene.dipole_per_current, satellite)
 
 
-def _orbit(time, scene):
-    """GNI1B and GNV1B at 1 Hz."""
-    state = scene.orbit(time)
-    position_e, velocity_e = earth.state_to_fixed(time, state[:, :3], state[:, 3:])
-    names = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
-    epoch = {"gps_time": time.astype(np.int64)}
-    fixed = np.concatenate([position_e, velocity_e], axis=1)
-    return {
-        "GNI1B": epoch | dict(zip(names, state.T, strict=True)),
-        "GNV1B": epoch | dict(zip(names, fixed.T, strict=True)),
-    }
+def attitude_columns(time, quaternion) -> dict:
+    """Columns of SCA1B from quaternions (n, 4) at whole seconds."""
+    return {"gps_time": np.round(time).astype(np.int64)} | dict(zip(QUATERNION, quaternion.T, strict=True))
+
+
+def orbit_columns(time, state_i, product: str) -> dict:
+    """Columns of GNI1B or GNV1B from inertial states (n, 6) m, m s-1 at whole seconds."""
+    if product == "GNV1B":
+        state_i = np.concatenate(earth.state_to_fixed(time, state_i[:, :3], state_i[:, 3:]), axis=1)
+    return {"gps_time": np.round(time).astype(np.int64)} | dict(zip(STATE, state_i.T, strict=True))
+
+
+def split_time(tag) -> dict:
+    """Columns of tags (n,) s that are whole seconds and microseconds."""
+    whole = np.floor(tag)
+    return {"time_intg": whole.astype(np.int64), "time_frac": np.round(1e6 * (tag - whole)).astype(np.int64)}
+
+
+def magnetometer_columns(tag, field_b, current_ma, satellite) -> dict:
+    """Columns of MAG1B from field (n, 3) T and currents (n, 3) mA, which are read in whole steps.
+
+    Of the six coils of GRACE-FO those called A show positive currents, those called B negative ones with their sign.
+    """
+    field = 1e6 * quantised(field_b, satellite["magnetometer_step"])
+    current = quantised(current_ma, satellite["torquer_current_step"])
+    columns = split_time(tag) | {f"Mfv{axis}_RAW": field[:, i] for i, axis in enumerate("XYZ")}
+    columns |= {f"torque{i + 1}A": np.maximum(current[:, i], 0) for i in range(3)}
+    return columns | {f"torque{i + 1}B": np.minimum(current[:, i], 0) for i in range(3)}
 
 
 def join(parts: list[dict]) -> dict:
@@ -225,17 +238,7 @@ def quantised(values: np.ndarray, step) -> np.ndarray:
 
 
 def table_density(frequency_hz, amplitude):
-    """One-sided power density from amplitude densities at nodes, joined in log-log.
-
-    Parameters
-    ----------
-    frequency_hz : (k,) Hz
-    amplitude : (k,) unit Hz-1/2
-
-    Returns
-    -------
-    density : callable, Hz -> unit^2 Hz-1
-    """
+    """One-sided power density, Hz -> unit^2 Hz-1, from amplitude densities at nodes, joined in log-log."""
     log_f, log_a = np.log(frequency_hz), np.log(np.maximum(amplitude, 1e-300))
     return lambda f: np.exp(2 * np.interp(np.log(f), log_f, log_a))
 
@@ -248,14 +251,7 @@ def accelerometer_noise(count: int, step_s: float, chosen, kind: str, rng) -> np
 
 
 def star_camera_noise(count: int, chosen, rng) -> np.ndarray:
-    """White and first-order Markov noise of the attitude at 1 Hz.
-
-    Returns
-    -------
-    angle_b : (count, 3) rad
-    """
-    from scipy.signal import lfilter
-
+    """White and first-order Markov noise of the attitude at 1 Hz, (count, 3) rad in b."""
     keep = np.exp(-1.0 / chosen.star_camera_slow_s)
     drive = rng.standard_normal((count + 200, 3)) * chosen.star_camera_slow_rad * np.sqrt(1 - keep**2)
     slow = lfilter([1.0], [1.0, -keep], drive, axis=0)[200:]
@@ -267,10 +263,3 @@ def star_camera(quaternion: np.ndarray, angle_b: np.ndarray, rng) -> np.ndarray:
     measured = frames.quaternion_product(quaternion, frames.from_rotation_vector(angle_b))
     sign = np.where(np.cumsum(rng.random(len(measured)) < 2e-4) % 2 == 1, -1.0, 1.0)
     return measured * sign[:, None]
-
-
-def coil_currents(axis_current_ma: np.ndarray) -> dict[str, np.ndarray]:
-    """Readings of the six coils: positive currents in A, negative ones with their sign in B (GRACE-FO)."""
-    positive, negative = np.maximum(axis_current_ma, 0), np.minimum(axis_current_ma, 0)
-    coils = {f"torque{i + 1}A": positive[:, i] for i in range(3)}
-    return coils | {f"torque{i + 1}B": negative[:, i] for i in range(3)}

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gravcal.effects import Context, effect
-from gravcal.physics import constants, earth, frames, magnetic
+from gravcal.physics import constants, frames
 from gravcal.simulation import attitude, orbit, sensors
 from gravcal.simulation.injection import added, within
 
@@ -23,21 +23,7 @@ LEAD_S = 5.0  # flown before and after what is written
 
 
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
-    """Level-1 columns of a simulated day and its truth.
-
-    Parameters
-    ----------
-    satellite : numbers of the catalogue
-    chosen : parameters of the simulation
-    day : GPS s of midnight
-    seed : int
-    effects : {slug: {parameter: value}}
-
-    Returns
-    -------
-    columns : {product: {column: array}}
-    truth : plain dict, SI
-    """
+    """Level-1 columns of a simulated day and its truth; arguments as of `gravcal.simulation`."""
     rng = np.random.default_rng(seed)
     within(effects, EFFECTS)
     gain = 1 + chosen.gain_scatter * rng.standard_normal(3)
@@ -45,10 +31,7 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     given = {slug: effect(slug).values(effects.get(slug, {})) for slug in EFFECTS[:2]}
     gain = gain + given["torque.thruster_firings"]
     delay = delay + given["timing.thruster_delay"][0]
-    state = orbit.initial_state(
-        1e3 * chosen.altitude_km, np.radians(chosen.inclination_deg), 1e-3, *rng.uniform(0, 2 * np.pi, 2)
-    )
-    path = orbit.fly_orbit(state, day - 60, day + chosen.duration_s + 60)
+    path = orbit.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)
     start, thrusters, on_ms = _schedule(satellite, chosen, day, rng)
     time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, effects, day)
     angle = added(effects, "pointing_b", Context(time=time))
@@ -57,20 +40,12 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     angle = angle + (heads == 2)[:, None] * step
     angle = angle + np.array(chosen.star_camera_noise_rad) * rng.standard_normal((time.size, 3))
     measured = sensors.star_camera(quaternion, angle, rng)
-    names = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
-    epoch = {"gps_time": np.round(time).astype(np.int64)}
-    columns = {"SCA1B": epoch | {"sca_id": heads} | dict(zip(names, measured.T, strict=True))}
-    position_e, velocity_e = earth.state_to_fixed(time, *np.split(path(time), 2, axis=1))
-    fixed = np.concatenate([position_e, velocity_e], axis=1)
-    columns["GNV1B"] = epoch | dict(zip(("xpos", "ypos", "zpos", "xvel", "yvel", "zvel"), fixed.T, strict=True))
-    tag = start + delay
-    whole = np.floor(tag)
-    columns["THR1B"] = {
-        "time_intg": whole.astype(np.int64),
-        "time_frac": np.round(1e6 * (tag - whole)).astype(np.int64),
+    columns = {
+        "SCA1B": sensors.attitude_columns(time, measured) | {"sca_id": heads},
+        "GNV1B": sensors.orbit_columns(time, path(time), "GNV1B"),
+        "THR1B": sensors.split_time(start + delay)
+        | {f"on_time_att_ctrl_{1 + k // 6}_{1 + k % 6}": np.where(thrusters[:, k], on_ms, 0) for k in range(12)},
     }
-    for k in range(12):
-        columns["THR1B"][f"on_time_att_ctrl_{1 + k // 6}_{1 + k % 6}"] = np.where(thrusters[:, k], on_ms, 0)
     truth = {"seed": seed, "day": day, "gain": gain.tolist(), "delay_s": float(delay)}
     return columns, truth | {"camera_step_rad": step.tolist(), "effects": {s: dict(v) for s, v in effects.items()}}
 
@@ -101,12 +76,7 @@ def _flown(satellite, chosen, path, firings, gain, effects, day):
     """Epochs (n,) s of the star camera and true attitude (n, 4) there."""
     start, thrusters, on_ms = firings
     nodes = np.arange(day - LEAD_S, day + chosen.duration_s + LEAD_S + 0.5)
-    state = path(nodes)
-    target, rate = orbit.nominal_attitude(state, 1.0)
-    R_ei = earth.R_ei(nodes)
-    field_e = magnetic.field_e(nodes, np.matvec(R_ei, state[:, :3]), chosen.igrf_generation)
-    field_i = np.matvec(np.swapaxes(R_ei, 1, 2), field_e)
-    around = attitude.Environment(nodes, state[:, :3], field_i, target, rate)
+    around = attitude.environment(nodes, path, 1.0, chosen.igrf_generation)
     bound = np.unique(np.concatenate([nodes[:-1], start, start + 1e-3 * on_ms]))
     middle = (bound[:-1] + bound[1:]) / 2
     firing = np.searchsorted(start, middle) - 1
@@ -120,6 +90,6 @@ def _flown(satellite, chosen, path, firings, gain, effects, day):
     steps = attitude.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
     body = attitude.Body(inertia, chosen.control_frequency_rad_s, 0.7, 0.0, 1.0, constants.GM)
     ends = tuple(np.repeat(one[:, None], 2, axis=1) for one in (dipole, torque))
-    states, _ = attitude.fly(steps, around, body, np.concatenate([target[0], rate[0]]), ends)
+    states, _ = attitude.fly(steps, around, body, np.concatenate([around.target[0], around.target_rate_b[0]]), ends)
     time = day + chosen.star_camera_step_s * np.arange(int(chosen.duration_s / chosen.star_camera_step_s))
     return time, frames.continuous(states[np.searchsorted(bound, time), :4])
