@@ -10,7 +10,6 @@ from independent import damage
 from typer.testing import CliRunner
 
 from flows import cli, kbr_phase_centre
-from gravcal.effects.base import Effect, Parameter
 from gravcal.simulation import kbr_phase_centre as simulation
 from gravcal.store.schemas import validate
 
@@ -111,16 +110,15 @@ def test_a_second_cause_that_looks_alike_is_reported_tied(rng, tmp_path):
     assert good, wrong
 
 
-def _cube(context, values):
-    return values[0] * (context.extra["angle"][:, 1, 0] / 0.05) ** 3
+def _cube(_, channel, context):
+    return 4e-6 * (context.extra["angle"][:, 1, 0] / 0.05) ** 3 if channel == "range" else 0.0
 
 
 def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
     """Recovery: a cube of the pitch of B, made here: noticed, not given a catalogue name, its driver named."""
-    cube = Effect("odd.cube", "range", (Parameter("size", "m", "", 1e-6),), _cube, "")
 
     def draw(seed, place):
-        with mock.patch.object(simulation, "known_effects", return_value={"odd.cube": (cube, np.array([4e-6]))}):
+        with mock.patch.object(simulation, "added", _cube):
             folder, _ = written(place, seed, {})
         code, document = called("discover", folder)
         found = document["findings"]
