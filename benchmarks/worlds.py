@@ -383,9 +383,9 @@ def truth_of(kind: str, truth: dict) -> dict[str, float]:
         return {f"{axis}_{letter}": value for letter, vector in both for axis, value in zip("xyz", vector, strict=True)}
     if kind in ("sgrs", "gradient_torque"):
         return {f"centre_of_pressure_{axis}": 1e3 * value for axis, value in zip("xyz", kept["cp"], strict=True)}
-    vectors = {"offset": kept["p_um"], "bias": kept["bias"]}
+    vectors = {"offset": kept["p_um"], "bias": [1e9 * b for b in kept["bias"]]}  # nm s-2
     found = {f"{name}_{axis}": v for name, vector in vectors.items() for axis, v in zip("xyz", vector, strict=True)}
-    return found | {"beta_x": kept["beta"][0], "beta_yz": kept["beta"][1]}
+    return found | {"beta_x": 1e6 * kept["beta"][0], "beta_yz": 1e6 * kept["beta"][1]}  # 1e-6 rad s-2 V-1
 
 
 def scored(kind: str, sort: str, hidden: str, document: dict, truth: dict) -> dict:
