@@ -62,7 +62,7 @@ def segment(detected, *observed, **settings):
 @stage(
     reads=["inertial_sensor.segment", "inertial_sensor.scale", "inertial_sensor.offset"],
     writes="inertial_sensor.bias",
-    version=4,
+    version=5,
 )
 def bias(segmented, *swing, **settings):
     """Bias of every segment and their robust mean."""

@@ -145,7 +145,7 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     result = search(rows, observed.candidates, choice, random_source(seed, rows))
     found: list[Line] = []
     for one in observed.lines:
-        about = one.cause, one.unit, choice.level
+        about = one.cause, one.unit, choice.level / len(observed.lines)
         found += joint_lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause]
     if found or steps:

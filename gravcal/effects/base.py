@@ -13,6 +13,7 @@ CHANNELS = {
     "torque_b": "N m",  # torque on the satellite about its centre of mass
     "linear_b": "m s-2",  # reading of the accelerometer, linear
     "angular_b": "rad s-2",  # reading of the accelerometer, angular
+    "electrode_v": "V",  # recorded actuation voltages of an inertial sensor, in the order of its electrodes
     "pointing_b": "rad",  # small rotation from true to measured attitude
     "field_b": "T",  # reading of the magnetometer
     "current_b": "A",  # telemetered torquer current

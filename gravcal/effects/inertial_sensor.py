@@ -168,17 +168,17 @@ def volts(combined: np.ndarray) -> np.ndarray:
     return combined @ np.linalg.inv(READOUT).T
 
 
-#: The context holds `extra["linear_volt"]` (n, 3) V, readouts, and `extra["displacement_b"]` (n, 3) m of the test mass.
+#: The context holds `extra["volts"]` (n, 6) V as VOLTAGES, and `extra["displacement_b"]` (n, 3) m of the test mass.
 EFFECTS = Laws()
 law = EFFECTS.law
 _PAPER = "Remote Sens. 2023, 15, 3817"
-_SQUARE = axes("", "m s-2 V-2", "acceleration per squared volt beyond k V along", 1e-7)
+_SQUARE = axes("", "V-1", "relative quadratic response of the electrodes along", 2e-4)
 
 
-@law("inertial_sensor.quadratic", "linear_b", _SQUARE, f"{_PAPER}, eq. 4, second term")
+@law("inertial_sensor.quadratic", "electrode_v", _SQUARE, f"{_PAPER}, eq. 4, second term")
 def _quadratic(context: Context, values):
-    """Part of f = b + k V + k2 V V that k V does not read; Taiji eq. 4."""
-    return -np.asarray(values) * context.extra["linear_volt"] ** 2
+    """Recorded V + q V^2 of every electrode, so that combinations hold products of voltages; Taiji eq. 4."""
+    return np.asarray(values)[[int(np.argmax(READOUT[:3, k])) for k in range(6)]] * context.extra["volts"] ** 2
 
 
 _OFF = (np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1]))

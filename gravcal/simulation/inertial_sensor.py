@@ -28,7 +28,7 @@ MEMORY = 21600.0  # s, correlation time of the wander of the bias
 #: Effects that this simulation can hide.
 KNOWN = (
     *(entry.slug for entry in electrodes.EFFECTS),
-    *(f"accelerometer.{name}" for name in ("misalignment", "angular_leak", "bias_step", "stray_tone")),
+    *(f"accelerometer.{name}" for name in ("scale", "misalignment", "angular_leak", "bias_step", "stray_tone")),
     *("timing.accelerometer_delay", "timing.star_camera_delay"),
 )
 
@@ -241,10 +241,13 @@ def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tup
     delay = hidden.added("acc_delay", time)
     if np.any(delay):
         linear_b, angular_b = (_lines(time - delay, time, values) for values in (linear_b, angular_b))
-    extra = {"linear_volt": (linear_b - truth.bias) / truth.k, "displacement_b": -linear_b / electrodes.LOOP**2}
+    combined = (linear_b - truth.bias) / truth.k, (angular_b - truth.angular_bias) / truth.beta
+    extra = {"volts": electrodes.volts(np.hstack(combined)), "displacement_b": -linear_b / electrodes.LOOP**2}
     context = Context(time, linear_b=linear_b, angular_b=angular_b, epoch=hidden.epoch, extra=extra)
     linear = linear_b + injection.added(hidden.effects, "linear_b", context)
-    return linear, angular_b + injection.added(hidden.effects, "angular_b", context)
+    angular = angular_b + injection.added(hidden.effects, "angular_b", context)
+    recorded = electrodes.readouts(injection.added(hidden.effects, "electrode_v", context) + np.zeros((time.size, 6)))
+    return linear + truth.k * recorded[:, :3], angular + truth.beta * recorded[:, 3:]
 
 
 def read_volts(linear_b, angular_b, truth: Truth, chosen, rng, drift_b=0.0) -> np.ndarray:

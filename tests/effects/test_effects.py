@@ -28,7 +28,7 @@ def context(seed=1, count=COUNT):
     extra |= {"antenna_x": np.array([1.4, 1.4]), "argument": rng.uniform(0, 6, count)}
     extra |= {"nominal_impulse_b": 1e-3 * rng.standard_normal((count, 3))}
     extra |= {"radiation_b": 3e-8 * rng.standard_normal((count, 3)), "warmth": rng.uniform(0, 1, count)}
-    extra |= {"linear_volt": rng.standard_normal((count, 3)), "displacement_b": 1e-6 * rng.standard_normal((count, 3))}
+    extra |= {"volts": rng.standard_normal((count, 6)), "displacement_b": 1e-6 * rng.standard_normal((count, 3))}
     extra |= {"positions": np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.02]])}
     extra |= {"tesseral_b": 1e-6 * rng.standard_normal((count, 2, 3, 3))}
     extra |= {"axis_b": rng.standard_normal((count, 3))}
@@ -100,7 +100,8 @@ def test_neutral_values_add_nothing(slug):
     added = entry.contribution(scene, entry.values({}))
     scalar = CHANNELS[entry.channel] == "s" or entry.channel == "range"
     each = (len(scene.extra["positions"]),) if "_each_" in entry.channel else ()
-    assert np.shape(added) == ((COUNT,) if scalar else (COUNT, *each, 3))
+    width = 6 if entry.channel == "electrode_v" else 3
+    assert np.shape(added) == ((COUNT,) if scalar else (COUNT, *each, width))
     assert_allclose(added, 0.0, atol=0)
 
 

@@ -203,8 +203,10 @@ def design(axis: int, R_bo: np.ndarray, model: Model, phase: np.ndarray | None =
     """Columns (b, p) that are fitted to one axis of a segment, the constant first; arguments as of `solve_axis`."""
     trend = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(R_bo)), model.trend_degree)
     change = _changes(len(R_bo), model, phase)
-    turning = () if axis == 1 else (0, 2)
-    return np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in turning)], axis=1)
+    if axis == 1:  # the constant stays the mean
+        waves = change[:, model.amplitude_degree + 1 :]
+        return np.concatenate([trend, waves - waves.mean(axis=0)], axis=1)
+    return np.concatenate([trend, *(R_bo[:, axis, j, None] * change for j in (0, 2))], axis=1)
 
 
 def _changes(count, model, phase):
@@ -230,8 +232,8 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     Notes
     -----
     k V = -b + trend + sum_J c_iJ (a_J t + a_0J); Remote Sens. 2023, 15, 3817, eqs. 14 and 15 with direction cosines
-    (erratum T-3); a_J may hold one and two cycles per revolution beside, as drag does. About y the cosine with y is
-    constant: nothing is fitted, the constant holds b and a_0 (T-9).
+    (erratum T-3); a_J may hold one and two cycles per revolution beside, as drag does. The cosine with y is constant:
+    the constant holds b and the mean of a_y (T-9), and only what changes with the revolution is fitted beside it.
     """
     columns = design(axis, R_bo, model, phase)
     basis, triangle = np.linalg.qr(columns)
@@ -241,7 +243,8 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     variance = np.einsum("bm,bm->m", residual, residual) / (columns.shape[0] - columns.shape[1])
     mean = _changes(len(R_bo), model, phase).mean(axis=0)
     coefficient = np.linalg.solve(triangle, share)[model.trend_degree + 1 :]
-    amplitude = np.einsum("c,jcm->jm", mean, coefficient.reshape(-1, mean.size, readings.shape[1]))
+    coefficient = coefficient[: 0 if axis == 1 else None].reshape(-1, mean.size, readings.shape[1])
+    amplitude = np.einsum("c,jcm->jm", mean, coefficient)
     return first @ share, np.sqrt(variance * (first @ first)), residual, amplitude
 
 

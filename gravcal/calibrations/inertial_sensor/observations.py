@@ -20,6 +20,7 @@ REPORTED = {
     "delay": (1e3, "ms"),
     "offset": (1e6, "um"),
     "bias": (1e9, "nm s-2"),
+    "constant": (1e9, "nm s-2"),
 }
 #: Channels with a reading; what is left of an attitude wanders with the integrated noise of the voltages.
 READABLE = ("linear", observed_roll.CHANNEL)

@@ -8,11 +8,13 @@ than the baseline, with every form that is tried, and what such a fit takes is p
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.fft import next_fast_len
+from scipy.optimize import nnls
 
 from gravcal.calibrations.inertial_sensor import bias as segments
 from gravcal.calibrations.inertial_sensor.observed_swing import EFFECTS, TONE, listed, unknown, unknown_added, waves_of
@@ -20,7 +22,8 @@ from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.estimation import noise
-from gravcal.estimation.noise import fit_detrended, without_lines
+from gravcal.estimation.least_squares import orthonormal
+from gravcal.estimation.noise import without_lines
 from gravcal.estimation.records import Block, Candidate, Entry
 
 CHANNEL, CONSTANT = "roll", "constant"
@@ -29,6 +32,10 @@ ALIKE = 0.9  # correlation of the bias of neighbouring segments, at most
 UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
 STEP_EVERY_S = 20.0
 EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
+EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise
+ORDER, NODES = 60, 16384  # coefficients that stand for it, frequencies that they are made of
+DRAWS = 400  # segments of simulated noise, for what a fit leaves of each
+ROUNDS, HIGHEST = 20, 6.0  # of the fit; power over that of the model, reached by noise in one of 400
 
 
 @dataclass(frozen=True)
@@ -48,9 +55,11 @@ class RollView:
     designs: list[list[np.ndarray]]  # of each segment a design (b, p) for each axis, the constant first
     start: np.ndarray  # (6,) m s-2 and m: bias and offset that residuals are formed with
     k: np.ndarray  # (3,) m s-2 V-1
+    beta: np.ndarray | None  # (2,) rad s-2 V-1 about x and about y and z, that k_z and k_x follow; None without swing
 
     channels = (CHANNEL,)
-    parameters = ("bias_x", "bias_y", "bias_z", "offset_x", "offset_y", "offset_z")
+    #: Rolling about y does not tell b_y from a constant acceleration: their sum is `constant_y`.
+    parameters = ("bias_x", "constant_y", "bias_z", "offset_x", "offset_y", "offset_z")
 
     @property
     def step_s(self) -> float:
@@ -73,21 +82,34 @@ class RollView:
 
     @functools.cached_property
     def noise(self) -> list[noise.NoiseModel]:
-        """Noise of each axis from the residuals of a fit with every form that is tried; sharp lines are no noise."""
+        """Noise of each axis: a sum of power laws, which goes on where the amplitudes of a segment leave nothing.
+
+        It is fitted to periodograms of all segments, those that touch joined, of what is left beside the amplitudes and
+        every form that is tried; power laws are drawn and go through the same. Constants and trends are noise here.
+        """
         squares = (self.steady / np.abs(self.steady).max(axis=(0, 1))) ** 2
-        forms = np.stack([values for _, _, values in self.series()] + list(np.moveaxis(squares, 2, 0)), axis=2)
-        bases = []
-        for own, form in zip(self.designs, forms, strict=True):
-            wide = [np.concatenate([design, form], axis=1) for design in own]
-            parts = [np.linalg.svd(d / np.linalg.norm(d, axis=0), full_matrices=False) for d in wide]
-            bases.append([u[:, s > 1e-6 * s[0]] for u, s, _ in parts])
+        count = np.rint((self.time - self.time[0, 0]) / self.step_s).astype(int)
+        slow = np.polynomial.legendre.legvander(2 * count / count.max() - 1, 2)
+        forms = np.stack([v for _, _, v in self.series()] + list(np.moveaxis(squares, 2, 0)), axis=2)
+        shared, turning = np.concatenate([slow, forms], axis=2), 1 + self.settings["trend_degree"]
+        joined = np.split(np.arange(len(count)), np.flatnonzero(np.diff(count[:, 0]) > count.shape[1]) + 1)
+        left, models = self.reading - np.matvec(self.tensor, self.start[3:]), []
+        for axis in range(3):
+            own = [orthonormal(design[axis][:, 0 if axis == 1 else turning :], 1e-6) for design in self.designs]
 
-        def clean(segment, index):
-            return np.stack([segment[:, a] - q @ (q.T @ segment[:, a]) for a, q in enumerate(bases[index])], axis=1)
+            def local(values, own=own):
+                return np.stack([v - q @ (q.T @ v) for v, q in zip(values, own, strict=True)])
 
-        pieces = [clean(one, s) for s, one in enumerate(self.reading - self.fitted)]
-        pieces, _ = without_lines(pieces, self.step_s)
-        return fit_detrended(pieces, clean, segments.MEMORY, self.step_s)
+            basis = orthonormal(local(shared).reshape(count.size, -1), 1e-6)
+
+            def clean(values, local=local, basis=basis):
+                """What is left of values (s, b, d), in runs of segments (n, d)."""
+                flat = local(values).reshape(count.size, -1)
+                left = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
+                return [left[run].reshape(-1, values.shape[2]) for run in joined]
+
+            models.append(power_laws(left[:, :, axis, None], clean, count, self.step_s))
+        return models
 
     def rows(self, added: np.ndarray) -> list[np.ndarray]:
         """Whitened rows (3 b + 3, q) of segments, of what is added to the linear readings (s, b, 3, q) m s-2.
@@ -107,7 +129,11 @@ class RollView:
         """
         (count, size), places = self.time.shape, [parameters.index(name) for name in self.parameters]
         left = self.reading - np.matvec(self.tensor, self.start[3:]) + self.start[:3]
-        shared = np.concatenate([np.broadcast_to(-np.eye(3), (count, size, 3, 3)), self.tensor], axis=3)
+        shared = [np.broadcast_to(-np.eye(3), (count, size, 3, 3)), self.tensor]
+        if self.beta is not None:  # k, and with it the reading, is proportional to them
+            shared.append(-self.steady[..., None] * np.array([[0, 1], [0, 0], [1, 0]]) / self.beta)
+            places += [parameters.index(name) for name in ("beta_x", "beta_yz")]
+        shared = np.concatenate(shared, axis=3)
         whitened = self.rows(np.concatenate([left[..., None], shared], axis=3))
         channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)
         axis = np.append(np.repeat([0, 1, 2], size), [0, 1, 2])
@@ -128,7 +154,7 @@ class RollView:
             blocks.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps))
         if alone:
             known = np.zeros((3, width))
-            known[:, places[3:]] = np.eye(3) / UNKNOWN_M
+            known[:, places[3:6]] = np.eye(3) / UNKNOWN_M
             words, epochs = np.full(3, "offset"), np.full(3, self.time[0, 0])
             blocks.append(Block("offset", np.zeros(3), known, np.zeros((3, 0)), words, np.arange(3), epochs))
         return blocks
@@ -148,12 +174,20 @@ class RollView:
     def candidates(self) -> list[Candidate]:
         """Effects on the linear readings, then what these may follow."""
         about, candidates = self.context(), []
-        for entry in (one for one in EFFECTS if one.channel == "linear_b"):
-            candidates += listed(entry, self.rows(entry.columns(about).reshape(*self.time.shape, 3, -1))).each_alone()
+        for entry in EFFECTS:
+            if entry.channel in ("linear_b", "electrode_v"):
+                columns = self._read(entry, entry.columns(about)).reshape(*self.time.shape, 3, -1)
+                candidates += listed(entry, self.rows(columns)).each_alone()
         for driver, form, values in self.series():
             columns = self.rows(values[:, :, None, None] * np.eye(3))
             candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", "linear", "m s-2", columns))
         return candidates
+
+    def _read(self, entry, added):
+        """Linear readings m s-2 of what an effect adds to them, or to the electrodes (n, 6, ...) V."""
+        if entry.channel == "linear_b":
+            return added
+        return np.einsum("a,av,nv...->na...", self.k, electrodes.READOUT[:3], added)
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray]:
         """Whitened cosine and sine (3 b + 3, 2) of every segment, on one axis of the linear readings."""
@@ -168,6 +202,7 @@ class RollView:
         """
         steady, rate = self.steady.reshape(-1, 3), self.rate_b.reshape(-1, 3)
         force = steady + self.start[:3]  # f = b + k V
+        combined = np.concatenate([steady / self.k, np.zeros_like(steady)], axis=1)  # hardly any torque
         return Context(
             self.time.ravel(),
             rate_b=rate,
@@ -176,7 +211,7 @@ class RollView:
             linear_b=force,
             angular_b=np.zeros_like(rate),
             epoch=float(self.time.mean()),
-            extra={"linear_volt": steady / self.k, "displacement_b": -force / electrodes.LOOP**2},
+            extra={"volts": electrodes.volts(combined), "displacement_b": -force / electrodes.LOOP**2},
         )
 
     def series(self) -> list[tuple[str, str, np.ndarray]]:
@@ -214,8 +249,8 @@ class RollView:
                 continue
             known = effect(entry.cause)
             before = entry.values.get("time", np.inf) < about.time[0]  # a step that the bias of the roll contains
-            if known.channel == "linear_b" and known.slug != TONE and not before:
-                added += known.contribution(about, known.values(entry.values))
+            if known.channel in ("linear_b", "electrode_v") and known.slug != TONE and not before:
+                added += view._read(known, known.contribution(about, known.values(entry.values)))
         for k, volts in zip(whole, added.reshape(*view.time.shape, 3) / view.k, strict=True):
             extended["linear_volt"].values[parts[k]] -= volts
         return extended
@@ -276,4 +311,46 @@ def _view(products, settings, used):
         designs=designs,
         start=start,
         k=sensor.k,
+        beta=products["scale"]["batch_value"].values[:2] if "scale" in products else None,
     )
+
+
+def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: float) -> noise.NoiseModel:
+    """Noise model of a series from what a fit leaves of it: the sum of power laws that its periodogram shows.
+
+    Power laws are drawn and go through the same fit. Sharp lines are no noise, and the power at a frequency counts up
+    to a few times that of the model.
+
+    Parameters
+    ----------
+    values : (s, b, 1) any unit, segments
+    clean : values (s, b, d) -> what the fit leaves, runs of segments that touch (n, d)
+    count : (s, b) steps since the first sample
+    step_s : s
+    """
+    lowest, rng = 1 / (step_s * count.max()), np.random.default_rng(0)
+    draws = max(8, DRAWS // len(count))
+    white = rng.standard_normal((next_fast_len(2 * int(count.max()) + 1, real=True), draws))
+    frequency = np.maximum(np.fft.rfftfreq(len(white), step_s), lowest)[:, None]
+    spectrum, expected = np.fft.rfft(white, axis=0), []
+    for exponent in EXPONENTS:
+        drawn = np.fft.irfft(spectrum * (frequency * step_s) ** (exponent / 2), len(white), axis=0)
+        expected.append(_periodogram(clean(drawn[count])).mean(axis=1))
+    expected = np.stack(expected, axis=1)
+    power = _periodogram(without_lines(clean(values), step_s)[0])[:, 0]
+    model = expected[:, EXPONENTS.index(0)] * power.mean() / expected[:, EXPONENTS.index(0)].mean()
+    for _ in range(ROUNDS):
+        size = nnls(expected / model[:, None], np.minimum(power / model, HIGHEST))[0]
+        model = expected @ size
+    at = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
+    density = 2 * step_s * sum(a * (np.maximum(at, lowest) * step_s) ** e for a, e in zip(size, EXPONENTS, strict=True))
+    return noise.from_density(density, ORDER, step_s)
+
+
+def _periodogram(runs):
+    """Power over that of a Hann window (f, d) of all runs (n, d), one behind the other, without their means."""
+    parts = []
+    for run in runs:
+        window = np.hanning(len(run) + 2)[1:-1, None]
+        parts.append(np.abs(np.fft.rfft(window * (run - run.mean(axis=0)), axis=0)[1:]) ** 2 / np.sum(window**2))
+    return np.concatenate(parts)

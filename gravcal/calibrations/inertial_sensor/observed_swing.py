@@ -26,6 +26,7 @@ from gravcal.physics import frames, kinematics, sensing
 STEP, TONE, LOOP = "accelerometer.bias_step", "accelerometer.stray_tone", "inertial_sensor.loop_delay"
 #: Effects of other families that a sensor of this kind can have.
 OTHERS = (
+    "accelerometer.scale",
     "accelerometer.misalignment",
     "accelerometer.angular_leak",
     "timing.accelerometer_delay",
@@ -136,7 +137,11 @@ class SwingView:
         linear = term + record.trend @ np.linalg.lstsq(record.trend[self.good], slow, rcond=None)[0]
         known = {"rate_b": record.rate_b, "rate_dot_b": record.rate_dot_b, "gradient_b": record.gradient_b}
         known |= {"linear_b": linear, "angular_b": record.rate_dot_b}
-        extra = {"linear_volt": linear / self.k, "displacement_b": -linear / electrodes.LOOP**2}
+        beta = self.unknowns.factors[fits.OWNER]
+        turning = (record.rate_dot_b - np.nanmean(record.rate_dot_b, axis=0)) / beta
+        turning = self.swing.angular_volt.mean(axis=0) + np.nan_to_num(turning)
+        extra = {"displacement_b": -linear / electrodes.LOOP**2}
+        extra["volts"] = electrodes.volts(np.concatenate([linear / self.k, turning], axis=1))
         if time is not None:
             at = np.clip(time, record.time[0], record.time[-1])
             known, extra = (
@@ -167,10 +172,13 @@ class SwingView:
         match entry.channel:
             case "linear_b":
                 return {"linear": self.linear_rows(entry.columns(coarse))}
-            case "angular_b":  # the offset makes a linear reading of it
-                moved = np.cross(np.moveaxis(entry.columns(coarse), 2, 1), self.start[3:])
-                linear = -self.linear_rows(np.moveaxis(moved, 1, 2))
-                return {"attitude": -self.turned_rows(entry.columns(fine)), "linear": linear}
+            case "angular_b":
+                return self._of_angular(entry.columns(coarse), entry.columns(fine))
+            case "electrode_v":
+                both = [np.einsum("rv,nvq->nrq", electrodes.READOUT, entry.columns(one)) for one in (coarse, fine)]
+                factors = self.unknowns.factors[fits.OWNER][:, None]
+                rows = self._of_angular(*(factors * one[:, 3:] for one in both))
+                return rows | {"linear": rows["linear"] + self.linear_rows(self.k[:, None] * both[0][:, :3])}
             case "acc_delay":  # readings of before; linear ones and their model move together
                 late = np.gradient(fine.angular_b, fine.time, axis=0)[:, :, None]
                 return {"attitude": self.turned_rows(late)}
@@ -178,6 +186,11 @@ class SwingView:
                 rate = bins.lines_between(time_att, fine.time, fine.rate_b)
                 return {"attitude": self.attitude_rows(-rate[:, :, None])}
         return {"attitude": self.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
+
+    def _of_angular(self, coarse, fine):
+        """Whitened rows of what angular readings hold (n, 3, q) rad s-2; the offset makes a linear reading of it."""
+        moved = np.moveaxis(np.cross(np.moveaxis(coarse, 2, 1), self.start[3:]), 1, 2)
+        return {"attitude": -self.turned_rows(fine), "linear": -self.linear_rows(moved)}
 
     def steps(self, epochs: np.ndarray) -> list[Candidate]:
         """A step of the linear readings at each of some epochs s."""
@@ -232,7 +245,9 @@ class SwingView:
         for entry in (one for one in model if one.listed):  # last: what is added was read at the tags as they are
             known = effect(entry.cause)
             values = known.values(entry.values)
-            if known.channel == "acc_delay":
+            if known.channel == "electrode_v":
+                volts -= known.contribution(about, values)
+            elif known.channel == "acc_delay":
                 volts[:] = bins.lines_between(time + values[0], time, volts)
             elif known.slug == LOOP:
                 readouts = electrodes.readouts(volts)

@@ -89,7 +89,7 @@ def test_nothing_is_named_in_clean_data(rng, tmp_path, manoeuvre):
     if manoeuvre == "swing":
         assert {"timing.accelerometer_delay", "timing.star_camera_delay", "accelerometer.angular_leak"} <= unobservable
     else:
-        assert document["calibration_change"]["names"][:3] == ["bias_x", "bias_y", "bias_z"]
+        assert document["calibration_change"]["names"][:3] == ["bias_x", "constant_y", "bias_z"]
         assert "inertial_sensor.quadratic" in unobservable  # a constant voltage squared is a bias
 
 
@@ -156,6 +156,10 @@ def drift_beside_a_swing(seed, folder):
     _, document = discovered(folder, seed, hidden, manoeuvre="both")
     if named(document) != [DRIFT]:
         return False
+    change = document["calibration_change"]
+    of = {name: [change[own][k] for own in ("before", "sigma_before")] for k, name in enumerate(change["names"])}
+    share = {name: of[name][1] / abs(of[name][0]) for name in ("beta_yz", "bias_x")}
+    assert share["bias_x"] > 0.99 * share["beta_yz"]  # b = f - k V, and k follows beta
     for options in ((), extended(folder)):
         calibrated(folder, *options)
         paths = (folder / "products/latest").rglob("inertial_sensor.bias/product.nc")

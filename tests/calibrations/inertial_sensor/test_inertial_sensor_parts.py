@@ -4,7 +4,9 @@ import numpy as np
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.inertial_sensor import bias, bins, records, scale
+from gravcal.calibrations.inertial_sensor import bias, bins, observed_roll, records, scale
+from gravcal.estimation import noise
+from gravcal.estimation.noise import coloured
 from gravcal.physics import frames, kinematics, sensing
 
 
@@ -182,3 +184,28 @@ def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
     found = bias.with_model_error(biased([0.0, 2.0, 1.0]), *moved, kind="inertial_sensor.bias")
     assert_allclose(found["bias_sigma"], [5.0, 1.0, 2.0])
     assert_allclose(found["bias_sigma_total"], [4.0, 5.0, np.nan])
+
+
+def test_power_laws_go_on_below_what_a_fit_leaves():
+    """Recovery: flicker below 3 mHz beside white noise, lines of segments fitted: to a third in amplitude."""
+    count, frequency = np.arange(2000).reshape(8, 250), np.array([4e-4, 1e-3, 4e-3, 2e-2])
+    truth = lambda f: 4.0 * (1 + 3e-3 / f)  # noqa: E731
+    drawn = coloured(truth, 2000, 10.0, np.random.default_rng(8)).reshape(8, 250, 1)
+    line = np.linalg.qr(np.vander(np.linspace(-1, 1, 250), 2))[0]
+
+    def clean(values):
+        return list(values - np.einsum("bq,cq,scd->sbd", line, line, values))
+
+    found = observed_roll.power_laws(drawn, clean, count, 10.0).density(frequency)
+    assert_allclose(np.log(found / truth(frequency)), 0.0, atol=2 * np.log(4 / 3))
+    short = noise.fit_noise([one[:, 0] for one in clean(drawn)], 3, 10.0).density(frequency)
+    assert abs(np.log(short[0] / truth(frequency[0]))) > 2 * np.log(4 / 3)  # a short memory stops at 4 mHz
+
+
+def test_what_changes_along_y_with_the_revolution_is_no_residual():
+    """Analytic: the constant about y is the mean of the reading, and a wave of one revolution leaves nothing."""
+    phase = 1.1e-3 * 10.0 * np.arange(250)
+    reading = 1e-7 + 5e-9 * np.cos(phase + 0.3)[:, None]
+    constant, _, residual, _ = bias.solve_axis(1, reading, np.zeros((250, 3, 3)), bias.Model(2, 1, 2), phase)
+    assert_allclose(residual, 0, atol=1e-20)
+    assert_allclose(constant, reading.mean(), atol=1e-11)  # Legendre polynomials of samples hold a mean of 1/n
