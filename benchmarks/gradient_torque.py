@@ -151,7 +151,7 @@ def pyshtools(field, position, base):
 
 def study(days):
     """Print errors over standard deviations, and scatter over the bound, of many simulated days."""
-    satellite, field = catalog.satellite("S").settings(), icgem.read_field(icgem.shipped())
+    satellite, field = catalog.satellite("S").settings(), icgem.read_field(icgem.shipped(), 60)
     chosen = catalog.parameters("gradient_torque")
     rows = {name: [] for name in ("two_sensor", "one_sensor", "one_sensor_published")}
     pressure, adequacy = [], []

@@ -134,7 +134,7 @@ def gradient_torque(runs):
     from gravcal.io import icgem
     from gravcal.simulation import gradient_torque as simulation
 
-    satellite, field = catalog.satellite("S").settings(), icgem.read_field(icgem.shipped())
+    satellite, field = catalog.satellite("S").settings(), icgem.read_field(icgem.shipped(), 60)
     chosen, found = catalog.parameters("gradient_torque"), {}
     for seed in range(runs):
         settings = catalog.parameters("simulate_gradient_torque").with_settings({"step_s": 5.0})

@@ -1,4 +1,4 @@
-"""Gravity fields in the ICGEM format (.gfc): read, write, and the one that ships with the package.
+"""Gravity fields in the ICGEM format (.gfc), and the one that ships with the package.
 
 Format: Barthelmes and Foerste 2011, The ICGEM-format. Time-variable models are taken at their reference epoch: the
 static part of a `gfct` line is used, trends and periodic terms (`trnd`, `dot`, `acos`, `asin`) are left out.
@@ -13,21 +13,21 @@ import numpy as np
 from gravcal.errors import refuse
 from gravcal.physics.gravity_field import Field
 
-SHIPPED = "gravcal-60.gfc"
+SHIPPED = "GGM05S.gfc"  # Tapley et al. 2013, UT CSR: ten years of GRACE, degree 180, calibrated errors, zero tide
 KEYS = {"earth_gravity_constant": "gm", "gravity_constant": "gm", "radius": "radius", "max_degree": "degree"}
 STATIC, VARIABLE = ("gfc", "gfct"), ("trnd", "dot", "acos", "asin")
 
 
 def shipped() -> Path:
-    """Path of the field that ships with the package: see its head for what it is."""
+    """Path of GGM05S, the field that ships with the package."""
     return Path(__file__).with_name(SHIPPED)
 
 
 def located(name: str) -> Path:
-    """Path of a field by name: a file of one's own, or "gravcal-60", the one that ships."""
+    """Path of a field by name: a file of one's own, or "GGM05S", the one that ships."""
     path = shipped() if name in (SHIPPED, Path(SHIPPED).stem) else Path(name).expanduser()
     if not path.is_file():
-        refuse(f"gravity field {name}", "no such file", "a .gfc file, or gravcal-60", "Give the path of the file.")
+        refuse(f"gravity field {name}", "no such file", "a .gfc file, or GGM05S", "Give the path of the file.")
     return path
 
 
@@ -49,8 +49,8 @@ def read_field(path: Path, highest: int | None = None) -> Field:
         n, m = (int(_number(word, where)) for word in words[1:3])
         if not 0 <= m <= n <= head["degree"]:
             refuse(where, f"degree {n}, order {m}", f"0 <= order <= degree <= {head['degree']}", "Repair the line.")
-        values = [_number(word, where) for word in words[3:7]]
         if n <= degree:
+            values = [_number(word, where) for word in words[3:7]]
             parts[: len(values), n, m] = values
             seen[n, m] = True
     if not seen[0, 0]:
@@ -62,28 +62,6 @@ def read_field(path: Path, highest: int | None = None) -> Field:
         ratio = gammaln(np.where(m <= n, n - m, 0) + 1) - gammaln(n + m + 1)
         parts = parts / np.where(m <= n, np.sqrt((2.0 - (m == 0)) * (2 * n + 1)) * np.exp(ratio / 2), 1.0)
     return Field(head["gm"], head["radius"], *parts, name=head["name"] or path.stem)
-
-
-def write_field(path: Path, field: Field, comment: str = "") -> Path:
-    """Write a field as a .gfc file, a comment before its head; reading gives the same numbers."""
-    sigma = [np.zeros_like(field.cosine) if s is None else s for s in (field.cosine_sigma, field.sine_sigma)]
-    head = {
-        "product_type": "gravity_field",
-        "modelname": field.name.replace(" ", "_") or "unnamed",
-        "earth_gravity_constant": f"{field.gm!r}",
-        "radius": f"{field.radius!r}",
-        "max_degree": field.degree,
-        "errors": "formal",
-        "norm": "fully_normalized",
-        "tide_system": "zero_tide",
-    }
-    lines = [comment.strip(), "begin_of_head", *(f"{key:<24}{value}" for key, value in head.items()), "end_of_head"]
-    for n in range(field.degree + 1):
-        for m in range(n + 1):
-            row = (field.cosine[n, m], field.sine[n, m], sigma[0][n, m], sigma[1][n, m])
-            lines.append(f"gfc {n:4d} {m:4d} " + " ".join(f"{float(value)!r}" for value in row))
-    Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
-    return Path(path)
 
 
 def _head(lines, path):

@@ -5,6 +5,8 @@ import io
 import json
 import os
 import pkgutil
+import re
+import shutil
 import subprocess
 import sys
 from contextlib import redirect_stdout
@@ -204,6 +206,57 @@ def test_every_file_of_the_package_that_a_stage_opens_is_in_its_key(name, level_
     assert forgotten == []
     assert "gravcal/report/page.html" in seen
     assert f"gravcal/store/schemas/{name}.schema.json" in seen
+
+
+def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_path, monkeypatch):
+    """Contract: each file of the key changed in turn in a copy of the packages; plan names the stages, and the file."""
+    for name in SMALL:
+        made(name, level_one)
+    copies = {"gravcal": tmp_path / "gravcal", EARTH.name: tmp_path / EARTH.name}
+    for top, copy in copies.items():
+        shutil.copytree(keys.top_folder(top), copy, ignore=shutil.ignore_patterns("__pycache__"))
+    own = keys.top_folder
+
+    def copied(top):
+        return copies.get(top) or own(top)
+
+    copied.cache_clear = own.cache_clear
+    monkeypatch.setattr(keys, "top_folder", copied)
+
+    def planned(names=SMALL):
+        keys.forget()
+        found = {}
+        for name in names:
+            (source,) = command.sources(name, None, None, None, None)
+            for step in command.plan(name, source, command.chosen(name, None)):
+                assert step.action == "reuse" or step.reasons
+                if step.action == "run":
+                    assert step.reasons == (f"data changed: {part}",)
+                    found.setdefault(name, []).append(step.stage)
+        return found
+
+    assert planned() == {}
+    keyed = {part for one in stages().values() for part in keys.fingerprint(one.body, one.also) if "/" in part}
+    again = {}
+    for part in sorted(keyed):
+        top, _, rest = part.partition("/")
+        path, whole = copies[top] / rest, (copies[top] / rest).read_bytes()
+        number = list(re.finditer(rb"\d|$", whole))[-2 if re.search(rb"\d", whole) else -1]
+        path.write_bytes(whole[: number.start()] + (b"7" if number[0] != b"7" else b"8") + whole[number.end() :])
+        again[part] = planned(("com_offset",) if "/readers/" in part else SMALL)
+        path.write_bytes(whole)
+    assert [part for part, found in again.items() if not found] == ["gravcal/report/discovery.html"]  # of discovery
+    assert all("ingest.MAG1B_C" in again[part]["com_offset"] for part in keyed if "/readers/products/" in part)
+    assert again["gravcal/physics/IGRF13.shc"] == again["gravcal/physics/IGRF14.shc"]
+    of_field = again["gravcal/physics/IGRF14.shc"]  # of these stages and of those whose modules import them
+    assert set(of_field) == {"com_offset", "magnetometer", "thrusters"}
+    assert {"com_offset.field", "magnetometer.align", "thrusters.align"} <= {
+        one for x in of_field.values() for one in x
+    }
+    assert again["gravcal/io/GGM05S.gfc"] == {"gradient_torque": ["gradient_torque.field"]}
+    assert again["gravcal/report/page.html"] == {name: [f"{name}.report"] for name in SMALL}
+    assert {name for found in again.values() for name in found} == set(SMALL)
+    assert "com_offset.align" in again[f"{EARTH.name}/data/Leap_Second.dat"]["com_offset"]
 
 
 @pytest.mark.parametrize("name", SMALL)
