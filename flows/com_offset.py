@@ -114,6 +114,7 @@ def scene_settings(source, chosen):
     """What the view of a manoeuvre needs beside the products."""
     satellite = catalog.satellite(source.satellite).settings()
     known = {n: satellite[n] for n in TORQUERS} | {"mass": float(satellite["mass_at_launch"])}
+    known["period_s"] = chosen.for_stage("detect")["period_s"]
     for stage in ("attitude", "quiet", "equations", "noise", "solve"):
         known |= chosen.for_stage(stage)
     return dict(sorted(known.items()))

@@ -71,7 +71,7 @@ def extend(*products, records, observations, names, model, settings):
 @stage(reads=ANY_PRODUCT, writes="{records}", version=4, also=["{observations}"])
 def extend_by(found, *products, records, observations, names, settings, tentative):
     """Records without what was found in them; what is not adopted is taken out tentatively only."""
-    model = _model(found) if tentative or json.loads(found.attrs["numbers"]).get("adopted", True) else []
+    model = _model(found, tentative)
     return _without(_observed(products, observations, names, settings), products, records, names, model)
 
 
@@ -88,9 +88,10 @@ def _observed(products, observations, names, settings):
     return importlib.import_module(observations).observe(dict(zip(names, products, strict=True)), **settings)
 
 
-def _model(found):
-    """Entries of what was found."""
-    return entries(json.loads(found.attrs["numbers"]).get("findings", []))
+def _model(found, tentative=True):
+    """Entries of what was found, all of it or what is adopted."""
+    findings = json.loads(found.attrs["numbers"]).get("findings", [])
+    return entries([one for one in findings if tentative or one["adopted"]])
 
 
 def _without(observed, products, records, names, model):

@@ -8,13 +8,14 @@ together that is less than noise has is an alarm of its own: the noise is overra
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from gravcal.discovery import attribution, scan
-from gravcal.discovery.problem import Problem, observed_rows, residuals_of
+from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, observed_rows, prepare, residuals_of
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.parallel import parallel
@@ -23,6 +24,10 @@ BANDS = 4
 DRAWS = 199
 QUIET = 1e-3  # probability of so little power, below which the noise is overrated
 CERTAIN = -10.0  # log of a probability below which several kinds of excess are there for sure
+#: Expected number of rows of noise beyond the limit of an outlier, and what its neighbours have to stay below.
+CHANCE, NEAR = 1e-3, 2.5
+#: Rows that a bad sample spreads over beyond the coefficients of the noise model, and outliers in a channel of a block.
+WIDE, MOST = 4, 3
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,79 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     excess_p = _rank(np.min(unlikely, axis=0)) if power else 1.0
     quiet = 1.0 if quiet is None else _rank(quiet)
     return Test(_rank(least), rows, own, [r[:, 0] for r in rest], quiet, excess, excess_p)
+
+
+def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[dict]]:
+    """Problem with isolated outliers left out of all its columns, and what they are.
+
+    A sample that is further from the baseline than noise can be, alone in its channel but for what the whitening makes
+    of it, and that no listed cause and no step explains. A column of its own for each row leaves it out of every fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    order : {channel: coefficients of its noise model}
+
+    Returns
+    -------
+    problem : Problem; as it was without outliers
+    outliers : list of {"block", "channel", "axis", "time", "sigma"}
+    """
+    from scipy.stats import norm
+
+    baseline, blocks, found = baseline_of(problem, ()), list(problem.blocks), []
+    rest = residuals_of(problem, baseline, observed_rows(problem))
+    limit = -norm.ppf(CHANCE / (2 * sum(r.shape[0] for r in rest)))
+    for k, (block, values) in enumerate(zip(problem.blocks, rest, strict=True)):
+        far = np.flatnonzero(np.abs(values[:, 0]) > limit)
+        rows = []
+        for channel, axis in sorted({(str(block.channel[i]), int(block.axis[i])) for i in far}):
+            here = np.flatnonzero((block.channel == channel) & (block.axis == axis))
+            groups = _alone(values[here, 0], limit, order.get(channel, 0) + WIDE)
+            for group in (here[g] for g in groups):
+                worst = group[np.argmax(np.abs(values[group, 0]))]
+                if here.size < 8 * BANDS or _explained(problem, baseline, rest, k, group, limit):
+                    continue
+                rows += group.tolist()
+                numbers = {"time": float(block.time[worst]), "sigma": float(values[worst, 0])}
+                found.append({"block": block.label, "channel": channel, "axis": "xyz"[axis]} | numbers)
+        if rows:
+            own = np.eye(block.observed.size)[:, rows]
+            blocks[k] = replace(block, local_columns=np.concatenate([block.local_columns, own], axis=1))
+    return (prepare(blocks, problem.candidates) if found else problem), found
+
+
+def _alone(values, limit, width):
+    """Groups of rows about single far ones; none where there are more than a few, for that is a pattern."""
+    groups, left = [], np.abs(values)
+    while left.max(initial=0.0) > limit:
+        worst = int(np.argmax(left))
+        near = np.arange(max(worst - width, 0), min(worst + width + 1, left.size))
+        groups.append(near[left[near] > NEAR])
+        left = left.copy()
+        left[near] = 0.0
+    alone = len(groups) <= MOST and np.sum(left > (NEAR + limit) / 2) <= MOST
+    return groups if alone else []
+
+
+def _explained(problem, baseline, rest, number, group, limit):
+    """Whether a listed cause or a step leaves nothing of far rows (g,) in a block."""
+    block, columns = problem.blocks[number], problem.columns[number]
+    gram, inverse = attribution.projected(problem.total, baseline), inverse_of_baseline(problem, baseline)
+    rows = np.stack([columns.row(i) for i in group])
+    rows = rows - rows[:, baseline] @ inverse @ problem.total[baseline]
+    for candidate, place in zip(problem.candidates, problem.places, strict=True):
+        if candidate.listed:
+            value = attribution.ratio(gram, place, problem.size).value
+            if np.abs(rest[number][group, 0] - rows[:, place] @ value).max() < limit:
+                return True
+    basis = columns.basis
+    for shape in block.steps.values():
+        clean = shape - basis @ (basis.T @ shape)
+        value = np.linalg.lstsq(clean, rest[number][:, 0], rcond=1e-6)[0]
+        if np.abs(rest[number][group, 0] - clean[group] @ value).max() < limit:
+            return True
+    return False
 
 
 def _called(part):

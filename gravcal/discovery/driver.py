@@ -19,6 +19,7 @@ from gravcal.discovery.model_average import delivered, named_parameters
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, random_source
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, search
+from gravcal.discovery.scan import offered
 from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail
@@ -114,6 +115,7 @@ def _searched(observed, limits, model):
     added = [observed.response(entry) for entry in model]
     rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
     fixed = {"quiet": observed.quiet, "order": observed.noise_order, "segment_s": limits.segment_s}
+    fixed["periods"] = observed.periods
     choice = Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
     result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
     averaged = _reported(delivered(result, limits.level, observed.scale.size, observed.widest), observed)
@@ -145,7 +147,7 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     result = search(rows, observed.candidates, choice, random_source(seed, rows))
     found: list[Line] = []
     for one in observed.lines:
-        about = one.cause, one.unit, choice.level / len(observed.lines)
+        about = one.cause, one.unit, replace(choice, level=choice.level / len(observed.lines))
         found += joint_lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause]
     if found or steps:
@@ -328,13 +330,13 @@ def joint_lines(result: Result, where: tuple[str, int], shape: Callable, groups:
     where : channel, and axis or -1 for all
     shape : (block, Hz) -> whitened cosine and sine (n, 2) of that block
     groups : number of the manoeuvre of each block
-    about : cause, unit and family-wise level
+    about : cause, unit and Choice
     """
     channel, axis = where
     found = [s for s in result.after.scans if s.kind == "line" and s.channel == channel]
     if not found:
         return []
-    joint = np.flatnonzero(found[0].place == axis)
+    joint = np.flatnonzero((found[0].place == axis) & offered(found[0], about[2].periods))
     at, score = found[0].at[joint], (found[0].gain[:, 0] - 2 * found[0].dof)[joint]
     step, kept = float(np.median(np.diff(at))), []
     for peak in _peaks(at, score, step):
@@ -342,7 +344,7 @@ def joint_lines(result: Result, where: tuple[str, int], shape: Callable, groups:
         gains = [_gain(result, _columns(shape, f, groups)) for f in grid]
         gain, dof = max(gains)
         chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
-        if chance < np.log(about[2]):
+        if chance < np.log(about[2].level):
             kept.append(_line(grid, np.array([g for g, _ in gains]), (shape, groups), (where, *about)))
     return kept
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 
-from gravcal.discovery import attribution
+from gravcal.discovery import attribution, trials
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.problem import baseline_of, inverse_of
 from gravcal.discovery.rounds import Result
@@ -15,7 +16,7 @@ from gravcal.estimation.records import slug_of
 
 CLEAR = 5.0  # sigma from which a direction is believed against its prior
 UNLIKELY = 12.0  # less of twice the logarithm of the evidence than the best form: a weight of a quarter of a percent
-FAR = 1e-3  # probability of so large a move by the error that is then given, below which an unsure name is not adopted
+FAR = 1e-3  # probability of so large a move by the error that is then given, if the extended model is not adequate
 SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause that was not named, over its prior
 
 
@@ -24,10 +25,11 @@ def delivered(result: Result, level: float, count: int, widest: bool = False) ->
 
     The value is the mean over the causes that are tied and their forms, by their evidence with the priors of the
     catalogue; the error holds their spread, and what directions that the data do not see would do: of named causes as
-    large as those that are seen, of all others at the price of their prior, one cause in the catalogue being there. An
-    extension is adopted only if the extended model is adequate or foretells manoeuvres left out, and if it moves the
-    calibration no further than its error allows, unless it is adequate and made of causes with a mechanism. Else the
-    value stays as it was, and the move is part of its error.
+    large as those that are seen, of all others at the price of their prior, one cause in the catalogue being there.
+
+    An extension is adopted only if the extended model is adequate, or foretells manoeuvres left out and moves the
+    calibration no further than the error it is then given. What has no mechanism, such as lines, steps and drivers in
+    no list, may not move it by more than its error before. Where it does the value stays, and the move is in its error.
 
     Parameters
     ----------
@@ -39,36 +41,46 @@ def delivered(result: Result, level: float, count: int, widest: bool = False) ->
 
     Returns
     -------
-    result : with `adopted`, and with the `correction` from the fit beside the names to the mean
+    result : with what is `adopted`, and with the `correction` from the fit beside it to the mean
     """
-    problem, width = result.problem, result.shared[1].size
-    named = _widest(result) if widest else [one.index for one in result.findings]
-    before, (fitted, covariance) = result.shared[0], _fit(problem, named, width)
-    value = fitted.copy()
-    for position, (index, one) in enumerate(zip(named, result.findings, strict=True)):
-        others = [*named[:position], *named[position + 1 :]]
-        mean, spread = _over_forms(problem, others, _alternatives(problem, one, index, others), (index, fitted))
-        value, covariance = value + mean, covariance + spread - np.outer(mean, mean)
-    adopted = not named or _adopted(result, (value - before)[:count], covariance[:count, :count], level)
-    if not adopted:
-        value, covariance = before, result.covariance[0] + np.outer(value - before, value - before)
-        fitted = before
-    elif not named and result.before.p < level:
+    names, before = result.findings, result.shared[0]
+    sure = [one.cause.partition(":")[0] != "unknown" and not np.isfinite(one.at) for one in names]
+    adopted = [one.cause != trials.EXCESS for one in names]  # which no model takes out
+    fitted, value, covariance = _averaged(result, adopted, widest)
+    whole, least = (_averaged(result, used, widest) for used in ([True] * len(names), sure))
+    if np.any(np.abs(value - least[1])[:count] > result.sigma[0][:count]):
+        adopted, (fitted, value, covariance) = sure, least
+    kept = [one for one, known in zip(names, adopted, strict=True) if known]
+    foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in kept)
+    move = (value - before)[:count]
+    chance = chi2_tail.log_tail(move @ inverse_of(covariance[:count, :count]) @ move, count)
+    if not (result.after.adequate(level) or (foretold and chance > np.log(FAR))):
+        adopted, kept, (fitted, value, covariance) = [False] * len(names), [], (before, before, result.covariance[0])
+    if not all(adopted):
+        covariance = covariance + np.outer(whole[1] - value, whole[1] - value)
+    if not names and result.before.p < level:
         tried = {one.index for one in result.first if one.index >= 0}
-        covariance = covariance + _over_forms(problem, [], tried, (-1, fitted))[1]
-    covariance = covariance + _unnamed(result, named if adopted else [], width)
+        covariance = covariance + _over_forms(result.problem, [], tried, (-1, fitted))[1]
+    covariance = covariance + _unnamed(result, [one.index for one in kept], value.size)
     ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
     ends = {name: (getattr(result, name)[0], after) for name, after in ends.items()}
     return replace(result, **ends, adopted=adopted, correction=value - fitted)
 
 
-def _adopted(result, move, covariance, level):
-    """Whether an extension that moves the calibration (p,), with a covariance (p, p) after it, is adopted."""
-    adequate = result.after.adequate(level)
-    foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in result.findings)
-    known = all(not one.cause.startswith("unknown:") and not np.isfinite(one.at) for one in result.findings)
-    near = chi2_tail.log_tail(move @ inverse_of(covariance) @ move, move.size) > np.log(FAR)
-    return (adequate or foretold) and (near or (adequate and known))
+def _averaged(result, used, widest):
+    """Calibration (p,) beside some of the names, its mean over what may be there instead, and its covariance (p, p)."""
+    problem, width = result.problem, result.shared[1].size
+    named = list(itertools.compress(_widest(result) if widest else [one.index for one in result.findings], used))
+    fixed = baseline_of(problem, named)
+    inverse = inverse_of(problem.total[np.ix_(fixed, fixed)])
+    fitted, covariance = (inverse @ problem.total[fixed, 0])[:width], inverse[:width, :width]
+    value = fitted.copy()
+    for position, one in enumerate(itertools.compress(result.findings, used)):
+        others = [*named[:position], *named[position + 1 :]]
+        tried = _alternatives(problem, one, named[position], others)
+        mean, spread = _over_forms(problem, others, tried, (named[position], fitted))
+        value, covariance = value + mean, covariance + spread - np.outer(mean, mean)
+    return fitted, value, covariance
 
 
 def _widest(result):
@@ -84,13 +96,6 @@ def _widest(result):
         if attribution.ratio(gram, problem.places[widest], problem.size).determined.all():
             named[position] = widest
     return named
-
-
-def _fit(problem, named, width):
-    """Calibration (p,) and its covariance (p, p) beside some candidates."""
-    fixed = baseline_of(problem, named)
-    covariance = inverse_of(problem.total[np.ix_(fixed, fixed)])
-    return (covariance @ problem.total[fixed, 0])[:width], covariance[:width, :width]
 
 
 def _alternatives(problem, finding, index, others):

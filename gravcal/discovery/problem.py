@@ -111,6 +111,14 @@ class Columns:
             made[part.rows, here] += part.values[:, place[wanted[here]]]
         return made
 
+    def row(self, number: int) -> np.ndarray:
+        """All columns (m,) in one row, own columns projected out."""
+        made = -self.basis[number] @ self.inside
+        for part in self.parts:
+            if part.rows.start <= number < part.rows.stop:
+                made[part.index] += part.values[number - part.rows.start]
+        return made
+
     @functools.cached_property
     def squares(self) -> np.ndarray:
         """Sums of squares (m,) before anything is projected out."""

@@ -99,9 +99,9 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
         "p_after": result.after.p,
         "p_quiet_before": result.before.quiet,
         "p_quiet_after": result.after.quiet,
-        "adopted": result.adopted,
         "level": choice.level,
-        "findings": [_finding(f, choice) for f in result.findings],
+        "outliers": result.outliers,
+        "findings": [_finding(one, choice, k, result.adopted) for k, one in enumerate(result.findings)],
         "indistinguishable_from_calibration": beside_calibration(
             result.problem, baseline_of(result.problem, ()), np.full(len(names), scale)
         ),
@@ -112,7 +112,7 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
     }
 
 
-def _finding(found: Finding, choice):
+def _finding(found: Finding, choice, position, adopted):
     values = zip(found.names, found.value.tolist(), found.sigma.tolist(), found.units, strict=True)
     parameters = {n: {"value": v, "sigma": s, "unit": u} for n, v, s, u in values}
     if np.isfinite(found.at):
@@ -122,6 +122,7 @@ def _finding(found: Finding, choice):
         "cause": found.cause,
         "form": found.form,
         "tied_with": [*found.tied, *(one["cause"] for one in found.imitators)],
+        "adopted": adopted[position] if adopted else True,
         "in_catalogue": not found.cause.startswith("unknown:"),
         "parameters": parameters,
         "significance": found.significance,

@@ -6,7 +6,7 @@ A second look gives one name a cause, one value for all blocks, and nothing list
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class Choice:
     segment_s : s, stretch of time that is left out for causes of a single block
     quiet : {channel: quiet samples an axis that its noise was measured from}
     order : {channel: coefficients of its noise model}, as `drawn_noise` takes them
+    periods : {s: highest harmonic} of the manoeuvre and of the orbit, at which no line is offered
     """
 
     level: float
@@ -38,6 +39,7 @@ class Choice:
     segment_s: float = 15.0
     quiet: Mapping[str, float] = field(default_factory=dict)
     order: Mapping[str, int] = field(default_factory=dict)
+    periods: Mapping[float, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,8 +91,9 @@ class Result:
     covariance : (p, p) before, after
     problem : Problem, with everything accepted; baseline : (p,) indices of columns of the extended model
     first : list of Trial of the first round, best first
-    adopted : False if the calibration is delivered without the findings
-    correction : (p,) from the calibration beside the findings as named to the one that is delivered
+    adopted : whether each finding is in the calibration that is delivered
+    correction : (p,) from the calibration beside what is adopted to the one that is delivered
+    outliers : of `adequacy.without_outliers`, left out before the search
     """
 
     findings: list[Finding]
@@ -104,13 +107,14 @@ class Result:
     problem: Problem
     baseline: np.ndarray
     first: list[trials.Trial]
-    adopted: bool = True
+    adopted: list[bool] = field(default_factory=list)
     correction: np.ndarray | None = None
+    outliers: list[dict] = field(default_factory=list)
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
     """All rounds."""
-    problem = prepare(blocks, candidates)
+    problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
     scan.looked_at(problem, sorted({c for b in blocks for c in b.channel}))
     noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
@@ -119,7 +123,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     problem, chosen, after = with_excess(problem, chosen, choice, noise, after)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
-    return _result(problem, findings, (before, after), baseline, first)
+    return replace(_result(problem, findings, (before, after), baseline, first), outliers=outliers)
 
 
 def _named(problem, choice):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -117,6 +118,30 @@ def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
         return np.zeros(0)
     step = 1 / (2 * max(spans))
     return np.arange(6 * step, 0.45 / max(spacing), step)
+
+
+def offered(found: Scan, periods: Mapping[float, int]) -> np.ndarray:
+    """True (k,) for lines that are no harmonic of a period of the calibration, as far as the records tell them apart.
+
+    A sine leaks to a frequency that is d off by 1 / (pi T d)^2 of its power in a record of T; a line that is no more
+    than four times as strong as what leaks from a harmonic is none.
+
+    Parameters
+    ----------
+    found : Scan of lines; gain of the first column counts
+    periods : {s: highest harmonic}
+    """
+    at, gain = found.at, found.gain[:, 0]
+    width = 2 * float(np.median(np.diff(np.unique(at)))) if np.unique(at).size > 1 else 0.0  # 1 / T
+    near = np.zeros(at.size, dtype=bool)
+    for period, highest in periods.items():
+        near |= np.abs(at - np.clip(np.round(at * period), 1, highest) / period) < width
+    kept = ~near
+    for place in np.unique(found.place[near]):
+        here = found.place == place
+        apart = np.maximum(np.abs(at[here, None] - at[here & near]) * np.pi / width, 1.0)
+        kept[here] &= gain[here] > np.max(4 * gain[here & near] / apart**2, axis=1)
+    return kept
 
 
 def lines(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channel: str) -> Scan:

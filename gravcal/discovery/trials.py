@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +85,8 @@ def _along(problem, baseline, choice):
         name = choice.step_cause if one.kind == "step" else choice.tone_causes[one.channel]
         first = (one.kind, name, f"{one.channel} reading", -1)
         numbers = zip(*(v.tolist() for v in (gain, one.dof, log_p, one.place, one.at)), strict=True)
+        kept = np.ones(one.at.size, bool) if one.kind == "step" else scan.offered(one, choice.periods)
+        numbers = itertools.compress(numbers, kept)
         rows += [(*first, g, d, p, one.channel, where, at, spacing) for g, d, p, where, at in numbers]
     return rows
 

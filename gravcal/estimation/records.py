@@ -263,6 +263,7 @@ class Observations(Protocol):
     noise_order : {channel: coefficients of its noise model}
     step : cause of a step at the epochs of `Block.steps`; tones : {channel: cause of a line} of lines in the rounds
     lines : lines looked for in what the rounds leave; groups : number of the manoeuvre of each block, for their phases
+    periods : {s: highest harmonic} of the manoeuvre and of the orbit: no line is looked for near them
     widest : True if the calibration is reported beside named causes with all their parameters
     named_form : True if a model takes causes out in the form that was named, else with all their parameters
     whole_manoeuvres : True if a block is a manoeuvre, else what is left out is called "blocks"
@@ -285,6 +286,7 @@ class Observations(Protocol):
     tones: Mapping[str, str] = {}
     lines: tuple[LineSearch, ...] = ()
     groups: Sequence[int] = ()
+    periods: Mapping[float, int] = {}
     widest: bool = True
     named_form: bool = False
     whole_manoeuvres: bool = False

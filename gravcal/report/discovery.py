@@ -45,7 +45,7 @@ def report(
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     extended = model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
-    if extended and "model" in settings and numbers.get("adopted", True):  # a calibration that takes one
+    if extended and "model" in settings:  # a calibration that takes one
         files["model.toml"] = extended
     files["discovery.html"] = page(found, document, satellite, reported)
     names = {"before": "baseline", "after": "extended model"}
@@ -92,8 +92,9 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
     excess = [Figure(figures.power, here, POWER), Figure(figures.spectra, here, SPECTRA)]
     cause = [one for one in (findings_table(document), tied_table(document)) if one]
     hidden = [one for one in (unobservable_table(document),) if one]
+    left_out = [one for one in (outlier_table(document),) if one]
     made = [
-        Section("What is wrong", figures=excess, notes=[f"{WRONG} {reported.note}".strip()]),
+        Section("What is wrong", left_out, excess, notes=[f"{WRONG} {reported.note}".strip()]),
         Section("The cause", cause, drawings if _drawn(found) else [], [CAUSE]),
         Section("The gain", [change_table(document), gain_table(document)], notes=[GAIN]),
         Section("What this data cannot show", hidden, notes=[UNOBSERVABLE]),
@@ -131,9 +132,9 @@ def _said(numbers):
 
 def _left(numbers):
     """That the calibration is delivered without what was found."""
-    if numbers.get("adopted", True):
-        return ""
-    return " The calibration stays as it was, with an error that holds the move: the extension is too unsure."
+    left = [_named(one) for one in numbers["findings"] if not one.get("adopted", True)]
+    said = "is too unsure to move the calibration, whose error holds the move instead"
+    return f" {'; '.join(left)} {said}." if left else ""
 
 
 def _chance(p):
@@ -149,6 +150,17 @@ def _named(one):
     drivers = [name.removeprefix("unknown:") for name in one["tied_with"] if name.startswith("unknown:")]
     others = [*listed, *([f"an effect in no list that follows {' or '.join(drivers)}"] if drivers else [])]
     return f"{label} (or {', '.join(others)}: this data cannot tell)" if others else label
+
+
+def outlier_table(numbers: dict) -> Table | None:
+    """Isolated samples that were left out before the search."""
+    rows = [
+        [one["block"], f"{one['channel']} {one['axis']}", f"{one['time']:.1f}", signed(one["sigma"], 0)]
+        for one in numbers.get("outliers", [])
+    ]
+    heads = ["block", "channel", "epoch, GPS s", "residual over its error"]
+    caption = "Single samples that neither noise nor a listed effect explains, left out before the search."
+    return Table(caption, heads, rows, words=(0, 1)) if rows else None
 
 
 def findings_table(numbers: dict) -> Table | None:
@@ -282,6 +294,8 @@ def model_text(numbers: dict, event: str, given: str = "") -> str:
     lines, sized = [f"# Found by gravcal discover in {event}; give it to gravcal run with --model."], 0
     lines.append(f"event = {_text(event)}")
     for one in [*json.loads(given or "[]"), *numbers["findings"]]:
+        if not one.get("adopted", True):
+            continue
         known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
         sized += bool(known)
         if not known:

@@ -12,7 +12,7 @@ from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.records import Block, Candidate, Shape
-from gravcal.report.discovery import tied_table, verdict
+from gravcal.report.discovery import outlier_table, tied_table, verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -121,6 +121,26 @@ def test_less_power_than_noise_has_is_an_alarm_too():
     numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1)) | {"origin": "measured"}
     assert "less than its noise" in verdict(numbers)
     assert min(search(*made(rng), CHOICE, rng).before.quiet for _ in range(20)) > 1e-3
+
+
+def test_an_isolated_outlier_is_left_out_and_reported_and_hides_no_cause():
+    """Recovery: S/N 12 beside a sample 40 sigma off on a steep place of the shared column; what a step does stays."""
+    rng = np.random.default_rng(15)
+    blocks, candidates = made(rng, signal=12.0)
+    worst = int(np.argmax(np.abs(blocks[2].global_columns[:, 0])))
+    blocks[2].observed[worst] += 40
+    result = search(blocks, candidates, CHOICE, rng)
+    ((where, sigma),) = [((one["block"], one["time"]), one["sigma"]) for one in result.outliers]
+    assert where == ("block 2", float(worst))
+    assert 35 < sigma < 45
+    assert [f.cause for f in result.findings] == ["case.a"]
+    assert result.after.p > CHOICE.level
+    assert abs(result.shared[1][0] - 1.0) < 4 * result.sigma[1][0]
+    assert "39" in str(outlier_table(summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))).rows)
+    spike = np.eye(300)[:, 100:103] * [1, 0, 0]
+    blocks, candidates = made(rng)
+    stepped = replace(blocks[0], observed=blocks[0].observed + 12 * spike[:, 0], steps={100.0: spike})
+    assert not search([stepped, *blocks[1:]], candidates, CHOICE, rng).outliers
 
 
 def waves(rng, frequency, size):
@@ -289,6 +309,11 @@ def test_a_line_is_found_between_the_frequencies_of_the_search():
     choice = Choice(0.005, 9.0, 4, "case.step", {"linear": "case.tone"})
     (found,) = search(blocks, [], choice, rng).findings
     assert found.cause == "case.tone"
+    for highest, named in ((1, True), (3, False)):  # the third harmonic of a period of 14.2 s
+        near = replace(choice, periods={3 / 0.2113 + 0.05: highest})
+        result = search(blocks, [], near, np.random.default_rng(21))
+        assert bool(result.findings) == named
+        assert result.before.p < choice.level
     assert abs(found.at - true) < 4 * found.at_sigma < 4e-4
 
 
@@ -395,7 +420,7 @@ def test_a_driver_that_moves_the_calibration_further_than_its_error_is_not_adopt
         result = search(hidden, [replace(first, cause=cause, columns=columns)], CHOICE, np.random.default_rng(1))
         assert [f.cause for f in result.findings] == [cause]
         found = delivered(result, CHOICE.level, 1)
-        assert found.adopted == adopted
+        assert found.adopted == [adopted]
         error = (found.shared[1] - 1.0) / found.sigma[1]
         assert abs(error[0]) < 3
         assert (found.shared[1][0] == found.shared[0][0]) != adopted

@@ -88,6 +88,11 @@ class ComOffset(Observations):
         order = dict.fromkeys(("linear", "angular"), self.settings["noise_order"])
         return order | {"magnetometer": self.settings["attitude_noise_order"]}
 
+    @property
+    def periods(self) -> dict[float, int]:
+        """All harmonics of the square wave of the torquers; those of the orbit are below all lines of a manoeuvre."""
+        return {self.settings["period_s"]: 99}
+
     @functools.cached_property
     def blocks(self) -> list[Block]:
         """One block a manoeuvre, and one of the edge times."""

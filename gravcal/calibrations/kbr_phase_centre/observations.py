@@ -149,6 +149,7 @@ class Ranging(Observations):
     unit, scale = "mm", np.full(6, 1e3)
     step = BREAK
     lines = (LineSearch("range", -1, "unknown:time", "m"),)
+    periods = {250.0: 4, 5640.0: 12}  # s, of the wiggle by design, and of the orbit as far as its errors reach
 
     @property
     def groups(self) -> list[int]:
