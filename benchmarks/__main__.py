@@ -16,6 +16,7 @@ NAMES = {
     "campaign": ("benchmarks.campaign", "run"),
     "browse": ("benchmarks.browse", "run"),
     "fuzz": ("benchmarks.fuzz", "run"),
+    "mutants": ("benchmarks.mutants", "run"),
     "worlds": ("benchmarks.worlds", "study"),
     "folder": ("benchmarks.worlds", "folder"),
     "others": ("benchmarks.others", "run"),
@@ -34,7 +35,7 @@ def main() -> None:
     parser.add_argument("--sort", default="clean", help="of the cases: clean, listed or unlisted")
     parser.add_argument("--folder", metavar="DIR", help="of cases without truth")
     parser.add_argument("--out", metavar="PATH", help="for lines of cases, or documents of a folder")
-    parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing, or mutant")
     parser.add_argument("--workers", type=int, default=2, help="processes of the recovery studies")
     parser.add_argument("--rounds", type=int, help="how often each thing is timed")
     parser.add_argument("--events", type=int, help="events of the campaign, by default 20")
@@ -51,7 +52,7 @@ def main() -> None:
     single_threaded()
     figures = []
     for name in options.names or [
-        n for n in NAMES if n not in ("fuzz", "worlds", "folder")
+        n for n in NAMES if n not in ("fuzz", "mutants", "worlds", "folder")
     ]:  # hours; asked for by name
         module, function = NAMES[name]
         figures += getattr(importlib.import_module(module), function)(options)
