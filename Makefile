@@ -1,10 +1,10 @@
-# Two commands do everything: `make demo` and `make test`. Both set up .venv from the lock file first.
+# Two commands do everything: `make demo` and `make test`. Each sets up .venv from the lock file first.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: demo test lint docs bench bench-discovery lock clean
+.PHONY: demo test test-quick lint docs bench bench-discovery lock clean
 
 $(STAMP): requirements.lock pyproject.toml
 	@echo "Setting up $(VENV) from requirements.lock (two minutes, five on a slow machine; once) ..."
@@ -25,6 +25,12 @@ demo: $(STAMP)  ## simulate a calibration day, process it, print estimate agains
 
 test: $(STAMP)  ## all tests
 	@$(BIN)/python -m pytest -q -n 2
+
+QUICK := tests/physics tests/estimation tests/effects tests/io tests/store tests/catalog tests/published \
+  tests/test_architecture.py tests/test_stages.py tests/flows/test_cli.py tests/flows/test_plan.py \
+  tests/calibrations/gradient_torque/test_gradient_torque_flow.py
+test-quick: $(STAMP)  ## what tells most of a change: a minute and a half on two cores
+	@$(BIN)/python -m pytest -q -n 2 $(QUICK)
 
 lint: $(STAMP)  ## formatting and static checks
 	@$(BIN)/ruff format --check . && $(BIN)/ruff check .

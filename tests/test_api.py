@@ -62,20 +62,20 @@ def manoeuvre(rng, offset, noise_size=1e-10):
 
 
 def test_errors_over_sigma_are_those_of_chance():
-    """Recovery: 30 manoeuvres in red noise; chi-square of the errors within its interval at 1e-3."""
-    rng, offset, total, fit = seeds.generator("api"), np.array([80e-6, -30e-6, 50e-6]), 0.0, []
+    """Recovery: 30 manoeuvres in red noise; chi-square of the errors within its interval at 1e-4."""
+    rng, offset, total, fit = seeds.generator("api", 2e-4), np.array([80e-6, -30e-6, 50e-6]), 0.0, []
     for _ in range(30):
         found = com_offset.estimate(*manoeuvre(rng, offset))
         error = found.value - offset
         total += error @ np.linalg.solve(found.covariance, error)
         fit.append(found.chi2 / found.dof)
-    assert 52 < total < 140  # chi-square of 90 degrees of freedom, 1e-3 at either end, noise models known to 3 %
+    assert 45 < total < 150  # chi-square of 90 degrees of freedom, 5e-5 at either end, noise models known to 3 %
     assert 0.92 < np.mean(fit) < 1.08
 
 
 def test_manoeuvres_together_are_one_least_squares():
     """Analytic: normal equations add up; the chi-square holds the disagreement."""
-    rng, offset = seeds.generator("together"), np.array([80e-6, -30e-6, 50e-6])
+    rng, offset = seeds.generator("together", 0), np.array([80e-6, -30e-6, 50e-6])
     parts = [com_offset.estimate(*manoeuvre(rng, offset)) for _ in range(3)]
     whole = together(*parts)
     weights = [np.linalg.inv(one.covariance) for one in parts]
@@ -89,7 +89,7 @@ def test_manoeuvres_together_are_one_least_squares():
 
 def test_what_is_not_determined_is_no_number():
     """Contract: a turn about one axis alone tells nothing of what lies along it."""
-    rng = seeds.generator("undetermined")
+    rng = seeds.generator("undetermined", 0)
     time, zero = 0.1 * np.arange(600), np.zeros((600, 3))
     rate_dot = np.stack([1e-6 * np.sin(time), 0 * time, 0 * time], axis=1)
     noise = [fit_noise([1e-10 * rng.standard_normal(2000)], 1, 0.1)] * 3
@@ -100,7 +100,7 @@ def test_what_is_not_determined_is_no_number():
 
 def test_missing_samples_carry_no_weight_and_shapes_are_checked():
     """Contract: NaN is left out; a wrong shape and a short record are errors that say so."""
-    rng = seeds.generator("missing")
+    rng = seeds.generator("missing", 0)
     given = list(manoeuvre(rng, np.zeros(3)))
     given[3][500:700] = np.nan
     assert com_offset.estimate(*given).dof == 3 * (1600 - 6) - 3
@@ -112,7 +112,7 @@ def test_missing_samples_carry_no_weight_and_shapes_are_checked():
 
 def test_the_other_estimators_take_what_the_equations_say():
     """Analytic: without noise each returns the truth; signs as the conventions of the package say."""
-    rng = seeds.generator("others")
+    rng = seeds.generator("others", 0)
     time = 0.1 * np.arange(2000)
     small = [fit_noise([1e-15 * rng.standard_normal(2000)], 1, 0.1)] * 3
     rate, rate_dot = 1e-4 * np.sin(time[:, None] * [0.3, 0.5, 0.7]), 1e-4 * np.cos(time[:, None] * [0.2, 0.4, 0.3])

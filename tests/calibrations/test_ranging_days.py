@@ -35,9 +35,9 @@ def simulated(folder, seed, effects=None):
 
 
 def test_errors_are_those_of_the_reported_sigma(tmp_path, monkeypatch):
-    """Recovery: y and z of four days, 16 errors; sum of squares in its interval, 0.2 %, and x is null."""
+    """Recovery: y and z of four days, 16 errors; sum of squares in its interval, 0.02 %, and x is null."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
-    seed, errors = seeds.seed("ranging"), []
+    seed, errors = seeds.seed("ranging", 2e-4), []
     for k in range(COUNT):
         truth = simulated(tmp_path / f"{k}", seed + k)
         document = run(tmp_path / f"{k}")
@@ -45,14 +45,14 @@ def test_errors_are_those_of_the_reported_sigma(tmp_path, monkeypatch):
         assert [one is None for one in found] == [True, False, False] * 2
         errors += [(one["value"] - true) / one["sigma"] for one, true in zip(found, truth, strict=True) if one]
         assert document["status"] == "delivered", seed
-    low, high = stats.chi2.ppf([0.001, 0.999], len(errors))
+    low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], len(errors))
     assert low < np.sum(np.square(errors)) < high, seed
 
 
 def test_a_hidden_wave_is_named_and_taken_out(tmp_path, monkeypatch):
     """Recovery: 8 mm with the argument of latitude, beside which scale and thermal may be tied; none on a clean day."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
-    simulated(tmp_path / "hidden", seeds.seed("ranging_wave"), {"ranging.once_per_revolution.sine": 8e-3})
+    simulated(tmp_path / "hidden", seeds.seed("ranging_wave", 1e-4), {"ranging.once_per_revolution.sine": 8e-3})
     (found,) = run(tmp_path / "hidden", discover.flow_of("ranging"))["findings"][:1]
     assert "ranging.once_per_revolution" in (found["cause"], *found["tied_with"])
 

@@ -47,7 +47,7 @@ def brackets(wave, true):
 @pytest.mark.parametrize("amplitude", [25.0, 60.0, 110.05])
 def test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed(amplitude, polarity):
     """Recovery: 25 random fractions; one wave each, edges within half a second, levels as flown."""
-    rng = seeds.generator("test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed")
+    rng = seeds.generator("test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed", 0)
     for start in START + rng.uniform(0, 1, 25):
         time, current = record(start, rng=rng, amplitude=amplitude, polarity=polarity)
         (wave,) = find_waves(time, current, 1, SETTINGS)
@@ -71,7 +71,7 @@ def test_an_edge_on_a_sample_is_bracketed(fraction):
 
 def test_the_common_start_lies_in_the_interval_of_all_edges():
     """Recovery: 50 fractions; the interval that all edges leave contains the truth and is no longer than a sample."""
-    rng = seeds.generator("test_the_common_start_lies_in_the_interval_of_all_edges")
+    rng = seeds.generator("test_the_common_start_lies_in_the_interval_of_all_edges", 0)
     for start in START + rng.uniform(0, 1, 50):
         (wave,) = find_waves(*record(start, rng=rng), 2, SETTINGS)
         lower, upper = regular_edges(wave, 12.0)
@@ -109,7 +109,7 @@ def test_missing_telemetry_inside_the_wave_widens_an_edge_and_moves_none():
 
 def test_ten_hours_of_control_currents_hold_no_wave():
     """Recovery: limit-cycle currents of the control, twice and ten times as large as measured, are no manoeuvre."""
-    rng = seeds.generator("test_ten_hours_of_control_currents_hold_no_wave")
+    rng = seeds.generator("test_ten_hours_of_control_currents_hold_no_wave", 0)
     time = np.arange(0, 36000, 0.5)
     slow = np.cumsum(rng.standard_normal(time.size)) * 0.05
     control = 8.0 * np.sin(2 * np.pi * time / 5670) + 6 * np.sin(slow) + rng.standard_normal(time.size)
