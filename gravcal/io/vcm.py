@@ -3,17 +3,16 @@
 VCM is the centre of mass in SRF. Its origin is the centre of the proof mass, so the vector is proof mass to CoM.
 """
 
-import datetime
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from gravcal.errors import refuse
+from gravcal.io.readers import read
+from gravcal.io.writers import label_header
 
-EPOCH = datetime.datetime(2000, 1, 1, 12)
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
-HEADER_LINES = 23
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +101,21 @@ def write_vector_file(path, time, satellite, vector_b, source=""):
         length = float(np.linalg.norm(vector))
         cosines = " ".join(repr(float(item)) for item in (vector / length if length > 0 else vector))
         body += f"{int(t)} {satellite} {length!r} {cosines} 00000000\n"
-    path.write_text(_header(path.name, times, satellite, source, len(body)) + body, encoding="ascii")
+    about = {
+        "REFERENCE DOCUMENTATION": "vectors in SRF: length, direction cosines",
+        "SATELLITE NAME": f"GRACE {satellite}",
+        "SENSOR NAME": "Nodef",
+        "FILENAME": path.name,
+        "PROCESS LEVEL (1A OR 1B)": "VO",
+        "INPUT FILE NAME": source,
+    }
+    header = label_header("ipXXXVOF : 9", times.astype(np.int64) * 10**9, len(body), about)
+    path.write_text(header + body, encoding="ascii")
     return path
 
 
 def read_vector_file(path):
     """Vectors of a VCM1B, VKB1B or like file: GPS seconds (n,) from which each holds, and (n, 3) m in SRF."""
-    from gravcal.io.readers import read
-
     observed = read(Path(path))
     cosines = np.stack([observed[name].values for name in ("cosx", "cosy", "cosz")], axis=-1)
     return observed["time_tag"].values, observed["mag"].values[:, None] * cosines
@@ -122,34 +128,3 @@ def _checked(vector, where, shape=(3,)):
         found = ", ".join(f"{item:g}" for item in array)
         refuse(where, f"({found})", f"finite numbers of shape {shape}", "Write determined vectors only.")
     return array.tolist() if len(shape) == 1 else array.reshape(shape)
-
-
-def _header(name, times, satellite, source, size):
-    """Header of 80-column lines, as that of VKB1B."""
-    first, last = (f"{t:.6f} ({EPOCH + datetime.timedelta(seconds=int(t))}.00)" for t in (times[0], times[-1]))
-    entries = [
-        ("PRODUCER AGENCY", "none"),
-        ("PRODUCER INSTITUTION", "gravcal"),
-        ("FILE TYPE ipXXXVOF", "9"),
-        ("FILE FORMAT 0=BINARY 1=ASCII", "1"),
-        ("NUMBER OF HEADER RECORDS", str(HEADER_LINES)),
-        ("SOFTWARE VERSION", "gravcal"),
-        ("SOFTWARE BUILD TIME", ""),
-        ("REFERENCE DOCUMENTATION", "vectors in SRF: length, direction cosines"),
-        ("SATELLITE NAME", f"GRACE {satellite}"),
-        ("SENSOR NAME", "Nodef"),
-        ("TIME EPOCH (GPS TIME)", "2000-01-01 12:00:00"),
-        ("TIME FIRST OBS(SEC PAST EPOCH)", first),
-        ("TIME LAST OBS(SEC PAST EPOCH)", last),
-        ("NUMBER OF DATA RECORDS", str(len(times))),
-        ("PRODUCT CREATE START TIME(UTC)", ""),
-        ("PRODUCT CREATE END TIME(UTC)", ""),
-        ("FILESIZE (BYTES)", str(81 * (HEADER_LINES + 1) + size)),
-        ("FILENAME", name),
-        ("PROCESS LEVEL (1A OR 1B)", "VO"),
-        ("INPUT FILE NAME", source),
-    ]
-    entries += [(label, "") for label in ("INPUT FILE CREATION TIME (UTC)", "INPUT FILE SOFTWARE VERSION")]
-    entries += [("INPUT FILE BUILDTIME TAG", "")]
-    lines = [f"{label:<30}: {value}"[:80].ljust(80) for label, value in entries] + ["END OF HEADER".ljust(80)]
-    return "\n".join(lines) + "\n"

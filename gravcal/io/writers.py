@@ -5,10 +5,12 @@ Their headers have the real field names, and words that say that the file is sim
 
 import gzip
 import io
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import polars
+import yaml
 
 from gravcal.errors import refuse
 from gravcal.io import archive
@@ -20,11 +22,11 @@ from gravcal.store.origin import BY
 EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
 LEVELS = {"A": "1A", "B": "1B"}
 TOGETHER = {"X": "GRACE A+B", "Y": "GRACE C+D"}
-LABELS = 24  # lines of an 80-column header with its end
+LINES = 23  # of an 80-column header before its end
 GIVE = "Give it, or choose another product."
 
 
-def write(observed, path, product=None, satellite=None, *, created=None, history=()) -> Path:
+def write(observed, path, product=None, satellite=None) -> Path:
     """Write one Level-1 file in the layout of RL04 ASCII; its bytes depend on the arguments alone.
 
     Parameters
@@ -34,8 +36,6 @@ def write(observed, path, product=None, satellite=None, *, created=None, history
         as the six coils, or ``current_b`` (n, 3) mA; left out: ids, flags and whatever has a default in the table
     path : where to; by its name ``PRDID_YYYY-MM-DD_S_RR.txt`` product and satellite are known; ``.gz`` compresses
     product, satellite : where the name does not say
-    created : date of creation for the header, by default left out
-    history : lines for the header
 
     Returns
     -------
@@ -56,10 +56,22 @@ def write(observed, path, product=None, satellite=None, *, created=None, history
     values = _columns(observed, table, satellite, path)
     body = _records(values, table)
     ticks = _ticks(values, table)
-    origin = Origin(satellite, path.name, created, tuple(history))
-    is_label = table.header == "label" or table.mission == "GRACE"
-    header = _labels(table, origin, ticks, len(body)) if is_label else _yaml(table, origin, ticks)
-    text = ("\n".join(header) + "\n").encode() + body
+    platform = TOGETHER.get(satellite, f"GRACE {satellite}")
+    if table.header == "label" or table.mission == "GRACE":
+        about = {
+            "PRODUCER INSTITUTION": BY,
+            "SOFTWARE VERSION": BY,
+            "REFERENCE DOCUMENTATION": "none, simulated data",
+            "SATELLITE NAME": platform,
+            "SENSOR NAME": table.instrument,
+            "FILENAME": path.name,
+            "PROCESS LEVEL (1A OR 1B)": LEVELS.get(table.name[-1], "1B"),
+            "INPUT FILE NAME": "none",
+        }
+        header = label_header(table.file_type or f"ip{table.name}F            : 0", ticks, len(body), about)
+    else:
+        header = _yaml(table, platform, ticks)
+    text = header.encode() + body
     path.write_bytes(gzip.compress(text, 1, mtime=0) if path.name.endswith(".gz") else text)
     return path
 
@@ -133,8 +145,6 @@ def _ticks(values, table):
 
 def _records(values, table):
     """Lines with the blanks of the real files: a wider gap is an empty field."""
-    import polars
-
     fields = {}
     for name, array in values.items():
         column = table.column(name)
@@ -147,8 +157,6 @@ def _records(values, table):
 
 
 def _printable(array, column):
-    import polars
-
     if column.kind in FLOATS:
         return polars.Series(array.astype(float))
     if column.kind in INTEGERS:
@@ -161,26 +169,14 @@ def _printable(array, column):
     return polars.Series(texts).gather(places)
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Whose file it is and where it comes from; no date of creation unless one is given."""
-
-    satellite: str
-    name: str
-    created: str | None = None
-    history: tuple[str, ...] = ()
-
-
-def _yaml(table, origin, ticks):
-    """Lines of a YAML header, as of RL04."""
+def _yaml(table, platform, ticks):
+    """YAML header, as of RL04."""
     edges = [("start", ticks[0]), ("stop", ticks[-1])] if len(ticks) else []
-    platform = _platform(origin)
     attributes = {
         "conventions": "CF-1.6, ACDD-1.3, ISO 8601",
         "creator_institution": "gravcal",
         "creator_name": BY,
-        **({"date_created": origin.created} if origin.created else {}),
-        "history": "",
+        "history": [],
         "institution": "gravcal",
         "instrument": table.instrument,
         "keywords": f"GRACE-FO, {table.instrument}, simulation",
@@ -191,97 +187,84 @@ def _yaml(table, origin, ticks):
         "project": "none, simulated data",
         "source": f"{BY}, {table.source} of {platform}",
         "summary": table.summary,
-        **{f"time_coverage_{edge}": _stamp(tick) for edge, tick in edges},
+        **{f"time_coverage_{edge}": _date(tick).item() for edge, tick in edges},
         "title": table.title,
     }
-    lines = ["header:", "  dimensions:", f"    num_records: {len(ticks)}", "  global_attributes:"]
-    for name, value in attributes.items():
-        lines.append("    history:" if name == "history" else f"    {name}: {_plain(value)}")
-        if name == "history":
-            lines += [f"      - {_quoted(line)}" for line in origin.history] or ["      []"]
-    lines += ["  non-standard_attributes:", "    epoch_time: 2000-01-01T12:00:00.00", f"    software_version: {BY}"]
-    for edge, tick in edges:
-        seconds = f"{tick // 10**9}.{tick % 10**9:09d}".rstrip("0").rstrip(".")
-        lines.append(f"    {edge}_time_epoch_secs: {seconds}")
-    lines.append("  variables:")
+    others = {"epoch_time": _date(0).item(), "software_version": BY}
+    others |= {f"{edge}_time_epoch_secs": float(tick / 1e9) for edge, tick in edges}
     swapped = dict(zip(table.swapped_in_header, reversed(table.swapped_in_header), strict=True))
-    for number, column in enumerate(table.columns, 1):
-        ending = "th" if 10 <= number % 100 <= 20 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
-        lines += _variable(table, table.column(swapped.get(column.name, column.name)), f"{number}{ending} column")
-    for column in table.optional:
-        lines += _variable(table, column, "next column, if prod_flag bit set")
-    for name in table.header_only:
-        lines += [f"    - {name}:", "        comment: next column, if prod_flag bit set"]
-    return [*lines, "# End of YAML header"]
+    columns = [table.column(swapped.get(column.name, column.name)) for column in table.columns]
+    variables = [_variable(table, column, f"column {number}") for number, column in enumerate(columns, 1)]
+    following = {"comment": "next column, if prod_flag bit set"}
+    variables += [_variable(table, column, following["comment"]) for column in table.optional]
+    variables += [{name: following} for name in table.header_only]
+    header = {"dimensions": {"num_records": len(ticks)}, "global_attributes": attributes}
+    header |= {"non-standard_attributes": others, "variables": variables}
+    return yaml.safe_dump({"header": header}, sort_keys=False, width=1000) + "# End of YAML header\n"
 
 
-def _platform(origin):
-    return TOGETHER.get(origin.satellite, f"GRACE {origin.satellite}")
-
-
-def _stamp(tick):
-    return str(EPOCH + np.timedelta64(int(tick), "ns"))[:22]
+def _date(tick):
+    """Date of a time tag in ns."""
+    return (EPOCH + np.timedelta64(int(tick), "ns")).astype("datetime64[us]")
 
 
 def _variable(table, column, comment):
+    """Entry of one column in a YAML header."""
     flags = (table.flags or {}).get(column.name) or {}
     if column.name == "prod_flag":
         flags = {str(c.bit): c.file_name for c in table.optional}
-    unit = column.header_unit or column.unit or ("char" if column.kind == "c" else "")
-    yield f"    - {_plain(column.file_name)}:"
-    yield f"        comment: {comment}"
     is_quality = column.kind in BITS and column.name != "prod_flag"
     content = "physicalMeasurement" if column.kind in FLOATS else "referenceInformation"
-    yield f"        coverage_content_type: {'qualityInformation' if is_quality else content}"
-    if flags:
-        yield f"        flag_masks: {', '.join(f'{1 << int(bit)}b' for bit in flags)}"
-        yield "        flag_meanings:"
-        yield from (f"          - {_plain(f'bit {bit} = {text}')}" for bit, text in flags.items())
-    if column.meaning:
-        yield f"        long_name: {_plain(column.meaning)}"
-    if unit:
-        yield f"        units: {unit}"
-    if column.range:
-        yield f"        valid_range: {','.join(map(str, column.range))}"
-    if column.name in (table.values or {}):
-        yield "        value_meanings:"
-        yield from (f"          - {_plain(f'{k} = {v}')}" for k, v in table.values[column.name].items())
+    about = {
+        "comment": comment,
+        "coverage_content_type": "qualityInformation" if is_quality else content,
+        "flag_masks": ", ".join(f"{1 << int(bit)}b" for bit in flags),
+        "flag_meanings": [f"bit {bit} = {text}" for bit, text in flags.items()],
+        "long_name": column.meaning,
+        "units": column.header_unit or column.unit or ("char" if column.kind == "c" else ""),
+        "valid_range": ",".join(map(str, column.range)),
+        "value_meanings": [f"{k} = {v}" for k, v in (table.values or {}).get(column.name, {}).items()],
+    }
+    return {column.file_name: {name: value for name, value in about.items() if value}}
 
 
-def _plain(text):
-    """Text as YAML takes it without quotes, quoted where it would not."""
-    text = str(text)
-    risky = ": " in text or " #" in text or text[:1] in "'\"-[]{}#&*!|>%@`+?" or text.endswith(":")
-    return _quoted(text) if risky else text
+def label_header(kind: str, ticks: np.ndarray, size: int, about: Mapping[str, str]) -> str:
+    """80-column header, as of VKB1B.
 
-
-def _quoted(text):
-    return '"' + str(text).replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _labels(table, origin, ticks, size):
-    first, last = (ticks[0], ticks[-1]) if len(ticks) else (0, 0)
-    kind = table.file_type or f"ip{table.name}F            : 0"
-    entries = [
-        ("PRODUCER AGENCY", "gravcal"),
-        ("PRODUCER INSTITUTION", BY),
-        tuple(part.strip() for part in f"FILE TYPE {kind}".split(":")),
-        ("FILE FORMAT 0=BINARY 1=ASCII", "1"),
-        ("NUMBER OF HEADER RECORDS", str(LABELS - 1)),
-        ("SOFTWARE VERSION", BY),
-        ("SOFTWARE BUILD TIME", ""),
-        ("REFERENCE DOCUMENTATION", "none, simulated data"),
-        ("SATELLITE NAME", _platform(origin)),
-        ("SENSOR NAME", table.instrument),
-        ("TIME EPOCH (GPS TIME)", "2000-01-01 12:00:00"),
-        ("TIME FIRST OBS(SEC PAST EPOCH)", f"{first / 1e9:.6f} ({_stamp(first).replace('T', ' ')})"),
-        ("TIME LAST OBS(SEC PAST EPOCH)", f"{last / 1e9:.6f} ({_stamp(last).replace('T', ' ')})"),
-        ("NUMBER OF DATA RECORDS", str(len(ticks))),
-        ("PRODUCT CREATE START TIME(UTC)", origin.created or ""),
-        ("PRODUCT CREATE END TIME(UTC)", origin.created or ""),
-        ("FILESIZE (BYTES)", str(81 * LABELS + size)),
-        ("FILENAME", origin.name),
-        ("PROCESS LEVEL (1A OR 1B)", LEVELS.get(table.name[-1], "1B")),
-    ]
-    entries += [("INPUT FILE NAME", "none")] * (LABELS - 1 - len(entries))
-    return [f"{label:<30}: {value}"[:80].ljust(80) for label, value in entries] + ["END OF HEADER".ljust(80)]
+    Parameters
+    ----------
+    kind : type of the file with its number, divided by a colon
+    ticks : (n,) ns, times of the records
+    size : bytes of the records
+    about : values by label, in place of those that are the same for all
+    """
+    label, _, number = (part.strip() for part in kind.partition(":"))
+    edges = [f"{t / 1e9:.6f} ({str(_date(t))[:22].replace('T', ' ')})" for t in (ticks[[0, -1]] if len(ticks) else ())]
+    first, last = edges or ("", "")
+    entries = {
+        "PRODUCER AGENCY": "gravcal",
+        "PRODUCER INSTITUTION": "gravcal",
+        f"FILE TYPE {label}": number,
+        "FILE FORMAT 0=BINARY 1=ASCII": "1",
+        "NUMBER OF HEADER RECORDS": str(LINES),
+        "SOFTWARE VERSION": "gravcal",
+        "SOFTWARE BUILD TIME": "",
+        "REFERENCE DOCUMENTATION": "",
+        "SATELLITE NAME": "",
+        "SENSOR NAME": "",
+        "TIME EPOCH (GPS TIME)": "2000-01-01 12:00:00",
+        "TIME FIRST OBS(SEC PAST EPOCH)": first,
+        "TIME LAST OBS(SEC PAST EPOCH)": last,
+        "NUMBER OF DATA RECORDS": str(len(ticks)),
+        "PRODUCT CREATE START TIME(UTC)": "",
+        "PRODUCT CREATE END TIME(UTC)": "",
+        "FILESIZE (BYTES)": str(81 * (LINES + 1) + size),
+        "FILENAME": "",
+        "PROCESS LEVEL (1A OR 1B)": "",
+        "INPUT FILE NAME": "",
+        "INPUT FILE CREATION TIME (UTC)": "",
+        "INPUT FILE SOFTWARE VERSION": "",
+        "INPUT FILE BUILDTIME TAG": "",
+    } | about
+    lines = [f"{label:<30}: {value}"[:80].ljust(80) for label, value in entries.items()]
+    return "\n".join([*lines, "END OF HEADER".ljust(80)]) + "\n"
