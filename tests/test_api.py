@@ -140,5 +140,5 @@ def test_products_of_an_event_open_as_a_tree(pipeline):
     assert tree[f"{pipeline.name}/start"]["value"].size
     assert tree[f"{pipeline.name}/start"].attrs["key"]
     assert "xarray" in tree._repr_html_()
-    with pytest.raises(ProductError, match="expected those of a run"):
+    with pytest.raises(ProductError, match="those of a run"):
         gravcal.open("no-such-event")

@@ -110,7 +110,7 @@ def test_settings_without_meaning_are_refused(pipeline):
 def test_the_wrong_kind_of_product_is_refused(pipeline):
     """Contract: a stage reads the kinds it says."""
     _, ref = pipeline.run()
-    with pytest.raises(ProductError, match="join, expected .*start"):
+    with pytest.raises(ProductError, match="join; expected .*start"):
         pipeline.module("stages").scale(ref, gain=1.0)
 
 

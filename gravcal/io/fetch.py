@@ -22,8 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from urllib.parse import urlsplit
 
+import requests
+import urllib3
+
 from gravcal.errors import CatalogError, GravcalError, ProductError, refuse
 from gravcal.io.archive import members, opened
+from gravcal.store import location
 
 ISDC = "https://isdc-data.gfz.de"
 PODAAC = "https://archive.podaac.earthdata.nasa.gov"
@@ -109,11 +113,8 @@ class Missing(Exception):
 def of_event(event):
     """Archives that hold the Level-1 files of an event of the catalogue."""
     if not event.raw_files:
-        raise CatalogError(
-            f"event {event.name}: found no Level-1 files (date {event.date or 'unknown'}), expected a date and "
-            f"products. Name a day with --satellite and --date.",
-            event=event.name,
-        )
+        found, remedy = f"no Level-1 files (date {event.date or 'unknown'})", "Name a day with --satellite and --date."
+        refuse(f"event {event.name}", found, "a date and products", remedy, CatalogError)
     digests = {}
     for file in event.raw_files:
         mission, product = _mission(file.letter), file.product
@@ -133,9 +134,8 @@ def of_day(satellite, date):
 def _mission(letter):
     """Mission of a letter; only GRACE and GRACE-FO have public archives."""
     if letter not in MISSIONS:
-        raise CatalogError(
-            f"satellite {letter}: found no public archive, expected one of A, B, C, D. Get its files from its operator."
-        )
+        remedy = "Get its files from its operator."
+        refuse(f"satellite {letter}", "no public archive", "one of A, B, C, D", remedy, CatalogError)
     return MISSIONS[letter]
 
 
@@ -182,18 +182,17 @@ def fetch(archives, out, place, listener=None, patience=None):
     """
     parts = urlsplit(PLACES.get(place, place))
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise CatalogError(f"{place}: found no archive of this name, expected podaac, isdc, or http(s)://... Give one.")
+        refuse(place, "no archive of this name", "podaac, isdc, or http(s)://...", "Give one.", CatalogError)
     if parts.username or parts.password:
-        raise CatalogError(
-            f"{parts.hostname}: found a login in the address, expected none. Put it into your netrc file; an address "
-            f"ends up in logs and in the shell's history."
-        )
+        remedy = "Put it into your netrc file; an address ends up in logs and in the shell's history."
+        refuse(parts.hostname, "a login in the address", "none", remedy, CatalogError)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         refuse(out, error.strerror, "a folder that can be written", "Name another folder with --out.")
     fetched, failed = [], []
-    with _alone(out), _session() as session:
+    with _alone(out), Session() as session:
+        session.max_redirects = REDIRECTS
         for archive in archives:
             progress = functools.partial(listener, archive.name) if listener else None
             try:
@@ -354,64 +353,50 @@ def _persistently(attempt, url, patience, progress):
             failed = 0 if reached > 1.01 * best else failed + 1
             best = max(best, reached)
             if failed >= patience.attempts:
-                raise ProductError(
-                    f"{shown(url)}: {stop}, {failed} times in a row; expected the whole file. Run the command again "
-                    f"later, it goes on where it stopped; or name another archive with --from.",
-                    attempts=failed,
-                ) from None
+                remedy = "Run the command again later, it goes on where it stopped; or name another with --from."
+                refuse(shown(url), f"that {stop}, {failed} times in a row", "the whole file", remedy, attempts=failed)
             pause = min(max(stop.pause_s, patience.wait_s * 2**failed), patience.longest_wait_s)
             if patience.tell:
                 patience.tell(f"{shown(url)}: {stop}; attempt {failed + 1} of {patience.attempts} in {pause:.0f} s")
             time.sleep(pause)
 
 
-def _session():
+class Session(requests.Session):
     """Session that keeps the cookies of a login, and gives each host that it is led to the login of that host only."""
-    import requests
 
-    class Session(requests.Session):
-        asked = ""  # address from which redirects lead on
+    asked = ""  # address from which redirects lead on
 
-        def rebuild_auth(self, prepared_request, response):
-            """Login for the address of a redirect, which stays encrypted if it was and carries no login itself."""
-            here, to = response.url, prepared_request.url
-            prepared_request.headers.pop("Authorization", None)
-            parts = urlsplit(to)
-            opened = here.startswith("https:") and parts.scheme == "http" and not _is_loopback(parts.hostname)
-            if parts.scheme not in ("http", "https") or opened or "@" in parts.netloc:
-                raise ProductError(
-                    f"{shown(here)}: redirects to {shown(to)}, expected a secure address. Name another archive."
-                )
-            if login := authorization(to, self.asked):
-                prepared_request.headers["Authorization"] = login
-
-    session = Session()
-    session.max_redirects = REDIRECTS
-    return session
+    def rebuild_auth(self, prepared_request, response):
+        """Login for the address of a redirect, which stays encrypted if it was and carries no login itself."""
+        here, to = response.url, prepared_request.url
+        prepared_request.headers.pop("Authorization", None)
+        parts = urlsplit(to)
+        opened = here.startswith("https:") and parts.scheme == "http" and not _is_loopback(parts.hostname)
+        if parts.scheme not in ("http", "https") or opened or "@" in parts.netloc:
+            found = f"that it redirects to {shown(to)}"
+            refuse(shown(here), found, "a secure address", "Name another archive.")
+        if login := authorization(to, self.asked):
+            prepared_request.headers["Authorization"] = login
 
 
 def _ask(session, url, headers, patience):
     """Answer of a server that has the file; its errors without the address, which may be signed."""
-    import requests
-
     session.asked, login = url, authorization(url, url)
     headers = {"Accept-Encoding": "identity", **headers} | ({"Authorization": login} if login else {})
-    limits = (patience.connect_s, patience.stall_s)
+    limits, failed = (patience.connect_s, patience.stall_s), None
     try:  # a function for auth keeps requests from looking for credentials itself
         response = session.get(url, headers=headers, auth=lambda request: request, stream=True, timeout=limits)
-    except requests.exceptions.SSLError:
-        raise ProductError(
-            f"{shown(url)}: its certificate is not trusted. Check the address and the clock; certificates of your "
-            f"institute are named in REQUESTS_CA_BUNDLE."
-        ) from None
-    except requests.TooManyRedirects:
-        raise ProductError(
-            f"{shown(url)}: more than {REDIRECTS} redirects, expected a file. Check your login."
-        ) from None
-    except (requests.exceptions.InvalidSchema, requests.exceptions.InvalidURL):
-        raise ProductError(f"{shown(url)}: redirects to no address of http. Name another archive.") from None
     except requests.RequestException as error:
-        raise Interrupted(f"no answer ({type(error).__name__})") from None
+        failed = error
+    if isinstance(failed, requests.exceptions.SSLError):
+        remedy = "Check the address and the clock; certificates of your institute are named in REQUESTS_CA_BUNDLE."
+        refuse(shown(url), "a certificate that is not trusted", "one that is", remedy)
+    if isinstance(failed, requests.TooManyRedirects):
+        refuse(shown(url), f"more than {REDIRECTS} redirects", "a file", "Check your login.")
+    if isinstance(failed, (requests.exceptions.InvalidSchema, requests.exceptions.InvalidURL)):
+        refuse(shown(url), "that it redirects to no address of http", "a file", "Name another archive.")
+    if failed is not None:
+        raise Interrupted(f"no answer ({type(failed).__name__})")
     status = response.status_code
     if status in (200, 206) or status == 416 and "Range" in headers:
         return response
@@ -422,12 +407,9 @@ def _ask(session, url, headers, patience):
         pause = response.headers.get("Retry-After", "")
         raise Interrupted(f"the server answers {status}", float(pause) if pause.isdigit() else 0.0)
     if status in (401, 403):
-        raise ProductError(
-            f"{shown(url)}: {urlsplit(response.url).hostname} answers {status}, expected the file; it wants a login, "
-            f"or another one. {LOGIN}",
-            status=status,
-        )
-    raise ProductError(f"{shown(url)}: the server answers {status}, expected the file. Check the address.")
+        found = f"that {urlsplit(response.url).hostname} answers {status}: it wants a login, or another one"
+        refuse(shown(url), found, "the file", LOGIN, status=status)
+    return refuse(shown(url), f"that the server answers {status}", "the file", "Check the address.")
 
 
 def _extent(response, have, part):
@@ -445,8 +427,6 @@ def _extent(response, have, part):
 
 def _chunks(response, patience, limit):
     """Bytes as they come; a line that is silent or hardly moves ends with Interrupted."""
-    import urllib3
-
     count, total, since = 0, 0, time.monotonic()
     while True:
         try:
@@ -459,7 +439,7 @@ def _chunks(response, patience, limit):
             return
         count, total = count + len(chunk), total + len(chunk)
         if total > limit:
-            raise ProductError(f"{shown(response.url)}: more than {limit} bytes, expected less. Check the address.")
+            refuse(shown(response.url), f"more than {limit} bytes", "less", "Check the address.")
         yield chunk
         if (passed := time.monotonic() - since) > patience.stall_s:
             if count < patience.slowest * passed:
@@ -491,10 +471,7 @@ def _note_path(part):
 
 def _note(part):
     """What is known of the file a part is of: address, validator, size."""
-    try:
-        return json.loads(_note_path(part).read_text())
-    except (OSError, ValueError):
-        return {}
+    return location.read_json(_note_path(part)) or {}
 
 
 def shown(url):

@@ -15,7 +15,7 @@ import json
 import re
 
 from gravcal.catalog.parameter_table import parameters
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, refuse
 from gravcal.store import location
 from gravcal.store.location import OPERATIONAL
 
@@ -43,27 +43,18 @@ def chosen(calibration, given, name=None):
     changed = changes(found)
     if changed == used:
         if name not in (None, OPERATIONAL):
-            raise CatalogError(
-                f"configuration {name} of {calibration}: found the settings of the operational configuration, expected "
-                f"others. Leave --as out, or give --set or --model.",
-                configuration=name,
-            )
+            remedy = "Leave --as out, or give --set or --model."
+            _refuse(calibration, name, "the settings of the operational configuration", "others", remedy)
         return found
     if name == OPERATIONAL:
-        raise CatalogError(
-            f"configuration operational of {calibration}: found --set or --model, expected none; they make an "
-            f"experiment. Give it another name, and make it operational with gravcal promote.",
-            configuration=name,
-        )
+        remedy = "They make an experiment: give it another name, and make it operational with gravcal promote."
+        _refuse(calibration, name, "--set or --model", "none", remedy)
     name = name or _made_of(changed)
     known = _recorded(calibration, name)
     if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
         was = ", ".join(said(known["settings"] if known else {}))
-        raise CatalogError(
-            f"configuration {name} of {calibration}: it stands for {was}, found {', '.join(said(changed))}. Give "
-            f"another name with --as, or forget the old one: gravcal settings {calibration} {name} --forget.",
-            configuration=name,
-        )
+        remedy = f"Give another name with --as, or forget it: gravcal settings {calibration} {name} --forget."
+        _refuse(calibration, name, ", ".join(said(changed)), f"{was}, for which it stands", remedy)
     return dataclasses.replace(found, configuration=name)
 
 
@@ -98,11 +89,8 @@ def settings_of(calibration, name):
     recorded = _recorded(calibration, name)
     if recorded is None:
         known = ", ".join([OPERATIONAL, CATALOGUE, *names(calibration)])
-        raise CatalogError(
-            f"configuration {name} of {calibration}: it was never run in {location.folder()}; there is {known}. "
-            f"Give one of these, or say with --set or --model what it is.",
-            configuration=name,
-        )
+        found = f"that it was never run in {location.folder()}"
+        _refuse(calibration, name, found, f"one of {known}", "Or say with --set or --model what it is.")
     return recorded["settings"]
 
 
@@ -135,9 +123,9 @@ def promote(calibration, name, why, who=None):
     settings = settings_of(calibration, name)
     _with(parameters(calibration), settings, name)
     if not why.strip():
-        raise CatalogError(f"promotion of {name} ({calibration}): found no reason. Say why with --why TEXT.")
+        _refuse(calibration, name, "no reason", "one", "Say why with --why TEXT.")
     if operational(calibration)["settings"] == settings:
-        raise CatalogError(f"configuration {name} of {calibration}: its settings are operational already.")
+        _refuse(calibration, name, "settings that are operational already", "others", "There is nothing to promote.")
     line = {"name": name, "settings": settings, "who": who or getpass.getuser(), "when": _now(), "why": why.strip()}
     path = _path(calibration, "promotions").with_suffix(".jsonl")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -150,11 +138,8 @@ def forget(calibration, name):
     """Remove the record of an experiment and its readable links, so that its products may be pruned."""
     settings_of(calibration, name)
     if name in (OPERATIONAL, CATALOGUE, operational(calibration)["name"]):
-        raise CatalogError(
-            f"configuration {name} of {calibration}: it is operational or the catalogue, expected an experiment. "
-            f"Promote another one first.",
-            configuration=name,
-        )
+        found = "what is operational, or the catalogue"
+        _refuse(calibration, name, found, "an experiment", "Promote another one first.")
     recorded = (location.folder() / "configurations").glob(f"*/{name}.json")
     others = {path.parent.name for path in recorded} - {calibration}
     for link in (location.folder() / "latest").glob(f"*/as/{name}/*"):
@@ -173,11 +158,8 @@ def _with(catalogue, settings, name):
     try:
         return catalogue.with_settings(settings)
     except CatalogError as error:
-        raise CatalogError(
-            f"configuration {name} of {catalogue.calibration}: {error} Promote another one, or the catalogue: "
-            f"gravcal promote {catalogue.calibration} {CATALOGUE} --why TEXT.",
-            configuration=name,
-        ) from error
+        remedy = f"Or promote the catalogue: gravcal promote {catalogue.calibration} {CATALOGUE} --why TEXT."
+        _refuse(catalogue.calibration, name, str(error), "settings of this catalogue", remedy)
 
 
 def _made_of(changed):
@@ -199,9 +181,8 @@ def _causes(model):
 def _check_name(name):
     """Refuse what cannot be the name of a folder."""
     if not NAME.fullmatch(name):
-        raise CatalogError(
-            f"--as {name!r}: expected letters, digits and . _ , + -, at most 80, a letter or digit first.", found=name
-        )
+        expected = "expected letters, digits and . _ , + -, at most 80, a letter or digit first"
+        raise CatalogError(f"--as {name!r}: {expected}.", found=name)
 
 
 def _recorded(calibration, name):
@@ -214,6 +195,12 @@ def _recorded(calibration, name):
     if recorded is not None and not (isinstance(recorded, dict) and isinstance(recorded.get("settings"), dict)):
         raise _broken(path, "no settings")
     return recorded
+
+
+def _refuse(calibration, name, found, expected, remedy):
+    """Refuse a configuration."""
+    where = f"configuration {name} of {calibration}"
+    refuse(where, found, expected, remedy, CatalogError, configuration=name)
 
 
 def _broken(path, found):

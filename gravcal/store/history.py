@@ -14,7 +14,7 @@ import os
 import time
 from pathlib import Path
 
-from gravcal.errors import GravcalError, NoDataError, ProductError
+from gravcal.errors import GravcalError, NoDataError, refuse
 from gravcal.store import keys, location, store
 
 ABSENT = "(absent)"
@@ -165,11 +165,8 @@ def stage_of(record):
     try:
         return getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
-        raise ProductError(
-            f"{record['recipe']['kind']}: its stage {record['stage']} is not part of this version of gravcal "
-            f"({error}). Install gravcal {record['versions']['gravcal']} to make it again.",
-            stage=record["stage"],
-        ) from error
+        found, remedy = f"no stage {record['stage']} ({error})", f"Install gravcal {record['versions']['gravcal']}."
+        return refuse(record["recipe"]["kind"], found, "the stage that made it", remedy, stage=record["stage"])
 
 
 @contextlib.contextmanager

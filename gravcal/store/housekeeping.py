@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from gravcal.errors import ProductError
+from gravcal.errors import refuse
 from gravcal.store import configurations, location, records, store
 from gravcal.store.records import ProductRef
 
@@ -85,18 +85,15 @@ def resolve(text):
         chosen = chosen or [entry for entry in equal if entry.newest] or equal
     if len(chosen) == 1:
         return chosen[0]
-    raise ProductError(
-        f"product {text!r} in {location.folder()}: found {len(chosen)}, expected one. "
-        f"Give EVENT/STAGE, more digits of the key, or a path, as gravcal products list shows them.",
-        found=len(chosen),
-    )
+    remedy = "Give EVENT/STAGE, more digits of the key, or a path, as gravcal products list shows them."
+    return refuse(f"product {text!r} in {location.folder()}", len(chosen), "one", remedy)
 
 
 def content(entry):
     """Content of a product, verified."""
     dataset = store.load(entry.ref)
     if dataset is None:
-        raise ProductError(f"{entry.ref.name} ({entry.ref.path}): damaged, and set aside. Run its event again.")
+        refuse(f"{entry.ref.name} ({entry.ref.path})", "it damaged, and set aside", "a product", "Run its event again.")
     return dataset
 
 
@@ -106,11 +103,8 @@ def tree(event: str, configuration: str | None = None):
 
     newest = entries(event=event, configuration=configuration or location.OPERATIONAL)
     if not newest:
-        raise ProductError(
-            f"{event}: found no product in {location.folder()}, expected those of a run. Run its event, or set "
-            f"GRAVCAL_PRODUCTS; `gravcal products` lists what is there.",
-            event=event,
-        )
+        remedy = "Run its event, or set GRAVCAL_PRODUCTS; `gravcal products` lists what is there."
+        refuse(event, f"no product in {location.folder()}", "those of a run", remedy)
     datasets = {}
     for entry in newest:
         dataset = store.load(entry.ref)

@@ -24,7 +24,7 @@ import re
 import sys
 from pathlib import Path
 
-from gravcal.errors import CatalogError, ProductError
+from gravcal.errors import CatalogError, ProductError, refuse
 from gravcal.store import memory
 
 MISSIONS = dict.fromkeys("ABXCDY", "grace") | {"T": "taiji", "S": "demo"}
@@ -70,11 +70,8 @@ def canonical(value, where):
         return int(value)
     if isinstance(value, float) and math.isfinite(value):
         return float(value) + 0.0
-    raise CatalogError(
-        f"{where}: found {value!r} ({type(value).__name__}), expected a finite number, text, or lists and mappings "
-        f"of them. Files enter a stage as inputs, not as settings.",
-        where=where,
-    )
+    found, expected = f"{value!r} ({type(value).__name__})", "a finite number, text, or lists and mappings of them"
+    return refuse(where, found, expected, "Files enter a stage as inputs, not as settings.", CatalogError)
 
 
 def typed(value, annotation, where):
@@ -84,7 +81,7 @@ def typed(value, annotation, where):
         return float(value)
     expected = {"float": float, "int": int, "str": str, "bool": bool}.get(name)
     if expected is not None and type(value) is not expected:
-        raise CatalogError(f"{where}: found {value!r} ({type(value).__name__}), expected {name}.", where=where)
+        refuse(where, f"{value!r} ({type(value).__name__})", name, "Correct it.", CatalogError)
     return value
 
 
@@ -105,9 +102,7 @@ def check_inputs(stage, inputs, kinds):
             given = type(item).__name__
             raise TypeError(f"{stage}: input {number + 1} is a {given}, expected a product or Level-1 file")
         if not any(fnmatch.fnmatchcase(kind, one) for one in wanted.split("|")):
-            raise ProductError(
-                f"{stage}: input {number + 1} is {kind}, expected {wanted}. Pass the product of that stage."
-            )
+            refuse(f"{stage}, input {number + 1}", kind, wanted, "Pass the product of that stage.")
 
 
 def event_of(stage, inputs):
@@ -117,7 +112,7 @@ def event_of(stage, inputs):
     events |= {f"{MISSIONS.get(one.satellite, 'unknown')}-{one.satellite.lower()}-{one.date}" for one in files}
     if len(events) != 1:
         names = ", ".join(sorted(events)) or "none"
-        raise CatalogError(f"{stage}: inputs belong to the events {names}, expected one. Give event=...")
+        refuse(stage, f"inputs of the events {names}", "one event", "Give event=...", CatalogError)
     return events.pop()
 
 
@@ -143,10 +138,7 @@ def check_unchanged(items, labels):
     """Raise if a Level-1 file is no longer the one that its label describes: it changed while it was read."""
     for item, label in zip(items, labels, strict=True):
         if is_file(item) and digest_of(item) != label["digest"]:
-            raise ProductError(
-                f"{item.path}: changed while it was read, expected a file that stays as it is. Run again.",
-                path=str(item.path),
-            )
+            refuse(item.path, "that it changed while it was read", "a file that stays as it is", "Run again.")
 
 
 def digest_of(item):
@@ -155,7 +147,7 @@ def digest_of(item):
         return memory.file_digest(item.path, item.member)
     except (OSError, KeyError, EOFError) as error:
         where = f"{item.path}:{item.member}" if item.member else str(item.path)
-        raise ProductError(f"{where}: cannot be read ({error}). Fetch the file again.", path=where) from error
+        return refuse(where, f"what cannot be read ({error})", "a Level-1 file", "Fetch the file again.")
 
 
 def fingerprint(body, also=()):
@@ -179,11 +171,8 @@ def fingerprint(body, also=()):
     parts, paths = _bodies[name]
     for path in paths:
         if _status(path) != _files[path]:
-            raise ProductError(
-                f"{path}: the code, or data that it reads, changed while this process was running, so a product "
-                f"could bear the label of code that did not make it. Start gravcal again.",
-                path=str(path),
-            )
+            message = "the code, or data that it reads, changed while this process was running"
+            raise ProductError(f"{path}: {message}, and not what made a product. Start gravcal again.", path=str(path))
     return parts
 
 

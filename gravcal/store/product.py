@@ -20,7 +20,7 @@ import re
 
 import numpy as np
 
-from gravcal.errors import ProductError
+from gravcal.errors import refuse
 from gravcal.store import netcdf
 
 TIME = {
@@ -35,15 +35,14 @@ ANY = None  # schema of kinds whose variables differ from file to file (ingest):
 STATED = ("units", "long_name", "frame")
 PROVENANCE = ("Conventions", "title", "source", "history", "gravcal_key", "gravcal_digest", "gravcal_recipe")
 DIGEST = "gravcal_digest"  # also in the encoding of a content that the store gave
+CHANGE = "Return it so, or change the schema and the version of the stage."
 _schemas = {}
 
 
 def register(kind, schema):
     """Make the schema of a kind known, "*.report" of any calibration; again only with the same schema."""
     if kind in _schemas and _schemas[kind] != schema:
-        raise ProductError(
-            f"product kind {kind}: registered twice with different schemas. Give one of them another name."
-        )
+        refuse(f"product kind {kind}", "it registered twice with different schemas", "one", "Give one another name.")
     _schemas[kind] = schema
 
 
@@ -51,11 +50,8 @@ def schema(kind):
     """Schema of a kind, or ANY."""
     known = kind if kind in _schemas else f"*.{kind.partition('.')[2]}"
     if known not in _schemas:
-        raise ProductError(
-            f"product kind {kind}: no schema is registered (known: {', '.join(sorted(_schemas)) or 'none'}). "
-            f"Call product.register({kind!r}, schema) in the module that holds its stage.",
-            kind=kind,
-        )
+        found = f"no schema is registered, only of {', '.join(sorted(_schemas)) or 'none'}"
+        refuse(f"product kind {kind}", found, "one", "Call product.register in the module of its stage.", kind=kind)
     return _schemas[known]
 
 
@@ -69,14 +65,8 @@ def check(dataset, kind):
     required = {name for name, stated in (expected or {}).items() if not stated.get("optional")}
     missing, extra = sorted(required - present), [] if expected is ANY else sorted(present - set(expected))
     if missing or extra:
-        raise ProductError(
-            f"{kind}: variables missing: {', '.join(missing) or 'none'}; "
-            f"not in the schema: {', '.join(extra) or 'none'}. "
-            f"Return what the schema says, or change the schema and the version of the stage.",
-            kind=kind,
-            missing=missing,
-            extra=extra,
-        )
+        found = f"variables missing: {', '.join(missing) or 'none'}; not in the schema: {', '.join(extra) or 'none'}"
+        refuse(kind, found, "what the schema says", CHANGE, missing=missing, extra=extra)
     stated = {name: {} if expected is ANY else expected[name] for name in dataset.variables}
     labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
     labelled = _settled(dataset, labels, _own(dataset.attrs))
@@ -87,12 +77,8 @@ def check(dataset, kind):
             wrong = ~np.isfinite(values) | np.append(False, np.diff(values) <= 0)[: values.size]
             if wrong.any():
                 first = int(np.argmax(wrong))
-                raise ProductError(
-                    f"{kind}, coordinate {name}: index {first} is {values[first]!r}, expected finite GPS seconds that "
-                    f"increase. Sort and remove duplicates first, or call the dimension 'record'.",
-                    where=f"{kind}, coordinate {name}",
-                    index=first,
-                )
+                found, remedy = f"{values[first]!r} at index {first}", "Sort first, or call the dimension 'record'."
+                refuse(f"{kind}, coordinate {name}", found, "finite GPS seconds that increase", remedy)
     return labelled
 
 
@@ -176,10 +162,7 @@ def _labels(name, variable, stated, where):
     own = {label: value for label, value in variable.attrs.items() if label not in ("_FillValue", "coordinates")}
     for label in ("units", "frame"):
         if label in own and label in known and own[label] != known[label]:
-            raise ProductError(
-                f"{where}: {label} is {own[label]!r}, the schema says {known[label]!r}. Convert before returning it.",
-                where=where,
-            )
+            refuse(where, f"{label} is {own[label]!r}, the schema says {known[label]!r}", "the same", "Convert it.")
     return known | own | {label: known[label] for label in ("units", "frame") if label in known}
 
 
@@ -189,20 +172,12 @@ def _check_variable(variable, stated, where):
     kind = "str" if variable.dtype == object else variable.dtype.str.lstrip("<>|=")
     expected = stated.get("dtype", "f8") if stated else kind
     if variable.dims != dims or kind != expected:
-        raise ProductError(
-            f"{where}: found {kind} over {variable.dims}, expected {expected} over {dims}. "
-            f"Return it so, or change the schema and the version of the stage.",
-            where=where,
-        )
+        refuse(where, f"{kind} over {variable.dims}", f"{expected} over {dims}", CHANGE)
     allowed = stated.get("units", ())
     if isinstance(allowed, tuple) and allowed and variable.attrs.get("units") not in allowed:
-        raise ProductError(
-            f"{where}: units are {variable.attrs.get('units')!r}, the schema allows {', '.join(allowed)}.", where=where
-        )
+        refuse(where, f"units {variable.attrs.get('units')!r}", f"one of {', '.join(allowed)}", CHANGE)
     if kind != "str" and "units" not in variable.attrs:
-        raise ProductError(
-            f"{where}: no units. State them in the schema; '1' for a pure number or a flag.", where=where
-        )
+        refuse(where, "no units", "those of the schema", "State them; '1' for a pure number or a flag.")
 
 
 def _settled_values(values):
@@ -210,12 +185,8 @@ def _settled_values(values):
     if values.dtype.kind in "US" or (values.dtype == object and all(isinstance(item, str) for item in values.flat)):
         return np.array([str(item) for item in values.astype(str).flat], dtype=object).reshape(values.shape)
     if values.dtype.kind not in "iuf":
-        raise ProductError(
-            f"values of type {values.dtype}: a product holds numbers and text. Make truth values uint8, times GPS "
-            f"seconds (f8), "
-            f"complex numbers two variables.",
-            dtype=str(values.dtype),
-        )
+        remedy = "Make truth values uint8, times GPS seconds (f8), complex numbers two variables."
+        refuse("a product", f"values of type {values.dtype}", "numbers and text", remedy)
     return np.asarray(values, dtype=values.dtype.newbyteorder("="), order="C")  # as after reading: BLAS sums by order
 
 
@@ -230,9 +201,8 @@ def _settled_attributes(attributes):
             several = items.tolist() if items.dtype.kind == "U" else items
             plain[name] = items.item() if items.size == 1 else several
         else:
-            raise ProductError(
-                f"attribute {name} = {value!r}: give text, a number or a list of either (a mapping: as JSON text)."
-            )
+            expected = "text, a number or a list of either"
+            refuse(f"attribute {name}", repr(value), expected, "Give a mapping as JSON text.")
     return plain
 
 

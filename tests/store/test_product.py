@@ -57,8 +57,8 @@ def test_the_schema_puts_its_labels_on(kind):
         ({"flag": ("xyz", np.zeros(3, np.uint8))}, "over .'xyz',.*over .'time',"),
         ({"flag": ("time", [True, False])}, "truth values uint8"),
         ({"field_b": (("time", "xyz"), np.ones((2, 3)), {"units": "nT"})}, "units is 'nT', the schema says 'T'"),
-        ({"time": [10.0, 10.0]}, "index 1 is .*increase"),
-        ({"time": [np.nan, 10.0]}, "index 0 is .*finite"),
+        ({"time": [10.0, 10.0]}, "at index 1.*increase"),
+        ({"time": [np.nan, 10.0]}, "at index 0.*finite"),
     ],
 )
 def test_what_contradicts_the_schema_is_refused(kind, changes, message):
