@@ -235,8 +235,8 @@ OWN = {
     "gradient_torque": ("gradient",),
 }
 NOT_DRAWN = ("accelerometer.offset", "ranging.phase_centre", "ranging.antenna_correction", "timing.thruster_delay")
-FIXED = ("time", "frequency", "phase", "damping")
-FIRST = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0}
+FIXED = ("time", "frequency", "phase", "damping", "period")
+FIRST = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
 
 
 def own(calibration: str) -> dict[str, Hidden]:

@@ -90,7 +90,11 @@ def _widest(result):
         others = baseline_of(problem, [*named[:position], *named[position + 1 :]])
         mine = problem.candidates[index]
         forms = [k for k, c in enumerate(problem.candidates) if (c.cause, c.local) == (mine.cause, mine.local)]
-        forms = [k for k in forms if mine.listed and set(mine.names) < set(problem.candidates[k].names)]
+        forms = [
+            k
+            for k in forms
+            if mine.listed and mine.shape is None and set(mine.names) < set(problem.candidates[k].names)
+        ]
         widest = max(forms, key=lambda k: len(problem.candidates[k].names), default=index)
         gram = attribution.projected(problem.total, others)
         if attribution.ratio(gram, problem.places[widest], problem.size).determined.all():
@@ -165,7 +169,7 @@ def _unnamed(result, named, width):
     baseline, forms = baseline_of(problem, named), {}
     gram = attribution.projected(problem.total, baseline)
     for k, candidate in enumerate(problem.candidates):
-        if _whole(candidate):
+        if _whole(candidate) and not candidate.of_frame:
             forms.setdefault(slug_of(candidate.cause), []).append(k)
     odds, moment = 1 / max(len(forms) - 1, 1), np.zeros((width, width))
 

@@ -239,7 +239,7 @@ def _parameters(problem, gram, index):
     """Every parameter of a cause from its widest form, NaN where the data do not determine it."""
     candidate = problem.candidates[index]
     forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed]
-    wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names)]
+    wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names) and candidate.shape is None]
     wide = [k for k in wide if problem.candidates[k].local == candidate.local] or [index]
     widest = max(wide, key=lambda k: len(problem.candidates[k].names))
     ratio = attribution.ratio(gram, problem.places[widest], problem.size)

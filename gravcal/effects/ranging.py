@@ -11,7 +11,7 @@ import numpy as np
 from gravcal.effects.base import Context, Laws, Parameter, each
 
 EFFECTS = Laws()
-RIPPLE = np.radians(1.2)  # rad, angular period of the standing wave; assumed, no source prints one
+RIPPLE = np.radians(1.2)  # rad, angular period of the standing wave unless given; no source prints one
 _PAPER = "10.3390/rs14143395"
 _PLACES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in ("pitch", "yaw"))
 _CENTRES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in "xyz")
@@ -25,10 +25,20 @@ def law(word, parameters, reference, **more):
 _HORN = f"standing wave of the horn; {_PAPER}, Sec. 4.2 supposes multipath"
 
 
-@law("multipath", each(_PLACES, "m", "amplitude of the reading's ripple with {0}", 5e-6), _HORN)
+_RIPPLES = each(_PLACES, "m", "sine of the reading's ripple with {0}", 5e-6)
+_RIPPLES += each([f"cosine_{place}" for place in _PLACES], "m", "cosine, less one, of that ripple: {0}", 5e-6)
+_PERIOD = Parameter("period", "rad", "angle from crest to crest of the ripple", 0.01 * RIPPLE, RIPPLE, 1e-4)
+
+
+@law("multipath", (*_RIPPLES, _PERIOD), _HORN, linear=False)
 def _multipath(context: Context, values):
-    wave = np.sin(2 * np.pi * context.extra["angle"].reshape(-1, 4) / RIPPLE)
-    return wave @ np.asarray(values)
+    return ripples(context.extra["angle"], values[8]) @ np.asarray(values[:8])
+
+
+def ripples(angle: np.ndarray, period: float) -> np.ndarray:
+    """Sines and cosines less one (n, 8) of pitch and yaw of both satellites, angle (n, 2, 2) rad; period in rad."""
+    phase = 2 * np.pi * angle.reshape(-1, 4) / period
+    return np.concatenate([np.sin(phase), np.cos(phase) - 1], axis=1)
 
 
 _SIZE = Parameter("size", "m", "reading is longer after the break", 0.01), Parameter("time", "s", "GPS time", 1.0)

@@ -5,8 +5,10 @@ import pytest
 from kbr_campaign import NOMINAL, process, simulated
 
 from gravcal import catalog
+from gravcal.calibrations.align import QUATERNION
 from gravcal.calibrations.kbr_phase_centre.observations import observe
-from gravcal.discovery.problem import prepare
+from gravcal.discovery import attribution
+from gravcal.discovery.problem import baseline_of, prepare
 
 #: Only the first satellite turns: x of the second is all but a bias.
 ONE = (("manoeuvres", "+pitch_a,,,-pitch_a,+yaw_a,,,-yaw_a"), ("amplitude_deg", 0.5))
@@ -26,16 +28,51 @@ def without(columns, own):
     return columns
 
 
-@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long doubles have no more digits here")
-def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
-    """Independent evaluation: own columns taken off in 80 bits; the part of x that is no bias is 1e-8 of it."""
-    products = process(simulated(7, ONE)[0])
+def seen(columns):
+    """Observations of a campaign."""
+    products, parameters = process(columns), catalog.parameters("kbr_phase_centre")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz")
-    parameters = catalog.parameters("kbr_phase_centre")
     given = {name: parameters.entries[name].value for name in names}
     parts = (products.aligned, products.pointed, products.equations[0], products.noise, products.solved[0])
     named = dict(zip(("align", "pointing", "observable", "noise", "solve"), parts, strict=True))
-    observed = observe(named, nominal_m=NOMINAL, **given)
+    return observe(named, nominal_m=NOMINAL, **given)
+
+
+def best(observed):
+    """Candidate of the largest gain less what its parameters cost."""
+    problem = prepare(observed.blocks, observed.candidates)
+    gram = attribution.projected(problem.total, baseline_of(problem, ()))
+    gains = [attribution.gained(gram, place, problem.size) for place in problem.places]
+    return observed.candidates[int(np.argmax([gain - 2 * dof for gain, dof, _ in gains]))]
+
+
+def test_a_ripple_of_another_period_and_phase_is_multipath():
+    """Recovery: 0.5 um every 0.8 deg in yaw of B, a phase of its own: the next period of the grid, of B alone."""
+    hidden = {"yaw_b": 3e-7, "cosine_yaw_b": 4e-7, "period": np.radians(0.8)}
+    found = best(seen(simulated(7, effects=(("ranging.multipath", tuple(hidden.items())),))[0]))
+    assert found.cause == "ranging.multipath"
+    assert found.form.endswith("b alone")
+    assert np.degrees(found.shape.lower[0]) < 0.8 < np.degrees(found.shape.upper[0])
+    assert found.shape.columns(found.shape.value)[0] == pytest.approx(
+        found.columns[0], abs=1e-6 * found.columns[0].max()
+    )
+
+
+def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
+    """Recovery: attitudes of B tagged 20 ms late: a delay of B alone, not of both."""
+    columns = dict(simulated(7)[0])
+    time, late = columns["SCA1B", "D"]["gps_time"], dict(columns["SCA1B", "D"])
+    quaternion = np.stack([late[name] for name in QUATERNION], axis=1)
+    quaternion = quaternion - 0.02 * np.gradient(quaternion, time, axis=0)
+    columns["SCA1B", "D"] = late | dict(zip(QUATERNION, quaternion.T, strict=True))
+    found = best(seen(columns))
+    assert (found.cause, found.form) == ("timing.star_camera_delay", "b alone")
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long doubles have no more digits here")
+def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
+    """Independent evaluation: own columns taken off in 80 bits; the part of x that is no bias is 1e-8 of it."""
+    observed = seen(simulated(7, ONE)[0])
     found = prepare(observed.blocks, []).total
     assert observed.column[:, 3].std() < 1e-6
     clean = [without(np.column_stack([b.observed, b.global_columns]), b.local_columns) for b in observed.blocks]

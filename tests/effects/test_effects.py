@@ -58,6 +58,8 @@ def generic(entry, scene):
             values[i] = scene.time[COUNT // 2] + 1e-2
         if p.name in ("limit", "tau", "damping"):
             values[i] = abs(values[i]) * 5
+        if p.name == "period":
+            values[i] = 1.1 * p.neutral
     return values
 
 

@@ -21,6 +21,11 @@ CONTEXT = Context(time=TIME, extra=EXTRA)
     ("slug", "given", "expected"),
     [
         ("ranging.multipath", {"pitch_a": 2e-6}, 2e-6 * np.array([0, 1, 0, -1, 0])),
+        (
+            "ranging.multipath",
+            {"cosine_pitch_a": 1e-6, "period": 2 * RIPPLE},
+            1e-6 * (np.array([0, -(1 - 0.5**0.5), -1, -1 - 0.5**0.5, -2])),
+        ),
         ("ranging.phase_break", {"size": 0.01, "time": 2.5}, [0, 0, 0, 0.01, 0.01]),
         ("ranging.delay", {"delay": 1e-3}, np.full(5, -5e-4)),
         ("ranging.scale", {"excess": 1e-8}, np.full(5, 2e-3)),

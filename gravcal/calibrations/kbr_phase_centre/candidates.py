@@ -1,7 +1,8 @@
 """What discovery tries in ranging: effects of the catalogue, and regressors from the measured channels.
 
-A regressor stands for effects that are in no list: powers, waves, rates and lags of the pointing angles, products of
-two channels, waves along the orbit, sunlight, and decays from the start of a manoeuvre.
+A regressor stands for effects that are in no list: powers, rates and lags of the pointing angles, products of two
+channels, waves along the orbit, sunlight, and decays from the start of a manoeuvre. Both satellites or one of them may
+have an effect; a ripple with the angles has any period and phase.
 """
 
 from __future__ import annotations
@@ -13,16 +14,24 @@ import numpy as np
 import xarray as xr
 from scipy.signal import lfilter
 
-from gravcal.effects import Context, Effect, catalogue
+from gravcal.effects import Context, Effect, catalogue, effect
+from gravcal.effects.ranging import ripples
 from gravcal.physics import constants, frames, orbit_environment
 
 BREAK = "ranging.phase_break"
 FAMILIES = ("ranging", "timing", "attitude")
-#: Searched for along the time axis; the calibration itself.
-NOT_HERE = (BREAK, "ranging.phase_centre")
+#: Searched for along the time axis; the calibration itself, once and as a share.
+NOT_HERE = (BREAK, "ranging.phase_centre", "ranging.antenna_correction")
+#: Turns of the frame that the phase centres are given in.
+FRAME = ("attitude.star_camera_misalignment", "ranging.star_camera_misalignment")
+RIPPLE = "ranging.multipath"
 PLACES = ("pitch_a", "yaw_a", "pitch_b", "yaw_b")
+#: Satellites that an effect on attitudes may be of, by form.
+SATELLITES = {"": (0, 1), "a alone": (0,), "b alone": (1,)}
 SIZE = np.radians(3.0)  # rad, so that a driver is near one
-PERIODS_DEG = (0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.6, 2.0, 2.4, 3.0, 3.6)
+#: Ripples a degree, so close that the phase of a ripple stays in step over the six degrees of a pair of wiggles.
+RIPPLE_STEP = 0.07
+RIPPLES_PER_DEG = np.arange(0.40, 2.05, RIPPLE_STEP)
 LAGS_S = (20.0, 60.0, 180.0)
 SUNLIGHT_LAGS_S = (60.0, 200.0, 2000.0)
 #: Of waves along the argument of latitude; slower ones are taken up by the slow orbit error.
@@ -39,6 +48,7 @@ class Signal:
     cause, form : slug or "unknown:<driver channel>"; which of its shapes
     names, units, prior : of the parameters; prior empty for a regressor
     columns : (n, q) m per unit of each parameter, on whole seconds
+    period : rad, of a ripple with the angles, of which the columns are those of both satellites
     """
 
     cause: str
@@ -47,6 +57,7 @@ class Signal:
     units: list[str]
     prior: list[float]
     columns: np.ndarray
+    period: float = np.nan
 
 
 def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Context:
@@ -110,30 +121,34 @@ def listed(context: Context, turning_b: np.ndarray, centre: np.ndarray) -> list[
     """
     signals = []
     for slug, entry in catalogue().items():
-        columns = None
-        if slug.partition(".")[0] in FAMILIES and slug not in NOT_HERE:
-            columns = _columns(entry, context, turning_b, centre)
-        if columns is not None:
-            parameters = entry.parameters
-            names, units = [p.name for p in parameters], [p.unit for p in parameters]
-            signals.append(Signal(slug, "", names, units, [p.prior_sigma for p in parameters], columns))
+        if slug.partition(".")[0] not in FAMILIES or slug in (*NOT_HERE, RIPPLE):
+            continue
+        parameters = entry.parameters
+        words = [p.name for p in parameters], [p.unit for p in parameters], [p.prior_sigma for p in parameters]
+        if entry.channel == "range":
+            signals.append(Signal(slug, "", *words, entry.columns(context)))
+        elif entry.channel in ("sca_delay", "pointing_b"):
+            for form, those in SATELLITES.items():
+                signals.append(Signal(slug, form, *words, _of_attitude(entry, context, turning_b, centre, those)))
+    angle, known = np.nan_to_num(context.extra["angle"]), effect(RIPPLE).parameters[:-1]
+    words = [p.name for p in known], [p.unit for p in known], [p.prior_sigma for p in known]
+    for period in np.radians(1 / RIPPLES_PER_DEG):
+        form = f"period {np.degrees(period):.3g} deg"
+        signals.append(Signal(RIPPLE, form, *words, ripples(angle, period), float(period)))
     return signals
 
 
-def _columns(entry: Effect, context, turning_b, centre):
-    """Range per parameter of an effect; None where no ranging feels its channel.
+def _of_attitude(entry: Effect, context, turning_b, centre, those):
+    """Range per parameter of an effect on the attitude of some satellites.
 
     The orbit side of the residual holds -l . c with the measured line of sight. Star cameras late by a second measure
     l = l_true - delay * turning; a rotation phi from true to measured attitude adds -phi . sum l x c.
     """
-    if entry.channel == "range":
-        return entry.columns(context)
+    centre = centre * np.isin([0, 1], those)[:, None]
     if entry.channel == "sca_delay":
         return -np.einsum("nka,ka->n", turning_b, centre)[:, None] * entry.columns(context)
-    if entry.channel == "pointing_b":
-        arm = np.cross(context.extra["line_of_sight_b"], centre).sum(axis=1)
-        return -np.einsum("na,naq->nq", arm, entry.columns(context))
-    return None
+    arm = np.cross(context.extra["line_of_sight_b"], centre).sum(axis=1)
+    return -np.einsum("na,naq->nq", arm, entry.columns(context))
 
 
 def drivers(context: Context, starts: Sequence[float]) -> list[Signal]:
@@ -149,11 +164,6 @@ def drivers(context: Context, starts: Sequence[float]) -> list[Signal]:
     rate = np.gradient(angle, time, axis=0) * 40.0  # 250 s / 2 pi
     signals = _each("pointing", "cube", angle**3) + _each("pointing", "fourth power", angle**4)
     signals += _each("pointing", "size", np.abs(angle))
-    for period in PERIODS_DEG:
-        phase = 2 * np.pi * angle * SIZE / np.radians(period)
-        for k, place in enumerate(PLACES):
-            names, wave = [f"range_sine_{place}", f"range_cosine_{place}"], [np.sin(phase[:, k]), np.cos(phase[:, k])]
-            signals.append(_driver("pointing", f"wave of {period:g} deg of {place}", names, np.stack(wave, axis=1)))
     signals += _each("pointing_rate", "itself", rate) + _each("pointing_rate", "square", rate**2)
     signals += _each("pointing_rate", "size", np.abs(rate))
     signals += _each("pointing_rate", "product with the angle", rate * angle)

@@ -16,9 +16,21 @@ import xarray as xr
 
 from gravcal.calibrations.kbr_phase_centre import noise, solve
 from gravcal.calibrations.kbr_phase_centre.align import interpolated
-from gravcal.calibrations.kbr_phase_centre.candidates import BREAK, Signal, context, drivers, listed, turning
+from gravcal.calibrations.kbr_phase_centre.candidates import (
+    BREAK,
+    FRAME,
+    RIPPLE,
+    RIPPLE_STEP,
+    SATELLITES,
+    Signal,
+    context,
+    drivers,
+    listed,
+    turning,
+)
 from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
 from gravcal.effects import Context, effect
+from gravcal.effects.ranging import ripples
 from gravcal.estimation import crn
 from gravcal.estimation.records import (
     Block,
@@ -29,6 +41,7 @@ from gravcal.estimation.records import (
     Observations,
     Parameter,
     Reported,
+    Shape,
     at_epoch,
     epoch_of,
 )
@@ -172,8 +185,7 @@ class Ranging(Observations):
     @functools.cached_property
     def filtered(self) -> np.ndarray:
         """Columns (m, q) m of all signals side by side at the ranging epochs."""
-        columns = np.concatenate([signal.columns for signal in self.signals], axis=1)
-        return self.through(np.where(np.isfinite(columns), columns, 0.0))
+        return np.concatenate([self.through(np.nan_to_num(signal.columns)) for signal in self.signals], axis=1)
 
     @functools.cached_property
     def factors(self) -> list[np.ndarray]:
@@ -207,8 +219,12 @@ class Ranging(Observations):
         for one in self.signals:
             last = first + len(one.names)
             columns = [part[:, first:last] for part in rows]
-            whole = Candidate(one.cause, one.form, one.names, one.units, columns, one.prior)
-            made += whole.each_alone() if whole.listed else [whole]
+            words = one.cause, one.form, one.names, one.units
+            whole = Candidate(*words, columns, one.prior, of_frame=one.cause in FRAME)
+            if np.isfinite(one.period):
+                made += [self._ripple(whole, one.period, form) for form in SATELLITES]
+            else:
+                made += whole.each_alone() if whole.listed and not whole.form else [whole]
             first = last
         for number in dict.fromkeys(self.groups):
             members = [half for half in self.halves if half.manoeuvre == number]
@@ -216,6 +232,27 @@ class Ranging(Observations):
             cuts = [half.time[0] + NEAR_CUT_S for half in members[1:]]
             made += self.breaks(np.unique(np.concatenate([np.arange(begin, end, BREAK_STEP_S), *cuts])))
         return made
+
+    def _ripple(self, whole, period, form):
+        """Ripple of the angles of some satellites, whose period may lie up to the next ones that are tried."""
+        used = [k for k in range(8) if k % 4 // 2 in SATELLITES[form]]
+        angle = np.nan_to_num(self.context.extra["angle"])
+
+        def columns(value):
+            rows = self.through(ripples(angle, value[0])[:, used])
+            return [noise.white(factor, rows[h.rows]) for h, factor in zip(self.halves, self.factors, strict=True)]
+
+        ends = 1 / (1 / period + np.degrees(RIPPLE_STEP) * np.array([1, -1]))
+        about = np.array([period]), columns, np.linspace(*ends, 9)[:, None], *ends[:, None]
+        rows = [[getattr(whole, name)[k] for k in used] for name in ("names", "units", "prior")]
+        return Candidate(
+            whole.cause,
+            f"{whole.form}{form and ', '}{form}",
+            *rows[:2],
+            [c[:, used] for c in whole.columns],
+            rows[2],
+            shape=Shape(("period",), ("rad",), *about, words=form),
+        )
 
     def breaks(self, epochs: np.ndarray) -> list[Candidate]:
         """Phase breaks at given epochs (k,) s of one sub-manoeuvre."""
@@ -257,8 +294,15 @@ class Ranging(Observations):
         return self.breaks(np.array([self._refined(fitted)["time"].value]))
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:
-        """A phase break by size and epoch."""
-        return replace(entry, parameters=self._refined(fitted)) if entry.cause == BREAK else entry
+        """A phase break by size and epoch, a ripple with its period."""
+        if entry.cause == BREAK:
+            return replace(entry, parameters=self._refined(fitted))
+        shape = fitted.candidate.shape
+        if shape is None or entry.cause != RIPPLE:
+            return entry
+        sigma = None if shape.covariance is None else float(np.sqrt(shape.covariance[0, 0]))
+        period = Parameter(float(shape.value[0]), sigma, "rad")
+        return replace(entry, parameters=dict(entry.parameters) | {"period": period})
 
     def _refined(self, fitted):
         """Size and epoch of a phase break, on a finer grid than that of the search."""
@@ -293,9 +337,10 @@ class Ranging(Observations):
                 continue
             known = effect(entry.cause)
             added = known.contribution(self.context, known.values(entry.values))
+            those = SATELLITES.get(entry.form.partition(",")[0], (0, 1))
             if known.channel == "range":
                 total += np.where(np.isfinite(added), added, 0.0)
-            for k, q in enumerate(attitude):
+            for k, q in ((k, attitude[k]) for k in those):
                 good = np.isfinite(q).all(axis=1)
                 if known.channel == "sca_delay":
                     moved = interpolated(time[good], q[good], np.clip(time + added, *time[good][[0, -1]]), 10.0)

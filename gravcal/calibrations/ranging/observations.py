@@ -116,10 +116,11 @@ class Routine(Observations):
         """Effects of the catalogue, less what bias and slow orbit error take of them."""
         made = []
         for entry in map(effect, EFFECTS):
-            columns = entry.columns(self.context)
+            columns = entry.columns(self.context)[:, : None if entry.linear else 4]  # of a ripple the sines
             rows = [part.white(least_squares.without(part.slow, columns[part.rows])) for part in self.parts]
-            names, units = [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
-            made.append(Candidate(entry.slug, "", names, units, rows, [p.prior_sigma for p in entry.parameters]))
+            words = [(p.name, p.unit, p.prior_sigma) for p in entry.parameters[: columns.shape[1]]]
+            names, units, prior = map(list, zip(*words, strict=True))
+            made.append(Candidate(entry.slug, "", names, units, rows, prior))
         return made
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
