@@ -34,15 +34,9 @@ class EstimationError(GravcalError):
 
 
 def refuse(where, found, expected, remedy, error=ProductError, **facts) -> NoReturn:
-    """Raise an error that says where, found, expected and remedy, and carries them as facts.
+    """Raise an error that says where, what was found against what was expected, and what to do; all are its facts.
 
-    Parameters
-    ----------
-    where : file, with the line or record number where there is one
-    found, expected : what is there and what should be
-    remedy : what the reader can do
-    error : kind of ProductError
-    **facts : further numbers for tables of failures
+    Where is the file, with the line or record number where there is one; more facts are for tables of failures.
     """
     message = f"{where}: found {found}; expected {expected}. {remedy}"
     raise error(message, where=str(where), found=str(found), expected=str(expected), remedy=remedy, **facts)

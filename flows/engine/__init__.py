@@ -87,18 +87,7 @@ def one_thread():
 
 
 def plan(body, *arguments):
-    """What a flow would do.
-
-    Parameters
-    ----------
-    body : flow
-    *arguments : those of the flow
-
-    Returns
-    -------
-    steps : list of Step, in the order of the flow
-    ref : ProductRef of the result, None where the flow needs a content that is not there yet
-    """
+    """Steps that a flow would do, in order, and ProductRef of the result, None where that needs what is not there."""
     planner = Planner()
     with stage.using(planner):
         try:
@@ -112,8 +101,6 @@ def plan(body, *arguments):
 class Left:
     """What a flow has left to make.
 
-    Attributes
-    ----------
     ref : ProductRef of the result, None where something is missing
     found : list of (call, ProductRef) of what is there
     failure : record of the last run where it failed at a stage whose inputs, settings and code have not changed
@@ -140,19 +127,9 @@ def left(body, *arguments, again=False):
 
 
 def run(body, *arguments, engine="prefect", listener=None, server=None):
-    """Result of a flow; Prefect is started only when something has to be made.
+    """ProductRef of the result of a flow; Prefect is started only when something has to be made.
 
-    Parameters
-    ----------
-    body : flow
-    *arguments : those of the flow
-    engine : "prefect" or "inline"
-    listener : function of (call, state, ref), hears of each stage done; state is "cached" or "made"
-    server : server.Server already begun, or None
-
-    Returns
-    -------
-    ref : ProductRef of the result
+    The listener (call, state, ref) hears of each stage done, "cached" or "made"; a server may have been begun already.
     """
     single_threaded()
     steps, ref = plan(body, *arguments)
@@ -218,7 +195,7 @@ class Planner:
     def __call__(self, call):
         """Reference of the product: complete if it is there, without key and digest if it would be made."""
         recipe, modules = stage.recipe(call)
-        unknown = _unknown(call)
+        unknown = [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
         found = None if unknown else store.find(keys.key(recipe))
         other = tuple(history.other_versions(found)) if found else ()
         if found and not (other and history.remakes_versions()):
@@ -233,23 +210,13 @@ class Planner:
 
     def resolve(self, ref):
         """The reference itself if its product is there; otherwise the plan ends here."""
-        return _known(ref)
+        if ref.digest is None:
+            raise Unknown(f"after {ref.stage}", event=ref.event)
+        return ref
 
     def _note(self, call, action, reasons, ref):
         """Add a step."""
         self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref))
-
-
-def _unknown(call):
-    """Stages of the inputs of a call that are not made yet."""
-    return [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
-
-
-def _known(ref):
-    """Reference of a product that is there."""
-    if ref.digest is None:
-        raise Unknown(f"after {ref.stage}", event=ref.event)
-    return ref
 
 
 def remake_versions(wanted):

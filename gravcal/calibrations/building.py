@@ -12,17 +12,10 @@ from gravcal.estimation.least_squares import covariance_of_moves
 
 
 def build(schema: Mapping[str, Mapping[str, str]], values: Mapping[str, object], **attrs) -> xr.Dataset:
-    """Dataset of a kind.
+    """Dataset of a kind from arrays of every variable of its schema that is not optional, and global attributes.
 
-    Parameters
-    ----------
-    schema : {variable: {"dims", "units", "frame", "long_name", "dtype"}}
-    values : {variable: array}, every variable of the schema that is not optional
-    attrs : global attributes
-
-    Returns
-    -------
-    dataset : Dataset; a variable named like its dimension is a coordinate
+    A variable named like its dimension is a coordinate. A schema has "dims", "units", "frame", "long_name" and "dtype"
+    of each variable.
     """
     labelled = {}
     for name, stated in schema.items():
@@ -41,13 +34,7 @@ def build(schema: Mapping[str, Mapping[str, str]], values: Mapping[str, object],
 
 
 def replaced(dataset: xr.Dataset, values: Mapping[str, np.ndarray]) -> xr.Dataset:
-    """Copy of a dataset with other numbers in some of its variables, everything else as it is.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    values : {variable: array of its shape}
-    """
+    """Copy of a dataset with other numbers, arrays of the same shape, in some of its variables."""
     return dataset.copy(deep=True).assign({name: dataset[name].copy(data=array) for name, array in values.items()})
 
 
@@ -56,11 +43,8 @@ def widened(
 ) -> dict[str, np.ndarray]:
     """Covariances with the errors of a model, {variable: (..., p, p)} for `building.replaced`.
 
-    Parameters
-    ----------
-    found : Dataset
-    moved : Dataset of the same kind, one for each direction of the model's errors
-    covariances : {variable (..., p): variables (..., p, p) that hold its covariances}
+    There is one moved Dataset of the kind of the found one for each direction of the errors; covariances names, for a
+    variable (..., p), the variables that hold its covariances (..., p, p).
     """
     new = {}
     for name, held in covariances.items():
@@ -72,14 +56,7 @@ def widened(
 def widened_sigmas(
     found: xr.Dataset, moved: Sequence[xr.Dataset], sigmas: Mapping[str, Sequence[str]]
 ) -> dict[str, np.ndarray]:
-    """Standard deviations with the errors of a model, {variable: array}, of values without covariances.
-
-    Parameters
-    ----------
-    found : Dataset
-    moved : Dataset of the same kind, one for each direction of the model's errors
-    sigmas : {variable: variables that hold its standard deviations}
-    """
+    """Standard deviations with the errors of a model, {variable: array}, of values without covariances."""
     new = {}
     for name, held in sigmas.items():
         each = [one[name].values[..., None] for one in moved]

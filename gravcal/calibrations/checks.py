@@ -73,12 +73,7 @@ def plain(checks: Iterable[Check]) -> list[dict]:
 
 
 def longest_constant(time: np.ndarray, values: np.ndarray) -> float:
-    """Longest time (s) over which any column reads the same at every sample: frozen, zero, saturated.
-
-    Parameters
-    ----------
-    time : (n,) s, increasing; values : (n, m), samples that are not finite left out
-    """
+    """Longest time (s) over which any column of (n, m) reads the same at every sample: frozen, zero, saturated."""
     longest = 0.0
     for series in values.T:
         known = np.isfinite(series)
@@ -91,13 +86,10 @@ def longest_constant(time: np.ndarray, values: np.ndarray) -> float:
 def velocity_error(time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> float:
     """Largest difference (m s-1) of mean velocity and change of position from one sample to the next; inf of nothing.
 
-    Parameters
-    ----------
-    time : (n,) s, increasing; position : (n, 3) m; velocity : (n, 3) m s-1; rows that are not finite left out
-
     Notes
     -----
-    r_1 - r_0 = h (v_0 + v_1)/2 - h^2 (a_1 - a_0)/12, a from differences of v; steps over a gap are left out.
+    r_1 - r_0 = h (v_0 + v_1)/2 - h^2 (a_1 - a_0)/12, a from differences of v; rows that are not finite and steps over
+    a gap are left out.
     """
     known = np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
     time, position, velocity = time[known], position[known], velocity[known]
@@ -110,12 +102,7 @@ def velocity_error(time: np.ndarray, position: np.ndarray, velocity: np.ndarray)
 
 
 def attitude_jump(time: np.ndarray, quaternion: np.ndarray) -> float:
-    """Largest change (rad) of the turn from one attitude to the next; attitudes of no norm and gaps are left out.
-
-    Parameters
-    ----------
-    time : (n,) s, increasing; quaternion : (n, 4), finite
-    """
+    """Largest change (rad) of the turn from one attitude to the next; attitudes of no norm and gaps are left out."""
     from gravcal.physics import frames
 
     norm = np.linalg.norm(quaternion, axis=1)

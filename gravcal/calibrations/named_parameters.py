@@ -12,17 +12,9 @@ from gravcal.estimation.chi2_tail import log_tail
 
 
 def solution(information: np.ndarray, right: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Solution of normal equations, NaN where the data do not determine a parameter to its limit.
+    """Values (p,) and covariance (p, p) of normal equations A'A (p, p) and A'y (p,) of whitened rows.
 
-    Parameters
-    ----------
-    information : (p, p) A'A; right : (p,) A'y, of whitened rows
-    limit : (p,) largest standard deviation of a parameter that is determined
-
-    Returns
-    -------
-    value : (p,)
-    covariance : (p, p)
+    NaN where the standard deviation of a parameter is beyond its limit (p,): the data do not determine it.
     """
     covariance = least_squares.covariance(information)
     variance = np.diag(covariance)
@@ -33,14 +25,9 @@ def solution(information: np.ndarray, right: np.ndarray, limit: np.ndarray) -> t
 
 
 def estimated(names, units, limit, information, right, starts) -> dict[str, object]:
-    """Variables of PARAMETERS from the normal equations of every part of the record.
+    """Variables of PARAMETERS from the normal equations (k, p, p) and (k, p) of every part of the record.
 
-    Parameters
-    ----------
-    names, units : (p,)
-    limit : (p,) largest standard deviation of a parameter that is determined
-    information : (k, p, p); right : (k, p), of each part
-    starts : (k,) s, GPS time at which each begins
+    Parts begin at the starts (k,) GPS s; limit (p,) is the largest standard deviation of what is determined.
     """
     value, covariance = solution(information.sum(axis=0), right.sum(axis=0), limit)
     parts = [solution(*part, limit) for part in zip(information, right, strict=True)]
@@ -60,11 +47,7 @@ def estimated(names, units, limit, information, right, starts) -> dict[str, obje
 
 
 def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
-    """Chi-square by which the parts disagree with the joint solution, and its degrees of freedom.
-
-    Parameters
-    ----------
-    information : (k, p, p); right : (k, p), normal equations of each part
+    """Chi-square by which parts (k, p, p), (k, p) disagree with the joint solution, and its degrees of freedom.
 
     Notes
     -----
@@ -84,25 +67,13 @@ def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
 
 
 def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Estimate with the errors of an extended model.
-
-    Parameters
-    ----------
-    found : Dataset with PARAMETERS
-    moved : the same for each direction of the errors of the model
-    """
+    """Estimate with the errors of an extended model, from one Dataset moved along each direction of these errors."""
     new = widened(found, moved, {"value": ("covariance",)})
     return replaced(found, new | {"sigma": np.sqrt(np.diag(new["covariance"]))})
 
 
 def checks(found: xr.Dataset, agreement_p: float) -> list[Check]:
-    """Checks of a result: that something is determined, and that the parts of the record agree.
-
-    Parameters
-    ----------
-    found : Dataset with PARAMETERS
-    agreement_p : smallest probability of the disagreement of the parts
-    """
+    """Checks of a result: that something is determined, and that the parts agree with at least this probability."""
     known = np.isfinite(found["value"].values)
     made = [at_least("parameters determined", known.sum(), 1, "1")]
     dof = int(found["agreement_dof"])

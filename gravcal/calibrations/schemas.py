@@ -2,14 +2,7 @@
 
 
 def column(dims: str, units: str = "", long_name: str = "", **more: object) -> dict[str, object]:
-    """Variable of a product schema.
-
-    Parameters
-    ----------
-    dims : names of its dimensions, divided by blanks
-    units, long_name : attributes, left out if empty
-    more : frame, dtype ("f8" by default), optional
-    """
+    """Variable of a product schema; more: frame, dtype ("f8" by default), optional. Blanks divide dimensions."""
     named = {"units": units, "long_name": long_name} | more
     return {"dims": dims} | {name: value for name, value in named.items() if value != ""}
 

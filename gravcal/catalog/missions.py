@@ -306,17 +306,7 @@ def _raw_files(content, design, members, span, path):
 
 
 def event_text(calibration, design, satellites, date, found, sha256, origin="measured"):
-    """TOML text of an event found in data.
-
-    Parameters
-    ----------
-    calibration, design : str, its name and the entry of designs/ that plans such an event
-    satellites : sequence of str, letters or names
-    date : datetime.date
-    found : sequence of Manoeuvre, or of mappings with kind, start, stop (GPS seconds)
-    sha256 : mapping of Level-1 file name to digest
-    origin : of the files; the source of the event says what was not measured
-    """
+    """TOML text of an event found in data: manoeuvres with kind, start, stop (GPS s), SHA-256 by name of the file."""
     members = [satellite(name) for name in satellites]
     names = ", ".join(f'"{member.name}"' for member in members)
     lines = [

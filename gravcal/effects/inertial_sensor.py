@@ -56,12 +56,7 @@ class Electrode:
 
 
 def electrode_list(area, gap, arm) -> tuple[Electrode, ...]:
-    """The electrodes as erratum T-4 reads Table 1: x one of four equal ones, y one pair, z two halves of the total.
-
-    Parameters
-    ----------
-    area : (3,) m2, as printed; gap : (3,) m; arm : (3,) m, of the torques about x, y, z
-    """
+    """Electrodes as erratum T-4 reads Table 1: x one of four, y a pair, z two halves; area m2, gap and arm m, (3,)."""
     (sx, sy, sz), (dx, dy, dz) = area, gap
     ax, ay, az = arm
     return (
@@ -75,18 +70,9 @@ def electrode_list(area, gap, arm) -> tuple[Electrode, ...]:
 
 
 def actuation(electrodes, mass: float, inertia, preload_volt: float) -> np.ndarray:
-    """Acceleration and angular acceleration per volt of each voltage.
+    """Acceleration m s-2 V-1 and angular acceleration rad s-2 V-1 per volt, (6, 6), rows as READOUT.
 
-    Parameters
-    ----------
-    electrodes : of electrode_list
-    mass : kg
-    inertia : (3,) kg m2 of the test mass
-    preload_volt : V
-
-    Returns
-    -------
-    matrix : (6, 6) m s-2 V-1 and rad s-2 V-1, rows as READOUT
+    Mass in kg, inertia (3,) kg m2 of the test mass.
 
     Notes
     -----
@@ -102,25 +88,12 @@ def actuation(electrodes, mass: float, inertia, preload_volt: float) -> np.ndarr
 
 
 def factors(matrix: np.ndarray) -> np.ndarray:
-    """Scale factors k_x, k_y, k_z, beta_x, beta_y, beta_z of an actuation matrix that has the pattern of READOUT.
-
-    Parameters
-    ----------
-    matrix : (6, 6) of actuation
-    """
+    """Scale factors k_x, k_y, k_z, beta_x, beta_y, beta_z of an actuation matrix (6, 6) with the pattern of READOUT."""
     return np.einsum("ij,ij->i", matrix, READOUT) / np.einsum("ij,ij->i", READOUT, READOUT)
 
 
 def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
-    """Ratios J/(M l) that take beta_x to k_z, beta_y to k_x and beta_z to k_x.
-
-    Parameters
-    ----------
-    mass : kg; inertia : (3,) kg m2; arm : (3,) m
-
-    Returns
-    -------
-    ratio : (3,) m
+    """Ratios J/(M l), (3,) m, that take beta_x to k_z, beta_y to k_x and beta_z to k_x; kg, kg m2, m.
 
     Notes
     -----
@@ -135,36 +108,17 @@ def published_linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
 
 
 def ratio_relative_sigma(relative_mass: float, relative_inertia, relative_arm) -> np.ndarray:
-    """Relative standard deviation of J/(M l) per torque axis (3,).
-
-    Parameters
-    ----------
-    relative_mass : 1; relative_inertia, relative_arm : (3,) 1
-    """
+    """Relative standard deviation (3,) of J/(M l) about each axis from those of mass, inertia and arm."""
     return np.sqrt(relative_mass**2 + np.asarray(relative_inertia) ** 2 + np.asarray(relative_arm) ** 2)
 
 
 def readouts(volts: np.ndarray) -> np.ndarray:
-    """The six combinations of Table 3.
-
-    Parameters
-    ----------
-    volts : (..., 6) V, in the order of VOLTAGES
-
-    Returns
-    -------
-    combined : (..., 6) V; times k or beta they are accelerations about x, y, z and angular accelerations about x, y, z
-    """
+    """The six combinations (..., 6) V of Table 3: times k or beta linear and angular accelerations along x, y, z."""
     return volts @ READOUT.T
 
 
 def volts(combined: np.ndarray) -> np.ndarray:
-    """Electrode voltages that give six combinations, the inverse of readouts.
-
-    Parameters
-    ----------
-    combined : (..., 6) V
-    """
+    """Electrode voltages (..., 6) V that give six combinations, the inverse of readouts."""
     return combined @ np.linalg.inv(READOUT).T
 
 

@@ -175,12 +175,9 @@ class Entry:
 
 
 def entries(model: Sequence[Mapping]) -> list[Entry]:
-    """Entries of a model as a document or a model file has it.
+    """Entries of a model as a document or a model file has it: {"cause", "form", "parameters", "waves", "leads"} each.
 
-    Parameters
-    ----------
-    model : {"cause", "form", "parameters"} each; "model" goes before "parameters", where a cause was named by a few of
-        its parameters; "waves" and "leads" if it has them; what has none, such as an excess of power, is left out
+    "model" goes before "parameters", where a cause was named by a few of its parameters.
     """
     made = []
     for one in (one for one in model if one.get("model", one["parameters"])):

@@ -190,18 +190,10 @@ def _preference(file):
 
 
 def find(folder, product, satellite=None, date=None) -> LevelOneFile:
-    """The Level-1 file of a product, satellite and day: newest release, loose before archived.
+    """The Level-1 file of a product, satellite and day: newest release, loose before archived; ProductError if not one.
 
-    Parameters
-    ----------
-    folder : path of a folder or archive
-    product : five characters, such as "ACC1A"
-    satellite : letter; "C" or "CD" also finds the combined product "Y", "A" or "AB" the product "X"; None for any
-    date : "YYYY-MM-DD", or None where the folder holds one day only
-
-    Raises
-    ------
-    ProductError : nothing fits, or several days or satellites fit
+    Satellite "C" or "CD" also finds the combined product "Y", "A" or "AB" the product "X", None any; the date may be
+    None where the folder holds one day only.
     """
     listing = _listing(folder)
     date, wanted = date and str(date), (satellite, TOGETHER.get(satellite))

@@ -33,22 +33,9 @@ def inventory(folder, name) -> list[LevelOneFile]:
 
 
 def read(file: LevelOneFile, layout, start: float | None = None, stop: float | None = None):
-    """Epochs and values of a file, or of a part of it, in order and checked.
+    """Epochs (n,) s, increasing, and {name: array} of a file between two epochs, in order and checked by its layout.
 
-    Parameters
-    ----------
-    file : LevelOneFile
-    layout : of the file
-    start, stop : s, bounds of the part wanted
-
-    Returns
-    -------
-    time : (n,) s, strictly increasing
-    values : {name: array}
-
-    Raises
-    ------
-    ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
+    ProductError where it is no netCDF file, a variable or unit is missing or wrong, or the day is another one.
     """
     try:
         archive.check_netcdf(file.path)
@@ -104,17 +91,9 @@ def _check(content, layout, file):
 
 
 def in_order(time: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Records by time, those without one left out; of a repeated one the first, NaN where the others contradict it.
+    """Epochs (m,) s, strictly increasing, and {name: (m, ...)} of records in any order.
 
-    Parameters
-    ----------
-    time : (n,) s
-    values : {name: (n, ...)}
-
-    Returns
-    -------
-    time : (m,) s, strictly increasing
-    values : {name: (m, ...)}
+    Those without a time are left out; of a repeated one the first is kept, NaN where the others contradict it.
     """
     known = np.flatnonzero(np.isfinite(time))
     order = known[np.argsort(time[known], kind="stable")]

@@ -161,24 +161,11 @@ def checksum_addresses(url):
 
 
 def fetch(archives, out, place, listener=None, patience=None):
-    """Bring archives into a folder; one that fails stops no other.
+    """Bring archives into a folder, and nothing outside of it; one that fails stops no other.
 
-    Parameters
-    ----------
-    archives : list of Archive
-    out : Path, folder; nothing is written outside
-    place : "podaac", "isdc" or address of a server with the same layout
-    listener : function of archive name, bytes there, bytes in all (None: unknown); or None
-    patience : Patience or None
-
-    Returns
-    -------
-    fetched : list of Fetched
-
-    Raises
-    ------
-    ProductError : the first archive that could not be had, after all were tried
-    CatalogError : a place that is no known name and no address of http or https, or an address with a password
+    The place is "podaac", "isdc" or the address of a server with the same layout; the listener hears of archive name,
+    bytes there, bytes in all (None: unknown). Raises ProductError for the first archive that could not be had, after
+    all were tried, CatalogError for a place that is no known name and no address of http(s), or one with a password.
     """
     parts = urlsplit(PLACES.get(place, place))
     if parts.scheme not in ("http", "https") or not parts.hostname:

@@ -54,9 +54,7 @@ def days(folder, date: str | None = None) -> dict[str, dict[str, LevelOneFile]]:
 def read(file: LevelOneFile, start: float | None = None, stop: float | None = None) -> dict[str, np.ndarray]:
     """Epochs and values of one file, or of a part of it between two epochs in s.
 
-    Returns
-    -------
-    record : {"time" (n,) s; IS1: "volts" (n, 6) V; ATT: "quaternion" (n, 4); ORB: "position" m, "velocity" m s-1}
+    {"time" (n,) s; IS1: "volts" (n, 6) V; ATT: "quaternion" (n, 4); ORB: "position" m, "velocity" m s-1}
     """
     time, values = daily.read(file, VARIABLES[file.product], start, stop)
     if file.product == "IS1":

@@ -60,16 +60,7 @@ def other_file(path, kind: str, date: str) -> LevelOneFile:
 
 
 def read(file: LevelOneFile, truth: bool = False):
-    """Content of a file, checked; of a file of truth with the drag.
-
-    Returns
-    -------
-    observed : Dataset, "ingest"
-
-    Raises
-    ------
-    ProductError : not a netCDF file, a variable or unit is missing or wrong, another day
-    """
+    """Content of a file, checked, as a Dataset "ingest"; of a file of truth with the drag."""
     layout = VARIABLES | (DRAG if truth else {})
     time, values = daily.read(file, layout)
     for name, limit in BEYOND.items():

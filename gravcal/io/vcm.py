@@ -27,23 +27,11 @@ class VectorRecord:
 
 
 def vector_line(time, satellite, vector_b, name="VCM", comment=""):
-    """Line of the sequence-of-events file, ``time GRACEC VCM 3 x y z comment``.
+    """Line of the sequence-of-events file, ``time GRACEC VCM 3 x y z comment``, without its end.
 
-    Parameters
-    ----------
-    time : float, GPS seconds past 2000-01-01 12:00:00, from which the vector holds
-    satellite : str, letter
-    vector_b : (3,) m, for "VCM" proof mass to centre of mass, for "VKB" centre of mass to antenna phase centre
-    name : str, "VCM" or "VKB"
-    comment : str, one line
-
-    Returns
-    -------
-    line : str, without end of line; numbers keep all their digits
-
-    Notes
-    -----
-    Fields are split by blanks; GRACE Level 1B Data Product User Handbook v1.3, section 4.8.
+    It holds from a GPS second on: for "VCM" proof mass to centre of mass, for "VKB" centre of mass to antenna phase
+    centre, (3,) m in b with all digits. Fields are split by blanks; GRACE Level 1B Data Product User Handbook v1.3,
+    section 4.8.
     """
     x, y, z = _checked(vector_b, f"{name} line of GRACE-{satellite}")
     spacecraft = f"GRACE{satellite}"
@@ -76,17 +64,7 @@ def read_vector_line(line):
 def write_vector_file(path, time, satellite, vector_b, source=""):
     """Vector file with the 80-column header of VKB1B; by its path, ``VCM1B_2020-02-01_C_04.txt``, the product is known.
 
-    Parameters
-    ----------
-    path : Path or str
-    time : (n,) whole GPS seconds from which each vector holds
-    satellite : str, letter
-    vector_b : (n, 3) m in SRF
-    source : str, what the vectors come from; stands in the header
-
-    Returns
-    -------
-    path : Path
+    Vectors (n, 3) m in SRF hold from whole GPS seconds (n,) on; the source stands in the header.
 
     Notes
     -----

@@ -27,11 +27,7 @@ OF_ONE_DAY = {"truth"}  # names a file of one day: no choice of processing
 def chosen(calibration, given, name=None):
     """Parameters of a run and the name of its configuration; nothing is recorded.
 
-    Parameters
-    ----------
-    calibration : str
-    given : mapping of name to text or value, as of ``--set`` and ``--model``; {} for none
-    name : of the experiment, or None; without settings that of a recorded one
+    Given are texts or values by name, as of ``--set`` and ``--model``; without any, those of the recorded experiment.
     """
     catalogue, used = parameters(calibration), operational(calibration)["settings"]
     if name not in (None, OPERATIONAL):

@@ -153,10 +153,7 @@ def digest_of(item):
 def fingerprint(body, also=()):
     """Digests of the code that a stage runs, by "module" or "module:function", and of data files, by "package/file".
 
-    Parameters
-    ----------
-    body : function, the stage's own
-    also : sequence of str, modules that the body reaches in a way no import statement shows
+    Also are modules that the body of the stage reaches in a way no import statement shows.
     """
     name = f"{body.__module__}:{body.__name__}", *also
     if name not in _bodies:

@@ -53,17 +53,7 @@ def sealed(record):
 
 
 def read(folder):
-    """Record of a product folder.
-
-    Parameters
-    ----------
-    folder : Path, of the store; its name is the key
-
-    Returns
-    -------
-    record : dict, shared and not to be changed, or None
-    reason : why there is none that can be believed, or None
-    """
+    """Record (a dict, shared) of a product folder, whose name is the key, and None; or None and why not."""
     parts = (folder.parent, folder, folder / "meta.json", folder / "product.nc")
     link = next((path for path in parts if path.is_symlink()), None)
     if link:

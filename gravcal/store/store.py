@@ -70,22 +70,10 @@ def load(ref):
 
 
 def put(key, recipe, made, facts):
-    """Publish a product; if another process was first, its product is returned.
+    """Publish a product, (checked dataset, {file name: str or bytes}); that of another process that was first counts.
 
-    Parameters
-    ----------
-    key : str
-    recipe : dict, what the key was made of
-    made : tuple of dataset (checked) and mapping of file name to str or bytes
-    facts : dict, joins the record: modules, inputs, stage, seconds
-
-    Returns
-    -------
-    ref : ProductRef
-
-    Raises
-    ------
-    ProductError : disk full or store not writable; the store is as before
+    The key is that of the recipe; facts join the record: modules, inputs, stage, seconds. ProductError where the disk
+    is full or the store not writable, which is then as before.
     """
     dataset, files = made
     aside = location.new_aside()
