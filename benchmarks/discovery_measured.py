@@ -20,7 +20,7 @@ from gravcal import catalog  # noqa: E402
 from gravcal.calibrations.published_table import observations as published  # noqa: E402
 from gravcal.calibrations.thrusters import estimate, model  # noqa: E402
 from gravcal.discovery import driver  # noqa: E402
-from tasks import stage  # noqa: E402
+from tasks import discovery, stage  # noqa: E402
 
 RUNS = (
     ("thrusters", "grace-2014-01-15", "A"),
@@ -101,7 +101,7 @@ def attitude(root: Path, letter: str) -> Attitude:
     """
     chosen = catalog.parameters("thrusters")
     source = load("thrusters").source(data=root / "grace-2014-01-15", satellite=letter)
-    products = {name: stage.read(ref) for name, ref in thrusters.baseline(source, chosen).items()}
+    products = {name: stage.read(ref) for name, ref in thrusters.DISCOVERY.baseline(source, chosen).items()}
     records, noise = model.records(products["align"]), model.noise_of(products["noise"])
     rows = estimate.rows_of(records.camera, noise, **thrusters.settings(source, chosen))
     return Attitude(records.firings, rows)
@@ -142,7 +142,7 @@ def table(folder: Path, plt) -> None:
     study = discover.STUDIES["published_table"]
     chosen = catalog.parameters(study.name)
     observed = published.observe({}, **study.discovery.settings(study, chosen))
-    limits = driver.Limits(*(getattr(chosen, name) for name in discover.LIMITS))
+    limits = driver.Limits(*(getattr(chosen, name) for name in discovery.LIMITS))
     found = driver.discover(observed, limits)
     block, axis = found["block"].values, found["component"].values
     fitted = (found["observed"] - found["residual_after"]).values

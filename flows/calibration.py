@@ -34,41 +34,60 @@ class Discovery:
 
     Attributes
     ----------
-    baseline : (source, chosen) -> {name: reference} of the products that its observations are built from
     settings : (source, chosen) -> settings of ``observe`` beside the products and those of the stage "discovery"
     observations : module with ``observe(products, **settings) -> Observations``, or None where these hold none
-    records : kind of the product that a model changes; its last word is a name of ``baseline``
-    again : (source, chosen, records) -> the products of ``baseline`` from records without the effects of a model;
-        None if a search is not repeated
+    records : (source, chosen) -> the product that a model changes; None if `products` sees to models
+    products : (source, chosen, records) -> {name: product} that the observations are built from; None: the records
+        alone
+    twice : True if the search is repeated in records without what it has found
     result : (source, chosen, records) -> product with the result of the calibration from such records
     """
 
-    baseline: Callable
     settings: Callable
-    observations: str = ""
-    records: str = ""
-    again: Callable | None = None
+    observations: str
+    records: Callable | None = None
+    products: Callable | None = None
+    twice: bool = False
     result: Callable | None = None
 
-    def without(self, source, chosen, products, model, variant="extended", records=None):
-        """Records without the effects of a model; ``products`` are those of `baseline`, by name."""
+    def read(self, source, chosen):
+        """Product that a model changes, without the effects of the model that is given."""
+        found = self.records and self.records(source, chosen)
+        model = chosen.entries.get("model")
+        return self.without(source, chosen, found, model.value) if found and model and model.value else found
+
+    def built(self, source, chosen, records):
+        """Products of records that the observations are built from, by name."""
+        if self.products is None:
+            return {records.kind.rpartition(".")[2]: records}
+        return self.products(source, chosen, records)
+
+    def baseline(self, source, chosen):
+        """Products that the observations are built from, by name."""
+        return self.built(source, chosen, self.read(source, chosen))
+
+    def without(self, source, chosen, records, model, variant="extended", products=None):
+        """Records without the effects of a model; ``products`` are theirs by name, where they are known."""
+        products = products or self.built(source, chosen, records)
         return discovery.extend(
             *products.values(),
             names=list(products),
             observations=self.observations,
-            records=records or self.records,
+            records=records.kind,
             settings=self.settings(source, chosen),
             model=model,
             variant=variant,
         )
 
-    def taken_out(self, source, chosen, products, solved=None, records=None):
+    def taken_out(self, source, chosen, records, solved=None, products=None):
         """Records without the effects of the given model, and results (of ``solved``) for each of its errors."""
+        if not chosen.model:
+            return records, []
+        products = products or self.built(source, chosen, records)
         moved = enumerate(models.moved(chosen.model), start=1)
-        others = [self.without(source, chosen, products, one, f"moved_{number}", records) for number, one in moved]
+        others = [self.without(source, chosen, records, one, f"moved_{number}", products) for number, one in moved]
         results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
-        without = self.without(source, chosen, products, chosen.model, records=records)  # last: latest/ leads to it
-        return without, results
+        return self.without(source, chosen, records, chosen.model, products=products), results  # latest/ leads to it
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from flows.calibration import Calibration, Discovery, of_one_satellite
 from flows.engine import flow
 from gravcal import catalog
-from gravcal.browse import printed
 from gravcal.store import results
 from tasks import com_offset, common
 
@@ -27,12 +26,9 @@ ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 @flow(name="com_offset")
 def calibrate(source, chosen):
     """Offset of the centre of mass from the manoeuvres of one day."""
-    found, aligned, checked = _aligned(source, chosen)
-    moved = []
-    if chosen.model:
-        products = _with_torquers(source, chosen, aligned, checked)
-        aligned, moved = DISCOVERY.taken_out(source, chosen, products)
-        checked = com_offset.field(aligned, **chosen.for_stage("field"))
+    found, recorded = _aligned(source, chosen)
+    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded)
+    checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
@@ -45,11 +41,10 @@ def calibrate(source, chosen):
 
 
 def _aligned(source, chosen):
-    """Manoeuvres, records on GPS time, field along the orbit."""
+    """Manoeuvres, records on GPS time."""
     files = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
     found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
-    aligned = com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))
-    return found, aligned, com_offset.field(aligned, **chosen.for_stage("field"))
+    return found, com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))
 
 
 def _smoothed(source, chosen, aligned, checked):
@@ -83,22 +78,9 @@ def _weighed(chosen, aligned, smoothed, angular):
     return solved
 
 
-def baseline(source, chosen):
-    """Products that discovery looks at, by name; solved with the torquers."""
-    _, aligned, checked = _aligned(source, chosen)
-    products = _with_torquers(source, chosen, aligned, checked)
-    if not chosen.model:
-        return products
-    return solved_with_torquers(source, chosen, DISCOVERY.without(source, chosen, products, chosen.model))
-
-
-def solved_with_torquers(source, chosen, aligned):
-    """The same products from aligned records."""
-    return _with_torquers(source, chosen, aligned, com_offset.field(aligned, **chosen.for_stage("field")))
-
-
-def _with_torquers(source, chosen, aligned, checked):
+def with_torquers(source, chosen, aligned):
     """Aligned records, field, attitude, and the solution with the torquers, by name."""
+    checked = com_offset.field(aligned, **chosen.for_stage("field"))
     smoothed, _, (solved,) = _solved(source, chosen, aligned, checked, ("mtq",))
     return {"align": aligned, "field": checked, "attitude": smoothed, "solve": solved}
 
@@ -151,11 +133,11 @@ def values(document):
 
 
 DISCOVERY = Discovery(
-    baseline,
     scene_settings,
-    observations="gravcal.calibrations.com_offset.observations",
-    records="com_offset.align",
-    again=solved_with_torquers,
+    "gravcal.calibrations.com_offset.observations",
+    records=lambda source, chosen: _aligned(source, chosen)[1],
+    products=with_torquers,
+    twice=True,
     result=combined,
 )
 CALIBRATION = Calibration(
@@ -171,7 +153,7 @@ CALIBRATION = Calibration(
     simulation=of_one_satellite("gravcal.simulation.com_offset"),
     products=com_offset.KINDS,
     result=values,
-    printed={"history": printed.vector("µm")},
+    printed={"history": results.printed_vector("µm")},
     trims=True,
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",

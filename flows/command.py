@@ -179,7 +179,7 @@ def detect(calibration, source, chosen):
 
 def series(calibration, satellite):
     """Rows and page of all results in the store beside the printed values; no row where there is no result."""
-    from gravcal.browse import printed, timeline
+    from gravcal.browse import timeline
     from gravcal.report.history import history
 
     one = record(calibration)
@@ -188,8 +188,8 @@ def series(calibration, satellite):
     letters = sorted({point.satellite for point in points})
     if not letters:
         return [], None
-    points += [point for letter in letters for point in printed.points(one, letter)]
-    trims = [(letter, trim) for letter in letters if one.trims for trim in printed.trims(letter)]
+    points += [point for letter in letters for point in timeline.printed_points(one, letter)]
+    trims = [(letter, trim) for letter in letters if one.trims for trim in timeline.trims(letter)]
     return history(one.quantity, points, trims, one.band)
 
 

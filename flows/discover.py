@@ -28,28 +28,29 @@ def flow_of(name: str):
 def _discover(one: Calibration | Study, source, chosen):
     """Causes of what a calibration leaves unexplained in one event."""
     looked, event = one.discovery, {"event": source.event}
-    products = looked.baseline(source, chosen)
+    records = looked.read(source, chosen)
+    products = looked.built(source, chosen, records)
     settings = looked.settings(source, chosen)
     limits = chosen.for_stage("discovery")
     limits["segment_s"] = limits.pop("heldout_s", None) or limits["segment_s"]
-    own = settings | {name: limits.pop(name) for name in set(limits) - set(LIMITS)}
+    own = settings | {name: limits.pop(name) for name in set(limits) - set(discovery.LIMITS)}
     fixed = {"observations": looked.observations, "names": list(products)}
     searched = fixed | {"calibration": one.name, "settings": own} | limits | event
-    extended = fixed | {"records": looked.records, "settings": settings} | event
-    if looked.again is None:
-        found = discovery.search(*products.values(), variant="", **searched)
-    else:
+    extended = fixed | {"records": records.kind if records else "", "settings": settings} | event
+    if looked.twice:
         first = discovery.search(*products.values(), variant="first", **searched)
         without = discovery.extend_by(first, *products.values(), variant="first", tentative=True, **extended)
-        again = looked.again(source, chosen, without)
+        again = looked.built(source, chosen, without)
         found = discovery.search_again(first, *again.values(), variant="", **searched)
+    else:
+        found = discovery.search(*products.values(), variant="", **searched)
     results = ()
     if looked.result is not None:
         without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **extended)
         after = looked.result(source, chosen, without)
-        before = looked.result(source, chosen, products[looked.records.rpartition(".")[2]])  # last: latest/ leads to it
+        before = looked.result(source, chosen, records)  # last: latest/ leads to it
         results = before, after
-    elif looked.again is not None:
+    elif looked.twice:
         looked.baseline(source, chosen)  # last: latest/ leads to it
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
     named = {
@@ -59,9 +60,6 @@ def _discover(one: Calibration | Study, source, chosen):
         "settings": values,
     }
     return discovery.report(found, *results, **named, **event)
-
-
-LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
 def names() -> tuple[str, ...]:

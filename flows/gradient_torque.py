@@ -27,10 +27,8 @@ def calibrate(source, chosen):
     """Drag by two sensors and by one, as printed and as it should be."""
     methods = _methods(source, chosen)
     recorded, field = _recorded(source, chosen)
-    observed, moved = recorded, []
-    if chosen.model:
-        solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
-        observed, moved = DISCOVERY.taken_out(source, chosen, _by_one_sensor(recorded, field, chosen), solved)
+    solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
+    observed, moved = DISCOVERY.taken_out(source, chosen, recorded, solved)
     modelled, drags = _solved(observed, field, chosen, methods)
     for k, name in enumerate(methods if moved else ()):
         others = (result[1][k] for result in moved)
@@ -76,23 +74,11 @@ def _solved(observed, field, chosen, methods, suffix=""):
     return modelled, [gradient_torque.drag(modelled, variant=name + suffix, **settings) for name in methods]
 
 
-def _by_one_sensor(observed, field, chosen):
+def by_one_sensor(source, chosen, observed):
     """Readings with gradient and drag by one sensor, by name."""
+    field = _recorded(source, chosen)[1]
     modelled, (drag,) = _solved(observed, field, chosen, ["one_sensor"])
     return {"ingest": observed, "gradient": modelled, "drag": drag}
-
-
-def baseline(source, chosen):
-    """Products that discovery looks at: readings, gradient, drag by one sensor."""
-    observed, field = _recorded(source, chosen)
-    if chosen.model:
-        observed = DISCOVERY.without(source, chosen, _by_one_sensor(observed, field, chosen), chosen.model)
-    return _by_one_sensor(observed, field, chosen)
-
-
-def again(source, chosen, observed):
-    """The same products from other readings of the day."""
-    return _by_one_sensor(observed, _recorded(source, chosen)[1], chosen)
 
 
 def observation_settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
@@ -161,11 +147,11 @@ def values(document):
 
 
 DISCOVERY = Discovery(
-    baseline,
     observation_settings,
-    observations="gravcal.calibrations.gradient_torque.observations",
-    records="ingest",
-    again=again,
+    "gravcal.calibrations.gradient_torque.observations",
+    records=lambda source, chosen: _recorded(source, chosen)[0],
+    products=by_one_sensor,
+    twice=True,
 )
 CALIBRATION = Calibration(
     name="gradient_torque",

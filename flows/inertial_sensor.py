@@ -30,7 +30,7 @@ def calibrate(source, chosen):
     return inertial_sensor.report(*products.values(), names=list(products), **_report_settings(source, chosen))
 
 
-def baseline(source, chosen):
+def observed(source, chosen, _records):
     """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither."""
     products, files = _solved(source, chosen, widened=False)
     return {name: one for name, one in products.items() if name != "detect" or not files}
@@ -72,10 +72,10 @@ def _without_model(chosen, solve, records, known, widened):
     products = solve(chosen, records, known)
     if not chosen.model:
         return products
-    parts, kind = products | known, records.kind
+    parts = products | known
     if not widened:
-        return solve(chosen, DISCOVERY.without(None, chosen, parts, chosen.model, records=kind), known)
-    without, moved = DISCOVERY.taken_out(None, chosen, parts, lambda one: solve(chosen, one, known), kind)
+        return solve(chosen, DISCOVERY.without(None, chosen, records, chosen.model, products=parts), known)
+    without, moved = DISCOVERY.taken_out(None, chosen, records, lambda one: solve(chosen, one, known), parts)
     products = solve(chosen, without, known)
     for name in ("scale", "offset", "bias") if moved else ():
         if name in products:
@@ -185,12 +185,7 @@ def printed_factor(one):
         yield one.factor.replace("_", " "), "m s-2 V-1", value, one.sigma[0], "on ground, " if orbit is None else ""
 
 
-DISCOVERY = Discovery(
-    baseline,
-    views,
-    observations="gravcal.calibrations.inertial_sensor.observations",
-    records="inertial_sensor.align",
-)
+DISCOVERY = Discovery(views, "gravcal.calibrations.inertial_sensor.observations", products=observed)
 CALIBRATION = Calibration(
     name="inertial_sensor",
     title="Inertial sensor",

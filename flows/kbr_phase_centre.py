@@ -9,7 +9,6 @@ from itertools import product
 from flows.calibration import EPOCH, Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
-from gravcal.browse import printed
 from gravcal.io import archive
 from gravcal.store import results
 from tasks import common, kbr_phase_centre
@@ -31,11 +30,8 @@ ORBIT = ("GNI1B", "GNV1B")
 def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
     files = ingested(source, chosen)
-    aligned = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
-    moved = []
-    if chosen.model:
-        products = _of_range(source, chosen, aligned)
-        aligned, moved = DISCOVERY.taken_out(source, chosen, products)
+    recorded = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
+    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded)
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
     if moved:
         combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
@@ -75,20 +71,16 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
     return pointed, equations, quiet, solved, kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
 
 
-def _of_range(source, chosen, aligned):
+def of_range(source, chosen, aligned):
     """Products of the range that discovery looks at, by name."""
     pointed, equations, quiet, solved, _ = _solved(source, chosen, aligned, OBSERVABLES[:1])
     names = ("align", "pointing", "observable", "noise", "solve")
     return dict(zip(names, (aligned, pointed, equations[0], quiet, solved[0]), strict=True))
 
 
-def baseline(source, chosen):
-    """Products that discovery looks at, by name."""
-    aligned = kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
-    products = _of_range(source, chosen, aligned)
-    if not chosen.model:
-        return products
-    return _of_range(source, chosen, DISCOVERY.without(source, chosen, products, chosen.model))
+def aligned_records(source, chosen):
+    """Ranging, orbits and attitudes on GPS time."""
+    return kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
 
 
 def combined(source, chosen, aligned):
@@ -106,7 +98,7 @@ def scene_settings(source, chosen):
 @flow(name="kbr_phase_centre_detect")
 def detect(source, chosen):
     """Wiggles of one day in the pointing angles."""
-    aligned = kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
+    aligned = aligned_records(source, chosen)
     return kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
 
 
@@ -212,10 +204,10 @@ def values(document):
 
 
 DISCOVERY = Discovery(
-    baseline,
     scene_settings,
-    observations="gravcal.calibrations.kbr_phase_centre.observations",
-    records="kbr_phase_centre.align",
+    "gravcal.calibrations.kbr_phase_centre.observations",
+    records=aligned_records,
+    products=of_range,
     result=combined,
 )
 CALIBRATION = Calibration(
@@ -234,7 +226,7 @@ CALIBRATION = Calibration(
     level_one_files=level_one_files,
     products=kbr_phase_centre.KINDS,
     result=values,
-    printed={"vkb1b": printed.vector("mm")},
+    printed={"vkb1b": results.printed_vector("mm")},
     design="kbr_wiggle",
     discovery=DISCOVERY,
 )

@@ -14,10 +14,8 @@ from tasks import common, magnetometer
 @flow(name="magnetometer")
 def calibrate(source, chosen):
     """Parameters of the magnetometer of one satellite against the reference field."""
-    aligned, moved = _aligned(source, chosen), []
-    if chosen.model:
-        solved = functools.partial(_estimated, chosen)
-        aligned, moved = DISCOVERY.taken_out(source, chosen, {"align": aligned}, solved)
+    solved = functools.partial(_estimated, chosen)
+    aligned, moved = DISCOVERY.taken_out(source, chosen, _aligned(source, chosen), solved)
     found = _estimated(chosen, aligned)
     checked = magnetometer.checks(aligned, found, **chosen.for_stage("checks"))
     found = magnetometer.model_error(found, *moved) if moved else found
@@ -37,25 +35,12 @@ def _estimated(chosen, aligned):
     return magnetometer.estimate(aligned, **chosen.for_stage("estimate"))
 
 
-def baseline(source, chosen):
-    """Products that discovery looks at, by name."""
-    aligned = _aligned(source, chosen)
-    if chosen.model:
-        aligned = DISCOVERY.without(source, chosen, {"align": aligned}, chosen.model)
-    return {"align": aligned}
-
-
 def settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
     """What the observations need beside the products."""
     return chosen.for_stage("observe")
 
 
-DISCOVERY = Discovery(
-    baseline,
-    settings,
-    observations="gravcal.calibrations.magnetometer.observations",
-    records="magnetometer.align",
-)
+DISCOVERY = Discovery(settings, "gravcal.calibrations.magnetometer.observations", records=_aligned)
 CALIBRATION = Calibration(
     name="magnetometer",
     title="Magnetometer",

@@ -32,6 +32,4 @@ def settings(study, chosen):
 
 
 OBSERVATIONS = "gravcal.calibrations.published_table.observations"
-STUDY = Study(
-    "published_table", "grace-c-2020-02-01", "C", Discovery(lambda *_: {}, settings, observations=OBSERVATIONS)
-)
+STUDY = Study("published_table", "grace-c-2020-02-01", "C", Discovery(settings, OBSERVATIONS, products=lambda *_: {}))

@@ -7,9 +7,7 @@ from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import discovery, kbr_phase_centre, ranging
-
-OBSERVATIONS = "gravcal.calibrations.ranging.observations"
+from tasks import kbr_phase_centre, ranging
 
 
 @flow(name="ranging")
@@ -17,7 +15,7 @@ def calibrate(source, chosen):
     """Phase centres of both satellites by the slow motion of their pointing."""
     minutes, checked = _minutes(source)
     if chosen.model:
-        minutes = _extended(source, chosen, minutes)
+        minutes = DISCOVERY.without(source, chosen, minutes, chosen.model)
     found = ranging.estimate(minutes, **chosen.for_stage("estimate"))
     checked = ranging.checks(checked, found, **chosen.for_stage("checks"))
     return ranging.report(found, minutes, checked, event=source.event, settings=chosen.for_report())
@@ -33,24 +31,16 @@ def _minutes(source):
     return ranging.align(aligned, equations[0]), checked
 
 
-def _extended(source, chosen, minutes):
-    """Minutes without the effects of a model."""
-    about = {"observations": OBSERVATIONS, "records": "ranging.align", "names": ["align"]}
-    settings = observation_settings(source, chosen)
-    return discovery.extend(minutes, model=chosen.model, settings=settings, variant="extended", **about)
-
-
-def baseline(source, chosen):
-    """Products that discovery looks at, by name."""
-    minutes, _ = _minutes(source)
-    return {"align": _extended(source, chosen, minutes) if chosen.model else minutes}
-
-
 def observation_settings(source, chosen):
     """What the observations need beside the products."""
     return wiggles.nominal_of(source) | chosen.for_stage("observe")
 
 
+DISCOVERY = Discovery(
+    observation_settings,
+    "gravcal.calibrations.ranging.observations",
+    records=lambda source, _chosen: _minutes(source)[0],
+)
 CALIBRATION = Calibration(
     name="ranging",
     title="Routine pointing",
@@ -64,5 +54,5 @@ CALIBRATION = Calibration(
     level_one_files=wiggles.level_one_files,
     products=ranging.KINDS,
     result=results.parameters,
-    discovery=Discovery(baseline, observation_settings, observations=OBSERVATIONS, records="ranging.align"),
+    discovery=DISCOVERY,
 )

@@ -18,11 +18,10 @@ TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 @flow(name="thrusters")
 def calibrate(source, chosen):
     """Gain of the attitude thrusters about each axis, and delay of their tags."""
-    aligned, moved = _aligned(source, chosen), []
+    aligned = _aligned(source, chosen)
     measured = thrusters.noise(aligned, **chosen.for_stage("noise"))
     solved = functools.partial(_estimated, source, chosen, measured)
-    if chosen.model:
-        aligned, moved = DISCOVERY.taken_out(source, chosen, {"align": aligned, "noise": measured}, solved)
+    aligned, moved = DISCOVERY.taken_out(source, chosen, aligned, solved, {"align": aligned, "noise": measured})
     found = solved(aligned)
     checked = thrusters.checks(aligned, found, **chosen.for_stage("checks"))
     found = thrusters.model_error(found, *moved) if moved else found
@@ -49,12 +48,9 @@ def _inertia(source):
     return {"inertia": catalog.satellite(source.satellite).settings()["inertia"]}
 
 
-def baseline(source, chosen):
-    """Products that discovery looks at, by name: records of the day and noise of the attitude."""
-    aligned = _aligned(source, chosen)
-    measured = thrusters.noise(aligned, **chosen.for_stage("noise"))
-    if chosen.model:
-        aligned = DISCOVERY.without(source, chosen, {"align": aligned, "noise": measured}, chosen.model)
+def products(source, chosen, aligned):
+    """Records of the day, and the noise of the attitude as it was recorded, by name."""
+    measured = thrusters.noise(_aligned(source, chosen), **chosen.for_stage("noise"))
     return {"align": aligned, "noise": measured}
 
 
@@ -63,12 +59,8 @@ def settings(source, chosen):
     return _inertia(source) | chosen.for_stage("observe")
 
 
-DISCOVERY = Discovery(
-    baseline,
-    settings,
-    observations="gravcal.calibrations.thrusters.observations",
-    records="thrusters.align",
-)
+OBSERVATIONS = "gravcal.calibrations.thrusters.observations"
+DISCOVERY = Discovery(settings, OBSERVATIONS, records=_aligned, products=products)
 CALIBRATION = Calibration(
     name="thrusters",
     title="Attitude thrusters",

@@ -18,23 +18,22 @@ solving = lazy("gravcal.calibrations.com_offset.solve")
 checking = lazy("gravcal.calibrations.com_offset.checks")
 pages = lazy("gravcal.calibrations.com_offset.page")
 
-KINDS = {
-    "com_offset.detect": schemas.DETECT,
-    "com_offset.align": ALIGN,
-    "com_offset.field": schemas.FIELD,
-    "com_offset.attitude": schemas.ATTITUDE,
-    "com_offset.survey": schemas.SURVEY,
-    "com_offset.checks": CHECKS,
-    "com_offset.quiet": schemas.QUIET,
-    "com_offset.noise": schemas.NOISE,
-    "com_offset.angular_acceleration": schemas.ANGULAR,
-    "com_offset.equations": schemas.EQUATIONS,
-    "com_offset.solve": schemas.SOLVE,
-    "com_offset.combine": schemas.COMBINE,
-    "com_offset.report": schemas.REPORT,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+KINDS = product.registered(
+    "com_offset",
+    detect=schemas.DETECT,
+    align=ALIGN,
+    field=schemas.FIELD,
+    attitude=schemas.ATTITUDE,
+    survey=schemas.SURVEY,
+    checks=CHECKS,
+    quiet=schemas.QUIET,
+    noise=schemas.NOISE,
+    angular_acceleration=schemas.ANGULAR,
+    equations=schemas.EQUATIONS,
+    solve=schemas.SOLVE,
+    combine=schemas.COMBINE,
+    report=schemas.REPORT,
+)
 
 
 @stage(reads=["ingest"], writes="com_offset.detect", version=2)

@@ -20,44 +20,26 @@ report_science = lazy("gravcal.report.discovery")
 product.register("*.discovery", DISCOVERY)
 product.register("*.discovery_report", product.ANY)
 ANY_PRODUCT = ["*"]
+#: Settings of a search, in the order of `Limits`.
+LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
-def search(
-    *products,
-    calibration,  # noqa: ARG001 - it names the product
-    observations,
-    names,
-    discovery_level,
-    tie_chi2,
-    round_limit,
-    segment_s,
-    discovery_seed,
-    settings,
-):
+def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
-    limits = driver.Limits(discovery_level, tie_chi2, round_limit, segment_s, discovery_seed)
-    return driver.discover(_observed(products, observations, names, settings), limits)
+    return driver.discover(_observed(products, observations, names, settings), _limits(limits))
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
-def search_again(
-    first,
-    *products,
-    calibration,  # noqa: ARG001 - it names the product
-    observations,
-    names,
-    discovery_level,
-    tie_chi2,
-    round_limit,
-    segment_s,
-    discovery_seed,
-    settings,
-):
+def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
-    limits = driver.Limits(discovery_level, tie_chi2, round_limit, segment_s, discovery_seed)
     observed = _observed(products, observations, names, settings)
-    return driver.discover_again(observed, limits, first, _model(first))
+    return driver.discover_again(observed, _limits(limits), first, _model(first))
+
+
+def _limits(given):
+    """Limits of a search from its settings."""
+    return driver.Limits(*(given[name] for name in LIMITS))
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])

@@ -15,18 +15,17 @@ checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 page = lazy("gravcal.calibrations.gradient_torque.page")
 
 product.register("ingest", product.ANY)
-KINDS = {
-    "gradient_torque.field": schemas.FIELD,
-    "gradient_torque.truth": schemas.TRUTH,
-    "gradient_torque.gradient": schemas.GRADIENT,
-    "gradient_torque.torque": schemas.TORQUE,
-    "gradient_torque.drag": schemas.DRAG,
-    "gradient_torque.combine": schemas.COMBINE,
-    "gradient_torque.checks": CHECKS,
-    "gradient_torque.report": schemas.REPORT,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+KINDS = product.registered(
+    "gradient_torque",
+    field=schemas.FIELD,
+    truth=schemas.TRUTH,
+    gradient=schemas.GRADIENT,
+    torque=schemas.TORQUE,
+    drag=schemas.DRAG,
+    combine=schemas.COMBINE,
+    checks=CHECKS,
+    report=schemas.REPORT,
+)
 
 
 @stage(reads=["file"], writes="ingest", version=1)

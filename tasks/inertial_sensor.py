@@ -15,18 +15,17 @@ biases = lazy("gravcal.calibrations.inertial_sensor.bias")
 checks_science = lazy("gravcal.calibrations.inertial_sensor.checks")
 page = lazy("gravcal.calibrations.inertial_sensor.page")
 
-KINDS = {
-    "inertial_sensor.detect": schemas.DETECT,
-    "inertial_sensor.align": schemas.ALIGN,
-    "inertial_sensor.scale": schemas.SCALE,
-    "inertial_sensor.offset": schemas.OFFSET,
-    "inertial_sensor.segment": schemas.SEGMENT,
-    "inertial_sensor.bias": schemas.BIAS,
-    "inertial_sensor.checks": CHECKS,
-    "inertial_sensor.report": schemas.REPORT,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+KINDS = product.registered(
+    "inertial_sensor",
+    detect=schemas.DETECT,
+    align=schemas.ALIGN,
+    scale=schemas.SCALE,
+    offset=schemas.OFFSET,
+    segment=schemas.SEGMENT,
+    bias=schemas.BIAS,
+    checks=CHECKS,
+    report=schemas.REPORT,
+)
 
 
 @stage(reads=["file"], writes="inertial_sensor.detect", version=1)

@@ -14,19 +14,18 @@ solve_science = lazy("gravcal.calibrations.kbr_phase_centre.solve")
 checks_science = lazy("gravcal.calibrations.kbr_phase_centre.checks")
 report_science = lazy("gravcal.calibrations.kbr_phase_centre.page")
 
-KINDS = {
-    "kbr_phase_centre.align": schemas.ALIGN,
-    "kbr_phase_centre.pointing": schemas.POINTING,
-    "kbr_phase_centre.observable": schemas.OBSERVABLE,
-    "kbr_phase_centre.noise": schemas.NOISE,
-    "kbr_phase_centre.routine": schemas.ROUTINE,
-    "kbr_phase_centre.solve": schemas.SOLVE,
-    "kbr_phase_centre.combine": schemas.COMBINE,
-    "kbr_phase_centre.checks": CHECKS,
-    "kbr_phase_centre.report": schemas.REPORT,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+KINDS = product.registered(
+    "kbr_phase_centre",
+    align=schemas.ALIGN,
+    pointing=schemas.POINTING,
+    observable=schemas.OBSERVABLE,
+    noise=schemas.NOISE,
+    routine=schemas.ROUTINE,
+    solve=schemas.SOLVE,
+    combine=schemas.COMBINE,
+    checks=CHECKS,
+    report=schemas.REPORT,
+)
 ALIGN, POINTING, OBSERVABLE, NOISE, ROUTINE, SOLVE, COMBINE, CHECKED, REPORT = KINDS
 
 

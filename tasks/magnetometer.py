@@ -13,14 +13,7 @@ estimation = lazy("gravcal.calibrations.magnetometer.estimate")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
 page = lazy("gravcal.calibrations.magnetometer.page")
 
-KINDS = {
-    "magnetometer.align": schemas.ALIGN,
-    "magnetometer.estimate": schemas.ESTIMATE,
-    "magnetometer.checks": CHECKS,
-    "magnetometer.report": REPORT,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+KINDS = product.registered("magnetometer", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
 
 
 @stage(reads=["ingest"], writes="magnetometer.align", version=1)

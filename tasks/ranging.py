@@ -11,14 +11,7 @@ from tasks.stage import lazy, stage
 model = lazy("gravcal.calibrations.ranging.model")
 page = lazy("gravcal.calibrations.ranging.page")
 
-KINDS = {
-    "ranging.align": schemas.ALIGN,
-    "ranging.estimate": schemas.ESTIMATE,
-    "ranging.checks": CHECKS,
-    "ranging.report": REPORT,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+KINDS = product.registered("ranging", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
 
 
 @stage(reads=["kbr_phase_centre.align", "kbr_phase_centre.observable"], writes="ranging.align", version=1)

@@ -13,15 +13,9 @@ estimation = lazy("gravcal.calibrations.thrusters.estimate")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
 page = lazy("gravcal.calibrations.thrusters.page")
 
-KINDS = {
-    "thrusters.align": schemas.ALIGN,
-    "thrusters.noise": schemas.NOISE,
-    "thrusters.estimate": schemas.ESTIMATE,
-    "thrusters.checks": CHECKS,
-    "thrusters.report": REPORT,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+KINDS = product.registered(
+    "thrusters", align=schemas.ALIGN, noise=schemas.NOISE, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT
+)
 
 
 @stage(reads=["ingest"], writes="thrusters.align", version=1)

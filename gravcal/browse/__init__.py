@@ -1,12 +1,9 @@
 """Web pages on the product store: read-only, without network; started by ``gravcal browse``.
 
 store_index  what lies in the store: events with their state, chains of stages, records
-variables  what a product holds; one column of it in pieces
-series     a column at the resolution of the screen; differences and spectra
+series     variables of a product; a column at the resolution of the screen; differences and spectra
 plots      figures (Bokeh) with the data the page asks for
 timeline   results over the years, with trims and printed values
-printed    printed values and mass trims for these
-graph      places of the boxes and lines of a chain
 pages      one function for each page
 access       who may ask, and what an answer may contain
 app        addresses; the server

@@ -33,18 +33,14 @@ def is_loopback(host):
 
 
 def guarded(app, token, hosts):
-    """Application that answers only those who may ask.
+    """ASGI application that answers only those who may ask.
 
     Parameters
     ----------
     app : ASGI application
-    token : str, or empty where none is asked for
+    token : empty where none is asked for
     hosts : names under which the server may be addressed, "*" for any; keeps foreign pages from reaching it by a
         name of their own that leads to this machine
-
-    Returns
-    -------
-    app : ASGI application
     """
 
     async def answer(scope, receive, send):

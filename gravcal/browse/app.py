@@ -18,14 +18,7 @@ LONG = {"Cache-Control": "public, max-age=31536000, immutable"}
 
 
 def application(calibrations, token="", hosts=LOCAL):
-    """The pages as an ASGI application.
-
-    Parameters
-    ----------
-    calibrations : {name: flows.calibration.Calibration}
-    token : str, empty where none is asked for
-    hosts : names under which the server may be addressed
-    """
+    """The pages of calibrations {name: record} as an ASGI application; token and hosts as of `access.guarded`."""
     routes = [
         Route("/", pages.home),
         Route("/timeline/{calibration}", pages.timeline),
@@ -61,18 +54,8 @@ def bokeh_script():
     return Path(str(resources.files("bokeh"))) / "server" / "static" / "js" / "bokeh.min.js"
 
 
-def bound(host, port):
-    """Socket that listens.
-
-    Parameters
-    ----------
-    host : str
-    port : int, 0 for any that is free
-
-    Raises
-    ------
-    GravcalError : the address cannot be had
-    """
+def bound(host: str, port: int) -> socket.socket:
+    """Socket that listens; port 0 for any that is free. GravcalError if the address cannot be had."""
     kind = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.socket(kind, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -89,15 +72,7 @@ def bound(host, port):
 
 
 def serve(calibrations, listening, host, say):
-    """Answer until the process is ended.
-
-    Parameters
-    ----------
-    calibrations : {name: flows.calibration.Calibration}
-    listening : socket
-    host : str, as the user gave it
-    say : function that prints a line
-    """
+    """Answer on a socket until the process is ended; host as the user gave it, ``say`` prints a line."""
     import uvicorn
 
     plots.ready()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.browse import series, store_index, variables
+from gravcal.browse import series, store_index
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito, 2008
 VIEWS = ("overlay", "difference", "spectrum")
@@ -15,6 +15,12 @@ MANY = 4_000_000  # samples; of more, only the first series is drawn unasked
 GAPS = 0.5  # share of the axis that gaps may fill before the page says what to do
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
 GREY = "#5a5a5a"
+TOOLS = {
+    "tools": "xpan,box_zoom,xwheel_zoom,reset,save",
+    "active_drag": "xpan",
+    "active_scroll": "xwheel_zoom",
+    "sizing_mode": "stretch_width",
+}
 
 
 @dataclass(frozen=True)
@@ -74,35 +80,16 @@ def chosen(variable, columns=()):
     return tuple(range(min(len(variable.columns), DRAWN if length * DRAWN <= MANY else 1)))
 
 
-def figure(wish):
-    """Figure with its data, to be drawn by the page.
-
-    Parameters
-    ----------
-    wish : Wish
-
-    Returns
-    -------
-    item : dict, as Bokeh's embed_item takes it
-    """
+def figure(wish: Wish) -> dict:
+    """Figure with its data, as Bokeh's embed_item takes it."""
     from bokeh.embed import json_item
 
     made, said = _spectra(wish) if wish.view == "spectrum" else _lines(wish)
     return json_item(made) | {"said": said}
 
 
-def data(wish, start, stop):
-    """Data of the lines of a figure between two places of its axis.
-
-    Parameters
-    ----------
-    wish : Wish
-    start, stop : float, of the axis as drawn
-
-    Returns
-    -------
-    sources : dict, name -> {"x", "y"}, arrays of little-endian doubles as base64
-    """
+def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
+    """Data of the lines of a figure between two places of its axis: little-endian doubles as base64, by name."""
     traces, kind, _, _ = _traces(wish)
     bounds = [(_undrawn(start, kind) - one.shift, _undrawn(stop, kind) - one.shift) for one in traces]
     views = [series.view(one.whole, *bound) for one, bound in zip(traces, bounds, strict=True)]
@@ -131,7 +118,7 @@ def _traces(wish):
 def _asked(key, name):
     """Path of a product and its variable."""
     found = store_index.entry(key)
-    variable = variables.find(found.ref.path, name) if found else None
+    variable = series.find(found.ref.path, name) if found else None
     if variable is None or not variable.plottable:
         raise Missing(f"{key[:12]} {name}: found no numbers along an axis")
     return found.ref.path, variable
@@ -141,13 +128,13 @@ def _along(path, variable, wish):
     """Coordinate that a figure runs along, its kind and its label."""
     if wish.without_gaps:
         return None, "index", f"{variable.dims[variable.axis]} (number of the sample, gaps left out)"
-    return variables.coordinate(path, variable)
+    return series.coordinate(path, variable)
 
 
 def _whole(path, variable, number, wish):
     """Overview of one series."""
     coordinate, _, _ = _along(path, variable, wish)
-    return series.overview(variables.column(path, variable, number), coordinate)
+    return series.overview(series.column(path, variable, number), coordinate)
 
 
 def _trace(variable, number, whole, product, wish):
@@ -214,12 +201,14 @@ def _empty(kind, along, unit):
 
     scales = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
     ranges = {} if kind == "log" else {"x_range": Range1d()}
-    tools = "xpan,box_zoom,xwheel_zoom,reset,save"
-    active = {"active_drag": "xpan", "active_scroll": "xwheel_zoom"}
-    drawn = new(name="figure", height=430, sizing_mode="stretch_width", tools=tools, **active, **scales, **ranges)
-    drawn.toolbar.logo = None
+    drawn = new(name="figure", height=430, **TOOLS, **scales, **ranges)
     drawn.xaxis.axis_label, drawn.yaxis.axis_label = along, unit
-    drawn.outline_line_color = None
+    return styled(drawn)
+
+
+def styled(drawn):
+    """The same figure in the look of the pages."""
+    drawn.toolbar.logo = drawn.outline_line_color = None
     for axis in (drawn.xaxis, drawn.yaxis):
         axis.axis_label_text_font, axis.major_label_text_font = FONT, FONT
         axis.axis_label_text_font_style, axis.axis_label_text_font_size = "normal", "12px"
@@ -263,12 +252,12 @@ def _said(traces):
 
 def _drawn(x, kind):
     """Coordinate as the axis draws it: milliseconds for time."""
-    return (x + variables.UNIX_OF_EPOCH_S) * 1e3 if kind == "time" else x
+    return (x + series.UNIX_OF_EPOCH_S) * 1e3 if kind == "time" else x
 
 
 def _undrawn(x, kind):
     """Coordinate of a place on the axis."""
-    return x / 1e3 - variables.UNIX_OF_EPOCH_S if kind == "time" else x
+    return x / 1e3 - series.UNIX_OF_EPOCH_S if kind == "time" else x
 
 
 def _packed(values):

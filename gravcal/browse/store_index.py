@@ -21,13 +21,8 @@ class Node:
     inputs: tuple[str, ...]
 
 
-def entries():
-    """All products, those replaced by newer ones included.
-
-    Returns
-    -------
-    entries : list of housekeeping.Entry, by event, time and stage
-    """
+def entries() -> list[housekeeping.Entry]:
+    """All products, those replaced by newer ones included, by event, time and stage."""
     links, found = housekeeping.linked(), []
     for folder in housekeeping.folders():
         record = _record(folder)
@@ -76,10 +71,6 @@ def origin(path):
 def results(configuration=location.OPERATIONAL):
     """Every event with what is known of its result in a configuration, the newest first.
 
-    Parameters
-    ----------
-    configuration : "operational", or the name of an experiment
-
     Returns
     -------
     rows : list of dict: event, calibration, state, mood, said, origin, made, products, report (Entry or None), run,
@@ -102,17 +93,8 @@ def results(configuration=location.OPERATIONAL):
     return sorted(rows, key=lambda row: row["made"], reverse=True)
 
 
-def waiting(rows):
-    """Events of the catalogue that are not in the store, by calibration.
-
-    Parameters
-    ----------
-    rows : of ``results``
-
-    Returns
-    -------
-    names : dict, calibration -> list of str
-    """
+def waiting(rows) -> dict[str, list[str]]:
+    """Events of the catalogue that are in no row of ``results``, by calibration."""
     from gravcal import catalog
 
     here, missing = {row["event"] for row in rows}, {}
@@ -122,19 +104,10 @@ def waiting(rows):
     return missing
 
 
-def chain(event, configuration=location.OPERATIONAL):
+def chain(event, configuration=location.OPERATIONAL) -> list[Node]:
     """Stages of an event: the newest product of each, what they were made of, and where the last run failed.
 
     An input stands for the newest product of its stage where both hold the same: made again, nothing changed.
-
-    Parameters
-    ----------
-    event : str
-    configuration : "operational", or the name of an experiment
-
-    Returns
-    -------
-    nodes : list of Node
     """
     runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
     states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
@@ -155,13 +128,8 @@ def chain(event, configuration=location.OPERATIONAL):
     return sorted(nodes.values(), key=lambda node: node.stage) + failed
 
 
-def relatives(found):
-    """Other products of the same stage: of the same event with other settings or inputs, and of other events.
-
-    Returns
-    -------
-    rows : list of (Entry, list of str), what differs, newest first
-    """
+def relatives(found) -> list[tuple[housekeeping.Entry, list[str]]]:
+    """Other products of the same stage, of this event and of others, with what differs, newest first."""
     others = [one for one in entries() if one.ref.stage == found.ref.stage and one.ref.key != found.ref.key]
     own = [one for one in others if one.ref.event == found.ref.event]
     strange = [one for one in others if one.ref.event != found.ref.event and one.newest]

@@ -2,9 +2,11 @@
 
 import datetime
 import re
+from dataclasses import dataclass
 
-from gravcal.browse import plots, printed, store_index
-from gravcal.browse.printed import Point
+from gravcal import catalog
+from gravcal.browse import plots, store_index
+from gravcal.errors import CatalogError
 
 SHOWN = {"@date": "datetime", "@value": "printf", "@sigma": "printf"}
 EPOCH = datetime.datetime(2000, 1, 1, 12)
@@ -15,17 +17,23 @@ MOODS = {"good": ("#009E73", "circle"), "bad": ("#D55E00", "triangle"), "plain":
 RESULTS = ("delivered", "questionable")
 
 
-def points(calibration):
-    """Values of all reports of a calibration.
+@dataclass(frozen=True)
+class Point:
+    """One value with its error: ours or printed."""
 
-    Parameters
-    ----------
-    calibration : flows.calibration.Calibration
+    satellite: str
+    panel: str
+    unit: str
+    date: datetime.datetime
+    value: float
+    sigma: float | None
+    event: str
+    mood: str
+    said: str
 
-    Returns
-    -------
-    points : list of Point
-    """
+
+def points(calibration) -> list[Point]:
+    """Values of all reports of a calibration."""
     found = []
     for row in store_index.results():
         if row["calibration"] != calibration.name or (row["document"] or {}).get("status") not in RESULTS:
@@ -41,46 +49,71 @@ def points(calibration):
     return sorted(found, key=lambda point: (point.date, point.event))
 
 
-def figure(calibration, satellite):
-    """Panels over time of one satellite, to be drawn by the page.
+def printed_points(calibration, satellite: str) -> list[Point]:
+    """Printed values of the catalogue, in the units of ours."""
+    try:
+        name = catalog.satellite(satellite).name
+    except CatalogError:
+        return []
+    sections, found = catalog.published(calibration.name) if calibration.printed else {}, []
+    for section, values in calibration.printed.items():
+        for one in sections.get(section, ()):
+            date = _printed_date(one, name)
+            rows = values(one) if date else ()
+            event = one.events[0] if one.events else ""
+            found += [
+                Point(satellite, *row[:2], date, *row[2:4], event, "printed", f"{row[4]}{one.source}") for row in rows
+            ]
+    return found
 
-    Parameters
-    ----------
-    calibration : flows.calibration.Calibration
-    satellite : str
 
-    Returns
-    -------
-    item : dict, as Bokeh's embed_item takes it; None where there is no result
-    """
+def levels(calibration) -> dict[str, tuple[float, str]]:
+    """Printed orders of magnitude without a date: value and text by panel."""
+    if not calibration.levels:
+        return {}
+    scalars = {one.name: one.value[0] for one in catalog.published(calibration.name)["scalars"]}
+    return {
+        panel: (scalars[name], f"printed: order of {scalars[name]:.0e} m s-2")
+        for panel, name in calibration.levels.items()
+    }
+
+
+def trims(satellite: str):
+    """Mass trims of the catalogue for one satellite, () where it knows none."""
+    try:
+        return catalog.trims(satellite)
+    except CatalogError:
+        return ()
+
+
+def figure(calibration, satellite: str) -> dict | None:
+    """Panels over time of one satellite, as Bokeh's embed_item takes them; None where there is no result."""
     from bokeh.embed import json_item
     from bokeh.layouts import column
 
     own = [point for point in points(calibration) if point.satellite == satellite]
     if not own:
         return None
-    said, levels = printed.points(calibration, satellite), printed.levels(calibration)
-    trimmed = printed.trims(satellite) if calibration.trims else []
+    said, orders = printed_points(calibration, satellite), levels(calibration)
+    trimmed = trims(satellite) if calibration.trims else []
     panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
     drawn, shared = [], {}
     for panel, unit in panels:
-        one = _panel(f"{panel}\n({unit})", shared, (panel, unit) == panels[-1], "log" if panel in levels else "linear")
+        one = _panel(f"{panel}\n({unit})", shared, (panel, unit) == panels[-1], "log" if panel in orders else "linear")
         shared = {"x_range": one.x_range}
         _errors(one, [point for point in own if point.panel == panel])
         _printed(one, [point for point in said if point.panel == panel])
         for trim in (trim for trim in trimmed if trim.axis == panel):
             _trim(one, trim)
-        if panel in levels:
+        if panel in orders:
             values = [point.value for point in own if point.panel == panel]
-            _level(one, *levels[panel], max(values))
+            _level(one, *orders[panel], max(values))
         drawn.append(one)
     return json_item(column(drawn, sizing_mode="stretch_width"))
 
 
 def _letters(event):
     """Letters of the satellites in the name of an event; a satellite named in full gives its own."""
-    from gravcal import catalog
-
     parts = event.split("-")
     known = (catalog.satellite(name) for name in catalog.names("satellites"))
     own = [one.letter for one in known if event.startswith(f"{one.name}-")]
@@ -96,27 +129,28 @@ def _date(document, event):
     return datetime.datetime.fromisoformat(found.group()) if found else EPOCH
 
 
+def _printed_date(one, name):
+    """Date of a printed value if it belongs to a satellite, else None: its own, else that of its event."""
+    own = [event for event in one.events if event.startswith(name)]
+    if one.labels.get("satellite", name) != name or (one.events and not own):
+        return None
+    found = re.search(r"\d{4}-\d{2}(-\d{2})?", one.labels.get("date") or (own[0] if own else ""))
+    return datetime.datetime.fromisoformat(found.group() + ("" if found.group(1) else "-01")) if found else None
+
+
 def _panel(label, shared, last, scale):
     """Empty panel of the time line."""
     from bokeh.models import TapTool
     from bokeh.models.callbacks import OpenURL
     from bokeh.plotting import figure as new
 
-    active = {"active_drag": "xpan", "active_scroll": "xwheel_zoom"}
-    one = new(height=190 if last else 160, sizing_mode="stretch_width", x_axis_type="datetime",
-              y_axis_type=scale, tools="xpan,xwheel_zoom,box_zoom,reset,save", **active, **shared)  # fmt: skip
-    one.toolbar.logo = None
+    axes = {"x_axis_type": "datetime", "y_axis_type": scale} | shared
+    one = new(height=190 if last else 160, **plots.TOOLS, **axes)
     if not shared:
         one.x_range.default_span = 365 * 86400e3  # ms, where there is one event only
-    one.yaxis.axis_label, one.outline_line_color = label, None
+    one.yaxis.axis_label, one.xaxis.visible = label, last
     one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
-    one.grid.grid_line_color = "#e6e6e6"
-    for axis in (one.xaxis, one.yaxis):
-        axis.axis_label_text_font = axis.major_label_text_font = plots.FONT
-        axis.axis_label_text_font_style, axis.minor_tick_line_color = "normal", None
-        axis.axis_line_color = axis.major_tick_line_color = axis.major_label_text_color = plots.GREY
-    one.xaxis.visible = last
-    return one
+    return plots.styled(one)
 
 
 def _columns(own):

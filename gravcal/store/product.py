@@ -7,7 +7,7 @@ A schema is plain data, so a science module can state its own without importing 
         "field_b": {"dims": "time xyz", "units": "T", "frame": "b", "long_name": "geomagnetic flux density"},
     }
 
-and the module of stages makes it known: ``product.register("com_offset.field", FIELD)``. Keys of a variable: ``dims``
+and the module of stages makes it known: ``product.registered("com_offset", field=FIELD)``. Keys of a variable: ``dims``
 (one text, names separated by blanks), ``units`` (a tuple where variants differ), ``long_name``, ``frame``, ``dtype``
 ("f8" if absent; "str" for names), ``optional``. A variable whose dimension is called ``time`` or ``time_...`` and
 that bears its name is GPS time; its attributes are known. Products as returned have the attributes their schema
@@ -44,6 +44,14 @@ def register(kind, schema):
     if kind in _schemas and _schemas[kind] != schema:
         refuse(f"product kind {kind}", "it registered twice with different schemas", "one", "Give one another name.")
     _schemas[kind] = schema
+
+
+def registered(calibration, **schemas):
+    """Schemas of the products of a calibration by stage, made known: {kind: schema}."""
+    kinds = {f"{calibration}.{name}": one for name, one in schemas.items()}
+    for kind, one in kinds.items():
+        register(kind, one)
+    return kinds
 
 
 def schema(kind):

@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass
 
 AXES = "xyz"
+METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -63,3 +64,16 @@ def parameters(document):
     for name, one in (document.get("parameters") or {}).items():
         if one is not None:
             yield Value("", name.replace("_", " "), one["unit"], one["value"], one["sigma"], None)
+
+
+def printed_vector(unit):
+    """Function that gives the rows of a printed vector: panel, unit, value, sigma, remark."""
+
+    def rows(one):
+        units = one.unit.split(", ")
+        for number, axis in enumerate(AXES):
+            factor = METRES[units[number] if len(units) == 3 else units[0]] / METRES[unit]
+            sigma = one.sigma[number] * factor if one.sigma else None
+            yield axis, unit, one.value[number] * factor, sigma, ""
+
+    return rows

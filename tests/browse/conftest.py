@@ -3,7 +3,7 @@
 import pytest
 from invented_store import EVENT, calibration, client, dataset, put
 
-from gravcal.browse import series, store_index, variables
+from gravcal.browse import series, store_index
 from gravcal.store import history
 
 
@@ -13,7 +13,7 @@ def shop(store_folder):
     store_index._known.clear()
     store_index._json.cache_clear()
     series.overview.cache_clear()
-    variables.listed.cache_clear()
+    series.listed.cache_clear()
     first = calibration(EVENT, 1.0, gain=1.0)
     again = calibration(EVENT, 1.0, gain=1.5)
     other = calibration("grace-c-2021-03-01", 2.0)

@@ -11,7 +11,7 @@ import pytest
 from invented_store import EVENT, server
 
 from flows.calibration import load
-from gravcal.browse import printed
+from gravcal.browse import timeline
 from gravcal.report.history import history
 
 FLAGS = (
@@ -192,8 +192,8 @@ def test_nothing_is_asked_of_other_hosts(site, shop):
 @pytest.mark.parametrize(("calibration", "satellite"), [("com_offset", "C"), ("inertial_sensor", "T")])
 def test_every_column_of_a_series_is_in_sight(calibration, satellite, browser, tmp_path):
     """Contract: no table of `gravcal series` is wider than a page of 756 pixels, half a screen."""
-    said = printed.points(load(calibration), satellite)
-    trims = [(satellite, one) for one in printed.trims(satellite)]
+    said = timeline.printed_points(load(calibration), satellite)
+    trims = [(satellite, one) for one in timeline.trims(satellite)]
     own = [replace(one, mood="good", event="grace-c-2020-02-01") for one in said]
     page = tmp_path / "series.html"
     page.write_text(history(calibration, [*own, *said], trims)[1])

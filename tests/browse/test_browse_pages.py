@@ -14,7 +14,7 @@ import pytest
 from invented_store import EVENT, calibration, client
 
 from flows.calibration import load
-from gravcal.browse import access, app, graph, plots, printed, store_index, timeline
+from gravcal.browse import access, app, pages, plots, store_index, timeline
 from gravcal.errors import GravcalError
 from gravcal.store import history, location
 
@@ -108,12 +108,12 @@ def test_a_failed_attempt_stands_beside_what_was_delivered(ask, shop):
 
 def test_lines_of_the_chain_run_to_the_right(shop):
     """Contract: a product stands right of all it was made of, no two boxes at one place, all within the picture."""
-    picture = graph.placed(store_index.chain(EVENT))
+    picture = pages.placed(store_index.chain(EVENT))
     places = {node.key: (x, y) for x, y, node in picture["boxes"]}
     assert len(set(places.values())) == len(places) == 4
     for x, _, node in picture["boxes"]:
         assert all(places[key][0] < x for key in node.inputs)
-    assert max(x for x, _ in places.values()) + graph.WIDTH <= picture["width"]
+    assert max(x for x, _ in places.values()) + pages.WIDTH <= picture["width"]
 
 
 @pytest.mark.parametrize(
@@ -225,15 +225,15 @@ def test_what_counts_as_loopback(host, local):
 
 def test_printed_values_come_in_our_units():
     """Published: Table 7 of 10.3390/rs14143395 prints 1443.7 mm, -370.6 um, 145.0 um for C on 2020-09-17."""
-    points = printed.points(load("kbr_phase_centre"), "C")
+    points = timeline.printed_points(load("kbr_phase_centre"), "C")
     assert [round(point.value, 6) for point in points] == [1443.7, -0.3706, 0.145]  # mm
     assert {point.date.date().isoformat() for point in points} == {"2020-09-17"}
-    assert printed.points(load("kbr_phase_centre"), "Z") == []
+    assert timeline.printed_points(load("kbr_phase_centre"), "Z") == []
 
 
 def test_printed_values_of_the_inertial_sensor_come_by_panel():
     """Published: offset, scale factors and bias of Taiji-1, a factor that was not calibrated in orbit from ground."""
-    found = {point.panel: point for point in printed.points(load("inertial_sensor"), "T")}
+    found = {point.panel: point for point in timeline.printed_points(load("inertial_sensor"), "T")}
     assert [found[f"offset {axis}"].value for axis in "xyz"] == [-140.02, 627.75, -896.46]  # um
     assert (found["k x"].value, found["k x"].sigma) == (5.43e-4, 3.73e-6)  # m s-2 V-1
     assert (found["k y"].value, found["k y"].sigma, found["k y"].said[:9]) == (2.7e-4, None, "on ground")
@@ -243,10 +243,10 @@ def test_printed_values_of_the_inertial_sensor_come_by_panel():
 
 def test_printed_orders_of_the_drag_are_levels():
     """Published: 1e-13 m s-2 with two sensors and with one."""
-    assert {panel: value for panel, (value, _) in printed.levels(load("gradient_torque")).items()} == {
+    assert {panel: value for panel, (value, _) in timeline.levels(load("gradient_torque")).items()} == {
         "two sensor": 1e-13, "one sensor": 1e-13, "one sensor published": 1e-13}  # fmt: skip
-    assert printed.levels(load("com_offset")) == {}
-    assert printed.points(load("gradient_torque"), "S") == []
+    assert timeline.levels(load("com_offset")) == {}
+    assert timeline.printed_points(load("gradient_torque"), "S") == []
 
 
 def test_the_time_line_shows_value_error_and_verdict(ask, shop):

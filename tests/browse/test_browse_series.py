@@ -8,7 +8,7 @@ import xarray as xr
 from invented_store import TIME
 from numpy.testing import assert_array_equal
 
-from gravcal.browse import series, variables
+from gravcal.browse import series
 from gravcal.store import netcdf
 
 
@@ -21,10 +21,10 @@ def written(path, x, values):
     """Overview of the first column of a variable in a file."""
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
     netcdf.write(data, path)
-    variable = variables.find(path, "v")
-    coordinate, kind, _ = variables.coordinate(path, variable)
+    variable = series.find(path, "v")
+    coordinate, kind, _ = series.coordinate(path, variable)
     assert kind == "time"
-    return series.overview(variables.column(path, variable, 0), coordinate)
+    return series.overview(series.column(path, variable, 0), coordinate)
 
 
 def test_no_peak_is_lost_at_any_zoom(tmp_path):
@@ -110,17 +110,17 @@ def test_sixteen_million_samples_are_read_once_in_pieces(tmp_path, monkeypatch):
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
     netcdf.write(data, whole_of)
     del data, values
-    variable = variables.find(whole_of, "v")
-    coordinate, _, _ = variables.coordinate(whole_of, variable)
+    variable = series.find(whole_of, "v")
+    coordinate, _, _ = series.coordinate(whole_of, variable)
     tracemalloc.start()
-    whole = series.overview(variables.column(whole_of, variable, 0), coordinate)
+    whole = series.overview(series.column(whole_of, variable, 0), coordinate)
     series.view(whole)
     assert tracemalloc.get_traced_memory()[1] < 0.4 * 8 * count  # bytes; the column alone has 8 for each sample
     tracemalloc.reset_peak()
     held = tracemalloc.get_traced_memory()[0]
     read = []
-    plainly = variables.read
-    monkeypatch.setattr(variables, "read", lambda *of: read.append(of[2] - of[1]) or plainly(*of))
+    plainly = series.read
+    monkeypatch.setattr(series, "read", lambda *of: read.append(of[2] - of[1]) or plainly(*of))
     series.view(whole, x[5_000_000], x[5_050_000])
     assert 2 * 50_000 <= sum(read) < 2 * 51_000  # values and times
     assert tracemalloc.get_traced_memory()[1] - held < 0.1 * 8 * count
@@ -139,8 +139,8 @@ def test_packed_and_plain_series_give_the_same_overview(tmp_path, count):
     path = tmp_path / "product.nc"
     netcdf.write(data, path)
     for name, values in (("noisy", noisy), ("steady", steady)):
-        variable = variables.find(path, name)
-        whole = series.overview(variables.column(path, variable, 0), variables.coordinate(path, variable)[0])
+        variable = series.find(path, name)
+        whole = series.overview(series.column(path, variable, 0), series.coordinate(path, variable)[0])
         starts = np.arange(0, count, 64)
         assert_array_equal(whole.low, np.fmin.reduceat(values, starts))
         assert_array_equal(whole.high, np.fmax.reduceat(values, starts))

@@ -76,7 +76,7 @@ def viewed(folder, effects):
     """Source and settings of a simulated day, products of its baseline, and its observations."""
     com_offset.CALIBRATION.simulate(folder / "day", seed=7, truth=None, effects=effects, settings={})
     source, chosen = com_offset.CALIBRATION.source(data=folder / "day"), catalog.parameters("com_offset")
-    made = {name: stage.read(ref) for name, ref in com_offset.baseline(source, chosen).items()}
+    made = {name: stage.read(ref) for name, ref in com_offset.DISCOVERY.baseline(source, chosen).items()}
     settings = com_offset.scene_settings(source, chosen) | chosen.for_stage("discovery")
     observed = observe(made, **settings)
     assert len(observed.blocks) == len(observed.views) + 1

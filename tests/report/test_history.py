@@ -5,8 +5,8 @@ import datetime
 import pytest
 
 from flows.calibration import load
-from gravcal.browse import printed
-from gravcal.browse.printed import Point
+from gravcal.browse import timeline
+from gravcal.browse.timeline import Point
 from gravcal.report import history
 
 DAY = datetime.datetime(2020, 2, 1, 12)
@@ -20,8 +20,8 @@ def point(axis="x", mood="good", **changed):
 
 def made(points):
     """History of GRACE-C with trims and printed values."""
-    trims = [("C", one) for one in printed.trims("C")]
-    return history.history("Offset", [*points, *printed.points(load("com_offset"), "C")], trims, 100.0)
+    trims = [("C", one) for one in timeline.trims("C")]
+    return history.history("Offset", [*points, *timeline.printed_points(load("com_offset"), "C")], trims, 100.0)
 
 
 def test_the_history_holds_every_printed_event_and_trim():

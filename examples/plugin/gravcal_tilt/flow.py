@@ -16,16 +16,14 @@ HERE = Path(__file__).parent
 @flow(name="tilt_scale")
 def calibrate(source, chosen):
     """Scale and bias from one day."""
-    (file,) = level_one_files(source)
-    observed = stages.ingest(file, event=source.event, variant="")
-    fitted = stages.fit(observed, **chosen.for_stage("fit"))
+    fitted = stages.fit(records(source, chosen), **chosen.for_stage("fit"))
     return stages.report(fitted, event=source.event, settings=chosen.for_report())
 
 
-def baseline(source, _chosen):
-    """Products that discovery looks at, by name."""
+def records(source, _chosen):
+    """Angle and reading of the day."""
     (file,) = level_one_files(source)
-    return {"ingest": stages.ingest(file, event=source.event, variant="")}
+    return stages.ingest(file, event=source.event, variant="")
 
 
 def level_one_files(source):
@@ -62,10 +60,9 @@ CALIBRATION = Calibration(
     mission="toy",
     level_one_files=level_one_files,
     discovery=Discovery(
-        baseline,
         lambda _source, chosen: chosen.for_stage("observe"),
-        observations="gravcal_tilt.observations",
-        records="tilt_scale.ingest",
+        "gravcal_tilt.observations",
+        records=records,
     ),
     schema=HERE / "tilt_scale.schema.json",
     catalogue=HERE / "catalog",

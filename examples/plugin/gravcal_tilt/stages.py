@@ -7,22 +7,21 @@ files = lazy("gravcal_tilt.files")
 science = lazy("gravcal_tilt.science")
 page = lazy("gravcal_tilt.page")
 TIME = {"dims": "time", "units": "seconds since 2000-01-01 12:00:00", "long_name": "GPS time"}
-KINDS = {
-    "tilt_scale.ingest": {
+KINDS = product.registered(
+    "tilt_scale",
+    ingest={
         "time": {"dims": "time"},
         "angle": {"dims": "time", "units": "rad", "long_name": "angle of the turntable"},
         "reading": {"dims": "time", "units": "rad", "long_name": "reading of the tilt meter"},
     },
-    "tilt_scale.fit": {
+    fit={
         "time": {"dims": "time"},
         "value": {"dims": "parameter", "units": "1", "long_name": "scale 1, bias rad"},
         "covariance": {"dims": "parameter other", "units": "1", "long_name": "covariance of the values"},
         "residual": {"dims": "time", "units": "rad", "long_name": "residual"},
     },
-    "tilt_scale.report": product.ANY,
-}
-for _kind, _schema in KINDS.items():
-    product.register(_kind, _schema)
+    report=product.ANY,
+)
 
 
 @stage(reads=["file"], writes="tilt_scale.ingest", version=1)
