@@ -1,8 +1,4 @@
-"""What the commands print: tables, errors on one screen; and progress on a terminal, judged by the last time.
-
-No progress is shown where standard error is no terminal. How long each part took is remembered in the store; what was
-never done there is judged by a first run elsewhere (catalog/usual/seconds.toml), scaled by the speed seen so far.
-"""
+"""What the commands print: tables, errors on one screen; and progress on a terminal, judged by the last time."""
 
 import contextlib
 import json
@@ -12,10 +8,7 @@ import sys
 import textwrap
 import time
 import traceback
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 
-from gravcal.catalog import files as catalog_files
 from gravcal.errors import NoDataError, ProductError
 from gravcal.report.documents import foreword
 from gravcal.store import location, memory
@@ -257,136 +250,79 @@ def _verdict(document):
         say(text)
 
 
-LATE_S = 2.0  # after the time announced
+@contextlib.contextmanager
+def _bars(*columns, **options):
+    """Progress bars of rich on standard error, by the names or texts of their columns; None if that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich import console, progress
 
-
-@dataclass
-class Left:
-    """Time left as text, up to date whenever it is printed.
-
-    Attributes
-    ----------
-    known : seconds that each part took the last time, here or, where ``usual``, elsewhere
-    usual : True if the times come from elsewhere
-    """
-
-    known: Mapping[str, float]
-    usual: bool = False
-    done: set = field(default_factory=set)
-    since: float = field(default_factory=time.monotonic)
-
-    def __str__(self):
-        """About so long; perhaps so long where only the usual time is known."""
-        if not self.known:
-            return "no time known yet"
-        left = sum(seconds for name, seconds in self.known.items() if name not in self.done)
-        left -= time.monotonic() - self.since
-        if left < -LATE_S:
-            return "takes longer than usual" if self.usual else "takes longer than last time"
-        return f"{'perhaps' if self.usual else 'about'} {left:.0f} s left" if left >= 1 else "done in a moment"
-
-    def note(self, name):
-        """One part is done; the seconds since the one before."""
-        now = time.monotonic()
-        took, self.since = now - self.since, now
-        self.done.add(name)
-        return took
+    made = (getattr(progress, one)() if hasattr(progress, one) else one for one in columns)
+    with progress.Progress(*made, console=console.Console(stderr=True), transient=True, **options) as bars:
+        yield bars
 
 
 @contextlib.contextmanager
 def progress(title):
-    """Listener that shows the stages done and the time left, if standard error is a terminal; otherwise None."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    left, counts = _left(title), {"cached": 0, "made": 0}
-    took = {} if left.usual else dict(left.known)
-    with _bar(title, left) as tell:
+    """Listener that shows the stages done, and the time left by that of the last time; None without a terminal."""
+    shown = ("SpinnerColumn", "{task.description}", "{task.fields[said]}", "TimeElapsedColumn", "TimeRemainingColumn")
+    with _bars(*shown) as bars:
+        if bars is None:
+            yield None
+            return
+        known, counts, begin = memory.recall(f"seconds-{title}") or {}, {"cached": 0, "made": 0}, [time.monotonic()]
+        took, row = dict(known), bars.add_task(title, total=sum(known.values()) or None, said="")
 
         def listener(call, state, _ref):
+            stage, now = call.unmade.stage, time.monotonic()
             counts[state] += 1
-            stage = call.unmade.stage
-            of_any = stage.rpartition("_")[0] if left.usual and stage.startswith("ingest.") else stage
-            seconds = left.note(of_any)
-            took.update({stage: seconds} if state == "made" else {})
-            tell(f"{counts['made']} made, {counts['cached']} reused, last {stage}")
+            took.update({stage: now - begin[0]} if state == "made" else {})
+            begin[0] = now
+            said = f"{counts['made']} made, {counts['cached']} reused, last {stage}"
+            bars.update(row, advance=known.get(stage, 0.0), said=said)
 
         yield listener
-    _remember(title, took)
+        memory.remember(f"seconds-{title}", took)
 
 
 @contextlib.contextmanager
 def waiting(title, usual_s=None):
-    """Time that passes and time left of work that has no parts, if standard error is a terminal."""
-    if not sys.stderr.isatty():
+    """Time that passes in work that has no parts, and what it took the last time, if there is a terminal."""
+    with _bars("SpinnerColumn", "{task.description}", "TimeElapsedColumn") as bars:
+        begin = time.monotonic()
+        if bars is not None:
+            usual_s = (memory.recall(f"seconds-{title}") or {}).get(title, usual_s)
+            bars.add_task(f"{title}, about {usual_s:.0f} s" if usual_s else title, total=None)
         yield
-        return
-    begin = time.monotonic()
-    with _bar(title, _left(title) if usual_s is None else Left({title: usual_s}, usual=True)):
-        yield
-    _remember(title, {title: time.monotonic() - begin})
-
-
-def _left(title):
-    """Time left from the last time here, else from the usual ones."""
-    known = memory.recall(f"seconds-{title}")
-    return Left(known) if known else Left(catalog_files.read("usual", "seconds")[1].get(title, {}), usual=True)
-
-
-def _remember(title, took):
-    """Keep the seconds of each part for the next time."""
-    if took:
-        memory.remember(f"seconds-{title}", took)
+        if bars is not None:
+            memory.remember(f"seconds-{title}", {title: time.monotonic() - begin})
 
 
 @contextlib.contextmanager
 def events_progress(total):
     """Listener that shows events done, failed and left, if standard error is a terminal; otherwise None."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.fields[said]}"), BarColumn(), TimeRemainingColumn())
-    with Progress(
-        *columns, console=Console(stderr=True), transient=True, auto_refresh=False
-    ) as bar:  # forks: no thread
-        row, counts = bar.add_task("", total=total, said=""), {"done": 0, "failed": 0}
+    shown = ("{task.fields[said]}", "BarColumn", "TimeRemainingColumn")
+    with _bars(*shown, auto_refresh=False) as bars:  # forks: no thread
+        if bars is None:
+            yield None
+            return
+        row, counts = bars.add_task("", total=total, said=""), {"done": 0, "failed": 0}
 
         def listener(event):
             counts["failed" if event["status"] == "failed" else "done"] += 1
             left = total - counts["done"] - counts["failed"]
             said = f"{counts['done']} done, {counts['failed']} failed, {left} left"
-            bar.update(row, advance=1, said=said, refresh=True)
+            bars.update(row, advance=1, said=said, refresh=True)
 
         yield listener
 
 
 @contextlib.contextmanager
-def _bar(title, left):
-    """Function that says what was done last, beside a clock and the time left."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    texts = (TextColumn("{task.description}"), TextColumn("{task.fields[said]}"))
-    columns = (SpinnerColumn(), *texts, TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        row = bar.add_task(title, total=None, said="", left=left)
-        yield lambda said: bar.update(row, said=said)
-
-
-@contextlib.contextmanager
 def bytes_progress():
     """Listener that shows a bar for each archive, if standard error is a terminal; otherwise None."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as bars:
+    shown = ("{task.description}", "BarColumn", "DownloadColumn", "TransferSpeedColumn", "TimeRemainingColumn")
+    with _bars(*shown) as bars:
         rows = {}
 
         def listener(name, done, total):
@@ -394,4 +330,4 @@ def bytes_progress():
                 rows[name] = bars.add_task(name, total=total)
             bars.update(rows[name], completed=done, total=total)
 
-        yield listener
+        yield bars and listener

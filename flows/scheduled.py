@@ -29,7 +29,7 @@ REUSED = 100  # events with nothing to make that a run shows as tasks; the table
 
 @prefect.flow(name="reprocess-all", **HOW)
 def reprocess_all(
-    calibration: str = "com_offset",
+    calibration: str,
     satellite: str | None = None,
     data: str | None = None,
     settings: list[str] | None = None,
@@ -49,7 +49,7 @@ def reprocess_all(
 @prefect.flow(name="new-data", **HOW)
 def new_data(
     data: str,
-    calibration: str = "com_offset",
+    calibration: str,
     satellite: str | None = None,
     settings: list[str] | None = None,
     workers: int | None = None,

@@ -12,7 +12,6 @@ import pytest
 from typer.main import get_command
 
 from flows import cli, output
-from flows.calibration import known
 from flows.cli import options
 from gravcal.store import configurations
 
@@ -147,33 +146,6 @@ def test_a_real_bash_completes(typed, offered, tmp_path):
     assert done.stdout.split() == offered, done.stderr
 
 
-def test_time_left_counts_down_and_stops_at_what_is_done():
-    """Analytic: parts of 30 s and 10 s; after the first is done 10 s are left; late is said, and what is not known."""
-    left = output.Left({"long": 30.0, "short": 10.0})
-    assert str(left) == "about 40 s left"
-    left.note("long")
-    assert str(left) == "about 10 s left"
-    left.since -= 10
-    assert str(left) == "done in a moment"
-    left.since -= 10
-    assert str(left) == "takes longer than last time"
-    assert str(output.Left({})) == "no time known yet"
-
-
-def test_usual_times_name_stages_that_there_are():
-    """Contract: a simulation has a time where its calibration has one, and each part is a stage that can be done."""
-    from gravcal.catalog import files as catalog_files
-
-    usual = catalog_files.read("usual", "seconds")[1]
-    timed = set(known()) & set(usual)
-    assert len(timed) >= 4
-    for calibration in timed:
-        assert usual[f"simulating {calibration}"][f"simulating {calibration}"] > 0
-        kinds = {part.split(".")[0] for part in usual[calibration] if part != "start"}
-        assert calibration in kinds
-        assert kinds <= {"ingest", calibration}
-
-
 def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
     """Contract: on a terminal the next run knows the seconds of each stage that was made."""
     from flows import engine
@@ -185,15 +157,16 @@ def test_progress_remembers_how_long_stages_took(pipeline, monkeypatch):
         engine.run(flow, pipeline.file(), pipeline.chosen, engine="inline", listener=listener)
     stages = ("start", "scale.one", "scale.other", "join")
     assert set(memory.recall("seconds-fake")) == {f"{pipeline.name}.{stage}" for stage in stages}
-    with output.waiting("work"):
-        pass
+    with output.waiting("work"), output.events_progress(2) as events, output.bytes_progress() as archives:
+        events({"status": "failed"})
+        archives("one.tgz", 10, 20)
     assert set(memory.recall("seconds-work")) == {"work"}
 
 
 def test_nothing_is_shown_in_a_pipe(capsys):
     """Contract: no progress where standard error is no terminal."""
-    with output.progress("fake") as listener, output.waiting("work"):
-        assert listener is None
+    with output.progress("fake") as listener, output.waiting("work"), output.bytes_progress() as archives:
+        assert listener is archives is None
     assert capsys.readouterr().err == ""
 
 

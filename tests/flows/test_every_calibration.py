@@ -45,7 +45,6 @@ READ_BY_NO_STAGE = {
     "catalog/published/": "printed values are a setting of the reports",
     "catalog/events/": "an event's satellites and date choose the input files",
     "catalog/designs/": "designs of sessions make input files",
-    "catalog/usual/": "how long stages take, for the progress bar",
     "gravcal/browse/": "pages of gravcal browse, which reads products and makes none",
     "gravcal/report/history.html": "gravcal series writes it, no stage",
     "gravcal/report/comparison.html": "gravcal compare writes it, no stage",

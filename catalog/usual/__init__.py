@@ -1,1 +1,0 @@
-"""How long things usually take: data only."""
