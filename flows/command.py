@@ -292,8 +292,8 @@ def origin_of(source):
 def failed(calibration, source, error, configuration=location.OPERATIONAL):
     """Result document of a run that failed."""
     from gravcal import __version__
+    from gravcal.report.plain import as_plain
 
-    facts = {name: value for name, value in getattr(error, "facts", {}).items() if _is_plain(value)}
     return {
         "schema_version": VERSION,
         "status": status_of(error),
@@ -302,18 +302,9 @@ def failed(calibration, source, error, configuration=location.OPERATIONAL):
         "origin": origin_of(source),
         "configuration": configuration,
         "checks": [],
-        "error": {"kind": type(error).__name__, "message": str(error), "facts": facts},
+        "error": {"kind": type(error).__name__, "message": str(error), "facts": as_plain(getattr(error, "facts", {}))},
         "provenance": {"gravcal": __version__},
     }
-
-
-def _is_plain(value):
-    """Whether JSON can hold a fact as it is."""
-    try:
-        json.dumps(value, allow_nan=False)
-    except (TypeError, ValueError):
-        return False
-    return True
 
 
 def save_event(calibration, source, document):

@@ -129,7 +129,8 @@ def _orbits(source, observed):
 
 def _days(source):
     """Days of a source: its own and those of its manoeuvres in the catalogue, or all of the folder."""
-    there = _dates(source.folder, COMMON[source.satellite])
+    files, letter = archive.inventory(source.folder), COMMON[source.satellite]
+    there = sorted({one.date for one in files if one.product in RANGING and one.satellite == letter})
     if not source.date:
         return there
     spans = [second for _, one in _known(source.event) for second in (one.start, one.stop)]
@@ -142,12 +143,6 @@ def _known(event):
     known = catalog.event(event) if event in catalog.names("events") else None
     found = known.found if known and known.calibration == "kbr_phase_centre" else ()
     return [(letter, one) for one in found for letter in (one.satellite or known.letters)]
-
-
-def _dates(folder, letter):
-    """Days of a folder with ranging, of one pair or of the only one."""
-    files = [f for f in archive.inventory(folder) if f.product in RANGING and letter in (None, f.satellite)]
-    return sorted({file.date for file in files})
 
 
 def _pointing_settings(source, chosen):

@@ -72,8 +72,8 @@ def delivered(document, path):
 
 
 def result(document, ref, json_path, truth=None):
-    """Table of a result, beside the truth where it is known, and where its report is."""
-    if not to_screen(json_path):
+    """Document, or table of a result, beside the truth where it is known, and where its report is."""
+    if not delivered(document, json_path):
         return
     name = document.get("configuration", "operational")
     if truth:
@@ -95,16 +95,15 @@ def plan(steps, json_path):
         {"event": step.event, "stage": step.stage, "action": step.action, "reasons": list(step.reasons)}
         for step in steps
     ]
-    write_json(document, json_path)
-    if to_screen(json_path):
+    if delivered(document, json_path):
         table(["event", "stage", "action", "why"], [[s.event, s.stage, s.action, "; ".join(s.reasons)] for s in steps])
         counts = {action: sum(step.action == action for step in steps) for action in ("reuse", "run", "may run")}
         say(", ".join(f"{action}: {count}" for action, count in counts.items()))
 
 
 def manoeuvres(document, json_path):
-    """Table of the manoeuvres found."""
-    if not to_screen(json_path):
+    """Document, or table of the manoeuvres found."""
+    if not delivered(document, json_path):
         return
     rows = [
         [f"{one.get('satellite', '')} {one['kind']}".strip(), f"{one['start']:.3f}", f"{one['stop']:.3f}"]
@@ -118,7 +117,7 @@ def campaign(summary, json_path):
     """Table of a campaign: what was delivered, what failed and why."""
     from flows import engine
 
-    if not to_screen(json_path):
+    if not delivered(summary, json_path):
         return
     names = ("event", "status", "made", "reused", "seconds")
     if summary.get("origin", "measured") != "measured":
@@ -143,7 +142,7 @@ def discovery(document, files, json_path):
     """Verdict, findings and where the files are."""
     from gravcal.report import discovery
 
-    if not to_screen(json_path):
+    if not delivered(document, json_path):
         return
     say(f"{document['event']}: {discovery.verdict(document)}")
     rows = []

@@ -88,9 +88,10 @@ def _campaign(calibration, satellite, data, settings, workers):
     sources = campaign.sources(calibration, satellite, Path(data) if data else None)
     seen = itertools.count()
 
-    def listener(row):
+    def listener(row):  # a task of the run for an event that had nothing to make
         if next(seen) < REUSED:
-            _record(row)
+            how = {"name": str(row["event"]), "cache_policy": NO_CACHE, "persist_result": False}
+            prefect.task(lambda: campaign.state_of(row), **how)(return_state=True)
 
     summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
     _show(summary)
@@ -106,15 +107,6 @@ def _prune(days, quota_gb):
     if quota is not None and left > quota:
         said += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
     create_markdown_artifact(said, key="store", description="What was removed from the store")
-
-
-def _record(row):
-    """Show the state of an event that had nothing to make as a task of the run that bears its name."""
-
-    def event():
-        return campaign.state_of(row)
-
-    prefect.task(event, name=str(row["event"]), cache_policy=NO_CACHE, persist_result=False)(return_state=True)
 
 
 def _show(summary):

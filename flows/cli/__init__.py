@@ -106,7 +106,6 @@ def run(
     source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
     with _failures(calibration, source, json, chosen.configuration):
         document, ref = command.calibrate(calibration, source, chosen, engine)
-    output.write_json(document, json)
     output.result(document, ref, json)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))
 
@@ -147,7 +146,6 @@ def detect(
     chosen = command.recorded(command.chosen(calibration, settings))
     source = command.source(calibration, event, data, satellite, date)
     document = command.detect(calibration, source, chosen)
-    output.write_json(document, json)
     output.manoeuvres(document, json)
     if save:
         output.say(f"stored as event {command.save_event(calibration, source, document)}")
@@ -183,7 +181,6 @@ def discover(
     with _failures(calibration, source, json, chosen.configuration):
         document, files = command.discover(calibration, source, chosen, engine)
     files += [shutil.copy(path, out) for path in files if out and path.name == "discovery.html"]
-    output.write_json(document, json)
     output.discovery(document, files, json)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))
 
@@ -214,7 +211,6 @@ def demo(
 ) -> None:
     """Simulate a calibration day, process it as if it were measured, and print estimate beside truth."""
     document, ref, truth = command.demo(DEFAULT, out, seed, engine)
-    output.write_json(document, json)
     output.result(document, ref, json, truth)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))
 
@@ -228,9 +224,8 @@ def report(
 ) -> None:
     """Say where the last report of an event is, or copy it."""
     files = [str(path) for path in command.report_files(event, out, as_)]
-    output.write_json({"event": event, "files": files}, json)
-    for path in files if output.to_screen(json) else ():
-        output.say(path)
+    if output.delivered({"event": event, "files": files}, json):
+        output.say("\n".join(files))
 
 
 @app.command()
@@ -277,7 +272,6 @@ def campaign(
             output.say("nothing failed the last time")
     with output.events_progress(len(sources)) as listener:
         summary = campaign.run(how, sources, listener)
-    output.write_json(summary, json)
     output.campaign(summary, json)
     raise typer.Exit(campaign.exit_code(summary))
 

@@ -194,7 +194,6 @@ COMPARED = "operational, catalogue, or an experiment"
 NAMED = "experiment, or catalogue"
 SHOWN = "parameter or configuration"
 Some = Annotated[str | None, typer.Argument(metavar="[CALIBRATION]", help=KINDS, autocompletion=complete_calibrations)]
-Json = Annotated[Path | None, json_option("write as JSON")]
 
 
 def settings(

@@ -9,6 +9,9 @@ import tomllib
 from pathlib import Path
 
 from gravcal.errors import CatalogError
+from tasks.stage import lazy
+
+effects = lazy("gravcal.effects")
 
 
 def text_of(path: Path) -> str:
@@ -34,7 +37,7 @@ def _entry(one, path):
     cause, parameters = one.get("cause"), one.get("parameters")
     if not isinstance(cause, str) or not isinstance(parameters, dict):
         raise _wrong(path, str(one)[:80], "cause = and parameters.<name> = { value = ... }")
-    known = None if cause.startswith("unknown:") else _names(cause)
+    known = None if cause.startswith("unknown:") else [p.name for p in effects.effect(cause).parameters]
     values = {}
     for name, parameter in parameters.items():
         if known is not None and name not in known:
@@ -89,13 +92,6 @@ def _directions(parameters):
     size, vectors = np.linalg.eigh(related)
     columns = sigma[:, None] * vectors * np.sqrt(np.clip(size, 0.0, None))
     return [dict(zip(names, column.tolist(), strict=True)) for column in columns.T if column.any()]
-
-
-def _names(cause):
-    """Parameter names of an effect; an unknown effect names its neighbours."""
-    from gravcal.effects import effect
-
-    return [p.name for p in effect(cause).parameters]
 
 
 def _wrong(path, found, expected):

@@ -2,7 +2,6 @@
 
 import functools
 import math
-import re
 from importlib import resources
 
 from starlette.concurrency import run_in_threadpool
@@ -10,6 +9,7 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse
 
 from gravcal.browse import access, plots, series, store_index
 from gravcal.browse import timeline as years
+from gravcal.report.pages import environment, true_units
 from gravcal.store import history, location, netcdf
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
@@ -67,14 +67,10 @@ def event(request):
     if not (nodes or plain and configuration == location.OPERATIONAL):
         return not_found(request, None)
     rows = [row for row in store_index.results(configuration) if row["event"] == name]
-    tried = {one: [row for row in store_index.results(one) if row["event"] == name] for one in _experiments(plain)}
+    experiments = sorted({one for row in plain for one in row["experiments"]})
+    tried = {one: [row for row in store_index.results(one) if row["event"] == name] for one in experiments}
     return _filled("event.html", request, name=name, configuration=configuration, rows=rows, nodes=nodes, tried=tried,
                    picture=placed(nodes))  # fmt: skip
-
-
-def _experiments(rows):
-    """Names of all experiments of some rows."""
-    return sorted({name for row in rows for name in row["experiments"]})
 
 
 @page
@@ -95,7 +91,8 @@ def product(request):
     shown = _shown(held, request.query_params.get("variable"))
     wish = _wish(request, shown.name if shown else "")
     table = series.table(found.ref.path, shown) if shown and not shown.plottable else None
-    attributes = _attributes(found.ref.path)
+    with netcdf.opened(found.ref.path) as file:
+        attributes = {name: str(one) for name, one in netcdf.attributes(file).items() if name != "gravcal_recipe"}
     return _filled("product.html", request, found=found, held=held, shown=shown, wish=wish, table=table,
                    chosen=plots.chosen(shown, wish.columns) if shown and shown.plottable else (),
                    relatives=store_index.relatives(found), siblings=store_index.siblings(found), attributes=attributes,
@@ -178,12 +175,6 @@ def _shown(held, name):
     return asked or next(iter([*best, *timed, *plain, *held]), None)
 
 
-def _attributes(path):
-    """Global attributes of a file."""
-    with netcdf.opened(path) as file:
-        return {name: str(value) for name, value in netcdf.attributes(file).items() if name != "gravcal_recipe"}
-
-
 def _filled(template, request, status=200, **content):
     """Page of a template."""
     from gravcal import __version__
@@ -200,28 +191,17 @@ def _filled(template, request, status=200, **content):
 
 @functools.lru_cache(maxsize=1)
 def _environment():
-    """Templates that escape what they are given and refuse what they are not."""
-    import jinja2
-
+    """Templates of this package."""
     texts = resources.files("gravcal.browse") / "templates"
-    loader = jinja2.FunctionLoader(lambda name: (texts / name).read_text(encoding="utf-8"))
-    made = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
-                              lstrip_blocks=True)  # fmt: skip
+    made = environment(lambda name: (texts / name).read_text(encoding="utf-8"))
     made.filters |= {
         "size": _size,
-        "stamp": _stamp,
+        "stamp": lambda text: text[:16].replace("T", " "),  # UTC
         "short": lambda text: text[:12],
-        "seconds": _seconds,
-        "signs": _signs,
+        "seconds": lambda value: f"{value:.2g} s" if value < 100 else f"{value:.0f} s",
+        "signs": true_units,
     }
     return made
-
-
-def _signs(text):
-    """Verdict of the terminal with the signs that a page can show."""
-    for old, new in (("+-", "±"), (" um", " µm"), (" urad", " µrad"), ("m/s2", "m/s²")):
-        text = text.replace(old, new)
-    return re.sub(r" -(?=\d)", " −", text)
 
 
 def _size(count):
@@ -231,16 +211,6 @@ def _size(count):
             return f"{count:.0f} {unit}" if unit == "B" else f"{count:.3g} {unit}"
         count /= 1000
     return f"{count:.3g} GB"
-
-
-def _stamp(text):
-    """Time of making without its zone, which is UTC."""
-    return text[:16].replace("T", " ")
-
-
-def _seconds(value):
-    """Duration for people."""
-    return f"{value:.2g} s" if value < 100 else f"{value:.0f} s"
 
 
 def placed(nodes):
@@ -297,15 +267,11 @@ def _ordered(columns):
     size = {id(node): max(len(column), 1) for column in columns for node in column}
     for sweep in range(SWEEPS):
         for column in columns[:: 1 if sweep % 2 == 0 else -1]:
-            wish = {id(n): _mean([(rows[o] + 0.5) / size[o] for o in beside[id(n)]], rows[id(n)]) for n in column}
+            near = {id(n): [(rows[o] + 0.5) / size[o] for o in beside[id(n)]] for n in column}
+            wish = {n: sum(places) / len(places) if places else rows[n] for n, places in near.items()}
             for row, node in enumerate(sorted(column, key=lambda n: (wish[id(n)], n.stage))):
                 rows[id(node)] = row
     return rows
-
-
-def _mean(values, otherwise):
-    """Mean, or another value where there is none."""
-    return sum(values) / len(values) if values else otherwise
 
 
 def _line(start, stop, columns):

@@ -88,7 +88,8 @@ def results(configuration=location.OPERATIONAL):
     names = {(one.ref.event, one.ref.kind.partition(".")[0]) for one in everything if one.ref.kind != "ingest"}
     if configuration == location.OPERATIONAL:
         names |= {name for name, others in tried.items() if others}
-    rows = [_result(*name, by_event.get(name[0], []), runs) for name in sorted(names | set(_failed(runs)))]
+    names |= {name for name, run in runs.items() if run["status"] == "failed"}
+    rows = [_result(*name, by_event.get(name[0], []), runs) for name in sorted(names)]
     rows = [row | {"experiments": sorted(tried.get((row["event"], row["calibration"]), ()))} for row in rows]
     return sorted(rows, key=lambda row: row["made"], reverse=True)
 
@@ -118,7 +119,7 @@ def chain(event, configuration=location.OPERATIONAL) -> list[Node]:
     nodes = {}
     while waiting:
         one = waiting.pop()
-        below = [known[key] for key in _inputs(one) if key in known]
+        below = [known[key] for key in (part.get("key") for part in one.record["from"]) if key in known]
         below = [equal.get((part.ref.stage, part.ref.digest), part) for part in below]
         waiting += [part for part in below if part.ref.key not in nodes]
         state = states.get(one.ref.stage, "stored") if keys.get(one.ref.stage) == one.ref.key else "stored"
@@ -173,16 +174,6 @@ def _inside(path):
         return path.is_file() and path.resolve().is_relative_to((location.folder() / "objects").resolve())
     except OSError:
         return False
-
-
-def _inputs(one):
-    """Keys of the products that one was made of."""
-    return [part["key"] for part in one.record["from"] if "key" in part]
-
-
-def _failed(runs):
-    """Events and flows whose last run failed."""
-    return [where for where, run in runs.items() if run["status"] == "failed"]
 
 
 def _result(event, calibration, own, runs):

@@ -80,12 +80,7 @@ def difference(first, second):
 
 
 def tables(document):
-    """Tables of values and of what else changed, (heads, rows) each, [] for what did not change.
-
-    Parameters
-    ----------
-    document : of `comparison`
-    """
+    """Tables of a comparison: settings, values, and what else changed, (heads, rows) each; no row without a change."""
     first, second = document["configurations"]
     heads = ["event", "value", first, second, "difference", "in its sigma", f"in sigma of {first}", "unit"]
     rows, other = [], []
@@ -112,12 +107,7 @@ def tables(document):
 
 
 def page(document):
-    """Page of a comparison.
-
-    Parameters
-    ----------
-    document : of `comparison`
-    """
+    """Page of a comparison."""
     first, second = document["configurations"]
     captions = ("Settings that differ.", f"Values of {first} and {second} with their errors by noise.", "What changed.")
     shown = [

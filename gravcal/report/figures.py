@@ -4,7 +4,6 @@ import base64
 import io
 
 WIDTH_IN = 7.0
-DPI = 170
 #: Okabe and Ito, Color Universal Design, 2008.
 COLOURS = {
     "black": "#000000",
@@ -22,7 +21,6 @@ AXIS = {
     "y": {"color": COLOURS["orange"]},
     "z": {"color": COLOURS["green"], "linestyle": "--"},
 }
-UNSAID = {"png": ("Software",), "svg": ("Date", "Creator", "Format", "Type")}
 STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
@@ -82,14 +80,7 @@ def grid(rows, columns, height_in, **options):
 
 
 def legend(figure, panels, columns):
-    """Legend of one or several panels above all, to the right; each name once.
-
-    Parameters
-    ----------
-    figure : Figure
-    panels : Axes with the labels, or an array of them
-    columns : number
-    """
+    """Legend of the panels (Axes, or an array of them) above all, to the right, in so many columns; each name once."""
     known = {}
     for panel in [panels] if hasattr(panels, "plot") else panels.ravel():
         handles, labels = panel.get_legend_handles_labels()
@@ -134,19 +125,8 @@ def number_windows(panel, ends):
             panel.annotate(str(number), ((start + stop) / 2, 0.99), fontsize=6, color="#767676", **place)
 
 
-def image(draw, *given, form="svg"):
-    """Figure as a data address for an image in a page.
-
-    Parameters
-    ----------
-    draw : function that returns a Figure
-    given : its arguments
-    form : "svg", or "png" for pictures of very many points
-
-    Returns
-    -------
-    address : str, "data:image/..."; None if `draw` has nothing to show
-    """
+def image(draw, *given) -> str | None:
+    """Figure that a function draws as a data address (SVG) for a page; None if there is nothing to show."""
     import matplotlib
 
     with matplotlib.rc_context(STYLE):
@@ -154,6 +134,5 @@ def image(draw, *given, form="svg"):
         if figure is None:
             return None
         buffer = io.BytesIO()
-        figure.savefig(buffer, format=form, dpi=DPI, metadata=dict.fromkeys(UNSAID[form]))
-    kind = {"png": "image/png", "svg": "image/svg+xml"}[form]
-    return f"data:{kind};base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
+        figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+    return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

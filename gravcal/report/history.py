@@ -37,7 +37,7 @@ def history(title, points, trims=(), band=None):
     parts = []
     for satellite in dict.fromkeys(row["satellite"] for row in rows):
         own = [row for row in rows if row["satellite"] == satellite]
-        drawn = image(_draw, own, band, form="svg")
+        drawn = image(_draw, own, band)
         parts.append({"satellite": satellite, "figure": drawn, "tables": tables(own)})
     dates = sorted(row["date"] for row in rows)
     sources = {p.said for p in points if p.mood == "printed"} | {one.source for _, one in trims}
@@ -60,12 +60,7 @@ def _trim(satellite, one):
 
 
 def tables(rows):
-    """A table for each unit: events down, quantities across, each value in a row that says what it is.
-
-    Parameters
-    ----------
-    rows : of `history`, of one satellite
-    """
+    """A table of the rows of a satellite for each unit: events down, quantities across, in a row that says of what."""
     found = []
     for unit in dict.fromkeys(row["unit"] for row in rows):
         own = [row for row in rows if row["unit"] == unit]

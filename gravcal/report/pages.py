@@ -220,13 +220,13 @@ def _text(name):
 
 @lru_cache(maxsize=1)
 def _environment():
-    """Templates that escape what they are given and refuse what they are not."""
+    """Templates of this package."""
+    return environment(_text)
+
+
+def environment(text_of: Callable[[str], str]):
+    """Templates by their name that escape what they are given and refuse what they are not."""
     import jinja2
 
-    return jinja2.Environment(
-        loader=jinja2.FunctionLoader(_text),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    how = {"autoescape": True, "undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    return jinja2.Environment(loader=jinja2.FunctionLoader(text_of), **how)
