@@ -183,7 +183,8 @@ def _result(event, calibration, own, runs):
     run = runs.get((event, calibration))
     found = document(report) if report else None
     state, mood, said = _state(found, run)
-    told = found["origin"] if found and "origin" in found else origins.together(origin(one.ref.path) for one in own)
+    made_of = [one for one in own if one.ref.kind != "ingest"] or own  # files may have been read for others only
+    told = found["origin"] if found and "origin" in found else origins.together(origin(one.ref.path) for one in made_of)
     made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")
     names = {"event": event, "calibration": calibration, "state": state, "mood": mood, "said": said, "made": made}
     return names | {

@@ -117,7 +117,8 @@ def page(document):
     ]
     alone = [f"Only in {name}: {', '.join(events)}." for name, events in document["only_in"].items() if events]
     title = f"{document['calibration']}: {second} against {first}"
-    subtitle = f"{len(document['events'])} events in both configurations"
+    count = len(document["events"])
+    subtitle = f"{count} event{'s' if count != 1 else ''} in both configurations"
     notes = [f"Assumed for the {ASSUMPTION}.", *alone]
     return pages.render("comparison.html", title=title, subtitle=subtitle, tables=shown, notes=notes)
 

@@ -68,6 +68,10 @@ def test_simulated_events_have_a_mark_and_a_banner_of_their_own(ask, shop):
     assert '<span class="mark simulated">1 not measured</span>' in ask("/").text
     for path in (f"/event/{event}", f"/product/{made['align'].key}"):
         assert '<p class="origin">SIMULATED data</p>' in ask(path).text
+    invented_store.put(f"{event}/ingest:MAG1B_C", invented_store.dataset(10).assign_attrs(origin="simulated"))
+    invented_store.put(f"{event}/study.discovery_report", invented_store.dataset(10))  # of printed numbers
+    found = {row["calibration"]: row["origin"] for row in store_index.results() if row["event"] == event}
+    assert found == {"com_offset": "simulated", "study": "measured"}
     assert 'class="origin"' not in ask(f"/event/{EVENT}").text + ask(f"/product/{shop['again']['align'].key}").text
     moods = {point.event: point.mood for point in timeline.points(load("com_offset"))}
     assert (moods[event], moods[EVENT]) == ("simulated", "good")
