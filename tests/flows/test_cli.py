@@ -1,5 +1,6 @@
 """The command line: exit codes, documents, errors on one screen, and what it must not import."""
 
+import datetime
 import json
 import subprocess
 import sys
@@ -174,12 +175,12 @@ def test_help_is_quick_and_imports_nothing_heavy():
     assert "gravcal demo" in done.stdout
 
 
-def test_facts_that_json_cannot_hold_are_left_out():
+def test_facts_that_json_cannot_hold_become_text_or_null():
     """Contract: a failed document is always valid JSON."""
     from flows import command
 
-    document = command.failed("c", "e", EstimationError("m", good=1.5, bad=object(), nan=float("nan")))
-    assert document["error"]["facts"] == {"good": 1.5}
+    document = command.failed("c", "e", EstimationError("m", good=1.5, day=datetime.date(2020, 2, 1), nan=float("nan")))
+    assert document["error"]["facts"] == {"good": 1.5, "day": "2020-02-01", "nan": None}
     json.dumps(document, allow_nan=False)
 
 
