@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from gravcal.store import keys
+from gravcal.store import keys, schemas
 
 KEY = re.compile(r"[0-9a-f]{64}")
 SEAL = b', "sha256_of_record": "'
@@ -75,7 +75,7 @@ def _believed(image, key):
         return None, "the record is not as it was written (its checksum differs)"
     try:
         record = json.loads(head + b"}")
-        for error in _form().iter_errors(record):
+        for error in schemas.validator("_record").iter_errors(record):
             where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error.instance_path)
             return None, f"record{where}: {error.message[:SHOWN]}"
         if ["file" in one for one in record["recipe"]["inputs"]] != ["path" in one for one in record["from"]]:
@@ -87,48 +87,3 @@ def _believed(image, key):
     if record["key"] != key:
         return None, f"the record names another key, {record['key']}"
     return record, None
-
-
-@functools.cache
-def _form():
-    """Validator of the parts of a record."""
-    from jsonschema_rs import Draft202012Validator
-
-    def parts(**properties):
-        return {"type": "object", "required": list(properties), "properties": properties}
-
-    text, whole, key = {"type": "string"}, {"type": "integer"}, {"type": "string", "pattern": f"^{KEY.pattern}$"}
-    name = {"type": "string", "pattern": r"^(?!\.{1,2}$)[^/\x00]+$"}
-    texts = {"type": "object", "additionalProperties": text}
-    file, product = parts(file=text, digest=key), parts(kind=name, variant=text, digest=key)
-    inputs = {"if": {"type": "object", "required": ["file"]}, "then": file, "else": product}
-    member = {"type": ["string", "null"]}
-    places = {"if": {"type": "object", "required": ["path"]}, "then": parts(path=text, member=member)}
-    recipe = parts(
-        event=name,
-        kind=name,
-        variant=text,
-        version=whole,
-        settings={"type": "object"},
-        inputs={"type": "array", "items": inputs},
-        code=text,
-    )
-    record = parts(
-        key=key,
-        recipe=recipe,
-        digest=key,
-        sha256=key,
-        bytes=whole,
-        mtime_ns=whole,
-        labels_at={"type": "array", "items": whole},
-        files={"type": "object", "propertyNames": name, "additionalProperties": key},
-        made=text,
-        machine=text,
-        stage=text,
-        seconds={"type": "number"},
-        modules=texts,
-        versions=texts,
-    )
-    record["properties"]["from"] = {"type": "array", "items": places | {"else": parts(key=key)}}
-    record["required"].append("from")
-    return Draft202012Validator(record)

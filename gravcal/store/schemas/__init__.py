@@ -3,10 +3,11 @@
 import functools
 import json
 import math
-import operator
 from importlib import resources
 
-from gravcal.errors import ProductError
+import jsonschema_rs
+
+from gravcal.errors import refuse
 
 VERSION = "1.0"
 TRIPLES = (
@@ -14,8 +15,6 @@ TRIPLES = (
     ("phase_centre_mm", "sigma_mm", "covariance_mm2"),
     ("value", "sigma", "covariance"),
 )
-
-
 _added = {}  # name: path of the schema of a calibration of another package
 
 
@@ -40,41 +39,23 @@ def validate(document, name=None):
     """Check a document against the schema of its calibration, or a named one, and its undetermined components."""
     name = name or ("discovery" if "adequate_before" in document else document.get("calibration"))
     if name not in names():
-        raise _wrong("calibration", name, f"one of {', '.join(names())}")
-    blocks = []
-    for path, item in _walk(document, ()):
+        _refuse("calibration", name, f"one of {', '.join(names())}")
+    parts = list(_walk(document, ()))
+    for path, item in parts:
         if isinstance(item, float) and not math.isfinite(item):
-            raise _wrong(_text(path), item, "a finite number, or null for what is not determined")
+            _refuse(_text(path), item, "a finite number, or null for what is not determined")
+    if not validator(name).is_valid(document):
+        error = min(validator(name).iter_errors(document), key=lambda e: list(map(str, e.instance_path)))
+        _refuse(_text(error.instance_path), error.instance, f"what the schema says: {error.message[:200]}")
+    for path, item in parts:
         if isinstance(item, dict):
-            blocks.append((item, path))
-    resolved, validator = _validator(name)
-    if not validator.is_valid(document):
-        error = min(validator.iter_errors(document), key=lambda e: list(map(str, e.instance_path)))
-        raise _wrong(_text(error.instance_path), error.instance, _expected(error, resolved))
-    for block in blocks:
-        _check_triples(*block)
+            _check_triples(item, path)
 
 
 @functools.cache
-def _validator(name):
-    """Schema with the shared definitions in place, and its validator, compiled."""
-    from jsonschema_rs import Draft202012Validator
-
-    resolved = _without_references(schema(name), schema("common")["$defs"])
-    return resolved, Draft202012Validator(resolved)
-
-
-def _without_references(item, definitions):
-    """Schema with each reference to a shared definition replaced by what it says."""
-    if isinstance(item, list):
-        return [_without_references(part, definitions) for part in item]
-    if not isinstance(item, dict):
-        return item
-    rest = {name: _without_references(part, definitions) for name, part in item.items() if name != "$ref"}
-    if "$ref" not in item:
-        return rest
-    meant = _without_references(definitions[item["$ref"].rpartition("/")[2]], definitions)
-    return {"allOf": [meant, rest]} if rest else meant
+def validator(name):
+    """Compiled validator of a document; definitions that all share are those of "common"."""
+    return jsonschema_rs.Draft202012Validator(schema(name), retriever=lambda _: schema("common"))
 
 
 def _walk(item, path):
@@ -91,7 +72,7 @@ def _check_triples(block, path):
         if isinstance(block.get(value), list) and isinstance(block.get(sigma), list):
             missing = [item is None for item in block[value]]
             if missing != [item is None for item in block[sigma]]:
-                raise _wrong(_text((*path, sigma)), block[sigma], f"null exactly where {value} is null")
+                _refuse(_text((*path, sigma)), block[sigma], f"null exactly where {value} is null")
             if covariance in block:
                 _check_covariance(block[covariance], block[sigma], missing, (*path, covariance))
 
@@ -102,20 +83,11 @@ def _check_covariance(matrix, sigma, missing, path):
         for j, item in enumerate(row):
             where = _text((*path, i, j))
             if (item is None) != (missing[i] or missing[j]):
-                raise _wrong(where, item, "null exactly in the rows and columns of undetermined components")
+                _refuse(where, item, "null exactly in the rows and columns of undetermined components")
             if item is not None and not math.isclose(item, matrix[j][i], rel_tol=1e-9, abs_tol=1e-300):
-                raise _wrong(where, item, f"a symmetric matrix, {matrix[j][i]!r}")
+                _refuse(where, item, f"a symmetric matrix, {matrix[j][i]!r}")
         if not missing[i] and not math.isclose(row[i], sigma[i] ** 2, rel_tol=1e-6):
-            raise _wrong(_text((*path, i, i)), row[i], f"the square of sigma, {sigma[i] ** 2!r}")
-
-
-def _expected(error, resolved):
-    """What the schema asked for, in words."""
-    words = {"type": "type", "enum": "one of", "const": "exactly", "pattern": "text like", "minimum": "at least"}
-    asked = error.schema_path[-1] if error.schema_path else ""
-    if asked in words:
-        return f"{words[asked]} {functools.reduce(operator.getitem, error.schema_path, resolved)!r}"
-    return error.message[:200]
+            _refuse(_text((*path, i, i)), row[i], f"the square of sigma, {sigma[i] ** 2!r}")
 
 
 def _text(path):
@@ -124,10 +96,7 @@ def _text(path):
     return "".join(parts).lstrip(".") or "document"
 
 
-def _wrong(where, found, expected):
-    """ProductError for a part of a document."""
+def _refuse(where, found, expected):
+    """Refuse a part of a document."""
     shown = repr(found) if len(repr(found)) < 80 else f"{repr(found)[:77]}..."
-    return ProductError(
-        f"result document: {where}: found {shown}, expected {expected}. Correct what writes the document.",
-        where=where,
-    )
+    refuse(f"result document: {where}", shown, expected, "Correct what writes the document.")
