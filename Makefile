@@ -24,13 +24,13 @@ demo: $(STAMP)  ## simulate a calibration day, process it, print estimate agains
 	@$(BIN)/gravcal demo
 
 test: $(STAMP)  ## all tests
-	@$(BIN)/python -m pytest -q -n 2
+	@$(BIN)/python -m pytest -q -n 2 --dist worksteal
 
 QUICK := tests/physics tests/estimation tests/effects tests/io tests/store tests/catalog tests/published \
   tests/test_architecture.py tests/test_stages.py tests/flows/test_cli.py tests/flows/test_plan.py \
   tests/calibrations/gradient_torque/test_gradient_torque_flow.py
 test-quick: $(STAMP)  ## what tells most of a change: a minute and a half on two cores
-	@$(BIN)/python -m pytest -q -n 2 $(QUICK)
+	@$(BIN)/python -m pytest -q -n 2 --dist worksteal $(QUICK)
 
 lint: $(STAMP)  ## formatting and static checks
 	@$(BIN)/ruff format --check . && $(BIN)/ruff check .

@@ -119,16 +119,11 @@ printf '%s\\n' "${COMPREPLY[@]}"
     ("typed", "offered"),
     [
         ("run com", ["com_offset"]),
-        ("campaign kbr", ["kbr_phase_centre"]),
-        ("run com_offset --set low", ["lowpass_hz="]),
-        ("campaign com_offset --set low", ["lowpass_hz="]),
         ("run com_offset --set noise_order = 3 --set low", ["lowpass_hz="]),  # bash divides words at "="
         ("run com_offset --engine in", ["inline"]),
         ("simulate com_offset --out there --effect torque.sat", ["torque.saturation.limit="]),
         ("run com_offset --as sl", ["slower"]),
-        ("compare com_offset op", ["operational"]),
         ("compare com_offset operational sl", ["slower"]),
-        ("promote com_offset ca", ["catalogue"]),
         ("settings com_offset lowp", ["lowpass_hz"]),
         ("events kb", ["kbr_phase_centre"]),
     ],

@@ -123,9 +123,51 @@ def test_an_experiment_is_said_in_document_and_page(name, level_one):
     assert "in_sigma" in one["values"][0]
 
 
+opened = []  # while a stage runs: paths that it opens
+watched = []
+
+
+def _watch(event, arguments):
+    """Note what is opened while a stage runs."""
+    if watched and event == "open" and isinstance(arguments[0], str):
+        opened.append(arguments[0])
+
+
+sys.addaudithook(_watch)
+
+
+def watching(monkeypatch):
+    """Files of the package that stages open from now on, and those of them that are in no key of their stage."""
+    perform, seen, forgotten = stage._make, set(), []
+
+    def observed(call, *rest):
+        for module in [one for title, one in list(sys.modules.items()) if title.startswith("gravcal.")]:
+            if module not in (keys, sys.modules["gravcal.catalog.files"]):
+                for value in vars(module).values():
+                    getattr(value, "cache_clear", lambda: None)()
+        opened.clear()
+        watched.append(True)
+        try:
+            return perform(call, *rest)
+        finally:
+            watched.clear()
+            paths = {Path(one).resolve() for one in opened if Path(one).suffix != ".py" and "__pycache__" not in one}
+            for top in (ROOT / "gravcal", ROOT / "tasks", ROOT / "flows", ROOT / "catalog", EARTH):
+                own = {path.relative_to(top.parent).as_posix() for path in paths if path.is_relative_to(top)}
+                seen.update(own)
+                parts = keys.fingerprint(call.stage.body, call.stage.also)
+                forgotten.extend((call.stage.name, part) for part in own - set(parts))
+
+    monkeypatch.setattr(stage, "_make", observed)
+    return seen, forgotten
+
+
 @pytest.mark.parametrize("name", SMALL)
-def test_history_and_rebuild_reach_every_product(name, level_one):
-    """Contract: each kind has a history down to raw files, and is made again from them bit for bit."""
+def test_history_and_rebuild_reach_every_product(name, level_one, monkeypatch):
+    """Contract: each kind has a history down to raw files, is made again from them bit for bit, and its key is whole.
+
+    The system says which files of the package a stage opens, with nothing remembered from the stage before.
+    """
     event = made(name, level_one)["event"]
     known = {entry.ref.stage: entry for entry in housekeeping.entries(event)}
     for entry in known.values():
@@ -135,9 +177,12 @@ def test_history_and_rebuild_reach_every_product(name, level_one):
         raw = str(level_one / name)
         assert raw in printed.getvalue() or entry.ref.kind == "gradient_torque.field"  # from a file of the package
     memory.clear()
+    seen, forgotten = watching(monkeypatch)
     outcome = remake(known[f"{name}.report"])
     assert {one["stage"] for one in outcome["stages"]} == set(known)
     assert [one for one in outcome["stages"] if one["verdict"] != "equal"] == []
+    assert forgotten == []
+    assert seen >= {"gravcal/report/page.html", f"gravcal/store/schemas/{name}.schema.json"}
 
 
 def stages():
@@ -161,50 +206,6 @@ def test_no_data_file_of_the_package_is_forgotten():
     assert shipped() - keyed == listed
     assert len(listed) < len(shipped())
     assert all(any(name.startswith(one) for name in listed) for one in READ_BY_NO_STAGE)
-
-
-opened = []  # while a stage runs: paths that it opens
-watched = []
-
-
-def _watch(event, arguments):
-    """Note what is opened while a stage runs."""
-    if watched and event == "open" and isinstance(arguments[0], str):
-        opened.append(arguments[0])
-
-
-sys.addaudithook(_watch)
-
-
-@pytest.mark.parametrize("name", SMALL)
-def test_every_file_of_the_package_that_a_stage_opens_is_in_its_key(name, level_one, tmp_path, monkeypatch):
-    """Contract: the system says what is opened, with nothing remembered from the stage before."""
-    perform, seen, forgotten = stage._make, set(), []
-
-    def observed(call, *rest):
-        for module in [one for title, one in list(sys.modules.items()) if title.startswith("gravcal.")]:
-            if module not in (keys, sys.modules["gravcal.catalog.files"]):
-                for value in vars(module).values():
-                    getattr(value, "cache_clear", lambda: None)()
-        opened.clear()
-        watched.append(True)
-        try:
-            return perform(call, *rest)
-        finally:
-            watched.clear()
-            paths = {Path(one).resolve() for one in opened if Path(one).suffix != ".py" and "__pycache__" not in one}
-            for top in (ROOT / "gravcal", ROOT / "tasks", ROOT / "flows", ROOT / "catalog", EARTH):
-                own = {path.relative_to(top.parent).as_posix() for path in paths if path.is_relative_to(top)}
-                seen.update(own)
-                parts = keys.fingerprint(call.stage.body, call.stage.also)
-                forgotten.extend((call.stage.name, part) for part in own - set(parts))
-
-    monkeypatch.setattr(stage, "_make", observed)
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
-    assert made(name, level_one)["status"] == "delivered"
-    assert forgotten == []
-    assert "gravcal/report/page.html" in seen
-    assert f"gravcal/store/schemas/{name}.schema.json" in seen
 
 
 def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_path, monkeypatch):

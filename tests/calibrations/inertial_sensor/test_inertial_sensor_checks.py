@@ -83,7 +83,6 @@ CONTRADICTIONS = {
     "position zero": ("ORB", ["position"], zero(1.0)),
     "velocity in km/s": ("ORB", ["velocity"], times(1e-3)),
     "orbit late": ("ORB", ["time"], late),
-    "sign of V_x1": ("IS1", ["V_x1"], times(-1)),
     "sign of V_y": ("IS1", ["V_y"], times(-1)),
     "sign of V_z2": ("IS1", ["V_z2"], times(-1)),
     "V_z1 of the other sign for six seconds": ("IS1", ["V_z1"], turned),
@@ -91,7 +90,6 @@ CONTRADICTIONS = {
     "V_y and V_x3": ("IS1", ["V_y", "V_x3"], exchanged),
     "V_y frozen": ("IS1", ["V_y"], held),
     "V_x1 zero": ("IS1", ["V_x1"], zero(0.1)),
-    "V_y in mV": ("IS1", ["V_y"], times(1e3)),
     "voltages late": ("IS1", ["time"], late),
     "attitude components": ("ATT", ["q"], components(1, 2)),
     "attitude zero": ("ATT", ["q"], zero(0.25)),
@@ -100,9 +98,7 @@ CONTRADICTIONS = {
     "roll, sign of V_y": ("IS1", ["V_y"], times(-1), ROLL),
     "roll, V_z1 in mV": ("IS1", ["V_z1"], times(1e3), ROLL),
     "roll, voltages late": ("IS1", ["time"], late, ROLL),
-    "roll, attitude late": ("ATT", ["time"], late, ROLL),
     "roll, V_x2 and V_x3": ("IS1", ["V_x2", "V_x3"], exchanged, ROLL),
-    "roll, V_x3 zero": ("IS1", ["V_x3"], zero(0.1), ROLL),
     "roll, orbit x and z": ("ORB", ["position", "velocity"], components(0, 2), ROLL),
 }
 
