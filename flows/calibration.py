@@ -79,12 +79,12 @@ class Discovery:
             variant=variant,
         )
 
-    def taken_out(self, source, chosen, records, solved=None, products=None):
-        """Records without the effects of the given model, and results (of ``solved``) for each of its errors."""
+    def taken_out(self, source, chosen, records, solved=None, products=None, *, alone=False):
+        """Records without the effects of the given model; not alone: results (of ``solved``) for each of its errors."""
         if not chosen.model:
             return records, []
         products = products or self.built(source, chosen, records)
-        moved = enumerate(models.moved(chosen.model), start=1)
+        moved = enumerate([] if alone else models.moved(chosen.model), start=1)
         others = [self.without(source, chosen, records, one, f"moved_{number}", products) for number, one in moved]
         results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
         return self.without(source, chosen, records, chosen.model, products=products), results  # latest/ leads to it

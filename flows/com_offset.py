@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flows.calibration import Calibration, Discovery, of_one_satellite
-from flows.engine import flow
+from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.store import results
 from tasks import com_offset, common
@@ -27,13 +27,14 @@ ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
 def calibrate(source, chosen):
     """Offset of the centre of mass from the manoeuvres of one day."""
     found, recorded = _aligned(source, chosen)
-    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded)
+    added = models.result_of(chosen.model, "com_offset", recorded.digest)
+    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded, alone=bool(added))
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
-    if moved:
-        combined = com_offset.model_error(combined, *moved, **chosen.for_stage("model_error"))
+    if moved or added:
+        combined = com_offset.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
     others = [common.ingest(file, event=source.event) for file in source.files(*PRODUCTS["orbit"])[1:]]
     judged = com_offset.checks(aligned, checked, smoothed, *others, **chosen.for_stage("checks"))
     products = (combined, *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)

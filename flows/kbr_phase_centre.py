@@ -7,7 +7,7 @@ from datetime import timedelta
 from itertools import product
 
 from flows.calibration import EPOCH, Calibration, Discovery
-from flows.engine import flow
+from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.io import archive
 from gravcal.store import results
@@ -31,10 +31,11 @@ def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
     files = ingested(source, chosen)
     recorded = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
-    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded)
+    added = models.result_of(chosen.model, "kbr_phase_centre", recorded.digest)
+    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded, alone=bool(added))
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
-    if moved:
-        combined = kbr_phase_centre.model_error(combined, *moved, **chosen.for_stage("model_error"))
+    if moved or added:
+        combined = kbr_phase_centre.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
     settings = chosen.for_stage("routine") | nominal_of(source)
     described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **settings)
     checked = inputs_checked(source, chosen, files, aligned, pointed, equations)

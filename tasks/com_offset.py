@@ -127,9 +127,9 @@ def combine(*solved, **settings):
 
 
 @stage(reads=["com_offset.combine"], writes="com_offset.combine", version=1)
-def model_error(combined, *moved, determined_sigma_um):
+def model_error(combined, *moved, added, determined_sigma_um):
     """The same with the errors of an extended model."""
-    return solving.with_model_error(combined, *moved, determined_sigma_um=determined_sigma_um)
+    return solving.with_model_error(combined, *moved, added=added, determined_sigma_um=determined_sigma_um)
 
 
 @stage(

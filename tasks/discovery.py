@@ -27,14 +27,16 @@ LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
-    return driver.discover(_observed(products, observations, names, settings), _limits(limits))
+    found = driver.discover(_observed(products, observations, names, settings), _limits(limits))
+    return found.assign_attrs(records=product.digest_as_read(products[0]) if products else "")
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = _observed(products, observations, names, settings)
-    return driver.discover_again(observed, _limits(limits), first, _model(first))
+    found = driver.discover_again(observed, _limits(limits), first, _model(first))
+    return found.assign_attrs(records=first.attrs["records"])
 
 
 def _limits(given):

@@ -19,7 +19,8 @@ def text_of(path: Path) -> str:
 
     Parameters
     ----------
-    path : TOML file with a list of [[effect]]: cause, form, parameters.<name> = {value, sigma, unit}
+    path : TOML file with a list of [[effect]]: cause, form, parameters.<name> = {value, sigma, unit}; with [result] if
+        it says what the search adds to the result of the records that it was made in
     """
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -28,7 +29,42 @@ def text_of(path: Path) -> str:
     entries = content.get("effect")
     if not isinstance(entries, list) or not entries:
         raise _wrong(path, f"the keys {', '.join(content) or 'none'}", "at least one [[effect]]")
-    return json.dumps([_entry(one, path) for one in entries], sort_keys=True, allow_nan=False)
+    made = [_entry(one, path) for one in entries]
+    if "result" in content:
+        made[0]["result"] = _result(content["result"], path)
+    return json.dumps(made, sort_keys=True, allow_nan=False)
+
+
+SI = {"um": 1e-6, "mm": 1e-3}
+
+
+def _result(one, path):
+    """Checked table of what a search adds to a result."""
+    import numpy as np
+
+    try:
+        shift, added = (np.array(one[name], dtype=float) for name in ("correction", "covariance"))
+        good = np.isfinite(added).all() and added.shape == (shift.size, shift.size) and np.isfinite(shift).all()
+        words = {name: str(one[name]) for name in ("calibration", "records")}
+        size = SI[one["unit"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise _wrong(path, f"[result] with {error}", "calibration, records, unit, correction and covariance") from error
+    if not good:
+        raise _wrong(path, "[result] whose correction and covariance do not belong together", "p and p x p numbers")
+    return words | {"correction": (size * shift).tolist(), "covariance": (size**2 * added).tolist()}
+
+
+def result_of(text: str, calibration: str, records: str | None) -> str:
+    """What a search adds to the result of a calibration, JSON of SI numbers; "" where the model is of other records.
+
+    Parameters
+    ----------
+    text : of `text_of`; calibration : name
+    records : digest of the records, None in a plan, which takes them for those of the search
+    """
+    found = json.loads(text)[0].get("result", {}) if text else {}
+    same = found.get("calibration") == calibration and records in (None, found["records"])
+    return json.dumps({name: found[name] for name in ("correction", "covariance")}, sort_keys=True) if same else ""
 
 
 def _entry(one, path):
@@ -47,7 +83,8 @@ def _entry(one, path):
             raise _wrong(path, f"{cause}.{name} = {parameter!r}", "{ value = number, sigma = number, unit = text }")
         unit = {"unit": parameter["unit"]} if isinstance(parameter.get("unit"), str) else {}
         values[name] = {"value": float(value)} | unit | _error(parameter, f"{cause}.{name}", path)
-    return {"cause": cause, "form": str(one.get("form", "")), "parameters": values}
+    lists = {name: one[name] for name in ("waves", "leads") if isinstance(one.get(name), list)}
+    return {"cause": cause, "form": str(one.get("form", "")), "parameters": values} | lists
 
 
 def _error(parameter, name, path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -39,16 +40,21 @@ def replaced(dataset: xr.Dataset, values: Mapping[str, np.ndarray]) -> xr.Datase
 
 
 def widened(
-    found: xr.Dataset, moved: Sequence[xr.Dataset], covariances: Mapping[str, Sequence[str]]
+    found: xr.Dataset, moved: Sequence[xr.Dataset], covariances: Mapping[str, Sequence[str]], added: str = ""
 ) -> dict[str, np.ndarray]:
-    """Covariances with the errors of a model, {variable: (..., p, p)} for `building.replaced`.
+    """Covariances with the errors of a model, {variable: (..., p, p)} for `building.replaced`; values if it adds some.
 
     There is one moved Dataset of the kind of the found one for each direction of the errors; covariances names, for a
-    variable (..., p), the variables that hold its covariances (..., p, p).
+    variable (..., p), the variables that hold its covariances (..., p, p); added is JSON of the "correction" (p,) and
+    "covariance" (p, p) that a search adds to the result, "" for none.
     """
-    new = {}
+    new, more = {}, json.loads(added or "{}")
     for name, held in covariances.items():
-        extra = covariance_of_moves(found[name].values, [one[name].values for one in moved])
+        extra = np.array(more.get("covariance", 0.0))
+        if more:
+            new[name] = found[name].values + more["correction"]
+        if moved:
+            extra = extra + covariance_of_moves(found[name].values, [one[name].values for one in moved])
         new |= {covariance: found[covariance].values + extra for covariance in held}
     return new
 

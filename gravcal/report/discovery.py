@@ -45,6 +45,8 @@ def report(
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     extended = model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
+    if extended and combined and not settings.get("model"):
+        extended += _result_text(numbers["calibration_change"], calibration, found.attrs["records"])
     if extended and "model" in settings:  # a calibration that takes one
         files["model.toml"] = extended
     files["discovery.html"] = page(found, document, satellite, reported)
@@ -303,20 +305,30 @@ def model_text(numbers: dict, event: str, given: str = "") -> str:
             continue
         lines += ["", "[[effect]]", f"cause = {_text(one['cause'])}", f"form = {_text(one['form'])}"]
         lines.append(f"tied_with = {json.dumps(one.get('tied_with', []))}")
-        lines += [_parameter_line(name, parameter, known) for name, parameter in known.items()]
+        for name, parameter in known.items():
+            related = {n: r for n, r in parameter.get("correlation", {}).items() if n in known}
+            row = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {"correlation": related}
+            lines.append(f"parameters.{name} = {_inline(row)}")
+        lines += [f"{name} = {_inline(one[name])}" for name in ("waves", "leads") if one.get(name)]
     return "\n".join(lines) + "\n" if sized else ""
 
 
-def _parameter_line(name, parameter, known):
-    """One parameter with what is known of its error."""
-    words = [f"value = {parameter['value']!r}"]
-    if parameter.get("sigma") is not None:
-        words.append(f"sigma = {parameter['sigma']!r}")
-    words.append(f"unit = {_text(parameter.get('unit', ''))}")
-    related = [f"{n} = {r!r}" for n, r in parameter.get("correlation", {}).items() if n in known]
-    if related:
-        words.append(f"correlation = {{ {', '.join(related)} }}")
-    return f"parameters.{name} = {{ {', '.join(words)} }}"
+def _result_text(change, calibration, records):
+    """What the search adds to the result of the calibration from the records that it was made in, as TOML."""
+    if not np.all(np.isfinite(np.array(change["covariance_of_findings"], dtype=float))):
+        return ""
+    row = {"calibration": calibration, "records": records, "unit": change["unit"]}
+    row |= {"correction": change["correction"], "covariance": change["covariance_of_findings"]}
+    return "\n".join(["", "[result]", *(f"{name} = {_inline(value)}" for name, value in row.items())]) + "\n"
+
+
+def _inline(value):
+    """A value as TOML has it in a line, without what is None or empty."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{n} = {_inline(v)}' for n, v in value.items() if v is not None and v != {})} }}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_inline, value))}]"
+    return _text(value) if isinstance(value, str) else repr(value)
 
 
 def _text(value):

@@ -231,7 +231,9 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     return build(COMBINE, values, variants=" ".join(names), **attrs)
 
 
-def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_um: float) -> xr.Dataset:
+def with_model_error(
+    combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_um: float, added: str = ""
+) -> xr.Dataset:
     """The same with covariances that hold the errors of the effects that were taken out of the records before.
 
     Single manoeuvres and the tests of consistency keep the errors of the noise alone.
@@ -241,13 +243,14 @@ def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_
     combined : Dataset, "com_offset.combine"
     moved : Dataset, "com_offset.combine", one for each direction of the model's errors
     determined_sigma_um : um, a component with a larger error is not determined
+    added : text, as of `building.widened`
 
     Returns
     -------
     combined : Dataset, "com_offset.combine"
     """
-    before = combined["offset"].values
-    new = widened(combined, moved, {"offset": ("covariance", "covariance_total")})
+    new = widened(combined, moved, {"offset": ("covariance", "covariance_total")}, added)
+    before = new.get("offset", combined["offset"].values)
     known = np.array([_determined(one, determined_sigma_um * 1e-6) for one in new["covariance"]])
     return replaced(combined, new | {"determined": known.astype("u1"), "offset": np.where(known, before, np.nan)})
 

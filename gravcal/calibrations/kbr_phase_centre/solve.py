@@ -332,15 +332,18 @@ def combine(
     )
 
 
-def with_model_error(combined: xr.Dataset, *moved: xr.Dataset, determined_limit_mm: float) -> xr.Dataset:
+def with_model_error(
+    combined: xr.Dataset, *moved: xr.Dataset, determined_limit_mm: float, added: str = ""
+) -> xr.Dataset:
     """Result with covariances that hold the errors of the effects that were taken out of the records before.
 
     Parameters
     ----------
     combined, moved : Dataset, "kbr_phase_centre.combine", one of the moved for each direction of the model's errors
     determined_limit_mm : mm, a component with a larger sigma is not determined
+    added : text, as of `building.widened`
     """
-    new = widened(combined, moved, {"centre": ("covariance",)})
+    new = widened(combined, moved, {"centre": ("covariance",)}, added)
     known = _determined(new["covariance"], determined_limit_mm).astype("u1")
     return replaced(combined, new | {"determined": known})
 

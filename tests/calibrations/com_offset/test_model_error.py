@@ -41,6 +41,10 @@ def test_moves_add_to_both_covariances():
         expected = factor * np.diag(SIGMA**2) + moves.T @ moves
         np.testing.assert_allclose(widened[name].values, [expected] * 2, rtol=1e-9, atol=1e-20)
     np.testing.assert_array_equal(widened["offset"].values, offset)
+    search = {"correction": [1e-6, 0, -2e-6], "covariance": np.diag([1e-12, 4e-12, 0]).tolist()}
+    found = with_model_error(combined(offset), determined_sigma_um=50.0, added=json.dumps(search))
+    np.testing.assert_allclose(found["offset"].values, offset + search["correction"])
+    np.testing.assert_allclose(found["covariance"].values[1], np.diag(SIGMA**2) + search["covariance"])
 
 
 def test_a_component_that_the_model_leaves_open_is_not_determined():
@@ -121,6 +125,18 @@ def test_a_search_begins_with_the_model_that_is_given(files, tmp_path, monkeypat
     assert first == 0.5 * LEAK
     assert abs(sum(others) - 0.5 * LEAK) < 0.1 * LEAK
     assert entries[0]["parameters"]["z_from_x"]["unit"] == "m s-2 A-1 m-2"
+
+
+def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files, tmp_path, monkeypatch):
+    """Contract: the averaged value and all of the error are in the model, for the records it was found in."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+    folder = found(files, "")
+    change = json.loads((folder / "discovery.json").read_text())["calibration_change"]
+    result = adopted(files, models.text_of(folder / "model.toml"))
+    np.testing.assert_allclose(result["offset_um"], change["after"], rtol=1e-9)
+    np.testing.assert_allclose(result["sigma_um"], change["sigma_after"], rtol=1e-9)
+    other = models.result_of(models.text_of(folder / "model.toml"), "com_offset", "other records")
+    assert not other
 
 
 def found(files, model):
