@@ -131,15 +131,15 @@ def calibrate(calibration, source, chosen, engine_name, server=None):
     return one.document(ref), ref
 
 
-def discover(calibration, source, chosen, engine_name):
-    """Result document of a discovery and its files."""
+def discover(calibration, source, chosen, engine_name, limits=False):
+    """Result document of a discovery and its files; on request with the detection limits of the event."""
     from flows import discover as flow
 
     check_engine(engine_name)
     if calibration not in (*flow.names(), *flow.STUDIES):
         names = ", ".join([*flow.names(), *flow.STUDIES])
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {names}")
-    body = flow.flow_of(calibration)
+    body = flow.flow_of(calibration, limits)
     with output.progress(body.flow_name) as listener:
         ref = engine.run(body, source, chosen, engine=engine_name, listener=listener)
     return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]

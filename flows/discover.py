@@ -12,8 +12,8 @@ from tasks import common, discovery
 
 
 @functools.cache
-def flow_of(name: str):
-    """Flow of the discovery of a calibration, or of a study.
+def flow_of(name: str, shown: bool = False):
+    """Flow of the discovery of a calibration, or of a study; `shown` if with the detection limits of the event.
 
     Raises
     ------
@@ -22,10 +22,10 @@ def flow_of(name: str):
     one = STUDIES.get(name) or calibrations.load(name)
     if one.discovery is None:
         raise KeyError(name)
-    return flow(name=f"{name}_discovery")(functools.partial(_discover, one))
+    return flow(name=f"{name}_discovery")(functools.partial(_discover, one, shown))
 
 
-def _discover(one: Calibration | Study, source, chosen):
+def _discover(one: Calibration | Study, shown: bool, source, chosen):
     """Causes of what a calibration leaves unexplained in one event."""
     looked, event = one.discovery, {"event": source.event}
     records = looked.read(source, chosen)
@@ -43,7 +43,10 @@ def _discover(one: Calibration | Study, source, chosen):
         again = looked.built(source, chosen, without)
         found = discovery.search_again(first, *again.values(), variant="", **searched)
     else:
-        found = discovery.search(*products.values(), variant="", **searched)
+        first, again = discovery.search(*products.values(), variant="", **searched), products
+        found = first
+    if shown:
+        found = discovery.limits(found, first, *again.values(), variant="limits", again=looked.twice, **searched)
     results = ()
     if looked.result is not None:
         without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **extended)

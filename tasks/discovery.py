@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import sys
 
 from gravcal.discovery.schemas import DISCOVERY
 from gravcal.estimation.records import Reported, entries
@@ -42,6 +43,29 @@ def search_again(first, *products, calibration, observations, names, settings, *
 def _limits(given):
     """Limits of a search from its settings."""
     return driver.Limits(*(given[name] for name in LIMITS))
+
+
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=1, also=["{observations}"])
+def limits(
+    found,
+    first,
+    *products,
+    calibration,  # noqa: ARG001 - it names the product
+    observations,
+    names,
+    again,
+    discovery_level,
+    tie_chi2,
+    round_limit,
+    segment_s,
+    discovery_seed,
+    settings,
+):
+    """What was found, with the sizes from which each effect of the catalogue would have been named in this event."""
+    chosen = driver.Limits(discovery_level, tie_chi2, round_limit, segment_s, discovery_seed)
+    observed = _observed(products, observations, names, settings)
+    say = lambda text: sys.stderr.write(f"{text}\n")  # noqa: E731
+    return driver.with_limits(found, observed, chosen, _model(first) if again else (), say)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])

@@ -59,6 +59,7 @@ gravcal products                                      what lies in the store (GR
 """
 DEFAULT = "com_offset"  # calibration of demo and serve
 LAST = "event whose last report is wanted"
+SHOWN = "also from which size on each effect of the catalogue would have been named in this event"
 PAGE = "copy of the page"
 WHAT = f"{KINDS}, or printed numbers: {STUDY.name}"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
@@ -162,6 +163,7 @@ def discover(
     settings: Settings = None,
     model: Model = None,
     as_: As = None,
+    limits: Annotated[bool, typer.Option("--limits", help=SHOWN)] = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE, callback=writable)] = None,
     json: Json = None,
     remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
@@ -179,7 +181,7 @@ def discover(
     else:
         source, chosen = study, command.recorded(command.configured(calibration, settings, None, as_))
     with _failures(calibration, source, json, chosen.configuration):
-        document, files = command.discover(calibration, source, chosen, engine)
+        document, files = command.discover(calibration, source, chosen, engine, limits)
     files += [shutil.copy(path, out) for path in files if out and path.name == "discovery.html"]
     output.discovery(document, files, json)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))

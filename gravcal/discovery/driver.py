@@ -15,6 +15,7 @@ import xarray as xr
 
 from gravcal.discovery import attribution, product
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
+from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import delivered, named_parameters
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, random_source
 from gravcal.discovery.product import summary
@@ -110,14 +111,38 @@ def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
         )
 
 
-def _searched(observed, limits, model):
-    """Result of a search in the observations with the effects of a model added, and its numbers."""
+def with_limits(
+    found: xr.Dataset, observed: Observations | None, limits: Limits, model: Sequence[Entry], say: Callable
+):
+    """Product of a search with the detection limits of its event among its numbers.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    observed, limits, model : of the search that gave it, or of the first of two with an empty model
+    say : is told how far it is
+    """
+    if observed is None:
+        return found
+    choice, result, _ = _rounds(observed, limits, model)
+    rows = {"limits": detection_limits(observed, result, choice, say)}
+    numbers = json.dumps(json.loads(found.attrs["numbers"]) | rows, allow_nan=False, sort_keys=True)
+    return found.assign_attrs(numbers=numbers)
+
+
+def _rounds(observed, limits, model):
+    """Choice, result and lines of a search in the observations with the effects of a model added."""
     added = [observed.response(entry) for entry in model]
     rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
     fixed = {"quiet": observed.quiet, "order": observed.noise_order, "segment_s": limits.segment_s}
     fixed["periods"] = observed.periods
     choice = Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
-    result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
+    return choice, *rounds_and_lines(observed, rows, choice, limits.seed)
+
+
+def _searched(observed, limits, model):
+    """Result of a search in the observations with the effects of a model added, and its numbers."""
+    choice, result, waves = _rounds(observed, limits, model)
     averaged = _reported(delivered(result, limits.level, observed.scale.size, observed.widest), observed)
     count = observed.scale.size
     numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)

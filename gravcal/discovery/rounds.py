@@ -12,7 +12,7 @@ import numpy as np
 
 from gravcal.discovery import adequacy, attribution, scan, shaping, trials
 from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, extended, inverse_of, prepare
-from gravcal.estimation.records import Block, Candidate
+from gravcal.estimation.records import Block, Candidate, slug_of
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,19 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return replace(_result(problem, findings, (before, after), baseline, first), outliers=outliers)
+
+
+def names(problem: Problem, choice: Choice) -> list[set[str]]:
+    """Causes that the rounds name, each with those of the catalogue that it is tied with.
+
+    Parameters
+    ----------
+    problem : Problem
+    choice : Choice
+    """
+    problem, chosen, _ = _named(problem, choice)
+    found = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
+    return [{slug_of(name) for name in (one.cause, *one.tied)} for one in found]
 
 
 def _named(problem, choice):

@@ -100,6 +100,7 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
         Section("The cause", cause, drawings if _drawn(found) else [], [CAUSE]),
         Section("The gain", [change_table(document), gain_table(document)], notes=[GAIN]),
         Section("What this data cannot show", hidden, notes=[UNOBSERVABLE]),
+        Section("Detection limits", [one for one in (limits_table(document),) if one], notes=[LIMITS]),
         Section("What was tried", [tried_table(document)]),
     ]
     return [one for one in made if one.tables or one.figures]
@@ -273,6 +274,30 @@ def unobservable_table(numbers: dict) -> Table | None:
     return Table(caption, heads, rows, words=(0, 1, 3), wide=True) if rows else None
 
 
+def limits_table(numbers: dict) -> Table | None:
+    """Size from which each effect would have been named, what it would be taken for, and what it does when missed."""
+    rows = []
+    for one in numbers.get("limits", ()):
+        size = NOT_DETERMINED if one["size"] is None else f"{one['size']:.2g}"
+        share = f"{one['size'] / one['prior']:.2g}" if one["size"] is not None and one["prior"] else NOT_DETERMINED
+        checked = {True: "yes", False: "no", None: ""}[one["confirmed"]]
+        move = NOT_DETERMINED if one["bias_in_sigma"] is None else f"{one['bias_in_sigma']:.2g}"
+        words = [one["cause"], " ".join(part for part in (one["parameter"], one["form"]) if part)]
+        rows.append([*words, size, one["unit"], share, checked, ", ".join(one["confused_with"]), move])
+    heads = [
+        "effect",
+        "parameter",
+        "named from",
+        "unit",
+        "over plausible size",
+        "confirmed",
+        "taken for",
+        "moves result",
+    ]
+    caption = "Just missed, or of plausible size where it is not seen, an effect moves the result by so many sigma."
+    return Table(caption, heads, rows, words=(0, 1, 3, 5, 6), wide=True) if rows else None
+
+
 def tried_table(numbers: dict) -> Table:
     """What else was tried in the first round, best first."""
     rows = [
@@ -352,6 +377,12 @@ GAIN = (
 )
 UNOBSERVABLE = (
     "These causes look like the calibration parameters themselves; only other data or ground tests can exclude them."
+)
+LIMITS = (
+    "Every effect of the catalogue was added to what the found model leaves of these very records, each parameter by "
+    "itself and with either sign, at signal-to-noise ratios from 3 to 60. Named means alone or in a tied set of three "
+    "at most. Sizes are scored with the products of the search; where a row says so, the search itself was asked at "
+    "the limit and, if it did not name it, up to 1.6 times above."
 )
 POWER = "Power of the residual over that of noise; four bands a manoeuvre."
 SPECTRA = "Mean over manoeuvres and axes; the dashed line is noise."

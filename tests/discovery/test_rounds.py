@@ -1,18 +1,20 @@
 """The rounds on invented linear algebra: no satellite."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from gravcal.discovery.attribution import beside_calibration
+from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import _held, delivered
 from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepare
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.records import Block, Candidate, Shape
-from gravcal.report.discovery import outlier_table, tied_table, verdict
+from gravcal.report.discovery import limits_table, outlier_table, tied_table, verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -455,3 +457,22 @@ def test_of_causes_that_cancel_each_other_one_goes():
     chosen = [(0, None), (1, None)]
     assert len(pruned(problem, chosen)) == 1
     assert pruned(problem, [(0, None), (2, None)]) == [(0, None), (2, None)]
+
+
+def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for():
+    """Analytic: at a signal-to-noise ratio of 3 to 8, with its double; what looks like the calibration never."""
+    blocks, candidates = made(np.random.default_rng(5))
+    hidden = Candidate("case.hidden", "", ["size"], ["1"], [2 * b.global_columns for b in blocks], [1.0])
+    candidates = [*(replace(one, prior=[1.0]) for one in candidates), hidden]
+    observed = SimpleNamespace(candidates=candidates, scale=np.ones(1))
+    result, said = search(blocks, candidates, CHOICE, np.random.default_rng(1)), []
+    rows = {one["cause"]: one for one in detection_limits(observed, result, CHOICE, said.append)}
+    unseen = rows.pop("case.hidden")
+    assert (unseen["size"], unseen["bias"]) == (None, [pytest.approx(2.0)])
+    assert all(3 <= one["signal_to_noise"] < 8 and one["confirmed"] for one in rows.values())
+    assert rows["case.a"]["size"] == pytest.approx(rows["case.a"]["signal_to_noise"] / np.sqrt(1200), rel=0.1)
+    assert rows["case.a"]["confused_with"] == ["case.twin"]
+    assert rows["case.a"]["alone_from"] is None
+    assert rows["case.b"]["alone_from"] == pytest.approx(rows["case.b"]["size"])
+    assert len(said) == 4
+    assert len(limits_table({"limits": list(rows.values())}).rows) == 3

@@ -1,0 +1,221 @@
+"""Detection limits of an event: from which size on each effect of the catalogue would have been named in it.
+
+Effects are added one by one to what is left of the event's own records after the found model, in either sign and each
+parameter by itself, at growing sizes, as injections are in searches for gravitational waves (Abbott et al. 2016,
+doi:10.1088/0264-9381/33/13/134001). The residual is linear in them, so that every size is scored by products of
+columns; the search itself confirms the limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from gravcal.discovery import attribution, rounds, scan, trials
+from gravcal.discovery.problem import Problem, baseline_of, extended, inverse_of_baseline, prepare
+from gravcal.discovery.rounds import Choice, Result
+from gravcal.estimation import chi2_tail
+from gravcal.estimation.records import Candidate, Observations, slug_of
+
+RATIOS = np.geomspace(3.0, 60.0, 25)  # signal-to-noise ratios that are injected
+FORMS = 4  # of a cause that are injected at most, such as epochs or frequencies
+LONGER = (1.0, 1.25, 1.6)  # times the limit as scored at which the search is asked
+LARGEST_SET = 3  # causes that are tied, for a name to count
+
+
+def detection_limits(observed: Observations, result: Result, choice: Choice, say: Callable = lambda _: None) -> list:
+    """What this event would have shown of each effect of the catalogue.
+
+    Parameters
+    ----------
+    observed : Observations
+    result : of the search in them
+    choice : of that search
+    say : is told how far it is
+
+    Returns
+    -------
+    rows : {"cause", "form", "parameter", "unit", "size", "prior", "signal_to_noise", "confirmed", "alone_from",
+        "confused_with", "bias": [p] in the reported unit, "bias_in_sigma"} of the least size of each cause and
+        parameter; size and ratio are None where it would not be named at any ratio up to 60, or not be seen at all:
+        the bias is then that of the plausible size
+    """
+    problem, rng = _after(result, observed), np.random.default_rng(len(observed.candidates))
+    problem, tails = _along(problem, choice, rng)
+    scored = _Scored(problem, choice, tails)
+    found, effects = [], _injected(problem, rng)
+    for number, (cause, parts) in enumerate(effects.items(), start=1):
+        rows = [_row(scored, index, column, observed.scale) for index, column in parts]
+        best = min((one for one in rows if one["size"] is not None), key=lambda one: one["relative"], default=None)
+        if best is not None:
+            best |= _confirmed(problem, choice, best, observed.candidates)
+        say(f"limits: {number} of {len(effects)}, {cause}")
+        found += [{n: v for n, v in one.items() if n not in ("relative", "at")} for one in _least(rows)]
+    return found
+
+
+def _after(result, observed):
+    """Problem of the residual after the found model, whose columns are free beside those of the calibration."""
+    fixed, width = result.baseline, result.problem.shared.stop - 1
+    more = fixed[width:]
+    blocks = []
+    for block, columns, rest in zip(result.problem.blocks, result.problem.columns, result.after.rest, strict=True):
+        wider = np.column_stack([block.global_columns, columns.of(more)])
+        blocks.append(replace(block, observed=rest, global_columns=wider))
+    problem = prepare(blocks, observed.candidates)
+    memory = {k: v for k, v in result.problem.memory.items() if k[0] in ("local", "waves", "table")}
+    return replace(problem, memory=memory)
+
+
+def _along(problem, choice, rng):
+    """Problem with some steps and lines as candidates, and for each what is tested: parameters, log of the limit."""
+    tails, steps = {}, [(i, at) for i, block in enumerate(problem.blocks) for at in block.steps]
+    for i, at in rng.permutation(steps)[:FORMS] if steps and choice.step_cause else ():
+        form = f"{problem.blocks[int(i)].label}, time {at:.0f} s"
+        columns = [b.steps[at] if k == int(i) else None for k, b in enumerate(problem.blocks)]
+        tails[len(problem.candidates)] = 1, np.log(choice.level * trials.SHARES["step"] / (4 * len(steps)))
+        problem = extended(problem, Candidate(choice.step_cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns))
+    count = 4 * sum(scan.frequencies(problem.blocks, channel).size for channel in choice.tone_causes)
+    for channel, cause in choice.tone_causes.items():
+        grid = scan.frequencies(problem.blocks, channel)
+        for frequency in rng.permutation(grid)[:FORMS] if not cause.startswith("unknown:") else ():
+            waves = [
+                [scan.sine_columns(block, channel, frequency, [axis]) for axis in range(3)] for block in problem.blocks
+            ]
+            phases = rng.uniform(0, 2 * np.pi, len(waves))
+            turned = [
+                np.stack([w @ [np.cos(p), np.sin(p)] for w in some], axis=1)
+                for some, p in zip(waves, phases, strict=True)
+            ]
+            used = sum(bool(part.any()) for part in turned)
+            tails[len(problem.candidates)] = 2 * used, np.log(choice.level * trials.SHARES["line"] / count)
+            names = [f"amplitude {axis}" for axis in "xyz"]
+            problem = extended(problem, Candidate(cause, f"{frequency:.3f} Hz", names, ["of the noise"] * 3, turned))
+    return problem, tails
+
+
+class _Scored:
+    """Gains of all candidates for effects of any size, from products of columns."""
+
+    def __init__(self, problem: Problem, choice: Choice, tails: dict):
+        self.problem, self.choice = problem, choice
+        self.baseline = baseline_of(problem, ())
+        self.gram = attribution.projected(problem.total, self.baseline)
+        self.shift = inverse_of_baseline(problem, self.baseline) @ problem.total[self.baseline]
+        self.covariance = inverse_of_baseline(problem, self.baseline)
+        factors = [attribution.spread(self.gram, place, problem.size) for place in problem.places]
+        self.kept = [k for k, factor in enumerate(factors) if factor.shape[0]]
+        self.dof = np.array([factors[k].shape[0] for k in self.kept])
+        self.starts = np.cumsum([0, *self.dof[:-1]])
+        self.factor = np.zeros((int(self.dof.sum()), problem.size.size))
+        for k, first, count in zip(self.kept, self.starts, self.dof, strict=True):
+            self.factor[first : first + count, problem.places[k]] = factors[k]
+        self.causes = np.array([slug_of(problem.candidates[k].cause) for k in self.kept])
+        self.listed = np.array([problem.candidates[k].listed for k in self.kept])
+        count = np.where(self.listed, self.listed.sum(), (~self.listed).sum())
+        share = np.where(self.listed, trials.SHARES["listed"], trials.SHARES["unknown"])
+        self.limit = np.log(choice.level * share / count)
+        self.more = np.zeros(len(self.kept), dtype=int)  # parameters that a search along an axis has beside these
+        for position, (dof, limit) in ((self.kept.index(k), tail) for k, tail in tails.items() if k in self.kept):
+            self.limit[position], self.more[position] = limit, max(dof - self.dof[position], 0)
+
+    def gains(self, right):
+        """Gain (k, n) of every candidate for products (m, n) of the columns with a residual."""
+        return np.add.reduceat((self.factor @ right) ** 2, self.starts, axis=0)
+
+    def named(self, place: int):
+        """What the first round names where a column is added: own cause right (s, r), sets of causes, size of S/N 1."""
+        column, own = self.gram[:, place], slug_of(self.problem.candidates[self._candidate(place)].cause)
+        power = float(column[place])
+        if power <= attribution.ROUNDING * self.problem.total[place, place]:
+            return None
+        unit = 1 / np.sqrt(power)
+        sizes = np.concatenate([-RATIOS, RATIOS]) * unit
+        gains = self.gains(self.gram[:, :1] + column[:, None] * sizes)
+        score = gains - trials.COST * self.dof[:, None]
+        more = self.more[:, None]
+        score[chi2_tail.log_tail(gains + more, self.dof[:, None] + more) > self.limit[:, None]] = -np.inf
+        known = np.where(self.listed[:, None], score, -np.inf)
+        first = np.where(known.max(axis=0) > score.max(axis=0) - self.choice.tie / 2, known.argmax(0), score.argmax(0))
+        apart = np.maximum(power - self.gains(column[:, None])[:, 0], 0.0)  # left by each where the column is true
+        sets, right = [], []
+        for n, winner in enumerate(first):
+            near = apart * sizes[n] ** 2 < self.choice.tie
+            some = {str(c) for c in self.causes[near & self.listed]} if np.isfinite(score[winner, n]) else set()
+            hit = np.isfinite(score[winner, n]) and (self.causes[winner] == own or near[winner])
+            sets.append(some | {str(self.causes[winner])} if np.isfinite(score[winner, n]) else set())
+            right.append(bool(hit and self.listed[winner] and len(some | {own}) <= LARGEST_SET))
+        return np.array(right).reshape(2, -1), [sets[: RATIOS.size], sets[RATIOS.size :]], unit
+
+    def _candidate(self, place):
+        """Index of the candidate that a column belongs to."""
+        return next(k for k, one in enumerate(self.problem.places) if one.start <= place < one.stop)
+
+
+def _injected(problem, rng):
+    """{cause: [(index, column of the candidate)]} of every listed effect, of many forms a few."""
+    groups: dict[str, list[int]] = {}
+    for k, candidate in enumerate(problem.candidates):
+        if candidate.listed and "alone" not in candidate.form:
+            groups.setdefault(slug_of(candidate.cause), []).append(k)
+    chosen = {c: sorted(rng.permutation(rows)[:FORMS]) if len(rows) > FORMS else rows for c, rows in groups.items()}
+    return {c: [(k, i) for k in rows for i in range(len(problem.candidates[k].names))] for c, rows in chosen.items()}
+
+
+def _row(scored, index, column, scale):
+    """Limit of one parameter of a candidate as it is scored."""
+    candidate, place = scored.problem.candidates[index], scored.problem.places[index].start + column
+    prior = candidate.prior[column] if candidate.prior else None
+    row = {"cause": slug_of(candidate.cause), "form": candidate.form, "parameter": candidate.names[column]}
+    row |= {"unit": candidate.units[column], "prior": prior, "size": None, "signal_to_noise": None, "confirmed": None}
+    row |= {"alone_from": None, "confused_with": [], "bias": None, "bias_in_sigma": None, "relative": np.inf}
+    found = scored.named(place)
+    right, sets, unit = found if found else (np.zeros((2, RATIOS.size), dtype=bool), [[set()] * RATIOS.size] * 2, None)
+    at = max(_from(each) for each in right)
+    single = [[r and s == {row["cause"]} for r, s in zip(*one, strict=True)] for one in zip(right, sets, strict=True)]
+    alone = max(_from(np.array(each)) for each in single)
+    near = slice(max(min(at, RATIOS.size) - 2, 0), min(at, RATIOS.size) + 1)
+    row["confused_with"] = sorted({c for one in sets for some in one[near] for c in some} - {row["cause"]})
+    row["alone_from"] = float(RATIOS[alone] * unit) if alone < RATIOS.size else None
+    missed = RATIOS[max(min(at, RATIOS.size) - 1, 0)] * unit if found else prior
+    if missed is not None:
+        shift = scored.shift[: scale.size, place] * missed
+        precision = np.linalg.pinv(scored.covariance[: scale.size, : scale.size], hermitian=True)
+        row |= {"bias": (scale * shift).tolist(), "bias_in_sigma": float(np.sqrt(max(shift @ precision @ shift, 0.0)))}
+    if at < RATIOS.size:
+        size = float(RATIOS[at] * unit)
+        row |= {"size": size, "signal_to_noise": float(RATIOS[at]), "relative": size / prior if prior else RATIOS[at]}
+    return row | {"at": (index, column)}
+
+
+def _from(right):
+    """Index of the ratio from which on all are right; their number if the last is not."""
+    wrong = np.flatnonzero(~right)
+    return int(wrong[-1] + 1) if wrong.size else 0
+
+
+def _least(rows):
+    """Of each parameter the form that is named from the least size, or that is not named."""
+    kept = {}
+    for row in sorted(rows, key=lambda one: (one["size"] is not None, -one["relative"])):
+        kept[row["parameter"]] = row
+    return list(kept.values())
+
+
+def _confirmed(problem, choice, row, candidates):
+    """What the search itself says at the limit and above it: the size at which it names the effect."""
+    index, column = row["at"]
+    for factor in LONGER:
+        size = factor * row["size"]
+        blocks = []
+        for block, part in zip(problem.blocks, problem.candidates[index].columns, strict=True):
+            added = 0.0 if part is None else size * part[:, column]
+            blocks.append(replace(block, observed=block.observed + added))
+        again = replace(prepare(blocks, candidates), memory=problem.memory)
+        named = rounds.names(again, choice)
+        if any(row["cause"] in one and len(one) <= LARGEST_SET for one in named):
+            return {"confirmed": True, "size": size, "signal_to_noise": factor * row["signal_to_noise"]}
+        row["confused_with"] = sorted({*row["confused_with"], *(c for one in named for c in one)} - {row["cause"]})
+    return {"confirmed": False}
