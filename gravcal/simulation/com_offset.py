@@ -9,7 +9,7 @@ import numpy as np
 
 from gravcal.effects import effect
 from gravcal.physics import constants, dynamics, earth, frames, gravity
-from gravcal.simulation import attitude, orbit, sensors
+from gravcal.simulation import flight, sensors
 from gravcal.simulation.injection import added as contributed
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
@@ -59,7 +59,7 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     """Orbit, manoeuvre times and true values."""
     kinds = tuple(k for k in chosen.manoeuvres if k)
     for _ in range(200):
-        path = orbit.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng)
+        path = flight.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng)
         start = _schedule(path, kinds, chosen, day)
         if start is not None:
             break
@@ -97,9 +97,9 @@ def _schedule(path, kinds, chosen, day):
     position_e = np.matvec(earth.R_ei(time), path(time)[:, :3])
     latitude = np.arcsin(position_e[:, 2] / np.linalg.norm(position_e, axis=1))
     longitude = np.arctan2(position_e[:, 1], position_e[:, 0])
-    starts = [orbit.passes(time, latitude, longitude, AREAS[k], chosen.manoeuvre_s) for k in kinds]
+    starts = [flight.passes(time, latitude, longitude, AREAS[k], chosen.manoeuvre_s) for k in kinds]
     latest = day + constants.DAY - chosen.quiet_s - chosen.manoeuvre_s - 10
-    return orbit.schedule(starts, chosen.manoeuvre_spacing_s, day + chosen.quiet_s + 10, latest)
+    return flight.schedule(starts, chosen.manoeuvre_spacing_s, day + chosen.quiet_s + 10, latest)
 
 
 def _spans(start, stop, chosen, day):
@@ -145,15 +145,14 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     """Motion and readings of one contiguous span."""
     epochs = sensors.draw_epochs(span, clock, effects, satellite)
     nodes = np.arange(np.floor(span[0]) - 8, np.ceil(span[1]) + 8)
-    around = attitude.environment(nodes, scene.orbit, satellite["x_along_velocity"], chosen.igrf_generation)
+    around = flight.environment(nodes, scene.orbit, satellite["x_along_velocity"], chosen.igrf_generation)
     steps = _steps(span, epochs, scene, satellite, chosen, rng)
-    body = attitude.Body(
+    body = flight.Body(
         scene.inertia_b,
         chosen.control_frequency_rad_s,
         1.0,
         chosen.control_current_ma * float(np.mean(scene.dipole_per_current)),
         satellite["torquer_current_step"] * float(np.mean(scene.dipole_per_current)),
-        constants.GM,
     )
     first = int(np.round(steps.bound[0] - around.time[0]))
     start = np.concatenate([around.target[first], around.target_rate_b[first]])
@@ -164,7 +163,7 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     size = chosen.aerodynamic_torque_n_m * rng.standard_normal(3)
     slow = size * (1 + 0.5 * np.sin(1.1e-3 * (steps.bound[:, None] - steps.bound[0]) + phase))
     slow = np.stack([slow[:-1], slow[1:]], axis=1)
-    states, control = attitude.fly(steps, around, body, start, (np.zeros_like(slow), slow))
+    states, control = flight.fly(steps, around, body, start, (np.zeros_like(slow), slow))
     if any(effect(slug).channel in EXTRA for slug in effects):
         states, control, added = _with_effects(steps, around, body, start, slow, states, control, effects, scene)
     else:
@@ -194,7 +193,7 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
         dipole[inside, rod] = np.where(phase % 2 == 0, 1, -1) * amplitude * scene.dipole_per_current[rod]
         wave |= inside
     updates = np.isin(begin, control)
-    return attitude.Steps(bound, updates, wave, dipole)
+    return flight.Steps(bound, updates, wave, dipole)
 
 
 def _with_effects(steps, around, body, start, slow, states, control, effects, scene):
@@ -210,7 +209,7 @@ def _with_effects(steps, around, body, start, slow, states, control, effects, sc
         found = [(none + contributed(effects, name, context)).reshape(-1, parts.size, 3) for name in EXTRA]
         ends = [np.stack([v[:, 0], 2 * v[:, 1:].mean(axis=1) - v[:, 0]], axis=1) for v in found]
         added = ends[0], slow + ends[1]
-        states, control = attitude.fly(steps, around, body, start, added, None if closed else control)
+        states, control = flight.fly(steps, around, body, start, added, None if closed else control)
     return states, control, added
 
 

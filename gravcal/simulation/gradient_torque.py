@@ -16,7 +16,7 @@ from gravcal.effects import Context
 from gravcal.effects.gradient import EFFECTS
 from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, sensing
 from gravcal.physics.constants import EARTH_RADIUS
-from gravcal.simulation import injection, orbit
+from gravcal.simulation import flight, injection
 
 AHEAD = 4000  # s, filters run in before the record starts
 KNOWN = (*(e.slug for e in EFFECTS), "torque.aerodynamic", "attitude.star_camera_misalignment")
@@ -140,8 +140,8 @@ def _motion(time, chosen, body, effects, field, drag, rng):
     """Orbit, attitude and gravity gradient at the epochs."""
     beyond = chosen.step_s * np.arange(1, 4)
     padded = np.concatenate([time[0] - beyond[::-1], time, time[-1] + beyond])
-    state = orbit.drawn(chosen, chosen.eccentricity, padded[0], padded[-1], rng)(padded)
-    nominal, _ = orbit.nominal_attitude(state, 1.0)
+    state = flight.drawn(chosen, chosen.eccentricity, padded[0], padded[-1], rng)(padded)
+    nominal, _ = flight.nominal_attitude(state, 1.0)
     inner = slice(3, -3)
     R_ei = earth.R_ei(time)
     gradient_e = gravity_field.gradient_e(field, np.matvec(R_ei, state[inner, :3]))

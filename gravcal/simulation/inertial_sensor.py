@@ -18,7 +18,7 @@ from gravcal.effects import Context
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.physics import dynamics, frames, gravity, sensing
 from gravcal.physics.constants import DAY, EARTH_RADIUS, GM
-from gravcal.simulation import injection, orbit
+from gravcal.simulation import flight, injection
 
 STEP_SENSOR, STEP_TRACKER, STEP_ORBIT = 0.1, 0.25, 1.0  # s, formats.md section 6
 FINE = 0.05  # s, every epoch of sensor and tracker is a multiple
@@ -171,7 +171,7 @@ def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, c
 def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
     """Voltages, attitude and orbit round one swing, {"IS1", "ATT", "ORB"}, from a whole GPS second on."""
     length = 2 * chosen.quiet_s + chosen.swing_s
-    path = orbit.drawn(chosen, 1e-4, start, start + length, rng)
+    path = flight.drawn(chosen, 1e-4, start, start + length, rng)
     fine = start - 10 + FINE * np.arange(round((length + 20) / FINE) + 1)
     quaternion, rate, rate_dot = _motion(fine, start + chosen.quiet_s, path, chosen, rng)
     tag = start + STEP_SENSOR * np.arange(round(length / STEP_SENSOR))
@@ -299,7 +299,7 @@ def draw_roll(chosen, start: float, rng) -> Roll:
     """Orbit, roll rate and wander of the bias, a first-order Markov process at the knots; start GPS s, whole."""
     stop = start + chosen.roll_s
     knot = start - KNOT + KNOT * np.arange(int(np.ceil(chosen.roll_s / KNOT)) + 3)
-    path = orbit.drawn(chosen, 1e-4, knot[0], knot[-1], rng)
+    path = flight.drawn(chosen, 1e-4, knot[0], knot[-1], rng)
     block = rng.random(knot.size // 6 + 1) < chosen.roll_disturbed_share
     size = chosen.roll_rate_scatter * np.where(np.repeat(block, 6)[: knot.size], 5.0, 1.0)
     inertial = 2 * np.pi / chosen.roll_period_s * (1 + size * rng.standard_normal(knot.size))

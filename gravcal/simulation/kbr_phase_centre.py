@@ -13,7 +13,7 @@ from gravcal.effects import Context
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, frames, orbit_environment
-from gravcal.simulation import orbit, sensors
+from gravcal.simulation import flight, sensors
 from gravcal.simulation.injection import added
 
 BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
@@ -93,11 +93,11 @@ def _paths(chosen, day, rng):
     """Two bodies on one orbit, the second some seconds behind or ahead: both obey the same field exactly."""
     angles = rng.uniform(0, 2 * np.pi, 2)
     inclination = np.radians(chosen.inclination_deg)
-    state = orbit.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
+    state = flight.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
     lag = chosen.separation_km * 1e3 / np.linalg.norm(state[3:])
     begin = day - 2 * EDGE - lag
     nodes = begin + 10.0 * np.arange(int((constants.DAY + 4 * EDGE + 2 * lag) / 10) + 2)
-    states = orbit.fly_orbit(state, begin, nodes[-1])(nodes)
+    states = flight.fly_orbit(state, begin, nodes[-1])(nodes)
     spline = make_interp_spline(nodes - begin, states[:, :3], k=9)
     speed = spline.derivative()
 

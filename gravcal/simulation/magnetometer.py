@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from gravcal.effects import Context, effect
 from gravcal.effects.base import symmetric
 from gravcal.physics import earth, frames, magnetic, orbit_environment
-from gravcal.simulation import orbit, sensors
+from gravcal.simulation import flight, sensors
 from gravcal.simulation.injection import within
 
 #: Effects that the instrument has, each parameter drawn about nought with its plausible size times a scatter.
@@ -36,8 +36,8 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
         drawn[slug] = scatter + effect(slug).values(given.get(slug, {}))
     lack = chosen.scatter * effect("magnetometer.misalignment").parameters[0].prior_sigma * rng.standard_normal(3)
     second = np.arange(day, day + chosen.duration_s)
-    state = orbit.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)(second)
-    attitude, _ = orbit.nominal_attitude(state, satellite["x_along_velocity"])
+    state = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)(second)
+    attitude, _ = flight.nominal_attitude(state, satellite["x_along_velocity"])
     wobble = chosen.pointing_error_rad * np.sin(
         2 * np.pi * second[:, None] / rng.uniform(300, 1500, 3) + rng.uniform(0, 2 * np.pi, 3)
     )

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from gravcal.effects import Context, effect
-from gravcal.physics import constants, frames
-from gravcal.simulation import attitude, orbit, sensors
+from gravcal.physics import frames
+from gravcal.simulation import flight, sensors
 from gravcal.simulation.injection import added, within
 
 #: Effects that can be hidden in such a day.
@@ -31,7 +31,7 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     given = {slug: effect(slug).values(effects.get(slug, {})) for slug in EFFECTS[:2]}
     gain = gain + given["torque.thruster_firings"]
     delay = delay + given["timing.thruster_delay"][0]
-    path = orbit.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)
+    path = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)
     start, thrusters, on_ms = _schedule(satellite, chosen, day, rng)
     time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, effects, day)
     angle = added(effects, "pointing_b", Context(time=time))
@@ -76,7 +76,7 @@ def _flown(satellite, chosen, path, firings, gain, effects, day):
     """Epochs (n,) s of the star camera and true attitude (n, 4) there."""
     start, thrusters, on_ms = firings
     nodes = np.arange(day - LEAD_S, day + chosen.duration_s + LEAD_S + 0.5)
-    around = attitude.environment(nodes, path, 1.0, chosen.igrf_generation)
+    around = flight.environment(nodes, path, 1.0, chosen.igrf_generation)
     bound = np.unique(np.concatenate([nodes[:-1], start, start + 1e-3 * on_ms]))
     middle = (bound[:-1] + bound[1:]) / 2
     firing = np.searchsorted(start, middle) - 1
@@ -87,9 +87,9 @@ def _flown(satellite, chosen, path, firings, gain, effects, day):
     dipole = np.zeros((middle.size, 3)) + added(effects, "dipole_b", context)
     inertia = np.array(satellite["inertia"])
     whole = np.isin(bound[:-1], nodes)
-    steps = attitude.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
-    body = attitude.Body(inertia, chosen.control_frequency_rad_s, 0.7, 0.0, 1.0, constants.GM)
+    steps = flight.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
+    body = flight.Body(inertia, chosen.control_frequency_rad_s, 0.7, 0.0, 1.0)
     ends = tuple(np.repeat(one[:, None], 2, axis=1) for one in (dipole, torque))
-    states, _ = attitude.fly(steps, around, body, np.concatenate([around.target[0], around.target_rate_b[0]]), ends)
+    states, _ = flight.fly(steps, around, body, np.concatenate([around.target[0], around.target_rate_b[0]]), ends)
     time = day + chosen.star_camera_step_s * np.arange(int(chosen.duration_s / chosen.star_camera_step_s))
     return time, frames.continuous(states[np.searchsorted(bound, time), :4])
