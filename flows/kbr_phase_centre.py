@@ -36,12 +36,8 @@ def calibrate(source, chosen):
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
     if moved or added:
         combined = kbr_phase_centre.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
-    settings = chosen.for_stage("routine") | nominal_of(source)
-    described = kbr_phase_centre.routine(aligned, pointed, equations[0], quiet, **settings)
     checked = inputs_checked(source, chosen, files, aligned, pointed, equations)
-    return kbr_phase_centre.report(
-        combined, pointed, quiet, described, checked, *solved, **_report_settings(source, chosen)
-    )
+    return kbr_phase_centre.report(combined, pointed, quiet, checked, *solved, **_report_settings(source, chosen))
 
 
 def with_equations(source, chosen, aligned, observables):

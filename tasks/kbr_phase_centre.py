@@ -20,13 +20,12 @@ KINDS = product.registered(
     pointing=schemas.POINTING,
     observable=schemas.OBSERVABLE,
     noise=schemas.NOISE,
-    routine=schemas.ROUTINE,
     solve=schemas.SOLVE,
     combine=schemas.COMBINE,
     checks=CHECKS,
     report=schemas.REPORT,
 )
-ALIGN, POINTING, OBSERVABLE, NOISE, ROUTINE, SOLVE, COMBINE, CHECKED, REPORT = KINDS
+ALIGN, POINTING, OBSERVABLE, NOISE, SOLVE, COMBINE, CHECKED, REPORT = KINDS
 
 
 @stage(reads=["ingest"], writes=ALIGN, version=1)
@@ -71,19 +70,13 @@ def model_error(combined, *moved, **settings):
     return solve_science.with_model_error(combined, *moved, **settings)
 
 
-@stage(reads=[ALIGN, POINTING, OBSERVABLE, NOISE], writes=ROUTINE, version=3)
-def routine(aligned, pointed, equations, measured, **settings):
-    """What routine pointing says of the phase centres."""
-    return solve_science.routine(aligned, pointed, equations, measured, **settings)
-
-
 @stage(reads=[ALIGN, POINTING, OBSERVABLE, OBSERVABLE, "ingest"], writes=CHECKED, version=1)
 def checks(aligned, pointed, ranges, rates, *orbits, **settings):
     """What orbits, attitudes and ranging must satisfy against each other."""
     return checks_science.of_inputs(aligned, pointed, ranges, rates, *orbits, **settings)
 
 
-@stage(reads=[COMBINE, POINTING, NOISE, ROUTINE, CHECKED, SOLVE], writes=REPORT, version=1)
+@stage(reads=[COMBINE, POINTING, NOISE, CHECKED, SOLVE], writes=REPORT, version=2)
 def report(*products, event, settings, published, nominal_m):
     """Result document, page, vector files and lines of the sequence-of-events file."""
     return report_science.report(*products, event=event, settings=settings, published=published, nominal_m=nominal_m)

@@ -247,8 +247,8 @@ def fit_spectrum(
     Notes
     -----
     Waves under sine tapers (Riedel and Sidorenko, IEEE Trans. Signal Process. 43, 1995) are made orthogonal to the
-    columns. The square q of the product of one with the values is exponential about m = int S(f) |B(f)|^2 df, whatever
-    the columns took from it: Fisher scoring of -sum(log m + q / m), with a weak prior on the bends of log S.
+    columns. The square q of the product of one with the values is exponential about m, the integral of S abs(B)^2,
+    whatever the columns took from it: Fisher scoring of -sum(log m + q / m), with a weak prior on the bends of log S.
     """
     knots, frequency = np.asarray(knot_hz, dtype=float), np.linspace(0, 0.5 / step_s, parts + 1)
     rows = zip(*(_waves(*group, step_s, parts) for group in _alike(pieces)), strict=True)

@@ -132,10 +132,6 @@ def test_a_day_without_wiggles_says_so(tmp_path):
     assert document["status"] == "no_manoeuvre"
     assert not list(ref.folder.glob("VKB1B*"))
     assert document["noise"]["manoeuvres_um_rthz"] == {"4_mhz": None, "8_mhz": None}
-    routine = document["routine_pointing"]
-    for letter in "CD":
-        assert routine[letter]["phase_centre_mm"][0] is routine[letter]["sigma_mm"][0] is None  # 1500 +- 35 before
-        assert None not in routine[letter]["phase_centre_mm"][1:]
     assert "x is not determined" in (ref.folder / "report.html").read_text(encoding="utf-8")
 
 

@@ -16,17 +16,10 @@ from gravcal.store.schemas import VERSION
 ARM = 1.444  # m, from the centre of mass to the phase centre: turns an error of y or z into one of direction
 ROUTINE = (
     "Without wiggles x is not determined: its columns are constant but for the square of the pointing, a few "
-    "micrometres of range, and their sum is taken by the range bias. "
+    "micrometres of range, and their sum is taken by the range bias; y and z are as good as the pointing moves and the "
+    "orbit is quiet at a few millihertz: gravcal run ranging. The antenna correction of a file repeats the vectors it "
+    "was computed with, not the true ones."
 )
-ROUTINE_TRUSTED = (
-    "y and z are as good as the pointing moves between 2 and 20 mHz and as the orbit is quiet there; their errors are "
-    "formal. "
-)
-ROUTINE_NOT = (
-    "y and z are not determined either: the same solution puts x {misfit:.1f} of its errors away from the catalogue, "
-    "so these errors leave out what moves with pointing or orbit. "
-)
-CORRECTION = "The antenna correction of the file repeats the vectors it was computed with, not the true ones."
 INDISTINGUISHABLE = [
     {
         "cause": "attitude.star_camera_misalignment",
@@ -56,7 +49,7 @@ ROBUST = (
 
 
 def document(products: Mapping, *, event: str, provenance: Mapping, settings: Mapping) -> dict:
-    """Document of one event, ready for JSON; products "combine", "pointing", "noise" and "routine" by stage."""
+    """Document of one event, ready for JSON; products "combine", "pointing" and "noise" by stage."""
     combined, pointed = products["combine"], products["pointing"]
     result = {
         "schema_version": VERSION,
@@ -68,14 +61,13 @@ def document(products: Mapping, *, event: str, provenance: Mapping, settings: Ma
     if pointed.sizes["manoeuvre"]:
         result |= _estimates(combined, pointed, settings)
     else:
-        reason = "No wiggle in the pointing angles of either satellite: nothing to calibrate."
+        reason = f"No wiggle in the pointing angles of either satellite: nothing to calibrate. {ROUTINE}"
         result |= {"verdict": {"text": reason}, "manoeuvres": []}
     return result | {
         "pair": pointed.attrs["satellites"],
         "ranging": pointed.attrs["ranging"],
         "record": {"start": float(pointed["time"].values[0]), "stop": float(pointed["time"].values[-1])},
         "noise": _noise(products["noise"]),
-        "routine_pointing": _routine(products["routine"], pointed.attrs["satellites"]),
         "settings": as_plain(settings),
         "provenance": as_plain(provenance),
     }
@@ -236,24 +228,6 @@ def _noise(measured):
         "manoeuvres_um_rthz": amplitudes("in_manoeuvres"),
         "star_camera_urad_rthz_4_mhz": number(1e6 * np.sqrt(measured["pointing_power"].values @ shape)) or None,
     }
-
-
-def _routine(described, letters):
-    """What quiet ranging and the antenna correction of the file say without wiggles."""
-    value, sigma, misfit = described["centre"].values, described["sigma"].values, float(described["x_misfit"])
-    trusted = ROUTINE_TRUSTED if np.isfinite(value).any() else ROUTINE_NOT.format(misfit=misfit)
-    result = {
-        "text": ROUTINE + (trusted if np.isfinite(misfit) else "") + CORRECTION,
-        "x_misfit_sigma": number(misfit),
-        "singular_urad": numbers(1e6 * described["singular"].values),
-    }
-    for k, letter in enumerate(letters):
-        result[letter] = {
-            "phase_centre_mm": numbers(1e3 * value[3 * k : 3 * k + 3]),
-            "sigma_mm": numbers(1e3 * sigma[3 * k : 3 * k + 3]),
-            "behind_antenna_correction_mm": numbers(1e3 * described["correction_centre"].values[k]),
-        }
-    return result
 
 
 def vector_files(document: Mapping, date: str) -> dict[str, str]:

@@ -41,7 +41,7 @@ def report(*products, event, settings, published, nominal_m):
 
     Parameters
     ----------
-    products : Dataset, combine, pointing, noise, routine, checks and three solve
+    products : Dataset, combine, pointing, noise, checks and three solve
     event : str
     settings : mapping of all parameters
     published : {section: list of plain records} of the catalogue
@@ -52,8 +52,8 @@ def report(*products, event, settings, published, nominal_m):
     dataset : Dataset, "kbr_phase_centre.report"
     files : {name: text}
     """
-    named = dict(zip(("combine", "pointing", "noise", "routine", "checks"), products[:5], strict=True))
-    named |= {f"solve.{one.attrs['observable']}": one for one in products[5:]}
+    named = dict(zip(("combine", "pointing", "noise", "checks"), products[:4], strict=True))
+    named |= {f"solve.{one.attrs['observable']}": one for one in products[4:]}
     provenance = documents.traced("kbr_phase_centre", named)
     document = documented.document(named, event=event, provenance=provenance, settings=settings)
     checks = of_product(named["checks"])
@@ -84,10 +84,9 @@ def report(*products, event, settings, published, nominal_m):
 
 def sections(document, published):
     """Sections of the page of a judged document, beside the printed records of the catalogue."""
-    quiet = Section("Without wiggles", [routine_table(document)], notes=[document["routine_pointing"]["text"]])
     if "satellites" not in document:
         caption = "Pointing of the line of sight in both satellites: left the record, right a part of it."
-        return [Section("Pointing", figures=[Figure(draw_angles, ["pointing"], caption)]), quiet]
+        return [Section("Pointing", figures=[Figure(draw_angles, ["pointing"], caption)])]
     return [
         Section(
             "Result",
@@ -141,7 +140,6 @@ def sections(document, published):
             ],
         ),
         Section("Against published vectors", [vector_table(document, published)]),
-        quiet,
     ]
 
 
@@ -280,18 +278,6 @@ def vector_table(document, published):
                 rows.append([f"GRACE-{letter}, {name}", signed(x, 1), signed(y / 1e3, 4), signed(z / 1e3, 4)])
     caption = "Vectors in millimetres; printed: 10.3390/rs14143395, Tables 7 and 8."
     return Table(caption, ["", "x", "y", "z"], rows, reads=["combine"])
-
-
-def routine_table(document):
-    """What quiet data say."""
-    rows = []
-    for letter in document["pair"]:
-        own = document["routine_pointing"][letter]
-        for k, axis in enumerate("xyz"):
-            value = plus_minus(own["phase_centre_mm"][k], own["sigma_mm"][k])
-            rows.append([f"GRACE-{letter} {axis}", value, _digits(own["behind_antenna_correction_mm"][k])])
-    heads = ["mm", "quiet ranging against orbit", "behind the file's antenna correction"]
-    return Table("Phase centres from routine pointing, millimetres.", heads, rows, reads=["routine"])
 
 
 # Figures

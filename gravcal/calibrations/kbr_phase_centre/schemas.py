@@ -115,16 +115,6 @@ COMBINE = (
     }
 )
 
-ROUTINE = {
-    "centre": column("parameter", "m", f"{CENTRE}, from quiet ranging", frame="b"),
-    "sigma": column("parameter", "m", "its standard deviation; both NaN where not determined", frame="b"),
-    "x_misfit": column("", "1", "largest distance of x from the catalogue over its error, which tests the errors"),
-    "singular": column("parameter", "1", "singular values of the columns without their mean, rms"),
-    "correction_centre": column("satellite axis", "m", f"{CENTRE}, behind the file's antenna correction", frame="b"),
-    "correction_sigma": column("satellite axis", "m", "its standard deviation if the misfit is white", frame="b"),
-    "correction_rms": column("", "m", "misfit of the records that keep their weight"),
-    "correction_kept": column("", "1", "share of the records that do"),
-}
 
 REPORT = {
     "centre": column("satellite axis", "m", f"{CENTRE}, NaN where not determined", frame="b"),

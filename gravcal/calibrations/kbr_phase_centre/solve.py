@@ -1,7 +1,4 @@
-"""Phase centres: whitened equations, least squares and robust, all manoeuvres and sub-sets, all observables.
-
-What routine pointing, without wiggles, says of the phase centres stands here as well: the same equations of quiet data.
-"""
+"""Phase centres: whitened equations, least squares and robust, all manoeuvres and sub-sets, all observables."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.kbr_phase_centre import noise
-from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, MANOEUVRE, OBSERVABLES, ROUTINE, SOLVE, SUBSETS, of
+from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, MANOEUVRE, OBSERVABLES, SOLVE, SUBSETS, of
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, robust
 
@@ -150,18 +147,6 @@ def of_manoeuvres(equations: xr.Dataset) -> list[np.ndarray]:
     """Places of the observations of each manoeuvre."""
     number = equations["arc"].values
     return [np.flatnonzero(number == k) for k in range(equations.sizes["manoeuvre"])]
-
-
-def of_quiet(equations: xr.Dataset, length_s: float) -> list[np.ndarray]:
-    """Places of the observations of quiet stretches of about the given length (s), gaps of a minute at most."""
-    quiet, time = np.flatnonzero(equations["arc"].values == -1), equations["time_kbr"].values
-    new = (np.diff(time[quiet]) > 60) | (np.diff(equations["segment"].values[quiet]) != 0)
-    result = []
-    for whole in np.split(quiet, np.flatnonzero(new) + 1):
-        span = time[whole[-1]] - time[whole[0]] if whole.size else 0.0
-        if span > length_s / 2:
-            result += np.array_split(whole, max(int(round(span / length_s)), 1))
-    return result
 
 
 def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> list[Arc]:
@@ -376,98 +361,3 @@ def predicted_shift(shift: np.ndarray, offset: float) -> np.ndarray:
             result[..., row, first + 1] = sign * np.tan(offset) * x
             result[..., row, first + 2] = -sign * np.tan(offset) * x
     return result
-
-
-def routine(
-    aligned: xr.Dataset,
-    pointed: xr.Dataset,
-    equations: xr.Dataset,
-    measured: xr.Dataset,
-    *,
-    orbit_degree: int,
-    quiet_length_s: float,
-    robust_k0: float,
-    robust_k1: float,
-    nominal_m,
-    determined_limit_mm: float,
-    routine_limit: float,
-) -> xr.Dataset:
-    """Phase centres from ranging against orbits in quiet data, and from the antenna correction of the file.
-
-    In routine pointing the columns of x are constant to 1e-6: their sum is a level that the range bias takes, their
-    difference is nothing. y and z follow from the slow motion of the control loop as far as it is faster than the
-    orbit errors. x is known from the catalogue better than from anything here, so an x further from it than its error
-    allows shows that the errors do not hold what moves with pointing and orbit: then nothing is determined.
-
-    Parameters
-    ----------
-    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
-    equations : Dataset, "kbr_phase_centre.observable" of the range
-    measured : Dataset, "kbr_phase_centre.noise"
-    orbit_degree : of the polynomial per stretch that takes up slow orbit errors
-    quiet_length_s : s, length of a stretch
-    robust_k0, robust_k1 : constants of IGG-III for the antenna correction
-    nominal_m : (2, 3) m, phase centres of the catalogue
-    determined_limit_mm : mm, a component with a larger sigma is not determined
-    routine_limit : sigma, distance of x from the catalogue beyond which the errors are not trusted
-
-    Returns
-    -------
-    described : Dataset, "kbr_phase_centre.routine"
-    """
-    parts = arcs(equations, measured, of_quiet(equations, quiet_length_s), 0, orbit_degree)
-    value, sigma = np.full(6, np.nan), np.full(6, np.nan)
-    if parts:
-        A, y = np.concatenate([p.column for p in parts]), np.concatenate([p.observed for p in parts])
-        normal = A.T @ A
-        value = least_squares.stable_inverse(normal) @ (A.T @ y)
-        left = y - A @ value
-        freedom = max(y.size - 6 - sum(p.basis.shape[1] for p in parts), 1)
-        sigma = np.sqrt(np.diag(least_squares.covariance(normal * freedom / (left @ left))))
-    with np.errstate(invalid="ignore"):
-        misfit = float(np.max(np.abs(value - np.asarray(nominal_m, dtype=float).ravel())[X] / sigma[X]))
-        known = (sigma <= 1e-3 * determined_limit_mm) & (misfit <= routine_limit)
-    singular = np.full(6, np.nan)
-    column = equations["column"].values[equations["arc"].values == -1]
-    if len(column) > 6:
-        singular = np.linalg.svd(column - column.mean(axis=0), compute_uv=False) / np.sqrt(len(column))
-    values = {
-        "centre": np.where(known, value, np.nan),
-        "sigma": np.where(known, sigma, np.nan),
-        "x_misfit": misfit,
-        "singular": singular,
-        "correction_centre": np.full((2, 3), np.nan),
-        "correction_sigma": np.full((2, 3), np.nan),
-        "correction_rms": np.nan,
-        "correction_kept": np.nan,
-    }
-    if np.nanmax(np.abs(aligned["antenna_correction"].values), initial=0.0) > 0.1:
-        values |= behind_correction(aligned, pointed, (robust_k0, robust_k1))
-    return build(ROUTINE, values, title="What routine pointing says of the phase centres", stretches=len(parts))
-
-
-def behind_correction(aligned: xr.Dataset, pointed: xr.Dataset, constants: tuple[float, float]) -> dict:
-    """Phase centres from the antenna correction of a ranging file, without a free bias, by variable of "routine".
-
-    Records whose correction was interpolated or is unreliable lose their weight.
-
-    Parameters
-    ----------
-    aligned : Dataset, "kbr_phase_centre.align"
-    pointed : Dataset, "kbr_phase_centre.pointing"
-    constants : k0 and k1 of IGG-III
-    """
-    at, time = aligned["time_kbr"].values, pointed["time"].values
-    inside = (at >= time[0]) & (at <= time[-1]) & np.isfinite(aligned["antenna_correction"].values)
-    epoch = np.rint(at[inside] - time[0]).astype(int)
-    design = np.concatenate(list(pointed["line_of_sight_b"].values[:, epoch]), axis=1)
-    known = np.isfinite(design).all(axis=1)
-    design, observed = design[known], aligned["antenna_correction"].values[inside][known]
-    fitted = robust.solve(observed, design, constants, 6)
-    used = fitted.weight > 0
-    return {
-        "correction_centre": fitted.value.reshape(2, 3),
-        "correction_sigma": np.sqrt(np.diag(least_squares.covariance(fitted.information))).reshape(2, 3),
-        "correction_rms": float(np.std((observed - design @ fitted.value)[used])),
-        "correction_kept": float(used.mean()),
-    }
