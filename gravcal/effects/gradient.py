@@ -1,7 +1,7 @@
 """Effects on sensors that feel the gravity gradient: a place that is not where it is stated, a field that is off.
 
 Contributions are (n, sensors, 3), as an accelerometer reads them. The context holds `extra["positions"]`
-(sensors, 3) m and `extra["tesseral_b"]` (n, 2, 3, 3) s-2, gravity gradient of C_22 = 1 and of S_22 = 1. A centre of
+(sensors, 3) m and `extra["tesseral_b"]` (n, 2, 3, 3) s-2, gravity gradient of C_nm = 1 and of S_nm = 1. A centre of
 pressure that is not where it is stated is `torque.aerodynamic`.
 """
 
@@ -36,7 +36,10 @@ def _field_scale(context: Context, values):
     return np.stack([-values[0] * np.matvec(context.gradient_b, place) for place in places], axis=1)
 
 
-_WAVE = Parameter("cosine", "1", "C_22 beyond its model", 1e-8), Parameter("sine", "1", "S_22 beyond its model", 1e-8)
+_WAVE = (
+    Parameter("cosine", "1", "C_nm beyond its model, of degree and order 2 if no others are named", 1e-8),
+    Parameter("sine", "1", "S_nm beyond its model, likewise", 1e-8),
+)
 
 
 @law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)

@@ -14,12 +14,15 @@ from scipy.signal import cont2discrete, lfilter
 
 from gravcal.effects import Context
 from gravcal.effects.gradient import EFFECTS
-from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, sensing
+from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, magnetic, sensing
 from gravcal.physics.constants import EARTH_RADIUS
 from gravcal.simulation import flight, injection
 
 AHEAD = 4000  # s, filters run in before the record starts
-KNOWN = (*(e.slug for e in EFFECTS), "torque.aerodynamic", "attitude.star_camera_misalignment")
+KNOWN = (
+    *(e.slug for e in EFFECTS),
+    *("torque.aerodynamic", "torque.residual_dipole", "attitude.star_camera_misalignment"),
+)
 PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a tenth of the control: 1e-5 of the torque
 
 
@@ -150,6 +153,10 @@ def _motion(time, chosen, body, effects, field, drag, rng):
     pushed = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
     external = chosen.torque_n_m * disturbance + body["mass"] * np.cross(body["pressure"], drag)
     external = external + injection.added(effects, "torque_b", pushed)
+    if "torque.residual_dipole" in effects:
+        field_i = np.matvec(np.swapaxes(R_ei, -1, -2), magnetic.field_e(time, np.matvec(R_ei, state[inner, :3]), 14))
+        field_b = np.matvec(frames.R_bi_from_quaternion(nominal[inner]), field_i)
+        external = external + np.cross(injection.added(effects, "dipole_b", pushed), field_b)
     J, W = body["inertia"], 2 * np.pi * chosen.control_hz
     angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
     for _ in range(PASSES):
@@ -190,7 +197,7 @@ def _readings(motion, body, drag, effects):
     if "gradient.tesseral" in effects:
         R_ei = earth.R_ei(motion.time)
         R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(R_ei, -1, -2)
-        both = gravity_field.sectorial_gradient_e(np.matvec(R_ei, motion.state_i[:, :3]))
+        both = gravity_field.tesseral_gradient_e(np.matvec(R_ei, motion.state_i[:, :3]))
         context.extra["tesseral_b"] = np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
     linear = linear - injection.added(effects, "linear_each_b", context)
     return linear, angular - injection.added(effects, "angular_each_b", context)

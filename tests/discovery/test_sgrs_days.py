@@ -7,10 +7,13 @@ from draws import document_of
 from typer.testing import CliRunner
 
 from flows import cli, gradient_torque
+from gravcal import catalog
 from gravcal.calibrations.gradient_torque import observations
-from gravcal.physics import frames
+from gravcal.estimation.records import Entry, Parameter
+from gravcal.physics import frames, gravity, gravity_field
 from gravcal.store import product
 from gravcal.store.schemas import validate
+from tasks.stage import read
 
 HALF_DAY = {"duration_s": "43200", "step_s": "5", "field_degree": "20"}
 #: Effects that half a day shows at ten times its errors or more, the field by far the most.
@@ -88,6 +91,38 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, case):
     model = max((tmp_path / "products").rglob("model.toml"), key=lambda path: path.stat().st_mtime)
     again = discovered(tmp_path, "--set", "discovery_level=0.0002", "--model", model)
     assert again["findings"] == []
+
+
+def test_a_dipole_of_the_satellite_is_told_from_a_gravity_gradient_that_is_off(rng, tmp_path):
+    """Recovery: 0.4 A m2 along y make a torque with the field of the Earth; named alone, its size within 5 sigma."""
+    simulated(tmp_path, rng, {"torque.residual_dipole": {"y": 0.4}})
+    document = discovered(tmp_path, "--set", "discovery_level=0.0002")
+    assert [(f["cause"], f["tied_with"]) for f in document["findings"]] == [("torque.residual_dipole", [])]
+    found = document["findings"][0]["parameters"]["y"]
+    assert abs(found["value"] - 0.4) < 5 * found["sigma"] < 0.4
+
+
+def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_path):
+    """Recovery: what a coefficient adds to the readings by its form leaves the record when its model is taken out."""
+    simulated(tmp_path, rng, {}, duration_s="7200")
+    _, products, settings = _seen(tmp_path)
+    entry = Entry("gradient.tesseral", "degree 5, order 3", {"cosine": Parameter(1e-6)})
+    observed = observations.observe(products, **settings)
+    moved = observed.without([entry])["linear"].values - products["ingest"]["linear"].values
+    about = observed.about.extra
+    unit = gravity_field.tesseral_gradient_e(about["position_e"], 5, 3)[:, 0]
+    expected = -1e-6 * np.matvec(gravity.rotate_tensor(about["R_be"], unit), about["positions"][0])
+    assert np.allclose(moved[:, 0], expected, atol=1e-3 * np.abs(expected).max())
+    response = observed.response(entry)
+    assert sum(np.sum(one**2) for one in response) > 100
+
+
+def _seen(folder):
+    """Settings of the observations of a simulated folder, with the products they are made of."""
+    source = gradient_torque.CALIBRATION.source(data=folder / "level1")
+    chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": "20"})
+    products = {name: read(ref) for name, ref in gradient_torque.baseline(source, chosen).items()}
+    return chosen, products, gradient_torque.observation_settings(source, chosen)
 
 
 def _shows_it(folder):

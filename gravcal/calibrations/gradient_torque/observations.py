@@ -21,7 +21,16 @@ from gravcal.effects import Context, Effect, effect
 from gravcal.effects.gradient import EFFECTS
 from gravcal.estimation import noise
 from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
-from gravcal.physics import earth, frames, gravity, gravity_field, kinematics, sensing
+from gravcal.physics import (
+    earth,
+    frames,
+    gravity,
+    gravity_field,
+    kinematics,
+    magnetic,
+    orbit_environment,
+    sensing,
+)
 
 #: Global parameters: centre of pressure m, constant torque N m, distance of the sensors m.
 PLACES = {"pressure": slice(0, 3), "constant": slice(3, 6), "distance": slice(6, 9)}
@@ -31,10 +40,12 @@ UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}
 METHOD = METHODS.index("two_sensor")  # motion from all sensors
 BLOCK_S = 7200.0  # more than a revolution, so that each block sees every latitude
 #: Effects of other families that such a satellite can have.
-LINEAR = tuple(f"accelerometer.{name}" for name in ("scale", "misalignment", "cross_talk", "bias_drift"))
+LINEAR = tuple(f"accelerometer.{n}" for n in ("scale", "misalignment", "cross_talk", "bias_drift", "temperature"))
 ANGULAR = tuple(f"accelerometer.angular_{name}" for name in ("scale", "misalignment"))
-TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient"))
-POINTING = "attitude.star_camera_misalignment"
+TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient", "residual_dipole"))
+POINTING, TESSERAL = "attitude.star_camera_misalignment", "gradient.tesseral"
+HIGHEST = 20  # degree of a coefficient that is looked for
+LAST_FIELD = 9.46e8  # GPS s, end of 2029: the geomagnetic field of later days is that of its model then
 #: Drivers that torques do not move: motion answers a torque, and would explain any.
 OUTSIDE = ("latitude", "time")
 
@@ -45,13 +56,13 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> GradientTorque:
     Parameters
     ----------
     products : "ingest", "gradient", and "drag" by one sensor
-    settings : satellite, elongation, gap_limit_s, torque_step_s, torque_noise_order, control_hz, control_damping,
-        bin_s, stretch_s, noise_order
+    settings : satellite, igrf_generation, elongation, gap_limit_s, torque_step_s, torque_noise_order, control_hz,
+        control_damping, bin_s, stretch_s, noise_order
     """
     observed, modelled, found = (products[name] for name in ("ingest", "gradient", "drag"))
     position, velocity = orbit(observed, settings["gap_limit_s"])
     R_bi = attitude.R_bo(modelled["angle"].values[METHOD]) @ attitude.orbit_frame(position, velocity)
-    about = _context(modelled, found, R_bi, position, settings["satellite"])
+    about = _context(modelled, found, R_bi, position, settings)
     channels = _channels(about, R_bi, observed, modelled, settings)
     satellite = settings["satellite"]
     pressure, apart = (
@@ -73,26 +84,38 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> GradientTorque:
     return GradientTorque(observed, about, channels, prior, start, drag_sigma, settings)
 
 
-def _context(modelled, found, R_bi, position, satellite):
-    """What effects look at, at the epochs of the record; the tesseral gradient is that of C_22 = 1 and of S_22 = 1."""
-    time = modelled["time"].values
+def _context(modelled, found, R_bi, position, settings):
+    """What effects look at, at the epochs of the record."""
+    time, satellite = modelled["time"].values, settings["satellite"]
     R_ei = earth.R_ei(time)
-    both, R_be = gravity_field.sectorial_gradient_e(np.matvec(R_ei, position)), R_bi @ np.swapaxes(R_ei, 1, 2)
+    position_e, R_be = np.matvec(R_ei, position), R_bi @ np.swapaxes(R_ei, 1, 2)
     extra = {
         "positions": modelled["sensor_position_b"].values,
         "mass": satellite["mass"],
         "non_gravitational_b": np.nan_to_num(found["drag_b"].values),
-        "tesseral_b": np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1),
+        "warmth": orbit_environment.warmth(time, time, position),
+        "position_e": position_e,
+        "R_be": R_be,
     }
-    return Context(
+    field_e = magnetic.field_e(np.minimum(time, LAST_FIELD), position_e, settings["igrf_generation"])
+    about = Context(
         time,
         epoch=time[0],
         inertia_b=np.array(satellite["inertia"]),
+        field_b=np.matvec(R_be, field_e),
         gradient_b=modelled["gradient_b"].values,
         rate_b=modelled["rate_b"].values[METHOD],
         rate_dot_b=modelled["rate_dot_b"].values[METHOD],
         extra=extra,
     )
+    return _of_degree(about, 2, 2)
+
+
+def _of_degree(about, degree, order):
+    """Context with the gravity gradient of C_nm = 1 and of S_nm = 1."""
+    both, R_be = gravity_field.tesseral_gradient_e(about.extra["position_e"], degree, order), about.extra["R_be"]
+    turned = np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
+    return replace(about, extra=about.extra | {"tesseral_b": turned})
 
 
 @dataclass(frozen=True)
@@ -269,6 +292,8 @@ def _added(about, entry):
         return {"attitude": -entry.columns(replace(about, angular_b=about.rate_dot_b))}
     if entry.channel == "torque_b":
         return {"torque": entry.columns(about)}
+    if entry.channel == "dipole_b":
+        return {"torque": np.cross(entry.columns(about), about.field_b[:, :, None], axis=1)}
     # a star camera that is turned: what it calls b is not the frame that the sensors read in
     turned = {"attitude": np.moveaxis(np.cross(about.rate_dot_b[:, None], np.eye(3)), 1, 2)}
     if len(about.extra["positions"]) == 2:
@@ -389,6 +414,13 @@ class GradientTorque(Observations):
             units, prior = [p.unit for p in entry.parameters], [p.prior_sigma for p in entry.parameters]
             form = f"sensor {sensor}" if sensor else ""
             found += Candidate(entry.slug, form, names, units, self._columns(added), prior).each_alone()
+        entry = effect(TESSERAL)
+        names, units, prior = zip(*((p.name, p.unit, p.prior_sigma) for p in entry.parameters), strict=True)
+        orders = [(n, m) for n in range(3, HIGHEST + 1) for m in range(1, n + 1)] if "linear" in self.made else []
+        for degree, order in orders:
+            columns = self._columns(_added(_of_degree(self.about, degree, order), entry))
+            form = f"degree {degree}, order {order}"
+            found.append(Candidate(TESSERAL, form, list(names), list(units), columns, list(prior)))
         for channel in self.made:
             for driver, form, shape in drivers(self.about):
                 if channel != "torque" or driver in OUTSIDE:
@@ -396,6 +428,11 @@ class GradientTorque(Observations):
                     names, units = [f"{channel}_{axis}" for axis in "xyz"], [UNITS[channel]] * 3
                     found.append(Candidate(f"unknown:{driver}", f"{channel}, {form}", names, units, columns))
         return found
+
+    def response(self, entry: Entry) -> list[np.ndarray]:
+        """Whitened rows of each block that an effect adds beside a record `without` it; a torque stays in there."""
+        stays = entry.listed and effect(entry.cause).channel in ("torque_b", "dipole_b")
+        return super().response(replace(entry, parameters={}) if stays else entry)
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Record without the effects of a model, so that the baseline describes what is left.
@@ -428,6 +465,8 @@ class GradientTorque(Observations):
                     angular -= shape[:, None, None] * size
             return linear, angular
         known = effect(entry.cause)
+        if entry.form.startswith("degree"):  # of a coefficient
+            about = _of_degree(about, *(int(part.split()[1]) for part in entry.form.split(", ")))
         if known.channel == "linear_each_b":
             linear += known.contribution(about, known.values(entry.values))
         elif known.channel == "angular_each_b":
