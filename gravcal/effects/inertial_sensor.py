@@ -6,12 +6,9 @@ l M k V / J. So beta = M l k / J, without the printed 1/2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from gravcal.effects.base import Context, Laws, Parameter, axes, constant, drifting, each
-from gravcal.physics.constants import VACUUM_PERMITTIVITY
 
 VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
 
@@ -29,67 +26,6 @@ READOUT = np.array(
 
 #: Of the suspension, rad s-1: the test mass lags by its acceleration over the square; assumed, no source prints it.
 LOOP = 2 * np.pi * 1.0
-
-#: Which linear factor each angular one is tied to: beta_x to k_z, beta_y and beta_z to k_x.
-TIED = (2, 0, 0)
-
-
-@dataclass(frozen=True)
-class Electrode:
-    """Electrodes driven by one voltage on one axis.
-
-    voltage : index into VOLTAGES
-    axis : linear axis of the force, 0 x, 1 y, 2 z
-    turns : axis of the torque, None if the force passes through the centre
-    count : electrodes on this voltage; sign : of the torque
-    area : m2 of one electrode; gap : m; arm : m
-    """
-
-    voltage: int
-    axis: int
-    turns: tuple[int, ...]
-    count: int
-    sign: tuple[int, ...]
-    area: float
-    gap: float
-    arm: tuple[float, ...]
-
-
-def electrode_list(area, gap, arm) -> tuple[Electrode, ...]:
-    """Electrodes as erratum T-4 reads Table 1: x one of four, y a pair, z two halves; area m2, gap and arm m, (3,)."""
-    (sx, sy, sz), (dx, dy, dz) = area, gap
-    ax, ay, az = arm
-    return (
-        Electrode(0, 0, (2,), 2, (1,), sx, dx, (az,)),
-        Electrode(1, 0, (1, 2), 1, (1, -1), sx, dx, (ay, az)),
-        Electrode(2, 0, (1, 2), 1, (-1, -1), sx, dx, (ay, az)),
-        Electrode(3, 1, (), 1, (), sy, dy, ()),
-        Electrode(4, 2, (0,), 1, (1,), sz / 2, dz, (ax,)),
-        Electrode(5, 2, (0,), 1, (-1,), sz / 2, dz, (ax,)),
-    )
-
-
-def actuation(electrodes, mass: float, inertia, preload_volt: float) -> np.ndarray:
-    """Acceleration m s-2 V-1 and angular acceleration rad s-2 V-1 per volt, (6, 6), rows as READOUT.
-
-    Mass in kg, inertia (3,) kg m2 of the test mass.
-
-    Notes
-    -----
-    One electrode pushes with 2 e0 S V_P / D^2 per volt; Remote Sens. 2023, 15, 3817, eqs. 6 and 7 read by erratum T-4.
-    """
-    matrix = np.zeros((6, 6))
-    for one in electrodes:
-        force = one.count * 2 * VACUUM_PERMITTIVITY * one.area * preload_volt / one.gap**2
-        matrix[one.axis, one.voltage] += force / mass
-        for axis, sign, arm in zip(one.turns, one.sign, one.arm, strict=True):
-            matrix[3 + axis, one.voltage] += sign * arm * force / inertia[axis]
-    return matrix
-
-
-def factors(matrix: np.ndarray) -> np.ndarray:
-    """Scale factors k_x, k_y, k_z, beta_x, beta_y, beta_z of an actuation matrix (6, 6) with the pattern of READOUT."""
-    return np.einsum("ij,ij->i", matrix, READOUT) / np.einsum("ij,ij->i", READOUT, READOUT)
 
 
 def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:

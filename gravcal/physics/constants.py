@@ -13,7 +13,6 @@ IGRF_RADIUS = 6371200.0  # m, reference radius of the IGRF (Alken et al. 2021, E
 
 # Electromagnetism
 SPEED_OF_LIGHT = 299792458.0  # m s-1, exact (SI)
-VACUUM_PERMITTIVITY = 8.8541878128e-12  # F m-1, CODATA 2018
 
 # Time
 GPS_EPOCH_JD = 2451545.0  # d, Julian date in GPS time of 2000-01-01 12:00:00, origin of GRACE time tags (JPL D-22027)
