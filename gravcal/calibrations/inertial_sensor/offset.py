@@ -19,7 +19,7 @@ from gravcal.estimation import kalman, least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import sensing
 
-CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor nothing in orbit gives
+CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor is that of the ground
 #: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
 #: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
 FACTORS = {

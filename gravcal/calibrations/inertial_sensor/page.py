@@ -24,14 +24,15 @@ OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")
 ADOPTED = "smallest total error: least sum of the squares of sigma_total of the three axes"
 CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of the paper
 REASONS = {
-    "k_y": "no angular factor is tied to it: neither swing nor roll gives k_y (the value in use is that of the ground)",
+    "k_y": "no angular factor is tied to it: the value in use is that of the ground. A swing shows its error (a_x "
+    "gives p_z, then a_y = -w_x' p_z), which a discovery looks for as accelerometer.scale along y",
     "beta_z": "tied to beta_y: same electrodes, arm and inertia",
     "bias_y": "rolling about y leaves its direction cosines constant: b_y and the constant acceleration of the "
     "satellite along y, solar pressure above all, are one sum (constant_y)",
 }
 OFFSET_NOTE = (
     "The scale calibration of the swing cancels in the offset: its systematic error is that of J/(M l), 3 to 4 % "
-    "(errata T-6, T-11), and for z that of k_y, which nothing in orbit determines. Printed errors hold neither."
+    "(errata T-6, T-11), and for z that of k_y of the ground. Printed errors hold neither."
 )
 WANDERS = (
     "Measured minus predicted attitude, means of bins. The prediction integrates the readouts twice, their noise too: "

@@ -86,6 +86,7 @@ def test_nothing_is_named_in_clean_data(rng, tmp_path, manoeuvre):
     assert document["findings"] == [], seed
     assert document["p_before"] > 1e-4, seed
     unobservable = {one["cause"] for one in document["indistinguishable_from_calibration"]}
+    assert {"accelerometer.scale", "inertial_sensor.quadratic"} <= {one["cause"] for one in document["tried"]}
     if manoeuvre == "swing":
         assert {"timing.accelerometer_delay", "timing.star_camera_delay", "accelerometer.angular_leak"} <= unobservable
     else:
