@@ -8,7 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, refuse
 from tasks.stage import lazy
 
 effects = lazy("gravcal.effects")
@@ -25,10 +25,10 @@ def text_of(path: Path) -> str:
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:  # tomllib's own errors are ValueErrors
-        raise _wrong(path, str(error), "a TOML file as gravcal discover writes it") from error
+        return _wrong(path, str(error), "a TOML file as gravcal discover writes it")
     entries = content.get("effect")
     if not isinstance(entries, list) or not entries:
-        raise _wrong(path, f"the keys {', '.join(content) or 'none'}", "at least one [[effect]]")
+        _wrong(path, f"the keys {', '.join(content) or 'none'}", "at least one [[effect]]")
     made = [_entry(one, path) for one in entries]
     if "result" in content:
         made[0]["result"] = _result(content["result"], path)
@@ -48,9 +48,9 @@ def _result(one, path):
         words = {name: str(one[name]) for name in ("calibration", "records")}
         size = SI[one["unit"]]
     except (KeyError, TypeError, ValueError) as error:
-        raise _wrong(path, f"[result] with {error}", "calibration, records, unit, correction and covariance") from error
+        return _wrong(path, f"[result] with {error}", "calibration, records, unit, correction and covariance")
     if not good:
-        raise _wrong(path, "[result] whose correction and covariance do not belong together", "p and p x p numbers")
+        _wrong(path, "[result] whose correction and covariance do not belong together", "p and p x p numbers")
     return words | {"correction": (size * shift).tolist(), "covariance": (size**2 * added).tolist()}
 
 
@@ -72,15 +72,15 @@ def _entry(one, path):
     one = one if isinstance(one, dict) else {"effect": one}
     cause, parameters = one.get("cause"), one.get("parameters")
     if not isinstance(cause, str) or not isinstance(parameters, dict):
-        raise _wrong(path, str(one)[:80], "cause = and parameters.<name> = { value = ... }")
+        _wrong(path, str(one)[:80], "cause = and parameters.<name> = { value = ... }")
     known = None if cause.startswith("unknown:") else [p.name for p in effects.effect(cause).parameters]
     values = {}
     for name, parameter in parameters.items():
         if known is not None and name not in known:
-            raise _wrong(path, f"{cause}.{name}", f"one of {', '.join(known)}")
+            _wrong(path, f"{cause}.{name}", f"one of {', '.join(known)}")
         value = parameter.get("value") if isinstance(parameter, dict) else None
         if not _is_number(value):
-            raise _wrong(path, f"{cause}.{name} = {parameter!r}", "{ value = number, sigma = number, unit = text }")
+            _wrong(path, f"{cause}.{name} = {parameter!r}", "{ value = number, sigma = number, unit = text }")
         unit = {"unit": parameter["unit"]} if isinstance(parameter.get("unit"), str) else {}
         values[name] = {"value": float(value)} | unit | _error(parameter, f"{cause}.{name}", path)
     lists = {name: one[name] for name in ("waves", "leads") if isinstance(one.get(name), list)}
@@ -93,11 +93,11 @@ def _error(parameter, name, path):
     if sigma is None:
         return {}
     if not _is_number(sigma) or not 0 <= sigma < math.inf:
-        raise _wrong(path, f"{name}: sigma = {sigma!r}", "sigma = a number that is not negative, or none")
+        _wrong(path, f"{name}: sigma = {sigma!r}", "sigma = a number that is not negative, or none")
     if row is None:
         return {"sigma": float(sigma)}
     if not isinstance(row, dict) or not all(_is_number(one) and abs(one) <= 1 for one in row.values()):
-        raise _wrong(path, f"{name}: correlation = {row!r}", "correlation = { name = number from -1 to 1 }, or none")
+        _wrong(path, f"{name}: correlation = {row!r}", "correlation = { name = number from -1 to 1 }, or none")
     return {"sigma": float(sigma), "correlation": {other: float(one) for other, one in row.items()}}
 
 
@@ -132,4 +132,4 @@ def _directions(parameters):
 
 
 def _wrong(path, found, expected):
-    return CatalogError(f"{path}: found {found}, expected {expected}. Write it with gravcal discover.", file=str(path))
+    refuse(path, found, expected, "Write it with gravcal discover.", CatalogError)

@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from flows import engine
-from gravcal.errors import ProductError
+from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.store import history, keys, location, memory, store
 
@@ -29,7 +29,7 @@ def _make(key, original, stages, done):
     folder = original / "objects" / key[:2] / key
     record = store.read_record(folder)
     if record is None:
-        raise ProductError(f"product {key[:12]}: its record is no longer in {original}. Run its event again.", key=key)
+        refuse(f"product {key[:12]}", f"that its record is no longer in {original}", "it", "Run its event again.")
     labels = record["recipe"]["inputs"]
     items = [
         _raw_file(part, label) if "path" in part else _make(part["key"], original, stages, done)
@@ -44,8 +44,6 @@ def _make(key, original, stages, done):
 
 def _compared(record, made):
     """Verdict on one stage."""
-    from gravcal.store import history
-
     equal = made.digest == record["digest"]
     anew = store.read_record(made.folder)
     old, new = record["recipe"], anew["recipe"]
@@ -60,18 +58,13 @@ def _raw_file(part, label):
     path = Path(part["path"])
     where = f"{path}:{part['member']}" if part["member"] else str(path)
     if not path.is_file():
-        raise ProductError(
-            f"{where}: the raw file is not there any more. Put it back to make the product again.", path=where
-        )
+        refuse(where, "that the raw file is not there any more", "it", "Put it back to make the product again.")
     names = ("product", "satellite", "date", "release")
     file = archive.LevelOneFile(path, part["member"], *(label[name] for name in names))
     found = keys.labelled(file)["digest"]
     if found != label["digest"]:
-        raise ProductError(
-            f"{where}: its SHA-256 is {found[:12]}, the product was made from {label['digest'][:12]}. "
-            f"The raw file changed; run its event again.",
-            path=where,
-        )
+        remedy = "The raw file changed; run its event again."
+        refuse(where, f"SHA-256 {found[:12]}", f"{label['digest'][:12]}, from which the product was made", remedy)
     return file
 
 

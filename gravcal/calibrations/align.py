@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build
 from gravcal.calibrations.schemas import ALIGN
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import timing
 from gravcal.physics import earth, frames
 
@@ -116,12 +116,9 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
         if not inside.any():
             product, file = source.attrs.get("product", name), source.attrs.get("file", "")
             have = f"{time[0]:.0f} to {time[-1]:.0f} s" if time.size else "no usable record"
-            raise EstimationError(
-                f"{file or product}: found {have}, expected records between {spans[0, 0]:.0f} and {spans[-1, 1]:.0f} s "
-                f"GPS. Give files of the same satellite and day, and check that TIM1B and CLK1B cover it.",
-                product=product,
-                file=file,
-            )
+            expected = f"records between {spans[0, 0]:.0f} and {spans[-1, 1]:.0f} s GPS"
+            remedy = "Give files of the same satellite and day, and check that TIM1B and CLK1B cover it."
+            refuse(file or product, have, expected, remedy, EstimationError, product=product, file=file)
     gap_limits = {"orbit": settings["orbit_gap_limit_s"], "sca": settings["star_camera_gap_limit_s"]}
     inner = spans[:, 0], np.minimum(spans[:, 1], spans[:, 0] + SURVEY_S)  # what is looked at without a manoeuvre
     if detected.sizes["manoeuvre"]:
@@ -178,12 +175,8 @@ def _spans(detected, acc, sca, mag, orbit, margin, survey):
         return np.stack([detected["start"].values - margin, detected["stop"].values + margin], axis=1)
     times = [d["time_tag"].values for d in (acc, sca, mag, orbit)]
     if any(t.size == 0 for t in times):
-        empty = [
-            d.attrs.get("file", d.attrs.get("product", "")) for d in (acc, sca, mag, orbit) if not d.sizes["record"]
-        ]
-        raise EstimationError(
-            f"{', '.join(empty)}: found no record, expected those of a day. Fetch the file again.", files=empty
-        )
+        empty = [d.attrs.get("file", d.attrs.get("product")) for d in (acc, sca, mag, orbit) if not d.sizes["record"]]
+        refuse(", ".join(empty), "no record", "those of a day", "Fetch the file again.", EstimationError)
     first = np.floor(max(float(np.nanmin(t)) for t in times))
     last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
     return np.array([[first, min(last, first + survey)]])

@@ -7,7 +7,7 @@ from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, refuse
 
 ENVIRONMENT = "GRAVCAL_CATALOG"
 _added = []  # folders of calibrations of other packages
@@ -17,11 +17,8 @@ def roots():
     """Folders searched, in order: the user's own, the one of the package, those of other packages."""
     own = os.environ.get(ENVIRONMENT)
     if own and not Path(own).is_dir():
-        raise CatalogError(
-            f"{ENVIRONMENT}: found {own!r}, expected a folder with satellites/, events/ or parameters/. "
-            f"Create it, or unset {ENVIRONMENT}.",
-            folder=own,
-        )
+        expected, remedy = "a folder with satellites/, events/ or parameters/", f"Create it, or unset {ENVIRONMENT}."
+        refuse(ENVIRONMENT, repr(own), expected, remedy, CatalogError)
     return [*([Path(own)] if own else []), resources.files("catalog"), *_added]
 
 
@@ -53,13 +50,10 @@ def read(kind, name):
     try:
         return path, _loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:
-        raise CatalogError(
-            f"{path}: found bytes that are not UTF-8 ({error.reason} at byte {error.start}), expected a TOML file. "
-            "Save it as UTF-8.",
-            file=str(path),
-        ) from error
+        found = f"bytes that are not UTF-8 ({error.reason} at byte {error.start})"
+        return refuse(path, found, "a TOML file", "Save it as UTF-8.", CatalogError)
     except tomllib.TOMLDecodeError as error:
-        raise CatalogError(f"{path}: not valid TOML: {error}. Correct the file.", file=str(path)) from error
+        return refuse(path, f"text that is not valid TOML ({error})", "a TOML file", "Correct it.", CatalogError)
 
 
 @lru_cache(maxsize=128)
@@ -82,20 +76,12 @@ def require(content, keys, path, optional=()):
     missing = [key for key in keys if key not in content]
     surplus = [key for key in content if key not in keys and key not in optional]
     if missing:
-        raise CatalogError(
-            f"{path}: found {sorted(content)}, expected also {', '.join(missing)}. Add the missing key.",
-            file=str(path),
-            missing=missing,
-        )
+        refuse(path, sorted(content), f"also {', '.join(missing)}", "Add the missing key.", CatalogError)
     if surplus:
-        raise CatalogError(
-            f"{path}: found the unknown key {surplus[0]!r}, expected only {', '.join([*keys, *optional])}. "
-            "Correct or remove it.",
-            file=str(path),
-            unknown=surplus,
-        )
+        expected = f"only {', '.join([*keys, *optional])}"
+        refuse(path, f"the unknown key {surplus[0]!r}", expected, "Correct or remove it.", CatalogError)
 
 
 def wrong(path, key, found, expected, remedy):
-    """CatalogError for a value of the wrong kind: file, key, found, expected, remedy."""
-    return CatalogError(f"{path}: {key}: found {found!r}, expected {expected}. {remedy}", file=str(path), key=key)
+    """Refuse a value of the wrong kind."""
+    refuse(f"{path}: {key}", repr(found), expected, remedy, CatalogError)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from gravcal.catalog import files
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, refuse
 
 QUANTITY = ("value", "unit", "frame", "sigma", "source")
 HEADING = ("letter", "mission", "platform", "launched")
@@ -150,10 +150,10 @@ def _satellite(key, path, content):
     files.require(heading, HEADING, path)
     for name in HEADING[:3]:
         if not isinstance(heading[name], str):
-            raise files.wrong(path, name, heading[name], "a text", "Put it in quotes.")
+            files.wrong(path, name, heading[name], "a text", "Put it in quotes.")
     launched = heading.pop("launched")
     if launched != "none" and not isinstance(launched, datetime.date):
-        raise files.wrong(path, "launched", launched, 'a date or "none"', "Write it as 2018-05-22, without quotes.")
+        files.wrong(path, "launched", launched, 'a date or "none"', "Write it as 2018-05-22, without quotes.")
     quantities = {name: _quantity(table, path, name) for name, table in tables.items()}
     return Satellite(key, **heading, launched=None if launched == "none" else launched, quantities=quantities)
 
@@ -163,16 +163,16 @@ def _quantity(table, path, key):
     files.require(table, QUANTITY, f"{path}: [{key}]")
     for text in ("unit", "frame", "source"):
         if not isinstance(table[text], str) or not table[text].strip():
-            raise files.wrong(path, f"{key}.{text}", table[text], "a text that is not empty", "State it.")
+            files.wrong(path, f"{key}.{text}", table[text], "a text that is not empty", "State it.")
     if table["frame"] not in FRAMES:
-        raise files.wrong(path, f"{key}.frame", table["frame"], f"one of {', '.join(FRAMES)}", "Name the frame.")
+        files.wrong(path, f"{key}.frame", table["frame"], f"one of {', '.join(FRAMES)}", "Name the frame.")
     value = _value(table["value"], path, f"{key}.value")
     sigma = None if table["sigma"] == "unknown" else _value(table["sigma"], path, f"{key}.sigma")
     if sigma is not None and (isinstance(value, (str, tuple)) or np.shape(sigma) != np.shape(value)):
         remedy = 'Give one sigma per number, or "unknown".'
-        raise files.wrong(path, f"{key}.sigma", table["sigma"], f"the shape of the value, {np.shape(value)}", remedy)
+        files.wrong(path, f"{key}.sigma", table["sigma"], f"the shape of the value, {np.shape(value)}", remedy)
     if sigma is not None and np.min(sigma) < 0:
-        raise files.wrong(path, f"{key}.sigma", table["sigma"], "no negative number", "Correct the sign.")
+        files.wrong(path, f"{key}.sigma", table["sigma"], "no negative number", "Correct the sign.")
     return Quantity(value, table["unit"], table["frame"], sigma, table["source"])
 
 
@@ -187,9 +187,9 @@ def _value(entry, path, key):
     except (TypeError, ValueError):
         array = None
     if array is None or isinstance(entry, bool):
-        raise files.wrong(path, key, entry, "a number or a full list of numbers", "Correct it.")
+        files.wrong(path, key, entry, "a number or a full list of numbers", "Correct it.")
     if array.size == 0 or not np.all(np.isfinite(array)):
-        raise files.wrong(path, key, entry, "finite numbers", "Leave the quantity out if it is not known.")
+        files.wrong(path, key, entry, "finite numbers", "Leave the quantity out if it is not known.")
     array.flags.writeable = False
     return float(array) if array.ndim == 0 else array
 
@@ -202,21 +202,21 @@ def event(name):
     path, content = files.read("events", name)
     files.require(content, REQUIRED, path, OPTIONAL)
     if not isinstance(content["calibration"], str):
-        raise files.wrong(path, "calibration", content["calibration"], "its name", "Name the calibration.")
+        files.wrong(path, "calibration", content["calibration"], "its name", "Name the calibration.")
     if not isinstance(content["satellites"], list) or not content["satellites"]:
-        raise files.wrong(path, "satellites", content["satellites"], "a list of names", 'Write ["grace-c"].')
+        files.wrong(path, "satellites", content["satellites"], "a list of names", 'Write ["grace-c"].')
     date = _date(content, "date", path)
     status = content["date_status"]
     if status not in STATUS:
-        raise files.wrong(path, "date_status", status, f"one of {', '.join(STATUS)}", "Say where the date is from.")
+        files.wrong(path, "date_status", status, f"one of {', '.join(STATUS)}", "Say where the date is from.")
     if (status == "unknown") != (date is None):
-        raise files.wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
+        files.wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
     end_date = _date(content, "end_date", path) or date
     design_path, design = files.read("designs", content["design"])
     files.require(design, DESIGN, design_path)
     for table in design["manoeuvre"]:
         if missing := [key for key in DESIGNED if key not in table]:
-            raise files.wrong(design_path, "manoeuvre", sorted(table), f"also {', '.join(missing)}", "Add the key.")
+            files.wrong(design_path, "manoeuvre", sorted(table), f"also {', '.join(missing)}", "Add the key.")
     members = tuple(satellite(member) for member in content["satellites"])
     designed = (
         ([table[key] for key in DESIGNED], {key: item for key, item in table.items() if key not in DESIGNED})
@@ -263,9 +263,7 @@ def _origin(path, content):
     """Origin that an event states: its files may be simulated without saying so."""
     origin = content.get("origin", "")
     if origin not in ("", *ORIGINS):
-        raise files.wrong(
-            path, "origin", origin, f"one of {', '.join(ORIGINS)}", "Leave it out where the files say it."
-        )
+        files.wrong(path, "origin", origin, f"one of {', '.join(ORIGINS)}", "Leave it out where the files say it.")
     return origin
 
 
@@ -273,7 +271,7 @@ def _date(content, key, path):
     """Date, or None where there is none or it is unknown."""
     date = content.get(key, "unknown")
     if date != "unknown" and not isinstance(date, datetime.date):
-        raise files.wrong(path, key, date, 'a date or "unknown"', "Write it as 2020-02-01, without quotes.")
+        files.wrong(path, key, date, 'a date or "unknown"', "Write it as 2020-02-01, without quotes.")
     return None if date == "unknown" else date
 
 
@@ -281,7 +279,7 @@ def _found(table, path):
     """Manoeuvre found in the data."""
     files.require(table, FOUND, f"{path}: [[found]]", ("satellite",))
     if not table["stop"] > table["start"]:
-        raise files.wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
+        files.wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
     return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]), table.get("satellite", ""))
 
 
@@ -290,7 +288,7 @@ def _raw_files(content, design, members, span, path):
     digests = content.get("sha256", {})
     for name, digest in digests.items():
         if not re.fullmatch("[0-9a-f]{64}", str(digest)):
-            raise files.wrong(path, f"sha256.{name}", digest, "64 hexadecimal digits", "Run sha256sum on the file.")
+            files.wrong(path, f"sha256.{name}", digest, "64 hexadecimal digits", "Run sha256sum on the file.")
     needed = {}  # in the order of the design, each once
     for member in members:
         pair, both = PAIRS.get(member.mission, (member.letter, ""))
@@ -332,11 +330,8 @@ def save_event(name, text):
     """Write the text of an event into the user's own catalogue, and read the event back."""
     own = os.environ.get(files.ENVIRONMENT)
     if not own:
-        raise CatalogError(
-            f"{name}: found no own catalogue to write to, expected a folder in {files.ENVIRONMENT}. "
-            f"Set {files.ENVIRONMENT} to a folder of yours.",
-            event=name,
-        )
+        expected, remedy = f"a folder in {files.ENVIRONMENT}", f"Set {files.ENVIRONMENT} to a folder of yours."
+        refuse(name, "no own catalogue to write to", expected, remedy, CatalogError, event=name)
     path = Path(own) / "events" / f"{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_suffix(f".{os.getpid()}.tmp")

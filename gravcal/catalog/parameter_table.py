@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from gravcal.catalog import files
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, refuse
 
 REQUIRED = ("value", "stage", "reason")
 OPTIONAL = ("unit", "minimum", "maximum", "allowed")
@@ -84,10 +84,10 @@ def parameters(calibration):
 def _parameter(name, table, path):
     """Parameter from its TOML table."""
     if not isinstance(table, dict):
-        raise files.wrong(path, name, table, "a table with value, stage and reason", f"Write [{name}] and its keys.")
+        files.wrong(path, name, table, "a table with value, stage and reason", f"Write [{name}] and its keys.")
     files.require(table, REQUIRED, f"{path}: [{name}]", OPTIONAL)
     if not isinstance(table["reason"], str) or not table["reason"].strip():
-        raise files.wrong(path, f"{name}.reason", table["reason"], "a sentence", "Say why the value is what it is.")
+        files.wrong(path, f"{name}.reason", table["reason"], "a sentence", "Say why the value is what it is.")
     stages = (table["stage"],) if isinstance(table["stage"], str) else tuple(table["stage"])
     rest = {key: table[key] for key in ("unit", "minimum", "maximum") if key in table}
     allowed = tuple(_number(item, table) for item in table["allowed"]) if "allowed" in table else None
@@ -115,28 +115,25 @@ def _scalar(given, example, entry, where):
         if kind is int and str(text) != str(int(text)):
             raise ValueError(text)
         return kind(text)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError):
         expected = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind, "a text")
-        raise _refused(where, entry.name, given, expected) from error
+        return _refused(where, entry.name, given, expected)
 
 
 def _check(entry, where):
     """The value lies in its range and among the allowed ones."""
     for item in entry.value if isinstance(entry.value, tuple) else (entry.value,):
         if entry.allowed is not None and item not in entry.allowed:
-            raise _refused(where, entry.name, item, f"one of {', '.join(map(str, entry.allowed))}")
+            _refused(where, entry.name, item, f"one of {', '.join(map(str, entry.allowed))}")
         if isinstance(item, float) and item != item:
-            raise _refused(where, entry.name, item, "a number")
+            _refused(where, entry.name, item, "a number")
         if entry.minimum is not None and item < entry.minimum or entry.maximum is not None and item > entry.maximum:
             low = "-" if entry.minimum is None else f"{entry.minimum:g}"
             high = "-" if entry.maximum is None else f"{entry.maximum:g}"
-            raise _refused(where, entry.name, item, f"between {low} and {high} {entry.unit or ''}".rstrip())
+            _refused(where, entry.name, item, f"between {low} and {high} {entry.unit or ''}".rstrip())
 
 
 def _refused(where, name, found, expected):
-    """CatalogError for a parameter's value."""
-    return CatalogError(
-        f"{where}: {name}: found {found!r}, expected {expected}. Choose such a value, or leave {name} as it is.",
-        parameter=name,
-        found=found,
-    )
+    """Refuse a parameter's value."""
+    remedy = f"Choose such a value, or leave {name} as it is."
+    refuse(f"{where}: {name}", repr(found), expected, remedy, CatalogError, parameter=name)

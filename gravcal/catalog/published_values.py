@@ -88,7 +88,7 @@ def _parsed(path, text, table):
     table, rows = json.loads(table), csv.DictReader(io.StringIO(text))
     missing = [c for c in (*table["labels"], *table["value"], *table["sigma"]) if c not in (rows.fieldnames or [])]
     if missing:
-        raise files.wrong(path, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
+        files.wrong(path, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
     return tuple(_record(row, table) for row in rows)
 
 

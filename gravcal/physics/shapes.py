@@ -1,13 +1,12 @@
 """Cheap checks of the arrays handed to the public functions of physics."""
 
+import functools
+
 import numpy as np
 
-from gravcal.errors import GravcalError
+from gravcal import errors
 
-
-def refuse(where, found, expected, remedy, **facts):
-    """Raise a GravcalError that says where, what was found, what was expected and what to do."""
-    raise GravcalError(f"{where}: found {found}, expected {expected}. {remedy}", **facts)
+refuse = functools.partial(errors.refuse, error=errors.GravcalError)
 
 
 def check_shape(name, values, shape):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gravcal.effects import Context, effect
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, refuse
 
 
 def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]]:
@@ -15,9 +15,8 @@ def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]
         slug, _, parameter = name.rpartition(".")
         known = [p.name for p in effect(slug).parameters]
         if parameter not in known:
-            raise CatalogError(
-                f"effect {slug}: found parameter {parameter!r}, expected one of {', '.join(known)}.", effect=slug
-            )
+            expected = f"one of {', '.join(known)}"
+            refuse(f"effect {slug}", f"parameter {parameter!r}", expected, "Correct the name.", CatalogError)
         found.setdefault(slug, {})[parameter] = float(value)
     return found
 
@@ -26,10 +25,8 @@ def within(effects: Mapping[str, Mapping[str, float]], slugs: tuple[str, ...]) -
     """The effects {slug: {parameter: value}}, if all of them are among those that a simulation can hide."""
     for slug in effects:
         if slug not in slugs:
-            raise CatalogError(
-                f"effect {slug}: this simulation has no channel for it, expected one of {', '.join(sorted(slugs))}.",
-                effect=slug,
-            )
+            expected = f"one of {', '.join(sorted(slugs))}"
+            refuse(f"effect {slug}", "that this simulation has no channel for it", expected, "Leave it.", CatalogError)
     return effects
 
 
@@ -43,9 +40,6 @@ def added(effects: Mapping[str, Mapping[str, float]], channel: str, context: Con
         try:
             total = total + entry.contribution(context, entry.values(given))
         except KeyError as missing:
-            raise CatalogError(
-                f"effect {slug}: found no {missing} in this simulation, which it needs. It belongs to another "
-                "calibration; see gravcal effects.",
-                effect=slug,
-            ) from missing
+            remedy = "It belongs to another calibration; see gravcal effects."
+            refuse(f"effect {slug}", f"no {missing} in this simulation", "what it needs", remedy, CatalogError)
     return total

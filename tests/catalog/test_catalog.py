@@ -99,16 +99,16 @@ def test_a_missing_own_folder_is_an_error(tmp_path, monkeypatch):
     [
         (HEADING + MASS.replace('source = "invented"\n', ""), r"zed\.toml: \[mass\].*expected also source"),
         (HEADING + MASS + "colour = 1\n", r"\[mass\].*unknown key 'colour'"),
-        (HEADING + MASS.replace('"none"', '"srf"'), r"mass\.frame: found 'srf', expected one of"),
-        (HEADING + MASS.replace("100.0", "nan"), r"mass\.value: found nan, expected finite numbers"),
+        (HEADING + MASS.replace('"none"', '"srf"'), r"mass\.frame: found 'srf'; expected one of"),
+        (HEADING + MASS.replace("100.0", "nan"), r"mass\.value: found nan; expected finite numbers"),
         (HEADING + MASS.replace("100.0", "[[1, 2], [3]]"), r"mass\.value.*expected a number or a full list"),
         (HEADING + MASS.replace("sigma = 1.0", "sigma = [1.0, 2.0]"), r"mass\.sigma.*shape of the value"),
         (HEADING + MASS.replace("sigma = 1.0", "sigma = -1.0"), r"mass\.sigma.*no negative"),
         (HEADING + MASS.replace('"kg"', '""'), r"mass\.unit: found ''"),
-        (HEADING.replace("2030-01-01", '"2030"') + MASS, r"launched: found '2030', expected a date"),
+        (HEADING.replace("2030-01-01", '"2030"') + MASS, r"launched: found '2030'; expected a date"),
         (HEADING + "weight = 3\n" + MASS, r"unknown key 'weight'"),
         (MASS, r"expected also letter, mission"),
-        ("letter = \n", r"zed\.toml: not valid TOML.*line 1"),
+        ("letter = \n", r"zed\.toml: .*not valid TOML.*line 1"),
     ],
 )
 def test_a_broken_satellite_file_says_file_key_found_and_expected(own_folder, text, message):

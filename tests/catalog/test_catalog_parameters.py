@@ -72,13 +72,13 @@ def test_a_text_takes_the_type_of_the_parameter(demo, name, text, value):
     ("name", "text", "message"),
     [
         ("lowpas_hz", "1", "no parameter named 'lowpas_hz'.*Nearest: lowpass_hz"),
-        ("lowpass_hz", "7", r"lowpass_hz: found 7\.0, expected between 0\.1 and 2 Hz"),
-        ("lowpass_hz", "nan", r"lowpass_hz: found nan, expected a number"),
-        ("lowpass_hz", "fast", "found 'fast', expected a number"),
-        ("drift_degree", "2.5", "found '2.5', expected a whole number"),
-        ("estimate_scale", "perhaps", "found 'perhaps', expected true or false"),
-        ("dynamics", "rough", "found 'rough', expected one of full, published"),
-        ("variants", "mtq,gps", "found 'gps', expected one of"),
+        ("lowpass_hz", "7", r"lowpass_hz: found 7\.0; expected between 0\.1 and 2 Hz"),
+        ("lowpass_hz", "nan", r"lowpass_hz: found nan; expected a number"),
+        ("lowpass_hz", "fast", "found 'fast'; expected a number"),
+        ("drift_degree", "2.5", "found '2.5'; expected a whole number"),
+        ("estimate_scale", "perhaps", "found 'perhaps'; expected true or false"),
+        ("dynamics", "rough", "found 'rough'; expected one of full, published"),
+        ("variants", "mtq,gps", "found 'gps'; expected one of"),
     ],
 )
 def test_a_wrong_setting_is_refused_with_what_was_expected(demo, name, text, message):
@@ -137,7 +137,7 @@ def test_the_prior_of_the_torque_scale_covers_those_of_dipole_and_inertia():
         ("[a_s]\nvalue = 1\nstage = 'x'\nreason = ''\n", r"a_s\.reason"),
         (
             "[a_s]\nvalue = 1\nunit = 's'\nmaximum = 0.5\nstage = 'x'\nreason = 'r'\n",
-            r"a_s: found 1\.0, expected between",
+            r"a_s: found 1\.0; expected between",
         ),
         ("[a_s]\nvalue = 1\nstage = 'x'\nreason = 'r'\ndefault = 3\n", "unknown key 'default'"),
     ],
