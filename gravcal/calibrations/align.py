@@ -25,21 +25,10 @@ QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 
 
 def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ...], bad=None):
-    """Samples in order of time, repeated ones dropped, doubtful ones marked.
+    """Samples of an "ingest" in order of their GPS tags, repeated ones dropped, doubtful and bad (n,) ones marked.
 
-    Parameters
-    ----------
-    observed : Dataset, "ingest"
-    tags : its GPS time
-    names : variables wanted
-    bad : (n,) bool, further samples to mark
-
-    Returns
-    -------
-    time : (m,) s
-    values : (m, k)
-    flag : (m,) uint8, 0 usable
-    counts : of out_of_order, repeated, conflicting, marked and undated records
+    Time (m,) s, values (m, k) of the variables wanted, flag (m,) uint8 (0 usable), and counts of records: out_of_order,
+    repeated, conflicting, marked and undated.
     """
     columns = [np.asarray(observed[n].values, dtype=float) for n in names]
     flagged = (observed["flag"].values & UNUSABLE) != 0
@@ -78,21 +67,15 @@ def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_g
 
 
 def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
-    """Everything that the solution needs, on GPS time, round each manoeuvre.
+    """Everything that the solution needs, on GPS time, round each manoeuvre: an "align".
 
     Without a manoeuvre the first `survey_s` of the record are taken as one window, so that field and attitude can be
     looked at all the same. A manoeuvre in which orbit or star camera are missing for longer than their limit is marked
     in `gap`, and not used.
 
-    Parameters
-    ----------
     observed : Dataset, "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and CLK1B
     settings : s; margin_s, kept on either side of a manoeuvre; survey_s; clock_gap_limit_s, orbit_gap_limit_s and
         star_camera_gap_limit_s, distance of records that may be bridged
-
-    Returns
-    -------
-    aligned : Dataset, "align"
     """
     detected, acc, sca, mag, orbit, tim1b, clk1b = observed
     spans = _spans(detected, acc, sca, mag, orbit, settings["margin_s"], settings["survey_s"])

@@ -79,19 +79,9 @@ def gain(crn: Crn, step_s: float, derivative: int, frequency_hz: np.ndarray) -> 
 
 
 def operator(crn: Crn, derivative: int, good: np.ndarray, grid: tuple[float, float], at: np.ndarray) -> Resampler:
-    """The filter from an even grid to epochs that lie on it.
+    """Resampler of a derivative (0, 1, 2) from an even grid (first epoch and step, s) to epochs (m,) s that lie on it.
 
-    Parameters
-    ----------
-    crn : Crn
-    derivative : 0, 1 or 2
-    good : (n,) bool, samples that may be used
-    grid : s and s, first epoch and step of the grid
-    at : (m,) s, epochs of the result
-
-    Returns
-    -------
-    operator : Resampler; not valid where its window leaves the grid or holds a sample that is not good
+    Not valid where its window leaves the grid or holds a sample that is not good (n,).
     """
     first, step = grid
     taps = weights(crn, step, derivative)

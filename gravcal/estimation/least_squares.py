@@ -85,20 +85,11 @@ def covariance(information: np.ndarray) -> np.ndarray:
 
 
 def covariance_of_moves(value: np.ndarray, moved: list[np.ndarray]) -> np.ndarray:
-    """Covariance of values that depend on something held, from how far each of its errors moves them: sum d d'.
+    """Covariance (..., p, p) of values (..., p) by the errors of something held, from how far they move: sum d d'.
 
     With S the covariance where what is held is known, S + sum d d' is that where it is estimated: exactly so for least
-    squares of both together.
-
-    Parameters
-    ----------
-    value : (..., p)
-    moved : list of (..., p), with what is held moved by one standard deviation along each direction of its errors; what
-        is not determined in one or in both does not move
-
-    Returns
-    -------
-    covariance : (..., p, p) square of the unit of the value
+    squares of both together. In `moved` what is held is moved by one standard deviation along each direction of its
+    errors; what is not determined in one or in both does not move.
     """
     moves = np.stack([one - value for one in moved])
     moves[~np.isfinite(moves)] = 0.0
@@ -127,16 +118,10 @@ def combine(
 ) -> Combination:
     """Blocks joined by their estimating equations.
 
-    Parameters
-    ----------
     scores : one a block
     own : (k, p) changes of each block's estimate by one standard deviation of errors of that block alone
     shared : (m, p) the same for errors that act in all blocks together
     prior : (p, p) information about zero, loose, so that what is not determined does not disturb the rest
-
-    Returns
-    -------
-    combination : Combination
     """
     weight = [weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
     prior = np.zeros_like(scores[0].information) if prior is None else prior

@@ -39,19 +39,11 @@ class Resampler:
 def lowpass_resampler(
     time_in: np.ndarray, good: np.ndarray, time_out: np.ndarray, *, lowpass_hz: float, half_width_s: float
 ) -> Resampler:
-    """Windowed-sinc low-pass evaluated at arbitrary output epochs.
+    """Windowed-sinc low-pass of inputs (n,) s, increasing, at output epochs (m,) s; half amplitude at `lowpass_hz`.
 
     Weights follow h(s) = sinc(2 fc s) times a Kaiser window on |s| <= half width, s = t_in - t_out, scaled to unit
     sum, so a constant passes unchanged. Input epochs may jitter; an output whose support holds a gap (a step longer
-    than 1.5 median steps), a flagged sample or an end of the data is not valid.
-
-    Parameters
-    ----------
-    time_in : (n,) s, strictly increasing
-    good : (n,) bool
-    time_out : (m,) s
-    lowpass_hz : Hz, frequency of half amplitude
-    half_width_s : s, half length of the support
+    than 1.5 median steps), a sample that is not good (n,), or an end of the data is not valid.
     """
     time_in, time_out = (np.array(time, dtype=float, order="C") for time in (time_in, time_out))
     good = np.array(good, order="C")  # copies: numba compiles once more for each array that is read-only
@@ -65,14 +57,7 @@ def lowpass_resampler(
 
 
 def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
-    """Low-pass and resampling inside an arc, its support never beyond the ends.
-
-    Parameters
-    ----------
-    time : (n,) s; good : (n,) bool, accelerometer samples of the arc
-    start, stop : s
-    lowpass_hz, half_width_s, step_s : Hz, s, s
-    """
+    """Low-pass and resampling of samples (n,) s of an arc, its support never beyond the ends; Hz and s."""
     begin = np.ceil((start + half_width_s) / step_s) * step_s
     grid = np.arange(begin, stop - half_width_s, step_s)
     return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)

@@ -46,21 +46,11 @@ def robust_scale(residual: np.ndarray) -> float:
 
 
 def solve(observed: np.ndarray, design: np.ndarray, constants: tuple[float, float], unknowns: int) -> RobustEstimate:
-    """IGG-III estimate of whitened observations by reweighting.
+    """IGG-III estimate of whitened observations (n,), (n, p), nuisance projected out, by reweighting with k0 and k1.
 
     The covariance is that of an M-estimate, s^2 mean(psi^2)/mean(psi')^2 (A'A)^-1 with psi = w v, not the residual
     variance of the weighted normal equations: cutting tails makes that smaller whether or not the estimate is better.
-
-    Parameters
-    ----------
-    observed : (n,) whitened, nuisance projected out
-    design : (n, p) the same
-    constants : k0 and k1 of the weights
-    unknowns : nuisance and parameters, for the degrees of freedom
-
-    Returns
-    -------
-    estimate : RobustEstimate
+    The unknowns, nuisance and parameters, count for the degrees of freedom.
     """
     normal = design.T @ design
     value = stable_inverse(normal) @ (design.T @ observed)

@@ -94,21 +94,9 @@ def attitude_error(quaternion, reference):
 
 
 def interpolate(time, quaternion, at):
-    """Attitude between given epochs at constant rate from each to the next.
+    """Attitude (m, 4), signs continuous, between given epochs at constant rate from each to the next.
 
-    Parameters
-    ----------
-    time : (n,) s, strictly increasing
-    quaternion : (n, 4) scalar first, any signs
-    at : (m,) s, within time
-
-    Returns
-    -------
-    quaternion : (m, 4) scalar first, signs continuous
-
-    Raises
-    ------
-    GravcalError : an epoch outside time
+    Times (n,) s increase; quaternions (n, 4), scalar first, have any signs; an epoch (m,) outside is refused.
     """
     time, at = check_increasing("interpolate: time", time), np.asarray(at, float)
     if at.size and not (time[0] <= at.min() and at.max() <= time[-1]):

@@ -38,17 +38,9 @@ def argument_of_latitude(position_i: np.ndarray, normal_i: np.ndarray) -> np.nda
 
 
 def warmth(time, time_orbit, position_i, lag_s=WARMING_S):
-    """Sunlight through a first-order lag, 0 after a long night and 1 after a long day.
+    """Sunlight through a first-order lag at times (n,) s, 0 after a long night and 1 after a long day.
 
-    Parameters
-    ----------
-    time : (n,) s
-    time_orbit, position_i : (k,) s, (k, 3) m, covering the times; before the first epoch the mean is taken
-    lag_s : s
-
-    Returns
-    -------
-    warmth : (n,) 1
+    The orbit (k,) s, (k, 3) m covers the times; before the first epoch the mean is taken.
     """
     nodes = np.arange(max(time_orbit[0], time[0] - 4 * lag_s), time[-1] + STEP_S, STEP_S)
     position = np.stack([np.interp(nodes, time_orbit, c) for c in np.asarray(position_i).T], axis=1)

@@ -275,19 +275,10 @@ def fly(
     added: tuple[np.ndarray, np.ndarray],
     control: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Integrate the attitude by fourth-order Runge-Kutta over steps of at most 0.1 s.
+    """Integrate the attitude by fourth-order Runge-Kutta over steps of at most 0.1 s, from quaternion and rate (7,).
 
-    Parameters
-    ----------
-    steps, around, body : see their classes
-    start : (7,) quaternion and body rate at the first bound
-    added : (n, 2, 3) A m2 and (n, 2, 3) N m, dipole and torque of effects at both ends of each step
-    control : (n, 3) A m2 and (n, 3) N m, rods and gas, flown open loop; computed by the controller when not given
-
-    Returns
-    -------
-    states : (n + 1, 7) quaternion and body rate at the bounds
-    control : (n, 3) A m2 and (n, 3) N m, what rods and gas did
+    Effects add dipole and torque (n, 2, 3) A m2, N m at both ends of each step. States (n + 1, 7) hold at the bounds;
+    with them come rods (n, 3) A m2 and gas (n, 3) N m, what the controller did, or those given, flown open loop.
     """
     count = steps.bound.size - 1
     closed = control is None

@@ -124,17 +124,18 @@ def seconds(entry):
     return sum(taken.values())
 
 
-def raw_files(key, known=None):
+def raw_files(key):
     """Raw files below a product, each once: list of dict with path, member, product, satellite, date, digest."""
-    known = set() if known is None else known
-    record = store.read_record(store.folder_of(key))
-    if record is None or key in known:
-        return []
-    known.add(key)
-    files = []
-    for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
-        files += [part | label] if "path" in part else raw_files(part["key"], known)
-    return list({(one["path"], one["member"]): one for one in files}.values())
+    files, waiting, known = {}, [key], set()
+    while waiting:
+        record = store.read_record(store.folder_of(waiting.pop(0)))
+        for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True) if record else ():
+            if "path" in part:
+                files[part["path"], part["member"]] = part | label
+            elif part["key"] not in known:
+                known.add(part["key"])
+                waiting.append(part["key"])
+    return list(files.values())
 
 
 def level_one_folders(calibration):

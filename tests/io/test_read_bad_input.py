@@ -104,10 +104,9 @@ def test_a_file_that_is_none_is_refused(attitude_file, file):
 
 
 def test_what_is_not_there_is_named(tmp_path, attitude_file):
-    """Contract: file, product and column."""
+    """Contract: file and product."""
     _refused(tmp_path / "SCA1B_2023-06-02_C_04.txt", "no file")
     _refused(attitude_file, "XYZ1B", "SCA1B", product="XYZ1B")
-    _refused(attitude_file, "quatx", columns=["quatx"])
 
 
 def test_a_product_flag_that_does_not_fit_the_record_is_refused(acceleration_file):

@@ -106,12 +106,6 @@ def test_a_column_without_values_is_refused(tmp_path, attitude):
         write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt")
 
 
-def test_chosen_columns_come_with_tags_and_flag(attitude_file):
-    """Contract: what was asked for, and what says when and how good."""
-    observed = read(attitude_file, columns=["quatangle"])
-    assert set(observed) == {"time_tag", "time_second", "time_fraction", "flag", "quatangle"}
-
-
 @pytest.mark.parametrize(("satellite", "seconds"), [("A", 0.25), ("C", 0.00025)])
 def test_receiver_time_is_in_seconds_whatever_the_mission_writes(tmp_path, satellite, seconds):
     """Published: TIM1B fractions are microseconds in GRACE, nanoseconds in GRACE-FO (formats.md, 2.3 and 3.2)."""

@@ -45,7 +45,7 @@ GPS_MARGIN_S = 600  # files in GPS time hold their day; USO1B begins five minute
 MOVED = "columns moved from the accelerometer frame: SRF (x, y, z) = AF (z, x, y)"
 
 
-def read(source, product=None, columns=None, *, expect_satellite=None, expect_date=None) -> xr.Dataset:
+def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr.Dataset:
     """One Level-1 file, values and time tags as they are.
 
     Parameters
@@ -53,7 +53,6 @@ def read(source, product=None, columns=None, *, expect_satellite=None, expect_da
     source : path of a file (.txt .asc .dat, also .gz), path of a .tgz holding one file of the product,
         or a LevelOneFile
     product : five characters, such as "ACC1A"; by default from the name or the header
-    columns : names of the variables wanted, by default all; time tags and ``flag`` always come along
     expect_satellite : letter the file has to be of
     expect_date : "YYYY-MM-DD" the file has to be of
 
@@ -88,12 +87,7 @@ def read(source, product=None, columns=None, *, expect_satellite=None, expect_da
     observed = _assembled(arrays, seconds, ticks, flag, table)
     observed.attrs = _attributes(header, table, file, satellite, len(flag))
     observed.attrs["origin"] = origin.of_header(data[: header.size].decode("latin-1"))
-    if columns is None:
-        return observed
-    if missing := [c for c in columns if c not in observed]:
-        some = f"some of {', '.join(observed)}"
-        refuse(file.where, f"no column {', '.join(missing)}", some, "Correct the column names.")
-    return observed[["time_tag", "time_second", "time_fraction", "flag", *columns]]
+    return observed
 
 
 def _located(source, product, satellite, date):
@@ -118,12 +112,8 @@ def _check_columns(header, table: Product, where):
         if [n for n in expected if n in found] == found and set(fixed) <= set(found):
             return
     differing = sorted((set(found) - set(expected)) | (set(fixed) - set(found))) or "the same ones in another order"
-    refuse(
-        where,
-        f"columns in the header that differ from the table of {table.name}: {differing}",
-        "the columns of RL04",
-        "Another product or release: give the right product, or add its table.",
-    )
+    found = f"columns in the header that differ from the table of {table.name}: {differing}"
+    refuse(where, found, "the columns of RL04", "Another product or release: give the right product, or add its table.")
 
 
 def _plain(name):
@@ -204,16 +194,8 @@ def _bits(meanings):
 
 
 def _attributes(header, table, file, satellite, present):
-    attrs = {
-        "product": table.name,
-        "mission": table.mission,
-        "satellite": satellite,
-        "date": file.date,
-        "release": file.release,
-        "file": file.name,
-        "time_scale": table.time_scale,
-        "records": present,
-    }
+    attrs = {"product": table.name, "mission": table.mission, "satellite": satellite, "date": file.date}
+    attrs |= {"release": file.release, "file": file.name, "time_scale": table.time_scale, "records": present}
     if header.declared is not None:
         attrs["records_declared"] = header.declared
     if header.satellite and header.satellite != satellite:
@@ -320,9 +302,8 @@ def _check_day(where, date, seconds, margin):
     inside = (seconds >= start - margin) & (seconds < start + DAY_S + margin)
     if not inside.any():
         first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
-        refuse(
-            where, f"no record of {date}, the first at {first} GPS", f"records of {date}", "Take the right day's file."
-        )
+        found = f"no record of {date}, the first at {first} GPS"
+        refuse(where, found, f"records of {date}", "Take the right day's file.")
 
 
 def _off_length(arrays, table):

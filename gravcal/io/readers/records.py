@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import polars
+import yaml
 
 from gravcal.errors import refuse
 from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Column, Product, reordered
@@ -62,8 +63,6 @@ def _yaml_header(data, where):
 
 
 def _yaml(text, where):
-    import yaml
-
     loader, depth = getattr(yaml, "CSafeLoader", yaml.SafeLoader), 0
     try:
         for event in yaml.parse(text, loader):  # the loader below recurses, and crashes where it goes too deep
@@ -81,12 +80,8 @@ def _yaml(text, where):
 def _label_header(data, where):
     end = LABEL_END.search(data, 0, HEADER_LIMIT)
     if not end:
-        refuse(
-            where,
-            f"a start of {data[:20]!r}",
-            "a YAML or an 80-column header",
-            "This is no Level-1 file, or a cut one.",
-        )
+        expected, remedy = "a YAML or an 80-column header", "This is no Level-1 file, or a cut one."
+        refuse(where, f"a start of {data[:20]!r}", expected, remedy)
     labels = {}
     for line in data[: end.start()].decode("latin-1").splitlines():
         label, _, value = line.partition(":")
@@ -95,16 +90,10 @@ def _label_header(data, where):
     binary = labels.get("FILE FORMAT 0=BINARY 1=ASCII") == "0"
     institution = "/".join(filter(None, (labels.get(f"PRODUCER {part}") for part in ("AGENCY", "INSTITUTION"))))
     notes = {"software_version": labels.get("SOFTWARE VERSION", ""), "institution": institution}
-    return Header(
-        "label",
-        binary,
-        end.end(),
-        data.count(b"\n", 0, end.end()),
-        _letter(labels.get("SATELLITE NAME", "")),
-        int(declared) if re.fullmatch("[0-9]{1,18}", declared) else None,
-        product=labels.get("FILENAME", "").rpartition("/")[2][:5],
-        notes={k: v for k, v in notes.items() if v},
-    )
+    lines, satellite = data.count(b"\n", 0, end.end()), _letter(labels.get("SATELLITE NAME", ""))
+    declared = int(declared) if re.fullmatch("[0-9]{1,18}", declared) else None
+    product, notes = labels.get("FILENAME", "").rpartition("/")[2][:5], {k: v for k, v in notes.items() if v}
+    return Header("label", binary, end.end(), lines, satellite, declared, product=product, notes=notes)
 
 
 def _letter(platform):
@@ -269,10 +258,10 @@ def parse_text(data: bytes, start: int, header_lines: int, table: Product, where
     "undecodable" (n,) bool says where bytes of a text column are not UTF-8. The header has ``start`` bytes.
     """
     if start == len(data):
-        arrays = {c.name: np.empty(0, dtype_of(c)) for c in table.columns} | {
-            c.name: np.empty(0) for c in table.optional
-        }
-        return arrays | {c.name: np.empty((0, 0)) for c in table.repeated}
+        arrays = {c.name: np.empty(0, dtype_of(c)) for c in table.columns}
+        return (
+            arrays | {c.name: np.empty(0) for c in table.optional} | {c.name: np.empty((0, 0)) for c in table.repeated}
+        )
     if not data.endswith(b"\n"):
         line = data.count(b"\n") + 1
         refuse(f"{where}, line {line}", "a last line cut short", "a line end", "Fetch the file again.", line=line)
