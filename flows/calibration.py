@@ -115,7 +115,6 @@ class Calibration:
     pairs : {letter of the files of a pair: letters of the pair}
     span_days : an event without date has all days of its folder if they span less
     source : (event=, data=, satellite=, date=) -> Source; None: by ``begins``
-    days : folder -> [(folder, satellite, date)] of the events below it; None: by ``begins``
     level_one_files : source -> Level-1 files of the event; None: one for each of ``inputs``
     printed : {section of the published values: function of a record -> rows of the time line}
     levels : {panel: published scalar, m s-2, drawn as a line: the printed order of magnitude}
@@ -145,7 +144,6 @@ class Calibration:
     pairs: Mapping[str, str] = field(default_factory=dict)
     span_days: int = 1
     source: Callable | None = None
-    days: Callable | None = None
     level_one_files: Callable | None = None
     printed: Mapping[str, Callable] = field(default_factory=dict)
     levels: Mapping[str, str] = field(default_factory=dict)
@@ -158,10 +156,14 @@ class Calibration:
 
     def __post_init__(self):
         """Where nothing else is said, sources and files are found in the common way."""
-        ways = {"source": _source, "days": _days, "level_one_files": _level_one_files}
+        ways = {"source": common.source_of, "level_one_files": _level_one_files}
         for name, common_way in ways.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, functools.partial(common_way, self))
+
+    def days(self, data) -> list[tuple[Path, str, str | None]]:
+        """Folders, satellites and dates of the events below a folder."""
+        return common.days_of(self, data)
 
     def simulate(self, out, *, seed, truth=None, effects=None, settings=None) -> dict:
         """Write the Level-1 files of an invented event; returns its truth, written to ``truth`` if that is given.
@@ -212,32 +214,6 @@ def of_one_satellite(module: str) -> Callable:
         return invented | {"satellite": chosen.satellite}
 
     return simulation
-
-
-def _source(calibration, *, event=None, data=None, satellite=None, date=None):
-    """Source of an event of the catalogue or of a folder; one satellite stands for its pair."""
-    own = (letter for letter, pair in calibration.pairs.items() if satellite and satellite in pair)
-    return common.source_of(
-        calibration.name,
-        calibration.begins,
-        event=event,
-        data=data,
-        satellite=next(own, satellite),
-        date=date,
-        files=calibration.files,
-        mission=calibration.mission,
-        pairs=calibration.pairs,
-        span_days=calibration.span_days,
-    )
-
-
-def _days(calibration, data):
-    """Folders, satellites and dates of the events below a folder; days that a run would join are one, without date."""
-    found = {}
-    for folder, letter, date in common.days_of(calibration.begins, data, calibration.files):
-        found.setdefault((folder, calibration.pairs.get(letter, letter)), set()).add(date)
-    joined = {place for place, dates in found.items() if common.are_joined(dates, calibration.span_days)}
-    return [(*place, day) for place in found for day in ([None] if place in joined else sorted(found[place]))]
 
 
 def _level_one_files(calibration, source):

@@ -7,7 +7,6 @@ import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 
 from gravcal.errors import NoDataError, ProductError
 from gravcal.store import product, store
@@ -68,48 +67,33 @@ def _belongs(file, source, letter):
     return str(file.date) == source.date and file.satellite in {letter, *source.satellite}
 
 
-def source_of(
-    calibration: str,
-    products,
-    *,
-    event=None,
-    data=None,
-    satellite=None,
-    date=None,
-    files=archive,
-    mission="grace",
-    pairs=MappingProxyType({}),
-    span_days=1,
-) -> Source:
+def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Source:
     """Source of a catalogue event or of any folder of Level-1 files.
 
     Parameters
     ----------
-    calibration : its name
-    products : product that tells satellite and day of a folder
+    one : record of the calibration
     event : name in the catalogue; its files are looked for in GRAVCAL_DATA
-    data : folder; satellite, date : where it holds several
-    files : module with the inventory of a folder
-    mission : first word of the name of an event
-    pairs : {letter of the files of a pair: letters of the pair}
-    span_days : without a date all days of the folder are the event if they span less
+    data : folder; satellite, date : where it holds several, one satellite stands for its pair
     """
+    satellite = next((letter for letter, pair in one.pairs.items() if satellite and satellite in pair), satellite)
     if event is not None:
-        found = _from_catalogue(calibration, event, files)
-        return replace(found, satellite=next((p for p in pairs.values() if found.satellite in p), found.satellite))
+        found = _from_catalogue(one, event)
+        pair = next((pair for pair in one.pairs.values() if found.satellite in pair), found.satellite)
+        return replace(found, satellite=pair)
     folder = Path(data)
     if not folder.is_dir():
         raise ProductError(
             f"{folder}: found no folder, expected one with Level-1 files. Check --data.", folder=str(folder)
         )
-    inventory = files.inventory(folder)
+    inventory = one.files.inventory(folder)
     of_day = [f for f in inventory if satellite in (None, f.satellite) and date in (None, f.date)]
-    fitting = [f for f in of_day if f.product in products]
+    fitting = [f for f in of_day if f.product in one.begins]
     if not fitting:
-        found = [f for f in inventory if f.product in products]
+        found = [f for f in inventory if f.product in one.begins]
         have = sorted({f"{f.product} of {f.satellite} on {f.date}" for f in found})
         have = [*have[:3], f"and {len(have) - 3} more"] if len(have) > 4 else have
-        wanted = f"{' or '.join(products)}{f' of {satellite}' if satellite else ''}{f' on {date}' if date else ''}"
+        wanted = f"{' or '.join(one.begins)}{f' of {satellite}' if satellite else ''}{f' on {date}' if date else ''}"
         raise (ProductError if of_day else NoDataError)(
             f"{folder}: found {', '.join(have) or 'none of its files'}, expected {wanted}. Correct --satellite or "
             f"--date, or give another --data.",
@@ -117,51 +101,48 @@ def source_of(
         )
     satellite = satellite or _only(folder, sorted({f.satellite for f in fitting}), "satellite", "--satellite")
     dates = sorted({f.date for f in fitting if f.satellite == satellite})
-    joined = date is None and are_joined(dates, span_days)
+    joined = date is None and _are_joined(dates, one.span_days)
     first = dates[0] if joined else date or _only(folder, dates, "day", "--date")
-    letters = pairs.get(satellite, satellite)
-    return Source(f"{mission}-{letters.lower()}-{first}", letters, None if joined else first, folder)
+    letters = one.pairs.get(satellite, satellite)
+    return Source(f"{one.mission}-{letters.lower()}-{first}", letters, None if joined else first, folder)
 
 
-def are_joined(dates, span_days: int) -> bool:
+def _are_joined(dates, span_days):
     """True if the days of a folder are one event."""
     first, last = (datetime.date.fromisoformat(one) for one in (min(dates), max(dates)))
     return span_days > 1 and (last - first).days < span_days
 
 
-def days_of(products, data, files=archive) -> list[tuple[Path, str, str]]:
-    """Folders, satellites and dates of the days that a folder holds.
+def days_of(one, data) -> list[tuple[Path, str, str | None]]:
+    """Folders, satellites and dates of the events of a calibration below a folder.
 
     A day is where its file is; if the other files of that day are elsewhere, as in a mirror with one tree for each
-    level, it is the whole folder.
-
-    Parameters
-    ----------
-    products : names of the products that tell a day, such as ("ACC1A",)
-    data : folder
-    files : module with the inventory of a folder
+    level, it is the whole folder. Days that a run would join are one event, without date.
     """
-    folders, there = {}, {}
-    for file in files.inventory(data):
+    folders, there, found = {}, {}, {}
+    for file in one.files.inventory(data):
         there.setdefault((file.path.parent, file.date), set()).add(file.product)
         there.setdefault((None, file.date), set()).add(file.product)
-        if file.product in products:
+        if file.product in one.begins:
             folders.setdefault((file.satellite, file.date), set()).add(file.path.parent)
-    found = set()
-    for (satellite, date), own in folders.items():
+    places = set()
+    for (letter, date), own in folders.items():
         elsewhere = len(own) == 1 and there[next(iter(own)), date] != there[None, date]
-        found |= {(Path(data) if elsewhere else folder, satellite, date) for folder in own}
-    return sorted(found, key=lambda day: (day[2], str(day[0]), day[1]))
+        places |= {(date, str(data if elsewhere else folder), letter) for folder in own}
+    for date, folder, letter in sorted(places):
+        found.setdefault((Path(folder), one.pairs.get(letter, letter)), set()).add(date)
+    joined = {place for place, dates in found.items() if _are_joined(dates, one.span_days)}
+    return [(*place, day) for place in found for day in ([None] if place in joined else sorted(found[place]))]
 
 
-def _from_catalogue(calibration, event, files):
+def _from_catalogue(one, event):
     """Source of an event of the catalogue; the folder is that of GRAVCAL_DATA, its own sub-folder first."""
     from gravcal import catalog
 
     entry = catalog.event(event)
-    if entry.calibration != calibration:
+    if entry.calibration != one.name:
         raise ProductError(
-            f"event {event}: found a {entry.calibration} event, expected one of {calibration}. Choose another event."
+            f"event {event}: found a {entry.calibration} event, expected one of {one.name}. Choose another event."
         )
     if entry.date is None:
         raise NoDataError(f"event {event}: its true date is not known, so no files can be found. Choose another event.")
@@ -175,7 +156,7 @@ def _from_catalogue(calibration, event, files):
     folder = own if own.is_dir() else Path(root)
     if not folder.is_dir():
         raise ProductError(f"GRAVCAL_DATA = {root}: found no folder, expected one with Level-1 files. Set it anew.")
-    if not _at_hand(entry, folder, files):
+    if not _at_hand(entry, folder, one.files):
         raise NoDataError(
             f"event {event}: found no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}. "
             f"Put the files there (gravcal fetch), or give another folder with GRAVCAL_DATA."

@@ -11,6 +11,7 @@ from tasks.stage import lazy, stage
 model = lazy("gravcal.calibrations.magnetometer.model")
 estimation = lazy("gravcal.calibrations.magnetometer.estimate")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
+reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.magnetometer.page")
 
 KINDS = product.registered("magnetometer", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
@@ -47,4 +48,4 @@ def checks(aligned, found, **settings):
 )
 def report(*products, event, settings):
     """Result document and page."""
-    return page.report(*products, event=event, settings=settings)
+    return reports.report(page.PAGE, *products, event=event, settings=settings)

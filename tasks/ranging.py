@@ -9,6 +9,7 @@ from gravcal.store import product
 from tasks.stage import lazy, stage
 
 model = lazy("gravcal.calibrations.ranging.model")
+reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.ranging.page")
 
 KINDS = product.registered("ranging", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
@@ -35,4 +36,4 @@ def checks(pair, found, **settings):
 @stage(reads=["ranging.estimate", "ranging.align", "ranging.checks"], writes="ranging.report", version=1)
 def report(*products, event, settings):
     """Result document and page."""
-    return page.report(*products, event=event, settings=settings)
+    return reports.report(page.PAGE, *products, event=event, settings=settings)

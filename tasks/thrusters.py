@@ -11,6 +11,7 @@ from tasks.stage import lazy, stage
 model = lazy("gravcal.calibrations.thrusters.model")
 estimation = lazy("gravcal.calibrations.thrusters.estimate")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
+reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.thrusters.page")
 
 KINDS = product.registered(
@@ -55,4 +56,4 @@ def checks(aligned, found, **settings):
 )
 def report(*products, event, settings):
     """Result document and page."""
-    return page.report(*products, event=event, settings=settings)
+    return reports.report(page.PAGE, *products, event=event, settings=settings)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -37,29 +38,29 @@ def document(found: xr.Dataset) -> dict:
     return {"parameters": parameters, "covariance": {"parameters": names, "matrix": matrix}}
 
 
-def report(
-    products: Mapping[str, xr.Dataset],
-    *,
-    calibration: str,
-    event: str,
-    settings: Mapping,
-    heading: str,
-    verdict: str,
-    facts: Mapping,
-    sections: Sequence[Section],
-) -> tuple[xr.Dataset, dict[str, str]]:
-    """Report product of one event and its files.
+@dataclass(frozen=True)
+class Page:
+    """What a calibration says beside its parameters.
 
-    Parameters
+    Attributes
     ----------
-    products : {stage: Dataset}, among them "estimate" and "checks"
-    calibration, event : names
-    settings : mapping of all parameters
-    heading : of the page
+    calibration, heading : names
     verdict : what the values are of, such as "Gain of the impulses"
-    facts : plain numbers about the record, with units in their names
-    sections : of the page, after the result
+    products : stages that the report reads, in their order; among them "estimate" and "checks"
+    content : {stage: Dataset} -> facts, plain numbers with units in their names, and sections after the result
     """
+
+    calibration: str
+    heading: str
+    verdict: str
+    products: Sequence[str]
+    content: Callable[[Mapping[str, xr.Dataset]], tuple[dict, list[Section]]]
+
+
+def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tuple[xr.Dataset, dict[str, str]]:
+    """Report product of one event and its files, from the products that the page names and all settings."""
+    products = dict(zip(own.products, given, strict=True))
+    facts, sections = own.content(products)
     found = products["estimate"]
     parameters = document(found)
     known = list(results.parameters(parameters))
@@ -68,11 +69,11 @@ def report(
     first = {
         "schema_version": VERSION,
         "status": "delivered",
-        "calibration": calibration,
+        "calibration": own.calibration,
         "event": event,
-        "verdict": {"text": f"{verdict}: {text}."},
+        "verdict": {"text": f"{own.verdict}: {text}."},
     }
-    tail = {"settings": as_plain(settings), "provenance": documents.traced(calibration, products)}
+    tail = {"settings": as_plain(settings), "provenance": documents.traced(own.calibration, products)}
     made = first | parameters | {"facts": as_plain(facts)} | tail
     made, files = documents.delivered(made, list(products.values()), of_product(products["checks"]))
     start, parts = gps_text(float(found["part_start"][0])), found.sizes["part"]
@@ -84,7 +85,7 @@ def report(
     about = Section("Record", [Table("Facts of the record.", ["fact", "value"], stated, words=(0,))])
     shown = [Section("Result", [table], [figure]), *sections, about]
     subtitle = f"From {start} GPS, {parts} parts."
-    files["report.html"] = page(made, shown, products, heading=heading, subtitle=subtitle)
+    files["report.html"] = page(made, shown, products, heading=own.heading, subtitle=subtitle)
     return build(REPORT, {"delivered": 1}, event=event), files
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.report import named_parameters
 from gravcal.report.figures import AXIS, COLOURS, grid, legend, thinned
+from gravcal.report.named_parameters import Page
 from gravcal.report.pages import Figure, Section
 
 NOTES = (
@@ -17,17 +17,9 @@ NOTES = (
 )
 
 
-def report(*products, event, settings):
-    """Report product of one event and its files.
-
-    Parameters
-    ----------
-    products : Dataset, "estimate", "align", "checks"
-    event : str
-    settings : mapping of all parameters
-    """
-    named = dict(zip(("estimate", "align", "checks"), products, strict=True))
-    found, aligned = named["estimate"], named["align"]
+def content(products):
+    """Facts of the record, and what follows the result."""
+    found, aligned = products["estimate"], products["align"]
     difference = found["residual_b"].values
     facts = {
         "records": int(found.sizes["time"]),
@@ -38,11 +30,7 @@ def report(*products, event, settings):
         "dipole_sigma_a_m2": aligned["dipole_b"].values.std(axis=0).tolist(),
     }
     caption = "Measured less reference field, and the same as the parameters make it. Below, what is left."
-    sections = [Section("Field", (), [Figure(draw_field, ("estimate",), caption)], NOTES)]
-    named_as = {"calibration": "magnetometer", "event": event, "settings": settings, "heading": "Magnetometer"}
-    return named_parameters.report(
-        named, **named_as, verdict="Magnetometer against the reference field", facts=facts, sections=sections
-    )
+    return facts, [Section("Field", (), [Figure(draw_field, ("estimate",), caption)], NOTES)]
 
 
 def draw_field(found):
@@ -64,3 +52,8 @@ def draw_field(found):
     panels[1, 0].set(ylabel="residual, nT", xlabel="minutes")
     legend(figure, panels[0, 0], 4)
     return figure
+
+
+PAGE = Page(
+    "magnetometer", "Magnetometer", "Magnetometer against the reference field", ("estimate", "align", "checks"), content
+)

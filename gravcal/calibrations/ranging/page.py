@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.report import named_parameters
 from gravcal.report.figures import COLOURS, grid, legend, thinned
+from gravcal.report.named_parameters import Page
 from gravcal.report.pages import Figure, Section
 
 NOTES = (
@@ -17,36 +17,19 @@ NOTES = (
 )
 
 
-def report(*products, event, settings):
-    """Report product of one event and its files.
-
-    Parameters
-    ----------
-    products : Dataset, "estimate", "align", "checks"
-    event : str
-    settings : mapping of all parameters
-    """
-    named = dict(zip(("estimate", "align", "checks"), products, strict=True))
-    found, line = named["estimate"], -named["align"]["column"].values.reshape(-1, 2, 3)
+def content(products):
+    """Facts of the record, and what follows the result."""
+    found, line = products["estimate"], -products["align"]["column"].values.reshape(-1, 2, 3)
     angles = np.stack([np.arctan2(-line[..., 2], line[..., 0]), np.arctan2(line[..., 1], line[..., 0])], axis=-1)
     facts = {
-        "satellites": named["align"].attrs["satellites"],
+        "satellites": products["align"].attrs["satellites"],
         "minutes": int(found.sizes["time"]),
         "rms_of_blocks_mm": 1e3 * float(np.sqrt(np.mean(found["residual"].values ** 2))),
         "rms_of_phase_centres_um": 1e6 * float(np.sqrt(np.mean(found["fitted"].values ** 2))),
         "pointing_scatter_mrad": (1e3 * angles.std(axis=0)).ravel().tolist(),
     }
     caption = "Range minus orbit without bias and slow orbit error, and what the phase centres make of it."
-    return named_parameters.report(
-        named,
-        calibration="ranging",
-        event=event,
-        settings=settings,
-        heading="Routine pointing",
-        verdict="Centre of mass to phase centre by routine pointing",
-        facts=facts,
-        sections=[Section("Range", (), [Figure(draw_range, ("estimate",), caption)], NOTES)],
-    )
+    return facts, [Section("Range", (), [Figure(draw_range, ("estimate",), caption)], NOTES)]
 
 
 def draw_range(found):
@@ -65,3 +48,12 @@ def draw_range(found):
     panels[1, 0].set_xlabel("hours of the record")
     legend(figure, panels, 2)
     return figure
+
+
+PAGE = Page(
+    "ranging",
+    "Routine pointing",
+    "Centre of mass to phase centre by routine pointing",
+    ("estimate", "align", "checks"),
+    content,
+)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.report import named_parameters
 from gravcal.report.figures import COLOURS, grid
+from gravcal.report.named_parameters import Page
 from gravcal.report.pages import Figure, Section
 
 NOTES = (
@@ -21,33 +21,22 @@ WRONG = (
 )
 
 
-def report(*products, event, settings):
-    """Report product of one event and its files.
-
-    Parameters
-    ----------
-    products : Dataset, "estimate", "noise", "align", "checks"
-    event : str
-    settings : mapping of all parameters
-    """
-    named = dict(zip(("estimate", "noise", "align", "checks"), products, strict=True))
-    found = named["estimate"]
+def content(products):
+    """Facts of the record, and what follows the result."""
+    found = products["estimate"]
     facts = {
         "firings": int(found["firings"]),
         "chi_square_gained_by_firings": float(found["gain"]),
         "inflation": float(found["inflation"]),
-        "quiet_epochs": int(named["noise"]["samples"]),
-        "cameras": [int(head) for head in np.unique(named["align"]["head"].values)],
-        "seconds": float(np.ptp(named["align"]["time"].values)),
+        "quiet_epochs": int(products["noise"]["samples"]),
+        "cameras": [int(head) for head in np.unique(products["align"]["head"].values)],
+        "seconds": float(np.ptp(products["align"]["time"].values)),
     }
     caption = "Chi-square that firings gain at wrong times, three parameters each; the dashed line is their mean."
-    sections = [
+    return facts, [
         Section("What is estimated", notes=NOTES),
         Section("Errors", (), [Figure(draw_wrong_times, ("estimate",), caption)], WRONG),
     ]
-    heading, verdict = "Attitude thrusters", "Gain of the impulses and delay of the tags"
-    named_as = {"calibration": "thrusters", "event": event, "settings": settings, "heading": heading}
-    return named_parameters.report(named, **named_as, verdict=verdict, facts=facts, sections=sections)
 
 
 def draw_wrong_times(found):
@@ -63,3 +52,12 @@ def draw_wrong_times(found):
     panel.axhline(gained.mean(), color=COLOURS["vermilion"], linestyle="--")
     panel.set(xlabel="shift of all firings, s", ylabel="chi-square gained", ylim=(0, None))
     return figure
+
+
+PAGE = Page(
+    "thrusters",
+    "Attitude thrusters",
+    "Gain of the impulses and delay of the tags",
+    ("estimate", "noise", "align", "checks"),
+    content,
+)
