@@ -46,26 +46,11 @@ def _limits(given):
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=1, also=["{observations}"])
-def limits(
-    found,
-    first,
-    *products,
-    calibration,  # noqa: ARG001 - it names the product
-    observations,
-    names,
-    again,
-    discovery_level,
-    tie_chi2,
-    round_limit,
-    segment_s,
-    discovery_seed,
-    settings,
-):
+def limits(found, first, *products, calibration, observations, names, again, settings, **limits):  # noqa: ARG001
     """What was found, with the sizes from which each effect of the catalogue would have been named in this event."""
-    chosen = driver.Limits(discovery_level, tie_chi2, round_limit, segment_s, discovery_seed)
     observed = _observed(products, observations, names, settings)
     say = lambda text: sys.stderr.write(f"{text}\n")  # noqa: E731
-    return driver.with_limits(found, observed, chosen, _model(first) if again else (), say)
+    return driver.with_limits(found, observed, _limits(limits), _model(first) if again else (), say)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
