@@ -176,7 +176,7 @@ class Calibration:
         effects : {"slug.parameter": value}
         settings : {parameter of the simulation: text or value}
         """
-        from gravcal.simulation.injection import by_slug
+        from gravcal.simulation import by_slug
 
         origin.check_own(out)
         chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})

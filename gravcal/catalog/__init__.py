@@ -10,16 +10,18 @@ from gravcal.catalog.files import names
 from gravcal.catalog.missions import (
     Event,
     Manoeuvre,
+    Published,
     Satellite,
     event,
     event_origin,
     event_text,
     events,
+    published,
     satellite,
     save_event,
+    trims,
 )
 from gravcal.catalog.parameter_table import Parameters, parameters
-from gravcal.catalog.published_values import Published, published, trims
 
 __all__ = [
     "Event",

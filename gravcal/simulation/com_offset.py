@@ -9,8 +9,8 @@ import numpy as np
 
 from gravcal.effects import effect
 from gravcal.physics import constants, dynamics, earth, frames, gravity
+from gravcal.simulation import added as contributed
 from gravcal.simulation import flight, sensors
-from gravcal.simulation.injection import added as contributed
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
 AREAS = {

@@ -16,7 +16,7 @@ from gravcal.effects import Context
 from gravcal.effects.gradient import EFFECTS
 from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, magnetic, sensing
 from gravcal.physics.constants import EARTH_RADIUS
-from gravcal.simulation import flight, injection
+from gravcal.simulation import added, flight, within
 
 AHEAD = 4000  # s, filters run in before the record starts
 KNOWN = (
@@ -50,11 +50,11 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
     time = day + chosen.step_s * np.arange(int(chosen.duration_s / chosen.step_s))
     drag = nongravitational(time) if nongravitational else _invented_drag(time, chosen, rng)
     body = _body(satellite, chosen, rng)
-    effects = injection.within(effects or {}, KNOWN)
+    effects = within(effects or {}, KNOWN)
     motion = _motion(time, chosen, body, effects, _true_field(field, chosen, rng), drag, rng)
     linear, angular = _readings(motion, body, drag, effects)
     noise = _noise(satellite, chosen, linear.shape, rng)
-    turned = injection.added(effects, "pointing_b", Context(time))
+    turned = added(effects, "pointing_b", Context(time))
     tracker = frames.from_rotation_vector(noise["angle"] + turned)
     columns = {
         "time": time,
@@ -152,11 +152,11 @@ def _motion(time, chosen, body, effects, field, drag, rng):
     disturbance = np.stack([coloured(time, chosen.torque_corner_hz, rng) for _ in range(3)], axis=1)
     pushed = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
     external = chosen.torque_n_m * disturbance + body["mass"] * np.cross(body["pressure"], drag)
-    external = external + injection.added(effects, "torque_b", pushed)
+    external = external + added(effects, "torque_b", pushed)
     if "torque.residual_dipole" in effects:
         field_i = np.matvec(np.swapaxes(R_ei, -1, -2), magnetic.field_e(time, np.matvec(R_ei, state[inner, :3]), 14))
         field_b = np.matvec(frames.R_bi_from_quaternion(nominal[inner]), field_i)
-        external = external + np.cross(injection.added(effects, "dipole_b", pushed), field_b)
+        external = external + np.cross(added(effects, "dipole_b", pushed), field_b)
     J, W = body["inertia"], 2 * np.pi * chosen.control_hz
     angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
     for _ in range(PASSES):
@@ -199,8 +199,8 @@ def _readings(motion, body, drag, effects):
         R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(R_ei, -1, -2)
         both = gravity_field.tesseral_gradient_e(np.matvec(R_ei, motion.state_i[:, :3]))
         context.extra["tesseral_b"] = np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
-    linear = linear - injection.added(effects, "linear_each_b", context)
-    return linear, angular - injection.added(effects, "angular_each_b", context)
+    linear = linear - added(effects, "linear_each_b", context)
+    return linear, angular - added(effects, "angular_each_b", context)
 
 
 def _noise(satellite, chosen, shape, rng):

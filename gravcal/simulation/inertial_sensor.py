@@ -18,7 +18,7 @@ from gravcal.effects import Context
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.physics import dynamics, frames, gravity, sensing
 from gravcal.physics.constants import DAY, EARTH_RADIUS, GM
-from gravcal.simulation import flight, injection
+from gravcal.simulation import added, flight, within
 
 STEP_SENSOR, STEP_TRACKER, STEP_ORBIT = 0.1, 0.25, 1.0  # s, formats.md section 6
 FINE = 0.05  # s, every epoch of sensor and tracker is a multiple
@@ -55,7 +55,7 @@ class Hidden:
 
     def added(self, channel: str, time: np.ndarray) -> np.ndarray:
         """What they add to a channel that looks at nothing but time."""
-        return injection.added(self.effects, channel, Context(time, epoch=self.epoch))
+        return added(self.effects, channel, Context(time, epoch=self.epoch))
 
 
 NOTHING = Hidden()
@@ -81,7 +81,7 @@ def simulate(
 
     They are made when they are asked for, one day or less at a time, none across midnight; effects are of KNOWN.
     """
-    hidden = Hidden(injection.within(effects or {}, KNOWN), day)
+    hidden = Hidden(within(effects or {}, KNOWN), day)
     first, second = np.random.SeedSequence(seed).spawn(2)
     rng = np.random.default_rng(first)
     truth = draw(satellite, chosen, rng)
@@ -244,9 +244,9 @@ def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tup
     combined = (linear_b - truth.bias) / truth.k, (angular_b - truth.angular_bias) / truth.beta
     extra = {"volts": electrodes.volts(np.hstack(combined)), "displacement_b": -linear_b / electrodes.LOOP**2}
     context = Context(time, linear_b=linear_b, angular_b=angular_b, epoch=hidden.epoch, extra=extra)
-    linear = linear_b + injection.added(hidden.effects, "linear_b", context)
-    angular = angular_b + injection.added(hidden.effects, "angular_b", context)
-    recorded = electrodes.readouts(injection.added(hidden.effects, "electrode_v", context) + np.zeros((time.size, 6)))
+    linear = linear_b + added(hidden.effects, "linear_b", context)
+    angular = angular_b + added(hidden.effects, "angular_b", context)
+    recorded = electrodes.readouts(added(hidden.effects, "electrode_v", context) + np.zeros((time.size, 6)))
     return linear + truth.k * recorded[:, :3], angular + truth.beta * recorded[:, 3:]
 
 

@@ -13,8 +13,7 @@ from gravcal.effects import Context
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, frames, orbit_environment
-from gravcal.simulation import flight, sensors
-from gravcal.simulation.injection import added
+from gravcal.simulation import added, flight, sensors
 
 BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
 EDGE = 70.0  # s flown before and after the day, for the filters

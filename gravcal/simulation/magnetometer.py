@@ -11,8 +11,7 @@ from scipy.signal import lfilter
 from gravcal.effects import Context, effect
 from gravcal.effects.base import symmetric
 from gravcal.physics import earth, frames, magnetic, orbit_environment
-from gravcal.simulation import flight, sensors
-from gravcal.simulation.injection import within
+from gravcal.simulation import flight, sensors, within
 
 #: Effects that the instrument has, each parameter drawn about nought with its plausible size times a scatter.
 EFFECTS = (

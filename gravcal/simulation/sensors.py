@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from gravcal.effects import Context, effect
 from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, earth, frames, gravity, orbit_environment
-from gravcal.simulation.injection import added
+from gravcal.simulation import added
 
 QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")

@@ -8,8 +8,7 @@ import numpy as np
 
 from gravcal.effects import Context, effect
 from gravcal.physics import frames
-from gravcal.simulation import flight, sensors
-from gravcal.simulation.injection import added, within
+from gravcal.simulation import added, flight, sensors, within
 
 #: Effects that can be hidden in such a day.
 EFFECTS = (

@@ -153,7 +153,7 @@ def test_a_day_without_manoeuvre_flies_too():
 def test_an_unknown_effect_or_parameter_is_refused():
     """Contract: a typing error does not give clean data."""
     from gravcal.errors import CatalogError
-    from gravcal.simulation.injection import by_slug
+    from gravcal.simulation import by_slug
 
     for wrong in ({"torque.dipole_gian.rod_x": 0.1}, {"torque.dipole_gain.rod_q": 0.1}, {"dipole_gain": 1.0}):
         with pytest.raises(CatalogError):

@@ -8,8 +8,8 @@ import xarray as xr
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import estimate, gradient
 from gravcal.io import icgem, sgrs_files
+from gravcal.simulation import by_slug
 from gravcal.simulation import gradient_torque as simulation
-from gravcal.simulation.injection import by_slug
 
 SATELLITE = catalog.satellite("S").settings()
 FIELD = icgem.read_field(icgem.shipped(), 20)

@@ -11,8 +11,8 @@ from gravcal.calibrations.gradient_torque.attitude import orbit_frame
 from gravcal.errors import CatalogError
 from gravcal.physics import frames, kinematics
 from gravcal.physics.dynamics import gravity_gradient_torque
+from gravcal.simulation import by_slug
 from gravcal.simulation import gradient_torque as simulation
-from gravcal.simulation.injection import by_slug
 
 HALF_HOUR = {"duration_s": 1800, "step_s": 2}
 

@@ -8,8 +8,8 @@ from gravcal import catalog
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import CatalogError
 from gravcal.physics import frames
+from gravcal.simulation import by_slug
 from gravcal.simulation import inertial_sensor as simulation
-from gravcal.simulation.injection import by_slug
 
 SETTINGS = {"manoeuvre": "swing", "quiet_s": 60.0, "swing_s": 60.0}
 START = 706104000.0
