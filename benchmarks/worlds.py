@@ -385,6 +385,7 @@ def truth_of(kind: str, truth: dict) -> dict[str, float]:
         return {f"centre_of_pressure_{axis}": 1e3 * value for axis, value in zip("xyz", kept["cp"], strict=True)}
     vectors = {"offset": kept["p_um"], "bias": [1e9 * b for b in kept["bias"]]}  # nm s-2
     found = {f"{name}_{axis}": v for name, vector in vectors.items() for axis, v in zip("xyz", vector, strict=True)}
+    found["k_y"] = 1e6 * kept["k"][1]  # 1e-6 m s-2 V-1
     return found | {"beta_x": 1e6 * kept["beta"][0], "beta_yz": 1e6 * kept["beta"][1]}  # 1e-6 rad s-2 V-1
 
 

@@ -21,6 +21,7 @@ REPORTED = {
     "offset": (1e6, "um"),
     "bias": (1e9, "nm s-2"),
     "constant": (1e9, "nm s-2"),
+    "k": (1e6, "1e-6 m s-2 V-1"),
 }
 #: Channels with a reading; what is left of an attitude wanders with the integrated noise of the voltages.
 READABLE = ("linear", observed_roll.CHANNEL)
@@ -90,7 +91,14 @@ class InertialSensor(Observations):
         """Blocks of both; parameters first among the global columns, then those of the swing that are not reported."""
         swung = self.swing.blocks(self.parameters) if self.swing else []
         width = swung[0].global_columns.shape[1] if swung else len(self.parameters)
-        return swung + (self.roll.blocks(self.parameters, width, alone=not swung) if self.roll else [])
+        rolled = self.roll.blocks(self.parameters, width, alone=not swung) if self.roll else []
+        return swung + rolled + ([self._known(width, swung[0].time[:1])] if swung else [])
+
+    def _known(self, width, time):
+        """What is known of k_y beforehand."""
+        column, nothing = np.zeros((1, width)), np.zeros((1, 0))
+        column[0, self.parameters.index("k_y")] = 1 / self.swing.k_y_sigma
+        return Block("known beforehand", np.zeros(1), column, nothing, np.array(["prior"]), np.ones(1, dtype=int), time)
 
     @property
     def counts(self) -> tuple[int, int]:

@@ -131,8 +131,9 @@ class RollView:
         left = self.reading - np.matvec(self.tensor, self.start[3:]) + self.start[:3]
         shared = [np.broadcast_to(-np.eye(3), (count, size, 3, 3)), self.tensor]
         if self.beta is not None:  # k, and with it the reading, is proportional to them
-            shared.append(-self.steady[..., None] * np.array([[0, 1], [0, 0], [1, 0]]) / self.beta)
-            places += [parameters.index(name) for name in ("beta_x", "beta_yz")]
+            factors = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]) / np.append(self.beta, self.k[1])
+            shared.append(-self.steady[..., None] * factors)
+            places += [parameters.index(name) for name in ("beta_x", "beta_yz", "k_y")]
         shared = np.concatenate(shared, axis=3)
         whitened = self.rows(np.concatenate([left[..., None], shared], axis=3))
         channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)

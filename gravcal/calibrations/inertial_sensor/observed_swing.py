@@ -54,11 +54,12 @@ class SwingView:
     k: np.ndarray  # (3,) m s-2 V-1
     tensor: np.ndarray  # (b, 3, 3) s-2, of the offset
     good: np.ndarray  # (b,) bins of the linear readings
-    start: np.ndarray  # (6,) rad s-2 V-1, s, m, the solution
+    start: np.ndarray  # (7,) rad s-2 V-1, s, m, m s-2 V-1: the solution, k_y of the ground
+    k_y_sigma: float  # m s-2 V-1, of the ground
     quiet: float  # samples an axis that the noise was measured from
 
     channels = ("attitude", "linear")
-    parameters = ("beta_x", "beta_yz", "delay", "offset_x", "offset_y", "offset_z")
+    parameters = ("beta_x", "beta_yz", "delay", "offset_x", "offset_y", "offset_z", "k_y")
 
     def rows_of(self, channel: str) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         """Time s and axis of the rows of a channel, and the places of those in even and in odd stretches of time."""
@@ -96,8 +97,9 @@ class SwingView:
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
         drift = np.einsum("nk,ac->nakc", record.trend, np.eye(3)).reshape(record.time.size, 3, -1)
-        left = self.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, self.start[3:])
-        linear = np.concatenate([left[:, :, None], tensor, drift], axis=2)
+        left = self.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, self.start[3:6])
+        term = np.matvec(tensor, self.start[3:6]) * [0, -1 / self.k[1], 0]  # a_x tells p_z, then a_y the factor of a_y
+        linear = np.concatenate([left[:, :, None], tensor, term[:, :, None], drift], axis=2)
         both = {
             "attitude": solve_triangular(system.lower, attitude, lower=True),
             "linear": self.linear_rows(np.where(self.good[:, None, None], linear, 0.0)),
@@ -132,7 +134,7 @@ class SwingView:
         of the model, drift and offset. Beside the record it is as at its ends.
         """
         record = self.record
-        term = np.matvec(np.nan_to_num(self.tensor), self.start[3:])
+        term = np.matvec(np.nan_to_num(self.tensor), self.start[3:6])
         slow = (self.k * record.linear_volt - term)[self.good]
         linear = term + record.trend @ np.linalg.lstsq(record.trend[self.good], slow, rcond=None)[0]
         known = {"rate_b": record.rate_b, "rate_dot_b": record.rate_dot_b, "gradient_b": record.gradient_b}
@@ -189,7 +191,7 @@ class SwingView:
 
     def _of_angular(self, coarse, fine):
         """Whitened rows of what angular readings hold (n, 3, q) rad s-2; the offset makes a linear reading of it."""
-        moved = np.moveaxis(np.cross(np.moveaxis(coarse, 2, 1), self.start[3:]), 1, 2)
+        moved = np.moveaxis(np.cross(np.moveaxis(coarse, 2, 1), self.start[3:6]), 1, 2)
         return {"attitude": -self.turned_rows(fine), "linear": -self.linear_rows(moved)}
 
     def steps(self, epochs: np.ndarray) -> list[Candidate]:
@@ -226,7 +228,7 @@ class SwingView:
         """Time s, linear reading (b, 3) m s-2 that the offset predicts, rows (3 b, q) in its unit (q, b, 3)."""
         parts = rows.reshape(3, self.record.time.size, -1)
         columns = [self.k[a] * noise.unwhiten(self.record.noise[a], parts[a], self.good) for a in range(3)]
-        model = np.matvec(np.nan_to_num(self.tensor), self.start[3:])
+        model = np.matvec(np.nan_to_num(self.tensor), self.start[3:6])
         return self.record.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
@@ -294,6 +296,7 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
     record = replace(record, rate_dot_b=rate_dot, noise=offset.noise_models(pieces, order, bin_s))
     tensor = sensing.offset_tensor(record.rate_b, rate_dot, record.gradient_b)
     place = np.nan_to_num(products["offset"]["offset"].values[0])
+    k = scaled["k"].values[int(scaled["chosen_arm"])]
     return SwingView(
         aligned,
         swing,
@@ -301,10 +304,11 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
         fitted.unknowns,
         fits.linear_system(swing, fitted.unknowns, fitted.motion, maps),
         record,
-        k=scaled["k"].values[int(scaled["chosen_arm"])],
+        k=k,
         tensor=tensor,
         good=np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(tensor).all(axis=(1, 2)),
-        start=np.concatenate([fitted.unknowns.factors, [fitted.unknowns.delay], place]),
+        start=np.concatenate([fitted.unknowns.factors, [fitted.unknowns.delay], place, k[1:2]]),
+        k_y_sigma=float(scaled["k_sigma"].values[0, 1]),
         quiet=float(sum(len(b) for b in pieces)),
     )
 

@@ -24,8 +24,8 @@ OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")
 ADOPTED = "smallest total error: least sum of the squares of sigma_total of the three axes"
 CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of the paper
 REASONS = {
-    "k_y": "no angular factor is tied to it: the value in use is that of the ground. A swing shows its error (a_x "
-    "gives p_z, then a_y = -w_x' p_z), which a discovery looks for as accelerometer.scale along y",
+    "k_y": "no angular factor is tied to it: the value in use is that of the ground. A discovery estimates it "
+    "beside the ground value (a_x of a swing gives p_z, then a_y = -w_x' p_z), and reports it as k_y",
     "beta_z": "tied to beta_y: same electrodes, arm and inertia",
     "bias_y": "rolling about y leaves its direction cosines constant: b_y and the constant acceleration of the "
     "satellite along y, solar pressure above all, are one sum (constant_y)",

@@ -86,12 +86,25 @@ def test_nothing_is_named_in_clean_data(rng, tmp_path, manoeuvre):
     assert document["findings"] == [], seed
     assert document["p_before"] > 1e-4, seed
     unobservable = {one["cause"] for one in document["indistinguishable_from_calibration"]}
-    assert {"accelerometer.scale", "inertial_sensor.quadratic"} <= {one["cause"] for one in document["tried"]}
+    looked_at = unobservable | {one["cause"] for one in document["tried"]}
+    assert {"accelerometer.scale", "inertial_sensor.quadratic"} <= looked_at
     if manoeuvre == "swing":
         assert {"timing.accelerometer_delay", "timing.star_camera_delay", "accelerometer.angular_leak"} <= unobservable
     else:
         assert document["calibration_change"]["names"][:3] == ["bias_x", "constant_y", "bias_z"]
         assert "inertial_sensor.quadratic" in unobservable  # a constant voltage squared is a bias
+
+
+def test_a_factor_of_y_off_its_ground_value_is_estimated_and_blames_nothing(rng, tmp_path):
+    """Recovery: 20 % off, two sigma of the ground; nothing is named, k_y and the offset return within 5 sigma."""
+    options = ("--set", "k_y=3.24e-4", "--set", "discovery_level=0.0002")
+    _, document = discovered(tmp_path, int(rng.integers(1_000_000)), {}, *options)
+    assert document["findings"] == []
+    truth, change = json.loads((tmp_path / "truth.json").read_text()), document["calibration_change"]
+    true = dict(zip(("offset_x", "offset_y", "offset_z"), truth["com_to_test_mass_um"], strict=True))
+    true["k_y"] = 1e6 * truth["k"][1]
+    for name, value, sigma in zip(change["names"], change["after"], change["sigma_after"], strict=True):
+        assert abs(value - true.get(name, value)) < 5 * sigma
 
 
 @pytest.mark.parametrize(("manoeuvre", "slug"), HIDDEN)
