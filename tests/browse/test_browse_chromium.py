@@ -162,13 +162,6 @@ def test_every_kind_of_page_opens_without_complaint(site, path):
     assert complaints(browser) == []
 
 
-def test_the_time_line_draws_values_and_trims(site):
-    """Contract: values in the colour of their verdict, printed ones in blue."""
-    browser = site("/timeline/com_offset")
-    assert {"0,158,115", BLUE} <= colours(browser)
-    assert complaints(browser) == []
-
-
 def test_a_report_runs_no_script(site, shop):
     """Contract: the report is shown in a frame that runs nothing."""
     browser = site(f"/report/{shop['again']['report'].key}/report.html")

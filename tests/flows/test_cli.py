@@ -102,17 +102,6 @@ def test_an_unknown_setting_is_answered_with_a_suggestion(fakecal, capsys):
     assert "expected a" in capsys.readouterr().err
 
 
-def test_a_plan_says_what_a_setting_would_cost(fakecal, capsys):
-    """Contract: reuse, run and why; computes nothing."""
-    assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline") == 0
-    before = housekeeping.folders()
-    capsys.readouterr()
-    assert gravcal("plan", "fakecal", "--data", fakecal, "--set", "gain=3", "--json", "-") == 0
-    steps = json.loads(capsys.readouterr().out)
-    assert [(step["action"], step["reasons"]) for step in steps] == [("reuse", []), ("run", ["gain: 2.0 -> 3.0"])]
-    assert housekeeping.folders() == before
-
-
 def test_the_store_can_be_looked_at(fakecal, pipeline, capsys):
     """Contract: list, show, history, rebuild, verify, prune."""
     assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline") == 0

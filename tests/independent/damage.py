@@ -63,11 +63,6 @@ def put_nan(path, row=100, column=7):
     _field(path, row, column, lambda _: b"NaN")
 
 
-def put_text(path, row=100, column=7):
-    """Write a word where a number belongs."""
-    _field(path, row, column, lambda _: b"none")
-
-
 def stretch_quaternion(path, row=100, factor=1.01):
     """Make one SCA1B quaternion longer than one."""
     for column in (3, 4, 5, 6):
@@ -95,32 +90,15 @@ def wrong_satellite(path, letter="D", rows=None):
     _write(path, head, lines)
 
 
-def non_utf8(path, row=100):
-    """Put bytes that are not UTF-8 into one record."""
-    head, rows = _read(path)
-    rows[row] = rows[row][:20] + b"\xff\xfe\x80" + rows[row][23:]
-    _write(path, head, rows)
-
-
 def unknown_flag(path, row=100, flag=b"01110010"):
     """Set undefined bits of the quality flag in one record."""
     column = 4 if Path(path).name.startswith("ACC1A") else -1
     _field(path, row, column, lambda _: flag)
 
 
-def unknown_content(path, row=100, flag=b"11100100000000000000000000111111"):
-    """Set undefined bits of prod_flag in one ACC1A record (no such fields follow)."""
-    _field(path, row, 5, lambda _: flag)
-
-
 def no_records(path):
     """Leave the header only."""
     _write(path, _read(path)[0], [])
-
-
-def empty(path):
-    """Leave a file of no bytes."""
-    Path(path).write_bytes(b"")
 
 
 def missing(path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from . import EFFECTS, catalogue, damage, make_event
+from . import EFFECTS, catalogue, make_event
 from .rows import EXACT, SHORT, table
 
 
@@ -66,51 +66,3 @@ def test_a_wrong_effect_or_setting_is_refused(tmp_path):
             catalogue.parse(wrong)
     with pytest.raises(TypeError):
         make_event(tmp_path, 1, noise=0.0)
-
-
-FAULTS = {
-    "truncate_mid_line": "ACC1A",
-    "duplicate_rows": "ACC1A",
-    "conflicting_rows": "ACC1A",
-    "shuffle_rows": "MAG1B",
-    "put_nan": "ACC1A",
-    "put_text": "GNV1B",
-    "stretch_quaternion": "SCA1B",
-    "flip_quaternions": "SCA1B",
-    "wrong_satellite": "ACC1A",
-    "non_utf8": "ACC1A",
-    "unknown_flag": "ACC1A",
-    "unknown_content": "ACC1A",
-    "no_records": "SCA1B",
-    "empty": "TIM1B",
-    "shift_day": "MAG1B",
-}
-
-
-@pytest.mark.parametrize("name", sorted(FAULTS))
-def test_a_fault_changes_the_file(tmp_path, event, name):
-    """Contract: each fault changes the bytes, and a shuffle or flip loses nothing."""
-    source = Path(event["files"][FAULTS[name]])
-    path = tmp_path / source.name
-    path.write_bytes(source.read_bytes())
-    getattr(damage, name)(path)
-    old, new = source.read_bytes(), path.read_bytes()
-    assert old != new
-    if name == "shuffle_rows":
-        assert sorted(old.splitlines()) == sorted(new.splitlines())
-    if name == "flip_quaternions":
-        a, b = (table({"files": {"SCA1B": p}}, "SCA1B")[:, 3:7] for p in (source, path))
-        assert_allclose(np.abs(np.sum(a * b, axis=1)), 1, atol=1e-14)
-
-
-def test_a_gap_and_a_missing_file(tmp_path, event):
-    """Contract: a gap holds no record, a missing file is gone."""
-    source = Path(event["files"]["ACC1A"])
-    path = tmp_path / source.name
-    path.write_bytes(source.read_bytes())
-    start = int(event["manoeuvres"][0]["start"]) + 60
-    damage.drop_seconds(path, start, start + 10)
-    seconds = table({"files": {"ACC1A": path}}, "ACC1A")[:, 0]
-    assert not np.any((seconds >= start) & (seconds < start + 10))
-    damage.missing(path)
-    assert not path.exists()

@@ -128,22 +128,15 @@ def _no_credentials(monkeypatch, tmp_path):
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
 
 
-@pytest.fixture
-def server():
-    """Return an archive that has one day."""
+def archive():
+    """An archive that has one day; at its end it closes."""
     one = Server()
     one.put(ONE, IMAGE)
     yield one
     one.close()
 
 
-@pytest.fixture
-def other():
-    """Return a second server, on another port."""
-    one = Server()
-    one.put(ONE, IMAGE)
-    yield one
-    one.close()
+server, other = pytest.fixture(archive, name="server"), pytest.fixture(archive, name="other")
 
 
 def get(server, folder, archive=ONE, patience=SOON):
