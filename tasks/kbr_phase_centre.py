@@ -52,7 +52,7 @@ def noise(equations, **settings):
     return noise_science.noise(equations, **settings)
 
 
-@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=2)
+@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=3)
 def solve(equations, measured, *, variant, **settings):
     """Phase centres from one observable."""
     return solve_science.solve(equations, measured, variant=variant, **settings)

@@ -19,6 +19,10 @@ BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bri
 EDGE = 70.0  # s flown before and after the day, for the filters
 
 
+#: Settings that are as on 2014-01-15, GRACE RL02.
+MEASURED = {"orbit_red_m": 3.5e-3, "orbit_red_slope": 2.2, "star_camera_white_rad": 2.5e-4}
+
+
 @dataclass(frozen=True)
 class Wiggle:
     """One sub-manoeuvre: the satellite (0 or 1), the axis (0 pitch, 1 yaw), the sign of its offset and its start."""
@@ -48,6 +52,8 @@ class Pair:
 
 def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
     """Level-1 columns by (product, letter), the ranging of "Y", and the truth; arguments as of `gravcal.simulation`."""
+    if "noise" in chosen.entries and chosen.noise == "measured":
+        chosen = chosen.with_settings(MEASURED)
     rng = np.random.default_rng(seed)
     pair = draw_pair(chosen, day, rng)
     scatter = chosen.phase_centre_scatter_mm * rng.standard_normal((2, 3))
@@ -176,11 +182,11 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> di
         centre_i.append(np.einsum("nji,nj->ni", R_bi, np.matvec(np.swapaxes(turn, 1, 2), centre[k])))
         lines.append(np.matvec(turn, np.matvec(R_bi, (1, -1)[k] * u / com[:, None])))
     rate, line, position = np.gradient(com, step), np.stack(lines, axis=1), states[0][:, :3]
-    every = max(time.size // 8640, 1)
+    every, distance = max(time.size // 8640, 1), np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1)
     seen = {
         "angle": np.stack([pointing(time)[:, 1:] for pointing in pair.pointing], axis=1),
         "range": com,
-        "range_rate": rate,
+        "range_rate": np.gradient(distance, step),
         "line_of_sight_b": line,
         "antenna_x": centre[:, 0],
         "antenna_correction": np.einsum("nka,ka->n", line, centre),
@@ -192,7 +198,7 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> di
     noise = chosen.ranging_noise_m * np.sqrt(0.5 / step) * rng.standard_normal(time.size)
     if chosen.ranging_corner_hz > 0:  # a part that rises towards low frequencies
         noise += coloured(lambda f: chosen.ranging_noise_m**2 * chosen.ranging_corner_hz / f, time.size, step, rng)
-    phase = np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1) + added(effects, "range", context) - light + noise
+    phase = distance + added(effects, "range", context) - light + noise
     at = pair.day + np.arange(0, constants.DAY, chosen.ranging_step_s)
     breaks = np.sort(rng.uniform(pair.day, pair.day + constants.DAY, chosen.phase_breaks))
     bias = -float(np.round(com[0])) + np.cumsum(np.append(rng.normal(), rng.normal(scale=0.05, size=breaks.size)))

@@ -237,15 +237,13 @@ def test_a_file_that_cannot_be_checked_is_an_error(tmp_path, monkeypatch):
 
 def test_a_stretch_of_hours_is_refused():
     """Robustness: with the orbits of both satellites exchanged a wiggle lasted the day, and its covariance had 5 GB."""
-    from types import SimpleNamespace
-
     import xarray as xr
 
     from gravcal.calibrations.kbr_phase_centre import solve
 
     count = solve.LONGEST + 1
-    values = {"time_kbr": 5.0 * np.arange(count), "segment": np.zeros(count), "lever": np.zeros((count, 4))}
-    equations = {name: SimpleNamespace(values=one) for name, one in values.items()}
+    values = {name: ("time_kbr", np.zeros(count)) for name in ("arc", "segment", "lever")}
+    equations = xr.Dataset(values | {"start": ("manoeuvre", [0.0])}, coords={"time_kbr": 5.0 * np.arange(count)})
     measured = xr.Dataset(attrs={"step_s": 5.0})
     with pytest.raises(GravcalError, match="4001 observations in one stretch"):
-        solve.arcs(equations, measured, [np.arange(count)], 0, 5)
+        solve.arcs(equations, measured, 0, 5, 0.012)

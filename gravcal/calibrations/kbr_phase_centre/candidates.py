@@ -84,7 +84,7 @@ def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Co
         "warmth": orbit_environment.warmth(time, orbit, position),
         "angle": np.moveaxis(pointed["angle"].values, 0, 1),
         "range": distance,
-        "range_rate": np.gradient(distance, time),
+        "range_rate": np.gradient(distance - np.einsum("nka,ka->n", np.nan_to_num(line), nominal), time),
         "line_of_sight_b": line,
         "antenna_x": nominal[:, 0],
         "antenna_correction": np.einsum("nka,ka->n", line, nominal),
@@ -152,7 +152,7 @@ def _of_attitude(entry: Effect, context, turning_b, centre, those):
 
 
 def drivers(context: Context, starts: Sequence[float]) -> list[Signal]:
-    """Regressors for effects that are in no list.
+    """Regressors for effects that are in no list; a rate times its angle is a late star camera.
 
     Parameters
     ----------
@@ -166,7 +166,6 @@ def drivers(context: Context, starts: Sequence[float]) -> list[Signal]:
     signals += _each("pointing", "size", np.abs(angle))
     signals += _each("pointing_rate", "itself", rate) + _each("pointing_rate", "square", rate**2)
     signals += _each("pointing_rate", "size", np.abs(rate))
-    signals += _each("pointing_rate", "product with the angle", rate * angle)
     for lag in LAGS_S:
         signals += _each("pointing", f"lag {lag:g} s", _lagged(angle, lag))
     for i, first in enumerate(PLACES):

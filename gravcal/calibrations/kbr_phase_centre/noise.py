@@ -29,6 +29,7 @@ CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz, of star camera noise; the las
 BINS = 4096  # frequencies between zero and Nyquist
 FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the filter shapes the residual
 FLOOR_HZ = 5e-4  # below it derivatives of the noise are held, so that their covariance keeps an inverse
+STEEP = 4  # of the power above the frequencies of the motion
 RESTRICTED_STEPS = 4  # of the scoring
 BESIDE, DEPENDENT = 1e-4, 1e-2  # share of a candidate beside the baseline, and singular values of it, that count
 SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part
@@ -250,10 +251,17 @@ class Lags:
     derivative: int
 
 
-def lags(measured: xr.Dataset, derivative: int, count: int) -> Lags:
-    """Covariances of the noise of the range or a derivative (0, 1 or 2) of it, by so many lags."""
+def lags(measured: xr.Dataset, derivative: int, count: int, highest_hz: float = np.inf) -> Lags:
+    """Covariances of the noise of the range or a derivative (0, 1 or 2) of it, by so many lags.
+
+    Above `highest_hz`, where the lines of sight as measured are noise of the star cameras, no motion, the density is
+    raised steeply: columns with errors would else be weighted by them, and what is estimated comes out too small.
+    """
     step = float(measured.attrs["step_s"])
-    ranging = spectrum(measured).density(np.linspace(0, 0.5 / step, BINS + 1))
+    frequency = np.linspace(0, 0.5 / step, BINS + 1)
+    ranging = spectrum(measured).density(frequency)
+    above = frequency > highest_hz
+    ranging[above] = ranging[~above].min() * (frequency[above] / highest_hz) ** STEEP
     pointing = np.einsum("c,cim->im", measured["pointing_power"].values, shapes(step))
     return lags_of_densities(ranging, pointing, step, derivative, count)
 

@@ -79,7 +79,7 @@ def solve(
     if method == "published":
         parts, band = published_arcs(equations, derivative, published_trim_s), None
     else:
-        parts = arcs(equations, measured, of_manoeuvres(equations), derivative, orbit_degree)
+        parts = arcs(equations, measured, derivative, orbit_degree, band_hz[1])
         band = (*band_hz, float(measured.attrs["step_s"]))
     numbers = [int(equations["arc"].values[part.index[0]]) for part in parts]
     sign = equations["sign"].values[numbers] if numbers else np.zeros(0)
@@ -100,23 +100,22 @@ def solve(
     )
 
 
-def arcs(
-    equations: xr.Dataset, measured: xr.Dataset, indices: list[np.ndarray], derivative: int, degree: int
-) -> list[Arc]:
-    """All stretches of observations whose epochs outnumber the unknowns.
+def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: int, highest_hz: float) -> list[Arc]:
+    """All manoeuvres whose epochs outnumber the unknowns.
 
     Parameters
     ----------
     equations : Dataset, "kbr_phase_centre.observable"
     measured : Dataset, "kbr_phase_centre.noise"
-    indices : places of the observations of each stretch
     derivative : 0, 1 or 2
     degree : of the polynomial that takes up slow orbit errors of the range; lower by one for each derivative
+    highest_hz : Hz, up to which the satellites move
 
     Raises
     ------
     EstimationError : a stretch of more than `LONGEST` observations
     """
+    indices = of_manoeuvres(equations)
     largest = max((index.size for index in indices), default=0)
     if largest > LONGEST:
         raise EstimationError(
@@ -126,7 +125,7 @@ def arcs(
     step = float(measured.attrs["step_s"])
     time, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
     longest = max((float(time[index[-1]] - time[index[0]]) for index in indices if index.size), default=0.0)
-    lags = noise.lags(measured, derivative, int(longest / step) + 3)
+    lags = noise.lags(measured, derivative, int(longest / step) + 3, highest_hz)
     result = []
     for index in indices:
         slow = noise.slow_columns(time[index], segment[index], degree - derivative, derivative)
