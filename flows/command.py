@@ -116,15 +116,8 @@ def name_of(source):
     return getattr(source, "event", None)
 
 
-def check_engine(name):
-    """Raise unless this is the name of an engine."""
-    if name not in engine.ENGINES:
-        raise typer.BadParameter(f"--engine {name}: expected one of {', '.join(engine.ENGINES)}")
-
-
 def calibrate(calibration, source, chosen, engine_name, server=None):
     """Result document and report product of one event."""
-    check_engine(engine_name)
     one = record(calibration)
     with output.progress(one.flow.flow_name) as listener:
         ref = engine.run(one.flow, source, chosen, engine=engine_name, listener=listener, server=server)
@@ -135,7 +128,6 @@ def discover(calibration, source, chosen, engine_name, limits=False):
     """Result document of a discovery and its files; on request with the detection limits of the event."""
     from flows import discover as flow
 
-    check_engine(engine_name)
     if calibration not in (*flow.names(), *flow.STUDIES):
         names = ", ".join([*flow.names(), *flow.STUDIES])
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {names}")

@@ -264,10 +264,9 @@ def campaign(
     from flows import campaign
 
     chosen = command.chosen(calibration, settings, model, as_)
-    command.check_engine(engine)
     sources = campaign.sources(calibration, satellite, data)
     command.recorded(chosen)
-    how = campaign.Campaign(calibration, chosen, engine, scheduler, workers, again=only_failed)
+    how = campaign.Campaign(calibration, chosen, str(engine), scheduler, workers, again=only_failed)
     if only_failed:
         sources = campaign.failed_last(how, sources)
         if not sources and output.to_screen(json):

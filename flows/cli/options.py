@@ -5,6 +5,7 @@ What is wrong with them is said before anything runs.
 
 import contextlib
 import datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -66,11 +67,6 @@ def complete_effects(incomplete: str) -> list[str]:
     return _beginning(
         [f"{slug}.{p.name}=" for slug, e in sorted(catalogue().items()) for p in e.parameters], incomplete
     )
-
-
-def complete_engines(incomplete: str) -> list[str]:
-    """Engines of a run."""
-    return _beginning(ENGINES, incomplete)
 
 
 def _calibration_of(ctx):
@@ -136,9 +132,8 @@ AS = "name of the experiment that --set or --model make; alone: a recorded exper
 As = Annotated[str | None, typer.Option("--as", metavar="NAME", help=AS, autocompletion=complete_configurations)]
 Model = Annotated[Path | None, typer.Option("--model", metavar="FILE", help=MODEL)]
 Seed = Annotated[int, typer.Option("--seed", help="source of everything random")]
-Engine = Annotated[
-    str, typer.Option("--engine", metavar="prefect|inline", help=HISTORY, autocompletion=complete_engines)
-]
+EngineName = StrEnum("EngineName", ENGINES)
+Engine = Annotated[EngineName, typer.Option("--engine", help=HISTORY)]
 Effects = Annotated[
     list[str] | None,
     typer.Option("--effect", metavar="SLUG.PARAMETER=VALUE", autocompletion=complete_effects),
