@@ -24,7 +24,17 @@ from gravcal.discovery.scan import offered
 from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, epoch_of, slug_of
+from gravcal.estimation.records import (
+    Block,
+    Candidate,
+    Entry,
+    Fitted,
+    Observations,
+    Parameter,
+    entries,
+    epoch_of,
+    slug_of,
+)
 
 BIASED = 0.1  # of the error of a result, from which a bias is worth a word
 
@@ -143,17 +153,30 @@ def _rounds(observed, limits, model):
 def _searched(observed, limits, model):
     """Result of a search in the observations with the effects of a model added, and its numbers."""
     choice, result, waves = _rounds(observed, limits, model)
-    averaged = _reported(delivered(result, limits.level, observed.scale.size, observed.widest), observed)
+    averaged = _reported(delivered(result, choice, observed.scale.size, observed.widest), observed)
     count = observed.scale.size
     numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)
     for one in numbers["indistinguishable_from_calibration"]:
         one["bias"] = (observed.scale * np.array(one["bias"])).tolist()
     for position, finding in enumerate(numbers["findings"]):
         _described(finding, result, position, observed, waves)
+    numbers = _without_epochs(numbers)
+    change = numbers["calibration_change"]
+    taken = _without_model(result, observed, [one for one in numbers["findings"] if one["adopted"]])
+    change["correction"] = (np.array(change["after"]) - observed.scale * (observed.start + taken)).tolist()
     named = {slug_of(one.cause) for one in result.findings}
     rows = _beside(result.problem, observed, count)
     numbers["indistinguishable_from_calibration"] += [one for one in rows if one["cause"] not in named]
-    return result, _without_epochs(numbers)
+    return result, numbers
+
+
+def _without_model(result, observed, findings):
+    """Shared parameters (p,) from the rows less what a model of the findings takes out of the records."""
+    problem, columns = result.problem, baseline_of(result.problem, ())
+    effects = [observed.response(entry) for entry in entries(findings)]
+    added = [sum(rows) for rows in zip(*effects, strict=True)] or [np.zeros(b.observed.size) for b in problem.blocks]
+    right = sum(c.of(columns).T @ row for c, row in zip(problem.columns, added, strict=True))
+    return (result.shared[0] - inverse_of_baseline(problem, columns) @ right)[: observed.scale.size]
 
 
 def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, dict]:
@@ -194,7 +217,7 @@ def _reported(result, observed):
     scale, count = observed.scale, observed.scale.size
     cut = {n: tuple(scale * part[:count] for part in getattr(result, n)) for n in ("shared", "sigma")}
     both = tuple(np.outer(scale, scale) * part[:count, :count] for part in result.covariance)
-    return replace(result, **cut, covariance=both, correction=scale * result.correction[:count])
+    return replace(result, **cut, covariance=both)
 
 
 def _described(finding: dict, result: Result, position: int, observed, waves):

@@ -10,17 +10,18 @@ import numpy as np
 from gravcal.discovery import attribution, trials
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.problem import baseline_of, inverse_of
-from gravcal.discovery.rounds import Result
+from gravcal.discovery.rounds import Choice, Result
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import slug_of
 
 CLEAR = 5.0  # sigma from which a direction is believed against its prior
 UNLIKELY = 12.0  # less of twice the logarithm of the evidence than the best form: a weight of a quarter of a percent
 FAR = 1e-3  # probability of so large a move by the error that is then given, if the extended model is not adequate
+WIDE, SAME = 2.0, 1e-2  # error over that before, and probability of the move by it, beyond which the move says nothing
 SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause that was not named, over its prior
 
 
-def delivered(result: Result, level: float, count: int, widest: bool = False) -> Result:
+def delivered(result: Result, choice: Choice, count: int, widest: bool = False) -> Result:
     """Result whose calibration after the search is the one number that is delivered, with its whole error.
 
     The value is the mean over the causes that are tied and their forms, by their evidence with the priors of the
@@ -28,47 +29,50 @@ def delivered(result: Result, level: float, count: int, widest: bool = False) ->
     large as those that are seen, of all others at the price of their prior, one cause in the catalogue being there.
 
     An extension is adopted only if the extended model is adequate, or foretells manoeuvres left out and moves the
-    calibration no further than the error it is then given. What has no mechanism, such as lines, steps and drivers in
-    no list, may not move it by more than its error before. Where it does the value stays, and the move is in its error.
+    calibration no further than the error it is then given. What has no mechanism, such as lines and drivers in no
+    list, may not move it by more than its error before, and causes that are tied and disagree not within the error
+    that they leave. Where it is not adopted the value stays, and the move is in its error.
 
     Parameters
     ----------
     result : of `rounds.search`
-    level : family-wise; count : of the shared parameters that are reported, the first ones
+    choice : settings of the search; count : of the shared parameters that are reported, the first ones
     widest : True if the calibration is reported beside named causes with all their parameters: a cause is often named
         by one of them, and the others move the calibration too. Where the data do not determine them all, the cause
         stays as it was named
 
     Returns
     -------
-    result : with what is `adopted`, and with the `correction` from the fit beside it to the mean
+    result : with what is `adopted`
     """
     names, before = result.findings, result.shared[0]
-    sure = [one.cause.partition(":")[0] != "unknown" and not np.isfinite(one.at) for one in names]
+    tones = set(choice.tone_causes.values())
+    sure = [one.cause.partition(":")[0] != "unknown" and one.cause not in tones for one in names]
     adopted = [one.cause != trials.EXCESS for one in names]  # which no model takes out
-    fitted, value, covariance = _averaged(result, adopted, widest)
+    value, covariance = _averaged(result, adopted, widest)
     whole, least = (_averaged(result, used, widest) for used in ([True] * len(names), sure))
-    if np.any(np.abs(value - least[1])[:count] > result.sigma[0][:count]):
-        adopted, (fitted, value, covariance) = sure, least
+    if np.any(np.abs(value - least[0])[:count] > result.sigma[0][:count]):
+        adopted, (value, covariance) = sure, least
     kept = [one for one, known in zip(names, adopted, strict=True) if known]
     foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in kept)
     move = (value - before)[:count]
     chance = chi2_tail.log_tail(move @ inverse_of(covariance[:count, :count]) @ move, count)
-    if not (result.after.adequate(level) or (foretold and chance > np.log(FAR))):
-        adopted, kept, (fitted, value, covariance) = [False] * len(names), [], (before, before, result.covariance[0])
+    wide = np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
+    if wide or not (result.after.adequate(choice.level) or (foretold and chance > np.log(FAR))):
+        adopted, kept, value = [False] * len(names), [], before
     if not all(adopted):
-        covariance = covariance + np.outer(whole[1] - value, whole[1] - value)
-    if not names and result.before.p < level:
-        tried = {one.index for one in result.first if one.index >= 0}
-        covariance = covariance + _over_forms(result.problem, [], tried, (-1, fitted))[1]
+        covariance = covariance + np.outer(whole[0] - value, whole[0] - value)
+    if not names and result.before.p < choice.level:
+        tried = {one.index for one in result.first if one.index >= 0 and result.problem.candidates[one.index].prior}
+        covariance = covariance + _over_forms(result.problem, [], tried, (-1, value))[1]
     covariance = covariance + _unnamed(result, [one.index for one in kept], value.size)
     ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
     ends = {name: (getattr(result, name)[0], after) for name, after in ends.items()}
-    return replace(result, **ends, adopted=adopted, correction=value - fitted)
+    return replace(result, **ends, adopted=adopted)
 
 
 def _averaged(result, used, widest):
-    """Calibration (p,) beside some of the names, its mean over what may be there instead, and its covariance (p, p)."""
+    """Mean (p,) of the calibration over what may be there instead of some of the names, and its covariance (p, p)."""
     problem, width = result.problem, result.shared[1].size
     named = list(itertools.compress(_widest(result) if widest else [one.index for one in result.findings], used))
     fixed = baseline_of(problem, named)
@@ -80,7 +84,7 @@ def _averaged(result, used, widest):
         tried = _alternatives(problem, one, named[position], others)
         mean, spread = _over_forms(problem, others, tried, (named[position], fitted))
         value, covariance = value + mean, covariance + spread - np.outer(mean, mean)
-    return fitted, value, covariance
+    return value, covariance
 
 
 def _widest(result):

@@ -161,7 +161,6 @@ def _change(result, names, unit, scale, start):
         "sigma_after": (scale * new).tolist(),
         "variant": "joint fit",
         "covariance_of_findings": (scale**2 * (result.covariance[1] - result.covariance[0])).tolist(),
-        "correction": None if result.correction is None else (scale * result.correction).tolist(),
         "change": change.tolist(),
         "change_in_old_sigma": (change / np.where(old > 0, scale * old, np.inf)).tolist(),
     }

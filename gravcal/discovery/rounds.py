@@ -92,7 +92,6 @@ class Result:
     problem : Problem, with everything accepted; baseline : (p,) indices of columns of the extended model
     first : list of Trial of the first round, best first
     adopted : whether each finding is in the calibration that is delivered
-    correction : (p,) from the calibration beside what is adopted to the one that is delivered
     outliers : of `adequacy.without_outliers`, left out before the search
     """
 
@@ -108,7 +107,6 @@ class Result:
     baseline: np.ndarray
     first: list[trials.Trial]
     adopted: list[bool] = field(default_factory=list)
-    correction: np.ndarray | None = None
     outliers: list[dict] = field(default_factory=list)
 
 

@@ -1,5 +1,6 @@
 """The rounds on invented linear algebra: no satellite."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,13 +8,14 @@ import numpy as np
 import pytest
 
 from gravcal.discovery.attribution import beside_calibration
+from gravcal.discovery.driver import Limits, discover
 from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import _held, delivered
 from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepare
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, pruned, search
 from gravcal.errors import EstimationError
-from gravcal.estimation.records import Block, Candidate, Shape
+from gravcal.estimation.records import Block, Candidate, Observations, Shape
 from gravcal.report.discovery import limits_table, outlier_table, tied_table, verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
@@ -240,7 +242,7 @@ def test_forms_that_the_data_leave_open_are_in_the_error_of_the_calibration():
         forms = [Candidate("case.leak", f"{n} alone", [n], ["1"], c, [0.5]) for n, c in zip("ab", alone, strict=True)]
         whole = [np.concatenate(pair, axis=1) for pair in both]
         forms.append(Candidate("case.leak", "", ["a", "b"], ["1", "1"], whole, [0.5, 0.5]))
-        result = delivered(search(blocks, forms, CHOICE, rng), CHOICE.level, 1)
+        result = delivered(search(blocks, forms, CHOICE, rng), CHOICE, 1)
         assert [f.cause for f in result.findings] == ["case.leak"]
         errors.append((result.shared[1][0] - 1.0) / result.sigma[1][0])
     assert np.max(np.abs(errors)) < 4
@@ -261,11 +263,47 @@ def test_what_the_data_do_not_see_of_any_form_is_in_the_error_of_the_calibration
         absent = [np.concatenate(pair, axis=1) for pair in zip(other, again, strict=True)]
         forms = [Candidate("case.mode", f, ["a", "b"], ["1", "1"], c, [0.5, 0.5])
                  for f, c in (("1.00 Hz", there), ("2.00 Hz", absent))]  # fmt: skip
-        result = delivered(search(blocks, forms if last else forms[::-1], CHOICE, rng), CHOICE.level, 1)
+        result = delivered(search(blocks, forms if last else forms[::-1], CHOICE, rng), CHOICE, 1)
         assert [f.form for f in result.findings] == ["1.00 Hz"]
         errors.append((result.shared[1][0] - 1.0) / result.sigma[1][0])
     assert np.max(np.abs(errors)) < 4
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.4
+
+
+class Invented(Observations):
+    """Blocks and candidates of one calibration parameter."""
+
+    name, channels, parameters, unit = "case", ("a",), ("offset",), "m"
+    scale, start = np.ones(1), np.zeros(1)
+
+    def __init__(self, blocks, candidates):
+        self.blocks, self.candidates = blocks, candidates
+
+    def reading(self, _, number, rows):
+        """Whitened rows as they are."""
+        return self.blocks[number].time, np.zeros((rows.shape[0], 1)), rows.T[:, :, None]
+
+
+class Kept(Invented):
+    """The same of records that no model changes."""
+
+    def response(self, _):
+        """Nothing."""
+        return [np.zeros(block.observed.size) for block in self.blocks]
+
+
+@pytest.mark.parametrize("kind", [Invented, Kept])
+def test_the_correction_is_what_the_records_without_the_model_lack(kind):
+    """Analytic: nothing where the model takes out all of a cause, all of the move where it takes out none."""
+    blocks, (first, *_) = made(np.random.default_rng(5), signal=20.0)
+    columns = [c + 0.5 * b.global_columns for c, b in zip(first.columns, blocks, strict=True)]
+    hidden = [replace(b, observed=b.observed + 10 / np.sqrt(1200) * b.global_columns[:, 0]) for b in blocks]
+    found = discover(kind(hidden, [replace(first, columns=columns)]), Limits(0.005, 9.0, 4, 15.0, 1))
+    numbers = json.loads(found.attrs["numbers"])
+    assert [one["adopted"] for one in numbers["findings"]] == [True]
+    change = numbers["calibration_change"]
+    assert abs(change["change"][0]) > 0.1
+    assert change["correction"][0] == pytest.approx(0.0 if kind is Invented else change["change"][0], abs=1e-9)
 
 
 def test_readings_that_leave_nothing_to_test_are_refused():
@@ -348,9 +386,10 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it():
     error = plain.shared[1][0] - 1.0
     alone = 5 * size * (plain.findings[0].cause == "case.a")
     assert abs(error - alone) < 5 * plain.sigma[1][0] + 0.1 * 5 * size
-    average = delivered(plain, CHOICE.level, 1, widest=True)
+    average = delivered(plain, CHOICE, 1, widest=True)
     assert 0.4 * 5 * size < average.sigma[1][0] < 5 * size
-    assert abs(average.shared[1][0] - 1.0) < min(abs(error), abs(error - 5 * size)) + 0.6 * 5 * size
+    assert average.adopted == [False]  # for one would move it by as much as the other would not
+    assert abs(average.shared[1][0] - 1.0) < 2 * average.sigma[1][0]
 
 
 def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay_as_they_are():
@@ -421,7 +460,7 @@ def test_a_driver_that_moves_the_calibration_further_than_its_error_is_not_adopt
     for cause, adopted in (("unknown:field", False), ("case.a", True)):
         result = search(hidden, [replace(first, cause=cause, columns=columns)], CHOICE, np.random.default_rng(1))
         assert [f.cause for f in result.findings] == [cause]
-        found = delivered(result, CHOICE.level, 1)
+        found = delivered(result, CHOICE, 1)
         assert found.adopted == [adopted]
         error = (found.shared[1] - 1.0) / found.sigma[1]
         assert abs(error[0]) < 3
@@ -441,7 +480,7 @@ def test_what_is_not_seen_of_a_cause_that_was_not_named_has_its_price():
         tried = [Candidate("case.leak", "", names, ["1"] * len(names), columns, [1.0] * len(names)), *other]
         result = search(blocks, tried, CHOICE, np.random.default_rng(1))
         assert not result.findings
-        found = delivered(result, CHOICE.level, 1)
+        found = delivered(result, CHOICE, 1)
         sigma.append(found.sigma[1][0] / found.sigma[0][0])
     assert 1.0 < sigma[1] < 1.3 < 1.5 < sigma[0] < 10
 
