@@ -25,19 +25,9 @@ class Filtered:
 def filter_constants(
     observed: np.ndarray, design: np.ndarray, value: np.ndarray, covariance: np.ndarray, noise_variance: np.ndarray
 ) -> Filtered:
-    """Estimate constants from scalar observations y = H x + e, in their order.
+    """Estimate constants from independent scalar observations y = H x + e (n,), H (n, p), in their order.
 
-    Parameters
-    ----------
-    observed : (n,) any unit
-    design : (n, p), the rows H
-    value : (p,) before the first observation
-    covariance : (p, p) of that value; large for a free start
-    noise_variance : (n,) squared unit, of e; observations are independent
-
-    Returns
-    -------
-    filtered : Filtered
+    Value (p,) and covariance (p, p) are those before the first observation, large for a free start; e has variance (n,).
 
     Notes
     -----

@@ -209,17 +209,15 @@ def last_run(event, flow):
     """Record of the last run of an event in the configuration that is running, or None.
 
     It has event, flow, configuration, status, started, seconds and stages {stage: {state, key, other_versions}} of the
-    last run that did not fail, and "attempt", the same of one that failed since, with failed and error; where all
-    failed, it is that of the last.
+    last run that did not fail, "attempt" that of one that failed since, with failed and error; or of the last failure.
     """
     return _read_run(_path_of_run(event, flow, location.configuration()))
 
 
 def failure(event, flow):
-    """Record of the last run in the configuration that is running if it failed, or None.
+    """Record of the last run in the configuration that is running if it failed, or None, as of `last_run`.
 
-    As of `last_run`, with "reason" without the kind of the error and "failed_key" of the product that its stage would
-    have given, None where no stage is to blame.
+    With "reason" without the kind of the error, and "failed_key" of the product of the stage to blame, or None.
     """
     record = last_run(event, flow) or {"status": None}
     record = record.get("attempt", record)

@@ -141,19 +141,11 @@ def _problems(folder):
 
 
 def prune(keep_s=None, remove=False, quota=None, configuration=None):
-    """What nothing refers to: products that no link and no pin leads to, directly or as input, and what was set aside.
+    """What nothing refers to, (path, bytes) each: products without link or pin, also as input, and what was set aside.
 
-    Parameters
-    ----------
-    keep_s : float, s, younger ones stay; by default an hour, with a quota all stay that the quota has room for
-    remove : bool, otherwise they are only named
-    quota : float, bytes of the store; where it has more, the oldest go first, none younger than an hour
-    configuration : pattern of names of experiments that no calibration has promoted; their links that are older do not
-        count, and are removed too
-
-    Returns
-    -------
-    unused : list of (Path, int), folder, link or file, and bytes
+    Younger ones than `keep_s`, by default an hour, stay. Of a store with more bytes than its quota the oldest go first,
+    none younger than an hour. Links of experiments whose names fit the pattern `configuration`, and that nobody has
+    promoted do not count once they are older, and go too. Without `remove` all are only named.
     """
     keep_s = (YOUNG_S if quota is None else math.inf) if keep_s is None else keep_s
     latest, dropped = location.folder() / "latest", []

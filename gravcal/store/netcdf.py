@@ -69,12 +69,7 @@ def _attribute(value):
 
 @contextlib.contextmanager
 def opened(path):
-    """File as a netCDF4.Dataset that gives values as they are; nobody else reads or writes netCDF meanwhile.
-
-    Raises
-    ------
-    OSError : no such file, no netCDF, or one that is damaged where it is read
-    """
+    """File as a netCDF4.Dataset that gives values as they are, alone in this process; OSError where it is damaged."""
     import netCDF4
 
     with LOCK, _damage_as_oserror(), netCDF4.Dataset(path) as file:
