@@ -27,7 +27,7 @@ def filter_constants(
 ) -> Filtered:
     """Estimate constants from independent scalar observations y = H x + e (n,), H (n, p), in their order.
 
-    Value (p,) and covariance (p, p) are those before the first observation, large for a free start; e has variance (n,).
+    Value (p,) and covariance (p, p) hold before the first observation, large for a free start; e has variance (n,).
 
     Notes
     -----
