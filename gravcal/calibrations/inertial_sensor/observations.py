@@ -166,7 +166,7 @@ class InertialSensor(Observations):
 
 NOTE = (
     "A swing is looked at in even and odd stretches of ten seconds. A roll is looked at in its segments, each with "
-    "amplitudes of its own; its noise is that of a fit with every form that is tried, and its constants may wander "
+    "amplitudes of its own; its noise is a sum of power laws beside every form that is tried, and constants may wander "
     "about the bias as far as they scatter about a straight line."
 )
 ROLL = " Straight pieces lie between the segments; its mean is left out."

@@ -1,8 +1,8 @@
 """A roll as discovery sees it: whitened linear readings of each segment, and the wander of the bias between them.
 
 Bias and offset are shared by all segments. A segment has the amplitudes of its own that the calibration gives it, and a
-constant that wanders about the bias; a row for each axis says by how much. The noise is that of a fit which is wider
-than the baseline, with every form that is tried, and what such a fit takes is put back.
+constant that wanders about the bias; a row for each axis says by how much. The noise is a sum of power laws, beside
+every form that is tried.
 """
 
 from __future__ import annotations
@@ -46,7 +46,6 @@ class RollView:
     settings: Mapping  # as of `view_of`
     time: np.ndarray  # (s, b) s
     reading: np.ndarray  # (s, b, 3) m s-2, k V as measured
-    fitted: np.ndarray  # (s, b, 3) m s-2, as the baseline describes it
     steady: np.ndarray  # (s, b, 3) m s-2, without wander: what the sensor feels by rolling, about the mean bias
     tensor: np.ndarray  # (s, b, 3, 3) s-2, of the offset
     turn: np.ndarray  # (s, b) complex, cosine and sine of the roll angle
@@ -288,14 +287,13 @@ def _view(products, settings, used):
     pairs = list(zip(bins["rate_b"], bins["gradient_b"], strict=True))
     tensor = np.stack([segments.offset_terms(rate, gradient, step) for rate, gradient in pairs])
     reading, term = sensor.k * bins["linear_volt"], np.matvec(tensor, sensor.offset)
-    fitted, turning, designs = term.copy(), term.copy(), []
+    turning, designs = term.copy(), []
     for s, R_bo in enumerate(bins["R_bo"]):
         phase = segments.orbital_phase(bins["gradient_b"][s], step)
         designs.append([segments.design(axis, R_bo, model, phase) for axis in range(3)])
         for axis, design in enumerate(designs[-1]):
             size = np.linalg.lstsq(design, (reading - term)[s, :, axis], rcond=None)[0]
             trend = model.trend_degree + 1
-            fitted[s, :, axis] += design @ size
             turning[s, :, axis] += design[:, trend:] @ size[trend:]
     start = np.concatenate([products["bias"]["bias"].values, sensor.offset])
     return RollView(
@@ -303,7 +301,6 @@ def _view(products, settings, used):
         settings,
         bins["time"],
         reading,
-        fitted,
         steady=turning - start[:3],
         tensor=tensor,
         turn=bins["R_bo"][:, :, 0, 0] + 1j * bins["R_bo"][:, :, 0, 2],
