@@ -184,8 +184,14 @@ def _timing(window, fit, time, angular, good, noise, filters, degree):
     )
     if operator.valid.sum() < 40:
         return None
-    wave = lambda later: motion.magnetic_acceleration(arc, shift + later, time, field_b, width)  # noqa: E731
-    return fit_wave(np.nan_to_num(angular), wave, operator, noise, degree)
+
+    def wave(later, momentary=False):
+        return motion.magnetic_acceleration(arc, shift + later, time, field_b, 0.0 if momentary else width)
+
+    def between(later):
+        return motion.shifts_between_samples(arc, time, shift + later, width) - shift
+
+    return fit_wave(np.nan_to_num(angular), wave, operator, noise, degree, between)
 
 
 def _motion(window, fit, timing, aligned, noise, choice):
@@ -193,7 +199,7 @@ def _motion(window, fit, timing, aligned, noise, choice):
     arc, rod, shift = window.arc, window.rod, fit.solution.shift
     time = aligned["time_acc"].values[window.acc]
     at = np.clip(time - (0.0 if timing is None else timing.shift), arc.origin, None)
-    width = float(np.median(np.diff(time)))
+    width = 0.0 if timing is not None and timing.momentary else float(np.median(np.diff(time)))
     quaternion, rate, rate_dot = motion.evaluate(arc, fit.solution, at, choice.step_s)
     field_b = field_at(window, fit, at)
     # what the integrator put into the angular acceleration at each epoch, with the fitted scale, makes room for means
@@ -382,6 +388,7 @@ class WaveFit:
     shift, shift_sigma : s, by which the wave appears later than assumed
     scale, scale_sigma : (3,) measured over modelled, sigma infinite for an axis that is not turned
     residual : (n, 3) rad s-2, resampled, drift removed
+    momentary : readings are those at their epochs, not means over the sampling interval
     """
 
     shift: float
@@ -389,53 +396,67 @@ class WaveFit:
     scale: np.ndarray
     scale_sigma: np.ndarray
     residual: np.ndarray
+    momentary: bool
 
 
-def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degree: int, iterations: int = 8) -> WaveFit:
+def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degree: int, between=None) -> WaveFit:
     """Scale per axis and common shift of a modelled wave in a measured angular acceleration.
 
-    The model is noise-free and stands on the right-hand side, so the scale has no attenuation.
+    The model is noise-free and stands on the right-hand side, so the scale has no attenuation. A wave of means over the
+    sampling interval moves smoothly with its shift. One of momentary readings only changes where an edge meets a
+    sample; with tags whose spacing is no part of the period some edges do so before others, and no smooth wave fits.
 
     Parameters
     ----------
     measured : (n, 3) rad s-2
-    wave : callable, shift s -> (n, 3) rad s-2
+    wave : callable, shift s and whether readings are momentary -> (n, 3) rad s-2
     operator : applied to the measurement and to the model alike
     noise : noise model of each axis on the operator's grid
     degree : of the drift
-    iterations : Gauss-Newton steps
+    between : callable, shift s -> (q,) s, those near it of all momentary waves that differ; None for no such wave
     """
     drift = polynomial(operator.time, degree, operator.time[0], operator.time[-1])
     y = operator(measured - measured[len(measured) // 2])
+
+    def rows(columns):
+        """Whitened columns (n, 3, q) of each axis, drift removed."""
+        both = [np.concatenate([columns[:, axis], drift], axis=1) for axis in range(3)]
+        white = [whiten(noise[axis], both[axis], operator.valid) for axis in range(3)]
+        return [without(one[:, -drift.shape[1] :], one[:, : -drift.shape[1]]) for one in white]
+
     shift, scale = coarse_shift(y, operator(wave(0.0)), operator, drift, noise), np.ones(3)
-    for _ in range(iterations):
+    for _ in range(8):
         model = operator(wave(shift))
         slope = (operator(wave(shift + 0.01)) - operator(wave(shift - 0.01))) / 0.02
-        rows = []
-        for axis in range(3):  # observation, three scales, shift; drift removed
-            columns = np.zeros((y.shape[0], 5))
-            columns[:, 0], columns[:, 1 + axis], columns[:, 4] = (
-                y[:, axis],
-                model[:, axis],
-                scale[axis] * slope[:, axis],
-            )
-            both = whiten(noise[axis], np.concatenate([columns, drift], axis=1), operator.valid)
-            rows.append(without(both[:, 5:], both[:, :5]))
-        values, design = np.split(np.concatenate(rows), [1], axis=1)
+        own = rows(np.stack([y, model, scale * slope], axis=2))
+        values = np.concatenate([one[:, 0] for one in own])
+        design = np.zeros((values.size, 4))
+        for axis, (place, one) in enumerate(zip(np.split(np.arange(values.size), 3), own, strict=True)):
+            design[place, axis], design[place, 3] = one[:, 1], one[:, 2]
         inverse = stable_inverse(design.T @ design)
-        unknown = inverse @ design.T @ values[:, 0]
+        unknown = inverse @ design.T @ values
         scale = unknown[:3]
         shift = float(np.clip(shift + unknown[3], -4.0, 4.0))
         if abs(unknown[3]) < 1e-5:
             break
     size = np.linalg.norm(design[:, :3], axis=0)
     seen = size > 1e-6 * size.max(initial=1e-300)
+    near = [] if between is None else between(shift)
+    waves = [operator(wave(one, momentary=True)) for one in near]
+    own = rows(np.stack([y, operator(wave(shift)), *waves], axis=2))
+    square = np.array([np.sum(one[:, 1:] ** 2, axis=0) for one in own])
+    product = np.array([one[:, 0] @ one[:, 1:] for one in own])
+    gain = np.sum(product[seen] ** 2 / square[seen], axis=0)
+    gain[1:] += 2.0  # the smooth wave has its shift as one parameter more
+    best = int(np.argmax(gain))
+    if best:
+        shift, model = float(near[best - 1]), waves[best - 1]
+        scale = np.where(seen, product[:, best] / np.where(seen, square[:, best], 1.0), 1.0)
     sigma = np.sqrt(np.clip(np.diag(inverse), 0.0, None))
-    residual = y - model * scale
-    used = np.nan_to_num(residual[operator.valid])
     residual = np.full_like(y, np.nan)
-    residual[operator.valid] = without(drift[operator.valid], used)
-    return WaveFit(shift, float(sigma[3]), np.where(seen, scale, 1.0), np.where(seen, sigma[:3], np.inf), residual)
+    residual[operator.valid] = without(drift[operator.valid], np.nan_to_num((y - model * scale)[operator.valid]))
+    scale, scale_sigma = np.where(seen, scale, 1.0), np.where(seen, sigma[:3], np.inf)
+    return WaveFit(shift, float(sigma[3]), scale, scale_sigma, residual, best > 0)
 
 
 def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel], longest: float = 3.0) -> float:
@@ -520,7 +541,7 @@ def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degr
     transition = sensitivity[:, :, :6]
 
     def basis(at):
-        parts = shape(arc, rod, solution.shift, at, 1e-6)
+        parts = shape(arc, rod, solution.shift, at, 0.0)
         return np.einsum("mk,ca->mkac", parts, np.eye(3)).reshape(at.size, 6, 3)
 
     columns = [transition[:, :3, :6], slow_torque_response(arc, window.time, transition, degree)]

@@ -313,9 +313,7 @@ def _edge_by_edge(one, jump):
     Where between two samples an edge falls is known to neither model; a momentary sample near it may be on either side,
     and from one edge of the wave to the next it may change sides.
     """
-    change = np.abs(np.diff(one.arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0))
-    edges = one.arc.edges[change > 0.25 * change.max()] + one.shift
-    near = np.searchsorted(one.true, edges)[:, None] + np.array([-1, 0])
+    near = np.searchsorted(one.true, motion.large_edges(one.arc) + one.shift)[:, None] + np.array([-1, 0])
     near = np.clip(near, 0, one.true.size - 1).ravel()
     columns = np.zeros((one.true.size, 3, near.size))
     columns[near, :, np.arange(near.size)] = jump[near]

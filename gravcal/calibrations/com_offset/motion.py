@@ -110,8 +110,11 @@ def mean_dipole(arc: Arc, time: np.ndarray, shift: float, width: float) -> np.nd
     arc : Arc
     time : (n,) s
     shift : s, all edges later by
-    width : s, sampling interval; an edge between two samples is spread over it, so the mean moves smoothly with it
+    width : s, sampling interval; an edge between two samples is spread over it, so the mean moves smoothly with it; 0
+        for momentary readings
     """
+    if not width:
+        return dipole_at(arc, time, shift)
     steps = np.diff(arc.edges)[:, None] * arc.dipole_b
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     edges = arc.edges + shift
@@ -124,6 +127,28 @@ def dipole_at(arc: Arc, time: np.ndarray, shift: float) -> np.ndarray:
     index = np.searchsorted(arc.edges + shift, time, side="right") - 1
     inside = (index >= 0) & (index < len(arc.dipole_b))
     return np.where(inside[:, None], arc.dipole_b[np.clip(index, 0, len(arc.dipole_b) - 1)], 0.0)
+
+
+def large_edges(arc: Arc) -> np.ndarray:
+    """Edges (k,) s of the square wave, without changes of the control currents."""
+    change = np.abs(np.diff(arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0))
+    return arc.edges[change > 0.25 * change.max()]
+
+
+def shifts_between_samples(arc: Arc, time: np.ndarray, near: float, width: float) -> np.ndarray:
+    """Shifts (q,) s about one, of which each leaves the edges between other samples: midway where they do not differ.
+
+    Parameters
+    ----------
+    arc : Arc
+    time : (n,) s, increasing
+    near : s, later than the edges of the arc
+    width : s, reach on either side
+    """
+    edges = large_edges(arc) + near
+    met = [time[slice(*np.searchsorted(time, [e - width, e + width]))] - e for e in edges]
+    met = np.unique(np.round(np.concatenate(met), 4))
+    return near + (met[1:] + met[:-1]) / 2 if met.size else met
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from scipy import stats
 
 from gravcal.calibrations.com_offset import attitude, motion
 from gravcal.estimation.noise import NoiseModel
+from gravcal.estimation.resampling import operator_for
 from gravcal.physics import frames
 
 SMALL = {"manoeuvres": ("pitch_high",), "quiet_s": 60.0}
@@ -149,6 +150,33 @@ def test_a_gap_in_the_star_camera_is_bridged_by_the_dynamics():
     cut, _ = tools.smoothed(observed | {"SCA1B": sca.isel(record=kept.values)})
     difference = cut["attitude"]["rate_b"].values - whole["attitude"]["rate_b"].values
     assert np.abs(difference).max() < 2e-6  # rad s-1, what 30 of 180 samples add to the error
+
+
+def test_momentary_readings_place_edges_that_change_sides():
+    """Recovery: tags of 0.09998 s, so that edges fall after a sample first and before it later; residuals are noise.
+
+    A smooth wave is 0.05 s off at every edge there, which is 40 times the noise.
+    """
+    edges, dipole = 100.033 + 6.0 * np.arange(31), np.zeros((30, 3))
+    dipole[:, 1] = 27.5 * (-1.0) ** np.arange(30)
+    arc = motion.Arc(100.0, 281.0, edges, dipole, np.zeros(0), np.zeros((0, 3)), None, np.diag([110.0, 580.0, 650.0]))
+    time, field_b = 95 + 0.09998 * np.arange(1910), np.tile([5e-6, 1e-6, -4e-5], (1910, 1))
+    rng = seeds.generator("test_momentary_readings_place_edges_that_change_sides")
+    noise = 1e-8 * rng.standard_normal((1910, 3))
+
+    def wave(later, momentary=False):
+        return motion.magnetic_acceleration(arc, 0.2 + later, time, field_b, 0.0 if momentary else 0.09998)
+
+    measured = motion.magnetic_acceleration(arc, 0.25, time, field_b, 0.0) + noise
+    operator = operator_for(time, np.ones(1910, dtype=bool), 100.0, 280.0, 0.8, 2.0, 0.5)
+    white = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3
+    late = lambda near: motion.shifts_between_samples(arc, time, 0.2 + near, 0.1) - 0.2  # noqa: E731
+    found, smooth = (attitude.fit_wave(measured, wave, operator, white, 2, of) for of in (late, None))
+    assert found.momentary
+    assert found.shift == pytest.approx(0.05, abs=2e-3)
+    expected = np.nanstd(operator(noise)[:, 0])
+    assert np.nanstd(found.residual[:, 0]) == pytest.approx(expected, rel=0.1)
+    assert np.nanstd(smooth.residual[:, 0]) > 3 * expected
 
 
 def test_delays_from_brackets_cover_the_truth():
