@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.building import build
 from gravcal.calibrations.schemas import ALIGN
 from gravcal.errors import EstimationError, refuse
-from gravcal.estimation import timing
+from gravcal.estimation import robust, timing
 from gravcal.physics import earth, frames
 
 #: Bits of a reader's flag that make a sample unusable; order and repetition are settled here.
@@ -17,6 +17,9 @@ UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
 QUALITY = {"ACC1A": 0b1101010, "ACT1A": 0b1101010, "SCA1B": 0b1, "MAG1B": 0b11000010, "GNV1B": 0, "GNI1B": 0}
 #: Bits of `gap`: what is missing for longer than the limit inside a manoeuvre.
 GAPS = {"orbit": 1, "sca": 2}
+#: Flag of a sample that stands alone; its neighbours on either side, and their weights where a median bends too little.
+OUTLIER = 2
+REACH = {"acc": (4, None), "sca": (2, np.array([-1, 4, 0, 4, -1]) / 6)}
 #: Longest piece that is looked at where there is no manoeuvre.
 SURVEY_S = 180.0
 MANOEUVRE = ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular")
@@ -75,7 +78,8 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
 
     observed : Dataset, "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and CLK1B
     settings : s; margin_s, kept on either side of a manoeuvre; survey_s; clock_gap_limit_s, orbit_gap_limit_s and
-        star_camera_gap_limit_s, distance of records that may be bridged
+        star_camera_gap_limit_s, distance of records that may be bridged; outlier_sigma, distance of an isolated outlier
+        from its neighbours, which is left out
     """
     detected, acc, sca, mag, orbit, tim1b, clk1b = observed
     spans = _spans(detected, acc, sca, mag, orbit, settings["margin_s"], settings["survey_s"])
@@ -95,6 +99,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
         time, values, flag, counts[name] = sorted_samples(source, tags, columns)
         margin = 8.0 if name == "orbit" else 0.0
         inside = _inside(time, spans, margin)
+        flag[inside] |= _outliers(name, time[inside], values[inside], flag[inside], settings["outlier_sigma"])
         parts[name] = (time[inside], values[inside], flag[inside])
         if not inside.any():
             product, file = source.attrs.get("product", name), source.attrs.get("file", "")
@@ -130,6 +135,23 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     values |= {name: detected[name].values for name in MANOEUVRE}
     attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
     return build(ALIGN, values, title="Level-1 records on GPS time", **attrs)
+
+
+def _outliers(name, time, values, flag, limit):
+    """Flag of isolated outliers among the usable samples of an instrument; of a star camera beside a local cubic."""
+    found, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
+    reach, weights = REACH.get(name, (0, None))
+    if not reach or usable.size < 2:
+        return found
+    values = values[usable] if name != "sca" else frames.continuous(values[usable])
+    values = values[:, np.isfinite(values).all(axis=0)]
+    apart = robust.isolated(values, reach, limit, weights)
+    step = np.median(np.diff(time[usable]))
+    whole = np.zeros(usable.size, dtype=bool)  # with all its neighbours
+    span = time[usable][2 * reach :] - time[usable][: usable.size - 2 * reach]
+    whole[reach : usable.size - reach] = span < (2 * reach + 0.5) * step
+    found[usable[apart & whole]] = OUTLIER
+    return found
 
 
 def orbit_i(orbit: xr.Dataset, spans: np.ndarray):

@@ -45,6 +45,35 @@ def robust_scale(residual: np.ndarray) -> float:
     return float(np.median(np.abs(residual)) / 0.6744897501960817) if residual.size else 0.0
 
 
+def isolated(values: np.ndarray, reach: int, limit: float, weights: np.ndarray | None = None) -> np.ndarray:
+    """Samples (n,) bool that stand apart from their neighbours on both sides, in runs no longer than `reach`.
+
+    The distance from the median of the neighbours, which follows steps and slow changes, is compared with what nine
+    tenths of such distances keep to, so that what happens all the time sets the scale and is none.
+
+    Parameters
+    ----------
+    values : (n, k) any units, evenly spaced
+    reach : samples on either side
+    limit : 1, robust standard deviations
+    weights : (2 reach + 1,) of a value predicted by the neighbours, for series that bend more than they scatter; the
+        largest distance within the reach is then the outlier
+    """
+    from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
+
+    size = 2 * reach + 1
+    if len(values) < 10 * size:
+        return np.zeros(len(values), dtype=bool)
+    middle = median_filter(values, (size, 1)) if weights is None else correlate1d(values, weights, axis=0)
+    distance = np.abs(values - middle)
+    distance[:reach] = distance[-reach:] = 0.0
+    scale = np.quantile(distance, 0.9, axis=0) / 1.645
+    apart = distance > limit * np.where(scale > 0, scale, np.inf)
+    if weights is not None:
+        apart &= distance >= maximum_filter1d(distance, size, axis=0)
+    return apart.any(axis=1)
+
+
 def solve(observed: np.ndarray, design: np.ndarray, constants: tuple[float, float], unknowns: int) -> RobustEstimate:
     """IGG-III estimate of whitened observations (n,), (n, p), nuisance projected out, by reweighting with k0 and k1.
 

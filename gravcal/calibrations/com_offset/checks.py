@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks as checking
-from gravcal.calibrations.align import between, orbit_i
+from gravcal.calibrations.align import OUTLIER, REACH, between, orbit_i
 from gravcal.calibrations.checks import at_least, at_most, largest
 from gravcal.physics import frames, gravity
 from gravcal.physics.constants import EARTH_RADIUS
@@ -31,7 +31,8 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
     smoothed : Dataset, "com_offset.attitude"
     others : Dataset, "ingest" of the orbit product that was not taken, if there is one
     limits : check_piece_s, velocity_limit_m_s, gravity_limit_m_s2, orbit_limit_m, height_lowest_km, height_greatest_km,
-        pointing_limit_deg, field_limit_nt, unchanged_limit_s, attitude_limit_urad, scale_limit, delay_limit_s
+        pointing_limit_deg, field_limit_nt, outlier_limit, unchanged_limit_s, attitude_limit_urad, scale_limit,
+        delay_limit_s
 
     Returns
     -------
@@ -55,6 +56,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
         at_most("greatest height", _misfit(time, height, piece), limits["height_greatest_km"], "km"),
         at_most("attitude against orbit", _misfit(*pointing, piece), limits["pointing_limit_deg"], "deg"),
         at_most("magnetometer against IGRF", _misfit(*field, piece), limits["field_limit_nt"], "nT"),
+        at_most("isolated outliers, share", _outliers(aligned), limits["outlier_limit"], "1"),
         at_most("unchanged readings", _unchanged(aligned), limits["unchanged_limit_s"], "s"),
         *_motion(smoothed, limits),
     ]
@@ -108,6 +110,11 @@ def _pointing(aligned, time, position, velocity):
         ahead, down = (np.matvec(R_bi, v / np.linalg.norm(v, axis=1, keepdims=True)) for v in towards)
         cosine = np.minimum(np.abs(ahead[:, 0]), down[:, 2])
         return epoch, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _outliers(aligned):
+    """Larger share of isolated outliers among the samples of the accelerometer and of the star camera."""
+    return max(float(np.mean(aligned[f"{name}_flag"].values == OUTLIER)) for name in REACH)
 
 
 def _unchanged(aligned):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gravcal.calibrations.align import OUTLIER, REACH
 from gravcal.calibrations.checks import at_least, at_most, largest
 from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import AXES, as_plain, chi_square_test, estimate, gps_text, number, numbers, offset_block
@@ -12,6 +13,7 @@ HIGH_LATITUDE = np.radians(45.0)
 WAVE_HZ = 1 / 12
 SCALE_SHARE = 0.5  # of its prior: a torque scale known no better says nothing of its own
 ANGULAR_LIMIT = 0.2
+PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
 GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
 RULE = (
     "acc_calibrated if it determines all three components, else mtq, else whichever determines most with the "
@@ -58,6 +60,9 @@ def document(products, *, event, provenance, settings):
             "model": f"IGRF-{int(field.attrs['igrf_generation'])}",
         },
         "attitude": {"rms_urad": numbers(1e6 * rms), "samples": len(residual)},
+        "outliers": {
+            PRODUCTS[name]: int(np.sum(products["align"][f"{name}_flag"].values == OUTLIER)) for name in REACH
+        },
         "roll_response": None if detected.sizes["manoeuvre"] else roll_response(products["survey"], settings),
         "settings": as_plain(settings),
         "provenance": as_plain(provenance),

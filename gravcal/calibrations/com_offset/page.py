@@ -230,6 +230,9 @@ def result_notes(document, published):
         "The error is that of the noise as measured, delays and scales estimated along; the total error in brackets "
         "also holds that of inertia and dipole per current. Adopted: " + document["adopted"]["rule"]
     ]
+    if any(document["outliers"].values()):
+        counted = " and ".join(f"{count} of {name}" for name, count in document["outliers"].items() if count)
+        notes.append(f"Isolated outliers were left out: {counted}.")
     if document["settings"].get("model"):
         notes.append("Effects of an extended model were taken out of the records; both errors hold those of the model.")
     if document.get("method", "gravcal") == "published":

@@ -83,6 +83,10 @@ def align(count, rng):
         "current_b": rng.standard_normal((time.size, 3)),
         "window_start": start - 60,
         "window_stop": stop + 60,
+        "time_acc": time,
+        "acc_flag": 2 * (np.arange(time.size) == 7),
+        "time_sca": time[::2],
+        "sca_flag": np.zeros(time[::2].size),
     }
     return build({name: ALIGN[name] for name in values}, values)
 

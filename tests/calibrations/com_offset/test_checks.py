@@ -85,7 +85,7 @@ def test_a_day_without_contradiction_passes_all_its_checks(files, tmp_path):
     """Contract: exit code 0, every check made and passed, each with a finite value and its limit."""
     code, document = ran(files[0], tmp_path / "result.json")
     assert (code, document["status"], failed(document)) == (0, "delivered", set())
-    assert len(document["checks"]) == len({one["name"] for one in document["checks"]}) == 21
+    assert len(document["checks"]) == len({one["name"] for one in document["checks"]}) == 22
     assert all(np.isfinite([one["value"], one["limit"]]).all() for one in document["checks"])
 
 

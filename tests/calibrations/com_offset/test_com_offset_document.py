@@ -19,6 +19,7 @@ from gravcal.store.schemas import validate
 def test_a_delivered_document_fits_its_schema(document):
     """Contract: JSON Schema, no NaN, symmetric covariances."""
     assert document["status"] == "delivered"
+    assert document["outliers"] == {"ACC1A": 1, "SCA1B": 0}
     validate(json.loads(json.dumps(document, allow_nan=False)))
 
 
