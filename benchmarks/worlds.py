@@ -376,7 +376,11 @@ def truth_of(kind: str, truth: dict) -> dict[str, float]:
     truth : its file
     """
     kept = {name: truth[own] for name, own in ALIASES.items() if own in truth} | truth
-    if kind in ("com", "second", "com_offset"):
+    if kind == "com":  # of an offset that moves there from each begin on: at the middle of the manoeuvres
+        middle = (truth["manoeuvres"][0]["stop"] - truth["manoeuvres"][0]["start"]) / 2
+        moved = 1e6 * middle * np.array(truth["effects"].get("d_drift", np.zeros(3)))
+        return dict(zip("xyz", (kept["d_um"] + moved).tolist(), strict=True))
+    if kind in ("second", "com_offset"):
         return dict(zip("xyz", kept["d_um"], strict=True))
     if kind in ("kbr", "kbr_phase_centre"):
         both = zip("ab", kept["c_mm"].values(), strict=True)

@@ -42,7 +42,7 @@ def detect(magnetometer, **settings):
     return detecting.detect(magnetometer, **settings)
 
 
-@stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=1)
+@stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=2)
 def align(*observed, **settings):
     """Records round the manoeuvres on GPS time."""
     return aligning.align(*observed, **settings)
@@ -54,7 +54,7 @@ def field(aligned, *, igrf_generation):
     return fields.field(aligned, igrf_generation=igrf_generation)
 
 
-@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=1)
+@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=2)
 def attitude(aligned, checked, **settings):
     """Dynamics fitted to the star camera, edge times in both instruments."""
     return attitudes.attitude(aligned, checked, **settings)

@@ -14,6 +14,7 @@ WAVE_HZ = 1 / 12
 SCALE_SHARE = 0.5  # of its prior: a torque scale known no better says nothing of its own
 ANGULAR_LIMIT = 0.2
 PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
+EPOCH = "middle of each manoeuvre"  # of an offset that moves
 GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
 RULE = (
     "acc_calibrated if it determines all three components, else mtq, else whichever determines most with the "
@@ -83,6 +84,7 @@ def document(products, *, event, provenance, settings):
     return about | {
         "status": "delivered" if determined else "failed",
         "verdict": verdict(blocks, chosen, agreement, settings),
+        "epoch": EPOCH,
         "method": combined.attrs.get("method", "gravcal"),
         "adopted": chosen,
         "variants": blocks,

@@ -162,4 +162,5 @@ def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
 
 FILTERED = " It is low-passed like in the solution; its mean is left out."
 TURNED = " It is the rotation from a satellite whose torquers are off; its mean is left out."
-REPORT = Reported(_result, readings={"linear": FILTERED, "angular": FILTERED, "attitude": TURNED})
+NOTE = "An offset that moves is that at the middle of each manoeuvre."
+REPORT = Reported(_result, NOTE, readings={"linear": FILTERED, "angular": FILTERED, "attitude": TURNED})

@@ -234,7 +234,10 @@ def result_notes(document, published):
         counted = " and ".join(f"{count} of {name}" for name, count in document["outliers"].items() if count)
         notes.append(f"Isolated outliers were left out: {counted}.")
     if document["settings"].get("model"):
-        notes.append("Effects of an extended model were taken out of the records; both errors hold those of the model.")
+        notes.append(
+            "Effects of an extended model were taken out of the records; both errors hold those of the model. "
+            f"An offset that moves is that at the {document['epoch']}."
+        )
     if document.get("method", "gravcal") == "published":
         notes.append("Method published: row selection and formal errors of the paper, for comparison only.")
     sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
