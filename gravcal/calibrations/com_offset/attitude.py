@@ -32,7 +32,6 @@ SURVEY_DEGREE = 5  # of the slow torque where no manoeuvre is there and control 
 SAMPLES_PER_ORDER, FEW_ORDER = 84, 6
 #: A change of the noise's reflection coefficients that moves the weights by less than their own error.
 SETTLED = 0.02
-INERTIA_STEP = 1e-4  # relative, of the differences by the principal moments
 LOOSE_TORQUE = 1e-3  # N m, above any torque of the environment: a prior that keeps the sum solvable
 
 
@@ -44,7 +43,6 @@ class Choice:
     ----------
     torque_degree : degree of a slowly varying torque, -1 for none
     scale_sigma : prior of the torque scale per axis; 0 holds it at the catalogue
-    inertia_sigma : relative prior of the principal moments; 0 holds them at the catalogue
     shift_sigma : s, prior of the common edge shift; 0 holds it
     step_s : s, longest integration step
     iterations : at most
@@ -52,7 +50,6 @@ class Choice:
 
     torque_degree: int
     scale_sigma: float
-    inertia_sigma: float
     shift_sigma: float
     step_s: float
     iterations: int
@@ -85,9 +82,8 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     ----------
     aligned : Dataset, "align"
     field : Dataset, "com_offset.field"
-    settings : dynamics, torque_degree, estimate_torque_scale, torque_scale_sigma, estimate_inertia,
-        inertia_scale_sigma, edge_shift_sigma_s, integration_step_s, iteration_limit, attitude_noise_order,
-        lowpass_hz, half_width_s, step_s, calibration_drift_degree, inertia, dipole_per_current
+    settings : dynamics, torque_degree, torque_scale_sigma, edge_shift_sigma_s, integration_step_s, iteration_limit,
+        attitude_noise_order, lowpass_hz, half_width_s, step_s, calibration_drift_degree, inertia, dipole_per_current
 
     Returns
     -------
@@ -97,8 +93,7 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     found = windows(aligned, field, settings["inertia"], np.asarray(settings["dipole_per_current"]), full)
     choice = Choice(
         torque_degree=settings["torque_degree"] if full else -1,
-        scale_sigma=settings["torque_scale_sigma"] if full and settings["estimate_torque_scale"] else 0.0,
-        inertia_sigma=settings["inertia_scale_sigma"] if full and settings["estimate_inertia"] else 0.0,
+        scale_sigma=settings["torque_scale_sigma"] if full else 0.0,
         shift_sigma=settings["edge_shift_sigma_s"] if full else 0.0,
         step_s=settings["integration_step_s"],
         iterations=settings["iteration_limit"],
@@ -228,16 +223,15 @@ def _motion(window, fit, timing, aligned, noise, choice):
 
 def _per_manoeuvre(count, known):
     """Shifts, scales of torque, inertia and angular accelerometer, and rms, one row a manoeuvre; NaN without fit."""
-    single, wide = ("sca_shift", "acc_shift"), ("torque_scale", "inertia_scale", "angular_scale")
+    single, wide = ("sca_shift", "acc_shift"), ("torque_scale", "angular_scale")
     table = {f"{name}{tail}": np.full(count, np.nan) for name in single for tail in ("", "_sigma")}
     table |= {f"{name}{tail}": np.full((count, 3), np.nan) for name in wide for tail in ("", "_sigma")}
     table["residual_rms"] = np.full((count, 3), np.nan)
     for i, window, fit, timing in known:
         solution, sigma = fit.solution, dict(zip(fit.names, np.sqrt(np.diag(fit.covariance)), strict=True))
         table["sca_shift"][i], table["sca_shift_sigma"][i] = solution.shift, sigma.get("shift", np.nan)
-        for name, value in (("torque", solution.scale_b), ("inertia", solution.inertia_scale)):
-            table[f"{name}_scale"][i] = value
-            table[f"{name}_scale_sigma"][i] = [sigma.get(f"{name}_{axis}", np.nan) for axis in "xyz"]
+        table["torque_scale"][i] = solution.scale_b
+        table["torque_scale_sigma"][i] = [sigma.get(f"torque_{axis}", np.nan) for axis in "xyz"]
         table["residual_rms"][i] = np.sqrt(np.mean(fit.residual[window.good] ** 2, axis=0))
         if timing is not None:
             table["acc_shift"][i], table["acc_shift_sigma"][i] = solution.shift + timing.shift, timing.shift_sigma
@@ -274,8 +268,7 @@ def _unknowns(choice: Choice) -> dict[str, tuple[int, float]]:
     found = {"angle": (3, 0.0), "rate": (3, 0.0)}
     if choice.torque_degree >= 0:
         found["slow"] = 3 * (choice.torque_degree + 1), LOOSE_TORQUE**-2.0
-    for name, sigma in (("torque", choice.scale_sigma), ("inertia", choice.inertia_sigma)):
-        found |= {name: (3, sigma**-2.0)} if sigma > 0 else {}
+    found |= {"torque": (3, choice.scale_sigma**-2.0)} if choice.scale_sigma > 0 else {}
     return found | ({"shift": (1, choice.shift_sigma**-2.0)} if choice.shift_sigma > 0 else {})
 
 
@@ -312,7 +305,6 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
         present = {  # distance of each unknown from its prior mean
             "slow": solution.torque_coefficients.ravel(),
             "torque": solution.scale_b - 1,
-            "inertia": solution.inertia_scale - 1,
             "shift": np.array([solution.shift]),
         }
         away = np.concatenate([present.get(name, np.zeros(size)) for name, (size, _) in unknowns.items()])
@@ -348,13 +340,6 @@ def _linearised(window, solution, choice, slow):
         columns.append(slow)
     if choice.scale_sigma > 0:
         columns.append(sensitivity[:, :3, 9:12])
-    if choice.inertia_sigma > 0:  # one-sided differences by each principal moment, relative
-        moved = []
-        for axis in range(3):
-            scale = solution.inertia_scale + INERTIA_STEP * np.eye(3)[axis]
-            torque = torque_of(arc, replace(solution, inertia_scale=scale))
-            moved.append(dynamics.integrate(time, solution.state, torque, max_step=choice.step_s)[0])
-        columns.append(np.stack([frames.attitude_error(one, modelled) for one in moved], axis=2) / INERTIA_STEP)
     if choice.shift_sigma > 0:
         columns.append(sensitivity[:, :3, 12:13])
     return residual, np.concatenate(columns, axis=2), slow

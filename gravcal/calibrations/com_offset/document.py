@@ -160,21 +160,18 @@ def manoeuvres(combined, detected, smoothed, field, settings):
 
 
 def scales(smoothed, settings):
-    """Scales of torque, moments of inertia and angular accelerometer, weighted means over the manoeuvres.
+    """Scales of torque and angular accelerometer, weighted means over the manoeuvres.
 
     Parameters
     ----------
     smoothed : Dataset, "com_offset.attitude"
-    settings : mapping with torque_scale_sigma and inertia_scale_sigma, the priors
+    settings : mapping with torque_scale_sigma, the prior
 
     Returns
     -------
-    scales : {"angular", "inertia", "torque"}, each {"value", "sigma"} per axis; null where no manoeuvre turns the axis
+    scales : {"angular", "torque"}, each {"value", "sigma"} per axis; null where no manoeuvre turns the axis
     """
-    limits = {"angular": ANGULAR_LIMIT}
-    for name in ("inertia", "torque"):
-        if f"{name}_scale" in smoothed and f"{name}_scale_sigma" in settings:
-            limits[name] = SCALE_SHARE * float(settings[f"{name}_scale_sigma"])
+    limits = {"angular": ANGULAR_LIMIT, "torque": SCALE_SHARE * float(settings["torque_scale_sigma"])}
     found = {}
     for name, limit in limits.items():
         values, sigmas = smoothed[f"{name}_scale"].values, smoothed[f"{name}_scale_sigma"].values

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -45,14 +45,12 @@ class Solution:
     torque_coefficients : (d + 1, 3) N m, Legendre polynomials over the arc
     scale_b : (3,) factor of the magnetic torque
     shift : s, all edges later by
-    inertia_scale : (3,) factor of the principal moments
     """
 
     state: dynamics.State
     torque_coefficients: np.ndarray
     scale_b: np.ndarray
     shift: float
-    inertia_scale: np.ndarray = field(default_factory=lambda: np.ones(3))
 
 
 def dipole_history(edges, level, rod, time, current, per_current):
@@ -90,7 +88,7 @@ def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
     degree = solution.torque_coefficients.shape[0] - 1
     extra = polynomial(nodes, degree, arc.origin, arc.stop) @ solution.torque_coefficients
     return dynamics.Torque(
-        inertia=arc.inertia + np.diag(np.diag(arc.inertia) * (solution.inertia_scale - 1)),
+        inertia=arc.inertia,
         edges=arc.edges + solution.shift,
         dipole_b=arc.dipole_b,
         field_time=arc.field_time,
@@ -211,7 +209,7 @@ def evaluate(arc: Arc, solution: Solution, time: np.ndarray, step: float):
 
 
 def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
-    """Solution with a Gauss-Newton step added: angle, rate, slow, torque, inertia, shift; what is missing is held."""
+    """Solution with a Gauss-Newton step added: angle, rate, slow, torque, shift; what is missing is held."""
     turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
     quaternion = turned / np.linalg.norm(turned)
     state = replace(solution.state, quaternion=quaternion, rate_b=solution.state.rate_b + step["rate"])
@@ -221,7 +219,6 @@ def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
         slow + step["slow"].reshape(slow.shape) if "slow" in step else slow,
         solution.scale_b + step.get("torque", 0.0),
         solution.shift + float(step["shift"][0]) if "shift" in step else solution.shift,
-        solution.inertia_scale + step.get("inertia", 0.0),
     )
 
 

@@ -152,7 +152,6 @@ def event_sections(document, published):
                     "the torquers' in every half period.",
                 )
             ],
-            notes=inertia_notes(document),
         ),
         Section(
             "Torquers and attitude",
@@ -244,16 +243,6 @@ def result_notes(document, published):
     if sources:
         notes.append(f"Printed: {'; '.join(sources)}. Printed errors are formal and several times too small.")
     return notes
-
-
-def inertia_notes(document):
-    """Principal moments seen in the attitude, where they were estimated."""
-    scale = document["scales"].get("inertia")
-    if scale is None or scale["value"] == [None] * 3:
-        return []
-    cells = _scales(scale, 3)
-    moments = ", ".join(f"{axis} {cell}" for axis, cell in zip(AXES, cells, strict=True))
-    return [f"Principal moments of inertia over the catalogue, from the attitude: {moments}."]
 
 
 # Tables

@@ -72,8 +72,6 @@ ATTITUDE = {
     "acc_shift_sigma": column("arc", "s", "acc shift, standard deviation"),
     "torque_scale": column("arc axis", "1", "magnetic torque over the catalogue, seen by the star camera", frame="b"),
     "torque_scale_sigma": column("arc axis", "1", "torque scale, standard deviation", frame="b"),
-    "inertia_scale": column("arc axis", "1", "principal moments over the catalogue", frame="b"),
-    "inertia_scale_sigma": column("arc axis", "1", "its standard deviation", frame="b"),
     "angular_scale": column("arc axis", "1", "angular accelerometer over torquer", frame="b"),
     "angular_scale_sigma": column("arc axis", "1", "angular scale, standard deviation", frame="b"),
     "residual_rms": column("arc axis", "rad", "star camera minus model, rms", frame="b"),

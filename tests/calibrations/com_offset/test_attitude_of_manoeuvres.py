@@ -16,9 +16,7 @@ from gravcal.estimation.resampling import operator_for
 from gravcal.physics import frames
 
 SMALL = {"manoeuvres": ("pitch_high",), "quiet_s": 60.0}
-CHOICE = attitude.Choice(
-    torque_degree=1, scale_sigma=0.1, inertia_sigma=0.0, shift_sigma=2.0, step_s=1.0, iterations=10
-)
+CHOICE = attitude.Choice(torque_degree=1, scale_sigma=0.1, shift_sigma=2.0, step_s=1.0, iterations=10)
 SIGMA = 3e-6  # rad, white
 
 
