@@ -17,9 +17,10 @@ UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
 QUALITY = {"ACC1A": 0b1101010, "ACT1A": 0b1101010, "SCA1B": 0b1, "MAG1B": 0b11000010, "GNV1B": 0, "GNI1B": 0}
 #: Bits of `gap`: what is missing for longer than the limit inside a manoeuvre.
 GAPS = {"orbit": 1, "sca": 2}
-#: Flag of a sample that stands alone; its neighbours on either side, and their weights where a median bends too little.
+#: Flag of a sample that stands alone; its neighbours on either side, their weights where a median bends too little, and
+#: the smallest standard deviation: of half an angle of 2 urad, which an edge of a manoeuvre bends an attitude by.
 OUTLIER = 2
-REACH = {"acc": (4, None), "sca": (2, np.array([-1, 4, 0, 4, -1]) / 6)}
+REACH = {"acc": (4, None, 0.0), "sca": (2, np.array([-1, 4, 0, 4, -1]) / 6, 1e-6)}
 #: Longest piece that is looked at where there is no manoeuvre.
 SURVEY_S = 180.0
 MANOEUVRE = ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular")
@@ -140,12 +141,12 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
 def _outliers(name, time, values, flag, limit):
     """Flag of isolated outliers among the usable samples of an instrument; of a star camera beside a local cubic."""
     found, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
-    reach, weights = REACH.get(name, (0, None))
+    reach, weights, least = REACH.get(name, (0, None, 0.0))
     if not reach or usable.size < 2:
         return found
     values = values[usable] if name != "sca" else frames.continuous(values[usable])
     values = values[:, np.isfinite(values).all(axis=0)]
-    apart = robust.isolated(values, reach, limit, weights)
+    apart = robust.isolated(values, reach, limit, weights, least)
     step = np.median(np.diff(time[usable]))
     whole = np.zeros(usable.size, dtype=bool)  # with all its neighbours
     span = time[usable][2 * reach :] - time[usable][: usable.size - 2 * reach]

@@ -45,7 +45,7 @@ def robust_scale(residual: np.ndarray) -> float:
     return float(np.median(np.abs(residual)) / 0.6744897501960817) if residual.size else 0.0
 
 
-def isolated(values: np.ndarray, reach: int, limit: float, weights: np.ndarray | None = None) -> np.ndarray:
+def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: float = 0.0) -> np.ndarray:
     """Samples (n,) bool that stand apart from their neighbours on both sides, in runs no longer than `reach`.
 
     The distance from the median of the neighbours, which follows steps and slow changes, is compared with what nine
@@ -58,6 +58,7 @@ def isolated(values: np.ndarray, reach: int, limit: float, weights: np.ndarray |
     limit : 1, robust standard deviations
     weights : (2 reach + 1,) of a value predicted by the neighbours, for series that bend more than they scatter; the
         largest distance within the reach is then the outlier
+    least : smallest standard deviation, in the units of the values
     """
     from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
 
@@ -67,7 +68,7 @@ def isolated(values: np.ndarray, reach: int, limit: float, weights: np.ndarray |
     middle = median_filter(values, (size, 1)) if weights is None else correlate1d(values, weights, axis=0)
     distance = np.abs(values - middle)
     distance[:reach] = distance[-reach:] = 0.0
-    scale = np.quantile(distance, 0.9, axis=0) / 1.645
+    scale = np.maximum(np.quantile(distance, 0.9, axis=0) / 1.645, least)
     apart = distance > limit * np.where(scale > 0, scale, np.inf)
     if weights is not None:
         apart &= distance >= maximum_filter1d(distance, size, axis=0)

@@ -25,8 +25,8 @@ from gravcal.physics import dynamics, frames, kinematics, orbit_environment
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
 STEP_S = 1.0
-#: Of the linear reading after a manoeuvre, in which what remembers it is seen.
-AFTER_S = 120.0
+#: Of the linear reading after a manoeuvre, in which what remembers it is seen; step of attitudes there at most.
+AFTER_S, LONGEST_S = 120.0, 3.5
 
 
 @dataclass(frozen=True)
@@ -218,9 +218,9 @@ def _with_after(aligned, rows, tags, arc):
     time, last = aligned["time_acc"].values, arc.edges[-1]
     later = aligned["start"].values[aligned["start"].values > last]
     stop = min(last + AFTER_S, tags[-1] - 3.0, *(later - 5.0))
-    inside = (tags > last - 8) & (tags < stop + 8)
+    known = np.concatenate([[last], tags[(tags > last) & (tags < stop)], [stop]])
     behind = np.arange(rows[-1] + 1, max(int(np.searchsorted(time, stop)), rows[-1] + 1))
-    if behind.size < 200 or np.ptp(np.diff(tags[inside])) > 1e-3:
+    if behind.size < 200 or np.diff(known).max() > LONGEST_S:
         behind = behind[:0]
     return np.concatenate([rows, behind]), behind.size
 

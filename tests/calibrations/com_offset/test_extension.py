@@ -1,10 +1,17 @@
 """Records less the effects of a model."""
 
+import com_offset_chain as tools
 import numpy as np
+import pytest
 import xarray as xr
 
-from gravcal.calibrations.com_offset import responses
+from gravcal.calibrations.com_offset import manoeuvre, responses
+from gravcal.calibrations.com_offset.equations import angular_acceleration
 from gravcal.calibrations.com_offset.motion import _star_camera
+from gravcal.calibrations.com_offset.noise import noise, quiet
+from gravcal.calibrations.com_offset.observations import observe
+from gravcal.discovery import problem, rounds, trials
+from gravcal.estimation.records import Entry, Parameter
 
 
 def field_written_twice(count=6):
@@ -63,3 +70,59 @@ def test_the_star_camera_may_sample_anywhere_in_the_second():
         assert good.sum() == inside.size
         assert grid.size == inside.size + 2
         np.testing.assert_allclose(grid[good], inside, atol=1e-9)
+
+
+TORQUERS = {name: tools.SATELLITE[name] for name in ("inertia", "dipole_per_current")}
+
+
+def solved(made, chosen):
+    """Solution with the torquers from products up to the attitude."""
+    settings = chosen.for_stage("angular_acceleration") | {
+        n: tools.SATELLITE[n] for n in (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
+    }
+    turning = angular_acceleration(made["attitude"], made["align"], variant="mtq", **settings)
+    measured = noise(quiet(made["align"], **chosen.for_stage("quiet")), **chosen.for_stage("noise"))
+    return tools.solution(made["align"], made["attitude"], turning, measured, chosen)
+
+
+def seen(observed):
+    """What discovery sees of ingested records, and the products and parameters behind it."""
+    made, chosen = tools.smoothed(observed)
+    made["solve"] = solved(made, chosen)
+    settings = TORQUERS | {"mass": float(tools.SATELLITE["mass_at_launch"])}
+    for stage in ("attitude", "quiet", "equations", "noise", "solve", "discovery", "combine"):
+        settings |= chosen.for_stage(stage)
+    return observe(made, **settings), made, chosen
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """Event of little noise whose offset moves by 180 um in a manoeuvre."""
+    kinds = {"manoeuvres": ("pitch_high", "roll_high"), "quiet_s": 220.0, "noise_scale": 0.05}
+    return tools.event(41, {"accelerometer.moving_offset": {"speed_x": 1e-6}}, **kinds)
+
+
+def test_an_offset_that_moves_is_that_at_the_middle_of_the_manoeuvres(moving):
+    """Recovery: with the motion taken out the offset is met to 8 um; at the first edge it is 90 um from there."""
+    found, made, chosen = seen(moving[0])
+    entry = Entry("accelerometer.moving_offset", "", {"speed_x": Parameter(1e-6, 0.0, "m s-1")})
+    offset = manoeuvre.offset_of(solved(made | {"align": found.without([entry])}, chosen))
+    np.testing.assert_allclose(1e6 * offset, moving[1]["offset_um"], atol=8.0)
+
+
+def test_a_memory_of_the_current_is_seen_behind_the_manoeuvres(moving):
+    """Recovery: the z reading follows the size of the current with a memory of 40 s, which a manoeuvre alone hides."""
+    observed, truth = moving
+    time = observed["ACC1A"]["time_tag"].values
+    memory = np.zeros(time.size)
+    for one in truth["manoeuvres"]:
+        since, length = time - one["start"], one["stop"] - one["start"]
+        memory += np.where(since > 0, 1 - np.exp(-np.clip(since, 0, length) / 40), 0)
+        memory *= np.where(since > length, np.exp(-np.clip(since - length, 0, 1e4) / 40), 1)
+    added = observed["ACC1A"]["lin_accl_z"].values + 1e-10 * memory
+    found, _, _ = seen(observed | {"ACC1A": observed["ACC1A"].assign(lin_accl_z=("record", added))})
+    assert all(one.wide.time[-1] > one.arc.edges[-1] + 100 for one in found.views)
+    whole = problem.prepare(found.blocks, found.candidates)
+    rows = trials.tried(whole, problem.baseline_of(whole, ()), rounds.Choice(0.005, 9.0, 4, found.step, found.tones))
+    memories = [one for one in rows if one.cause == "unknown:torquer_current" and "squared, lag 60" in one.form]
+    assert max(one.gain for one in memories) > 60
