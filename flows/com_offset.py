@@ -48,18 +48,12 @@ def _aligned(source, chosen):
     return found, com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))
 
 
-def _smoothed(source, chosen, aligned, checked):
-    """Attitude of every manoeuvre."""
-    satellite = catalog.satellite(source.satellite).settings()
-    torquers = {n: satellite[n] for n in TORQUERS}
-    return com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **torquers)
-
-
 def _solved(source, chosen, aligned, checked, variants):
     """Attitude; angular acceleration of each variant, and the offset of every manoeuvre from it."""
     satellite = catalog.satellite(source.satellite).settings()
     settings = {n: satellite[n] for n in TORQUERS_WITH_SIGMA} | chosen.for_stage("angular_acceleration")
-    smoothed = _smoothed(source, chosen, aligned, checked)
+    torquers = {n: satellite[n] for n in TORQUERS}
+    smoothed = com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **torquers)
     angular = [com_offset.angular_acceleration(smoothed, aligned, variant=one, **settings) for one in variants]
     turning = dict(zip(variants, angular, strict=True))
     if chosen.method == "published":

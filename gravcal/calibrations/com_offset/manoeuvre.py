@@ -19,7 +19,7 @@ from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_beside, fit_detrended, unwhiten, whiten, without_lines
 from gravcal.estimation.records import Block
-from gravcal.estimation.resampling import Resampler, lowpass_resampler, operator_for
+from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, kinematics, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
@@ -417,14 +417,11 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
     models, samples = {}, {}
     for channel in ("linear", "angular"):
         values, pieces = aligned[f"{channel}_b"].values, []
-        good = (aligned["acc_flag"].values == 0) & np.isfinite(values).all(axis=1)
-        for inside in (slice(*np.searchsorted(time, span)) for span in spans):
-            operator = _operator(time[inside], good[inside], settings)
-            if operator is not None:
-                piece = np.nan_to_num(values[inside])
-                if channel == "angular":  # the torque of the control currents is no noise
-                    piece = piece - _control(aligned, field_, time[inside], settings)
-                pieces.append(operator(piece - piece[len(piece) // 2]))
+        for inside, _, operator in linear_noise.quiet_operators(aligned, values, settings):
+            piece = np.nan_to_num(values[inside])
+            if channel == "angular":  # the torque of the control currents is no noise
+                piece = piece - _control(aligned, field_, time[inside], settings)
+            pieces.append(operator(piece - piece[len(piece) // 2]))
         cleaned, _ = without_lines(pieces, settings["step_s"]) if pieces else ([], None)
         fits = _without_drift(settings[f"{channel}_drift_degree"]), settings["noise_order"], settings["step_s"]
         models[channel] = fit_detrended(cleaned, *fits) if pieces else []
@@ -435,17 +432,6 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
     models["magnetometer"] = fit_detrended(pieces, *fits) if pieces else []
     samples["magnetometer"] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
     return models, samples
-
-
-def _operator(time, good, settings):
-    """Low-pass of a piece of quiet data, None if it is too short."""
-    if time.size < 1000:
-        return None
-    step = settings["step_s"]
-    grid = np.arange(np.ceil(time[0] / step), np.floor(time[-1] / step)) * step
-    filters = {"lowpass_hz": settings["lowpass_hz"], "half_width_s": settings["half_width_s"]}
-    operator = lowpass_resampler(time, good, grid, **filters)
-    return operator if operator.valid.sum() >= 100 else None
 
 
 def _without_drift(degree):

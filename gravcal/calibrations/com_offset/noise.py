@@ -31,22 +31,28 @@ def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
     -------
     pieces : Dataset, "com_offset.quiet", pieces as long as a manoeuvre; NaN where there are too few samples
     """
-    time, linear, step_s = aligned["time_acc"].values, aligned["linear_b"].values, settings["step_s"]
-    good = (aligned["acc_flag"].values == 0) & np.isfinite(linear).all(axis=1)
+    linear, epochs, readings = aligned["linear_b"].values, [np.zeros(0)], [np.zeros((0, 3))]
+    for inside, good, operator in quiet_operators(aligned, linear, settings):
+        epochs.append(operator.time)
+        readings.append(operator(linear[inside] - linear[inside][good].mean(axis=0)))
+    values = {"epoch": np.concatenate(epochs), "reading": np.concatenate(readings)}
+    values["piece"] = np.repeat(np.arange(-1, len(epochs) - 1), [grid.size for grid in epochs])
+    return build(QUIET, values, step_s=settings["step_s"])
+
+
+def quiet_operators(aligned, values, settings):
+    """Low-pass of each piece of quiet data long enough: its samples (a slice), which of them are usable, operator."""
+    time, step_s = aligned["time_acc"].values, settings["step_s"]
+    usable = (aligned["acc_flag"].values == 0) & np.isfinite(values).all(axis=1)
     filters = {name: settings[name] for name in ("lowpass_hz", "half_width_s")}
-    epochs, readings = [np.zeros(0)], [np.zeros((0, 3))]
     for begin, end in quiet_spans(aligned, settings):
         inside = slice(*np.searchsorted(time, [begin, end]))
         if inside.stop - inside.start < 200:
             continue
         grid = np.arange(np.ceil(begin / step_s), np.floor(end / step_s)) * step_s
-        operator = lowpass_resampler(time[inside], good[inside], grid, **filters)
+        operator = lowpass_resampler(time[inside], usable[inside], grid, **filters)
         if operator.valid.sum() >= 100:
-            epochs.append(grid)
-            readings.append(operator(linear[inside] - linear[inside][good[inside]].mean(axis=0)))
-    values = {"epoch": np.concatenate(epochs), "reading": np.concatenate(readings)}
-    values["piece"] = np.repeat(np.arange(-1, len(epochs) - 1), [grid.size for grid in epochs])
-    return build(QUIET, values, step_s=step_s)
+            yield inside, usable[inside], operator
 
 
 def quiet_spans(aligned, settings):
