@@ -83,7 +83,9 @@ def _entry(one, path):
             _wrong(path, f"{cause}.{name} = {parameter!r}", "{ value = number, sigma = number, unit = text }")
         unit = {"unit": parameter["unit"]} if isinstance(parameter.get("unit"), str) else {}
         values[name] = {"value": float(value)} | unit | _error(parameter, f"{cause}.{name}", path)
-    lists = {name: one[name] for name in ("waves", "leads") if isinstance(one.get(name), list)}
+    lists = {name: one[name] for name in ("waves", "leads") if name in one}
+    if not all(isinstance(rows, list) and all(map(_is_row, rows)) for rows in lists.values()):
+        _wrong(path, str(lists)[:80], "waves and leads with a start each, and with channel and x, y, z, or lead")
     return {"cause": cause, "form": str(one.get("form", "")), "parameters": values} | lists
 
 
@@ -99,6 +101,15 @@ def _error(parameter, name, path):
     if not isinstance(row, dict) or not all(_is_number(one) and abs(one) <= 1 for one in row.values()):
         _wrong(path, f"{name}: correlation = {row!r}", "correlation = { name = number from -1 to 1 }, or none")
     return {"sigma": float(sigma), "correlation": {other: float(one) for other, one in row.items()}}
+
+
+def _is_row(one):
+    """Whether it is a wave or a lead of one manoeuvre."""
+    if not isinstance(one, dict) or not _is_number(one.get("start")):
+        return False
+    axes = [one[axis] for axis in "xyz" if axis in one]
+    pairs = all(isinstance(pair, list) and len(pair) == 2 and all(map(_is_number, pair)) for pair in axes)
+    return pairs and (isinstance(one.get("channel"), str) or _is_number(one.get("lead")))
 
 
 def _is_number(value):

@@ -214,6 +214,8 @@ def test_a_satellite_or_day_that_is_not_there_is_said_with_those_that_are(tmp_pa
         b"effect = " + b"[" * 5000,
         b"\xff\xfe",
         b"[[effect]]\ncause = 3",
+        b"[[effect]]\ncause = 'accelerometer.stray_tone'\nparameters = {}\nwaves = [{ start = nan, channel = 'a' }]",
+        b"[[effect]]\ncause = 'accelerometer.stray_tone'\nparameters = {}\n[result]\nunit = 'mile'",
         b"[[effect]]\ncause = 'timing.accelerometer_delay'\nparameters.delay = {value = 1" + b"0" * 400 + b"}",
     ],
 )
