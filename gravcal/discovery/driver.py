@@ -443,7 +443,7 @@ def _line(grid, gains, made_of, about):
     used = np.sum([np.sum(c**2, axis=0) for c in columns], axis=0) > 0
     names = [n for n, u in zip(names, used, strict=True) if u]
     form = f"{channel} reading{f' {AXES[axis]}' if axis >= 0 else ''}, {frequency:.5f} Hz"
-    candidate = Candidate(cause, form, names, [unit] * len(names), [c[:, used] for c in columns])
+    candidate = Candidate(cause, form, names, [unit] * len(names), [c[:, used] for c in columns], apart=True)
     return Line(candidate, frequency, sigma)
 
 

@@ -324,7 +324,8 @@ MANY = 10.0  # log of what a probability that is zero to rounding was corrected 
 def merged(problem: Problem, chosen: list, choice) -> list:
     """Several forms of one listed cause become the form with all its parameters, of several shapes the best."""
     causes = [problem.candidates[k].cause for k, _ in chosen]
-    twice = next((c for c in causes if causes.count(c) > 1 and not c.startswith("unknown:")), None)
+    apart = {c.cause for c in problem.candidates if c.apart}
+    twice = next((c for c in causes if causes.count(c) > 1 and c not in apart and not c.startswith("unknown:")), None)
     wide = [k for k, c in enumerate(problem.candidates) if c.cause == twice and not c.local]
     if twice is None or not wide:
         return chosen

@@ -73,6 +73,7 @@ class Candidate:
     at, at_sigma : epoch s of a step, frequency Hz of a line, and its error
     shape : what it depends on otherwise than linearly, None for most
     spread : (q, q) covariance of the parameters by the error of the shape, None without
+    apart : True if several forms may act at once, as lines of several frequencies do
     of_frame : True if it turns the frame that the result is given in: its error is none of the result's
     """
 
@@ -86,6 +87,7 @@ class Candidate:
     at_sigma: float = np.nan
     shape: Shape | None = None
     spread: np.ndarray | None = None
+    apart: bool = False
     of_frame: bool = False
 
     @property

@@ -13,7 +13,7 @@ from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import _held, delivered
 from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepare
 from gravcal.discovery.product import summary
-from gravcal.discovery.rounds import Choice, pruned, search
+from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.records import Block, Candidate, Observations, Shape
 from gravcal.report.discovery import limits_table, outlier_table, tied_table, verdict
@@ -515,3 +515,10 @@ def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for(
     assert rows["case.b"]["alone_from"] == pytest.approx(rows["case.b"]["size"])
     assert len(said) == 4
     assert len(limits_table({"limits": list(rows.values())}).rows) == 3
+
+
+def test_two_lines_are_not_merged_into_one():
+    """Contract: lines of two frequencies act at once, and each keeps its name."""
+    line = Candidate("accelerometer.stray_tone", "0.1 Hz", ["cosine_0"], ["m s-2"], [np.ones((2, 1))] * 2, apart=True)
+    chosen = [(0, None), (1, None)]
+    assert merged(SimpleNamespace(candidates=[line, replace(line, form="0.2 Hz")]), chosen, None) == chosen

@@ -420,7 +420,7 @@ class GradientTorque(Observations):
         for degree, order in orders:
             columns = self._columns(_added(_of_degree(self.about, degree, order), entry))
             form = f"degree {degree}, order {order}"
-            found.append(Candidate(TESSERAL, form, list(names), list(units), columns, list(prior)))
+            found.append(Candidate(TESSERAL, form, list(names), list(units), columns, list(prior), apart=True))
         for channel in self.made:
             for driver, form, shape in drivers(self.about):
                 if channel != "torque" or driver in OUTSIDE:
