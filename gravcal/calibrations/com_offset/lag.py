@@ -53,7 +53,7 @@ def _acceleration(one, tau, leads):
     if key not in one.memory:  # what a unit dipole on each axis does
         torque = np.stack([np.cross(unit, one.context.field_b) for unit in np.eye(3)], axis=2)
         one.memory[key] = np.linalg.inv(one.context.inertia_b) @ torque
-    return _turning(one.memory[key], dipole, motion.dipole_at(arc, time, one.shift))
+    return _turning(one.memory[key], dipole, one.context.dipole_b)
 
 
 @numba.njit(cache=True)

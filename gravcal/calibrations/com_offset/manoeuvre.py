@@ -20,13 +20,11 @@ from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_beside, fit_detrended, unwhiten, whiten, without_lines
 from gravcal.estimation.records import Block
 from gravcal.estimation.resampling import Resampler, operator_for
-from gravcal.physics import dynamics, frames, kinematics, orbit_environment
+from gravcal.physics import dynamics, frames, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
 STEP_S = 1.0
-#: Of the linear reading after a manoeuvre, in which what remembers it is seen; step of attitudes there at most.
-AFTER_S, LONGEST_S = 120.0, 3.5
 
 
 @dataclass(frozen=True)
@@ -36,10 +34,9 @@ class Manoeuvre:
     Attributes
     ----------
     index : of the manoeuvre; window : its observations and torques
-    time : (n,) s, accelerometer epochs, to `AFTER_S` behind the last edge
-    true : (n,) s, the same less the shift of the accelerometer
+    time : (n,) s, accelerometer epochs; true : (n,) s, the same less the shift of the accelerometer
     rows : indices of these epochs in the aligned product
-    operator : low-pass and resampling of the accelerometer; wide : the same, to the last epoch, of the linear reading
+    operator : low-pass and resampling of the accelerometer
     transition : (k, 6, 6) of angle and rate from the origin, at the epochs of the window
     local_attitude : (k, 3, p) rad, start angle, rate, slow torque and edge shift
     scale_attitude : (k, 3, 3) rad, torque scale
@@ -58,7 +55,6 @@ class Manoeuvre:
     true: np.ndarray
     rows: np.ndarray
     operator: Resampler
-    wide: Resampler
     transition: np.ndarray
     local_attitude: np.ndarray
     scale_attitude: np.ndarray
@@ -83,14 +79,14 @@ class Manoeuvre:
     @property
     def valid(self) -> dict[str, np.ndarray]:
         """Usable samples of each channel."""
-        valid = (self.wide.valid, self.operator.valid, self.window.good, self.magnetometer[2])
+        valid = (self.operator.valid, self.operator.valid, self.window.good, self.magnetometer[2])
         return dict(zip(CHANNELS, valid, strict=True))
 
     @property
     def times(self) -> dict[str, np.ndarray]:
         """Epochs s of the samples of each channel, as they stand in the rows."""
-        grids = self.wide.time, self.operator.time
-        return dict(zip(CHANNELS, (*grids, self.window.time, self.magnetometer[0]), strict=True))
+        grid = self.operator.time
+        return dict(zip(CHANNELS, (grid, grid, self.window.time, self.magnetometer[0]), strict=True))
 
     @property
     def size(self) -> int:
@@ -112,13 +108,10 @@ class Manoeuvre:
 
     def whitened_channel(self, channel: str, values: np.ndarray) -> np.ndarray:
         """Those rows (3 m, q) of one channel, from its values (samples, 3, q)."""
-        values = self.lowpassed(channel, values)
+        if channel in ("linear", "angular"):
+            values = self.operator(values)
         valid = self.valid[channel]
         return np.concatenate([whiten(self.noise[channel][a], values[:, a], valid) for a in range(3)])
-
-    def lowpassed(self, channel: str, values: np.ndarray) -> np.ndarray:
-        """Values at the epochs of a channel: of the accelerometer after its low-pass, of others as they are."""
-        return {"linear": self.wide, "angular": self.operator}.get(channel, lambda same: same)(values)
 
     def at(self, time: np.ndarray) -> Context:
         """Context at any epochs of the manoeuvre."""
@@ -159,10 +152,6 @@ def _manoeuvre(products, index, window, estimates, settings):
     late = float(np.nan_to_num(smoothed["acc_shift"].values[index] - shift))
     time = smoothed["time_acc"].values[smooth]
     rows = np.searchsorted(aligned["time_acc"].values, time)
-    known = np.isfinite(aligned["quaternion"].values).all(axis=1) & (aligned["sca_flag"].values == 0)
-    tags, quaternions = aligned["time_sca"].values[known], aligned["quaternion"].values[known]
-    rows, after = _with_after(aligned, rows, tags, window.arc)
-    time = aligned["time_acc"].values[rows]
     good = aligned["acc_flag"].values[rows] == 0
     good &= np.isfinite(aligned["linear_b"].values[rows]).all(axis=1)
     good &= np.isfinite(aligned["angular_b"].values[rows]).all(axis=1)
@@ -171,10 +160,11 @@ def _manoeuvre(products, index, window, estimates, settings):
     operator = operator_for(time, good, max(first, time[0]), min(last, time[-1]), *filters)
     if operator.valid.sum() < 60:
         return None
-    wide = operator if not after else operator_for(time, good, max(first, time[0]), time[-1], *filters)
     # transition and columns of the attitude along a path that follows the measured one
+    known = np.isfinite(aligned["quaternion"].values).all(axis=1) & (aligned["sca_flag"].values == 0)
+    tags = aligned["time_sca"].values[known]
     origin = np.clip(np.array([window.arc.origin]), tags[0], tags[-1])
-    quaternion = frames.interpolate(tags, quaternions, origin)[0]
+    quaternion = frames.interpolate(tags, aligned["quaternion"].values[known], origin)[0]
     state = dynamics.State(window.arc.origin, quaternion, smoothed["rate_b"].values[smooth[0]])
     degree, scale = settings["torque_degree"], np.nan_to_num(smoothed["torque_scale"].values[index], nan=1.0)
     path = motion.torque_of(window.arc, motion.Solution(state, np.zeros((degree + 1, 3)), scale, shift))
@@ -182,54 +172,26 @@ def _manoeuvre(products, index, window, estimates, settings):
     _, _, _, sensitivity = dynamics.integrate_with_sensitivity(window.time, state, path, max_step=step)
     slow = slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
     local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 12:13]], axis=2)
-    # what effects look at; behind the manoeuvre the rates of the star camera and the torque of the control currents
+    # what effects look at
     true, orbit = time - late, (aligned["time_orbit"].values, aligned["position_i"].values)
-    near = (tags > time[0] - 5) & (tags < time[-1] + 5)
-    seen, _ = kinematics.rates_from_attitude(tags[near], quaternions[near], half_width=2, degree=2)
-    rate = np.stack([np.interp(time[time.size - after :], tags[near], one) for one in seen.T], axis=1)
-    held = np.concatenate([smooth, np.repeat(smooth[-1:], after)])
     bare = Context(
         time=true,
-        rate_b=np.concatenate([smoothed["rate_b"].values[smooth], rate]),
-        gradient_b=smoothed["gradient_b"].values[held],
+        rate_b=smoothed["rate_b"].values[smooth],
+        gradient_b=smoothed["gradient_b"].values[smooth],
         inertia_b=window.arc.inertia,
         start=aligned["start"].values,
         stop=aligned["stop"].values,
         extra={"mass": settings["mass"]},
     )
-    nodes = (orbit[0] > time[0] - 30) & (orbit[0] < time[-1] + 30)
-    arc = replace(window.arc, field_time=field_["time_orbit"].values[nodes], field_i=field_["field_i"].values[nodes])
-    followed = {"time": tags[near], "quaternion": quaternions[near], "good": np.ones(near.sum(), dtype=bool)}
-    context = _context(replace(window, arc=arc, **followed), shift, bare, orbit, true)
-    dipole = context.dipole_b
-    dipole[time.size - after :] = _held_dipole(aligned, true[time.size - after :], settings)
-    torque = np.cross(dipole, context.field_b)
-    rate_dot = smoothed["smooth_b"].values[held] + np.linalg.solve(context.inertia_b, torque.T).T
+    context = _context(window, shift, bare, orbit, true)
+    torque = np.cross(context.dipole_b, context.field_b)
+    rate_dot = smoothed["smooth_b"].values[smooth] + np.linalg.solve(context.inertia_b, torque.T).T
     context = replace(context, rate_dot_b=rate_dot, angular_b=rate_dot)
     offset, noise = estimates
     context = replace(context, linear_b=catalogue()["accelerometer.offset"].contribution(context, offset))
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
     about = sensitivity[:, :, :6], local, sensitivity[:, :3, 9:12], shift
-    return Manoeuvre(index, window, time, true, rows, operator, wide, *about, noise, context, offset, sampled, orbit)
-
-
-def _with_after(aligned, rows, tags, arc):
-    """Accelerometer samples of a manoeuvre and behind it, and the number of these: none where attitude has gaps."""
-    time, last = aligned["time_acc"].values, arc.edges[-1]
-    later = aligned["start"].values[aligned["start"].values > last]
-    stop = min(last + AFTER_S, tags[-1] - 3.0, *(later - 5.0))
-    known = np.concatenate([[last], tags[(tags > last) & (tags < stop)], [stop]])
-    behind = np.arange(rows[-1] + 1, max(int(np.searchsorted(time, stop)), rows[-1] + 1))
-    if behind.size < 200 or np.diff(known).max() > LONGEST_S:
-        behind = behind[:0]
-    return np.concatenate([rows, behind]), behind.size
-
-
-def _held_dipole(aligned, time, settings):
-    """Dipole (n, 3) A m2 of the currents held round each sample."""
-    mag = aligned["time_mag"].values
-    index = np.clip(np.searchsorted((mag[1:] + mag[:-1]) / 2, time), 0, mag.size - 1)
-    return np.nan_to_num(aligned["current_b"].values[index]) * np.asarray(settings["dipole_per_current"])
+    return Manoeuvre(index, window, time, true, rows, operator, *about, noise, context, offset, sampled, orbit)
 
 
 def offset_of(solved: xr.Dataset) -> np.ndarray:
@@ -304,9 +266,9 @@ def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings
 
 def _steps(one):
     """Steps of the linear reading, {epoch: whitened rows (n, 3)}."""
-    grid = one.wide.time
+    grid = one.operator.time
     epochs = np.arange(grid[0] + 6, grid[-1] - 6, STEP_S)
-    shapes = one.wide((one.time[:, None, None] >= epochs).astype(float))[:, 0]
+    shapes = one.operator((one.time[:, None, None] >= epochs).astype(float))[:, 0]
     rows = np.zeros((one.size, epochs.size, 3))
     first = one.place("linear").start
     for axis in range(3):
@@ -317,15 +279,14 @@ def _steps(one):
 
 def _local(one, settings):
     """Drift of each channel, start, slow torque and edges of the attitude, swung drag, edges of the accelerometer."""
-    mag, columns = one.magnetometer[0], []
-    longer = np.ptp(one.wide.time) / np.ptp(one.operator.time)  # so much more freedom has the drift
+    grid, mag, columns = one.operator.time, one.magnetometer[0], []
     for channel, time, degree in (
-        ("linear", one.time, round(settings["linear_drift_degree"] * longer)),
+        ("linear", one.time, settings["linear_drift_degree"]),
         ("angular", one.time, settings["angular_drift_degree"]),
         ("magnetometer", mag, 0),
     ):
         if time.size:
-            ends = one.times[channel][[0, -1]] if channel != "magnetometer" else (time[0], max(time[-1], time[0] + 1))
+            ends = (grid[0], grid[-1]) if channel != "magnetometer" else (time[0], max(time[-1], time[0] + 1))
             shape = least_squares.polynomial(time, degree, *ends)
             columns.append({channel: np.einsum("nk,ac->nakc", shape, np.eye(3)).reshape(time.size, 3, -1)})
     # reading of a unit force that stays in place while the body swings about its mean rotation
@@ -398,7 +359,7 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
     parts = rows[one.place(channel)].reshape(3, valid.size, -1)
     columns = np.stack([unwhiten(one.noise[channel][a], parts[a], valid) for a in range(3)], axis=1)
     if channel in ("linear", "angular"):
-        model = one.lowpassed(channel, one.context.linear_b if channel == "linear" else one.context.rate_dot_b)
+        model = one.operator(one.context.linear_b if channel == "linear" else one.context.rate_dot_b)
     else:  # all torques once; the field that the attitude predicts
         model = one.scale_attitude.sum(axis=2) if channel == "attitude" else one.at(time).field_b
     return time, model, np.moveaxis(columns, 2, 0)
@@ -453,11 +414,13 @@ def _without_drift(degree):
 
 def _control(aligned, field_, time, settings):
     """Angular acceleration (n, 3) by the control currents, held from sample to sample, rad s-2."""
+    mag = aligned["time_mag"].values
+    index = np.clip(np.searchsorted((mag[1:] + mag[:-1]) / 2, time), 0, mag.size - 1)
+    dipole = np.nan_to_num(aligned["current_b"].values[index]) * np.asarray(settings["dipole_per_current"])
     known = np.isfinite(aligned["quaternion"].values).all(axis=1)
     sca = aligned["time_sca"].values[known]
     quaternion = frames.interpolate(sca, aligned["quaternion"].values[known], np.clip(time, sca[0], sca[-1]))
     inertial = np.stack([np.interp(time, field_["time_orbit"].values, c) for c in field_["field_i"].values.T], axis=1)
-    dipole = _held_dipole(aligned, time, settings)
     torque = np.cross(dipole, np.matvec(frames.R_bi_from_quaternion(quaternion), inertial))
     return np.linalg.solve(np.asarray(settings["inertia"]), torque.T).T
 

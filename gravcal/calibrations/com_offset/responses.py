@@ -44,7 +44,7 @@ READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", 
 TAGS = {"acc_delay": "time_acc", "sca_delay": "time_sca", "mag_delay": "time_mag"}
 EDGES = ("edge_lower", "edge_upper", "start", "stop")
 # drivers in no list
-LAGS_S = (0.5, 2.0, 6.0, 20.0, 60.0)
+LAGS_S = (0.5, 2.0, 6.0, 20.0)
 DECAYS_S = (0.3, 0.7, 2.0)
 PLAY = (0.3, 0.6, 1.0, 1.5)  # widths of a play operator, in units of the largest current
 SETTLING_S = (15.0, 40.0, 80.0)
@@ -249,7 +249,7 @@ def _made_series(one):
     rate, angle = rate / max(np.abs(rate).max(), 1e-30), (angle - angle.mean(axis=0)) / max(np.abs(angle).max(), 1e-30)
     position = np.stack([np.interp(time, one.orbit[0], p) for p in one.orbit[1].T], axis=1)
     latitude = np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1))
-    field, elapsed = c.field_b * 2e4, time - time[0]
+    field, u = c.field_b * 2e4, (time - time[0]) / (time[-1] - time[0])
     rows = [("torquer_current", "itself", current), ("torquer_current", "squared", current**2)]
     rows += [("torquer_current", f"squared, lag {t:g} s", _lagged(time, current**2, t)) for t in LAGS_S]
     rows += [("torquer_current", f"lag {t:g} s", _lagged(time, current, t)) for t in LAGS_S]
@@ -266,8 +266,7 @@ def _made_series(one):
     rows.append(("torquer_current*field", "current times field strength", current * strength))
     rows += [("torquer_current*field", f"current times field {'xyz'[i]}", current * field[:, i]) for i in range(3)]
     rows.append(("torquer_current*latitude", "current times sine of latitude", current * np.sin(latitude)))
-    growing = current * (elapsed / np.ptp(one.arc.edges) - 0.5)
-    rows.append(("torquer_current*time", "current growing along the manoeuvre", growing))
+    rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (u - 0.5)))
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     for name, values in (("rate", rate), ("attitude", angle)):
         rows += [(name, f"component {'xyz'[i]}", values[:, i]) for i in range(3)]
@@ -275,7 +274,7 @@ def _made_series(one):
     for k in CYCLES:
         wave = np.stack([np.sin(k * latitude), np.cos(k * latitude)], axis=1)
         rows.append(("latitude", f"sine of {k:g} times it", wave))
-    rows += [("time", f"decay {t:g} s from the start", np.exp(-elapsed / t)) for t in SETTLING_S]
+    rows += [("time", f"decay {t:g} s from the start", np.exp(-(u * 180.0) / t)) for t in SETTLING_S]
     rows.append(("time", "saw-tooth of the second", (one.time % 1.0) - 0.5))
     rows.append(("eclipse", "sunlight with a lag", c.extra["warmth"]))
     return rows + [("field", f"component {'xyz'[i]}", field[:, i]) for i in range(3)]

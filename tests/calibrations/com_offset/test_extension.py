@@ -10,7 +10,6 @@ from gravcal.calibrations.com_offset.equations import angular_acceleration
 from gravcal.calibrations.com_offset.motion import _star_camera
 from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.discovery import problem, rounds, trials
 from gravcal.estimation.records import Entry, Parameter
 
 
@@ -108,21 +107,3 @@ def test_an_offset_that_moves_is_that_at_the_middle_of_the_manoeuvres(moving):
     entry = Entry("accelerometer.moving_offset", "", {"speed_x": Parameter(1e-6, 0.0, "m s-1")})
     offset = manoeuvre.offset_of(solved(made | {"align": found.without([entry])}, chosen))
     np.testing.assert_allclose(1e6 * offset, moving[1]["offset_um"], atol=8.0)
-
-
-def test_a_memory_of_the_current_is_seen_behind_the_manoeuvres(moving):
-    """Recovery: the z reading follows the size of the current with a memory of 40 s, which a manoeuvre alone hides."""
-    observed, truth = moving
-    time = observed["ACC1A"]["time_tag"].values
-    memory = np.zeros(time.size)
-    for one in truth["manoeuvres"]:
-        since, length = time - one["start"], one["stop"] - one["start"]
-        memory += np.where(since > 0, 1 - np.exp(-np.clip(since, 0, length) / 40), 0)
-        memory *= np.where(since > length, np.exp(-np.clip(since - length, 0, 1e4) / 40), 1)
-    added = observed["ACC1A"]["lin_accl_z"].values + 1e-10 * memory
-    found, _, _ = seen(observed | {"ACC1A": observed["ACC1A"].assign(lin_accl_z=("record", added))})
-    assert all(one.wide.time[-1] > one.arc.edges[-1] + 100 for one in found.views)
-    whole = problem.prepare(found.blocks, found.candidates)
-    rows = trials.tried(whole, problem.baseline_of(whole, ()), rounds.Choice(0.005, 9.0, 4, found.step, found.tones))
-    memories = [one for one in rows if one.cause == "unknown:torquer_current" and "squared, lag 60" in one.form]
-    assert max(one.gain for one in memories) > 60
