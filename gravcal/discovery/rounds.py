@@ -141,7 +141,11 @@ def _named(problem, choice):
     """Problem with all that was tried, (index, trial) of every name, and the trials of the first round, best first."""
     chosen, first = [], None
     for _ in range(choice.rounds):
-        rows = trials.tried(problem, baseline_of(problem, [k for k, _ in chosen]), choice, [k for k, _ in chosen])
+        used = [k for k, _ in chosen]
+        rows = trials.tried(problem, baseline_of(problem, used), choice, used)
+        wider = trials.widened(problem, rows)
+        if wider is not problem:
+            problem, rows = wider, trials.tried(wider, baseline_of(wider, used), choice, used)
         first = first or sorted(rows, key=lambda t: (t.log_p, -t.gain))
         problem, found = _best(problem, [k for k, _ in chosen], rows, choice)
         if found is None:

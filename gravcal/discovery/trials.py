@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import collections
 import itertools
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from gravcal.discovery import attribution, scan
-from gravcal.discovery.problem import Problem, extended, halves, observed_rows, residuals_of, weighted_rows
+from gravcal.discovery.problem import Problem, extended, halves, observed_rows, prepare, residuals_of, weighted_rows
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Candidate, Shape
 
@@ -65,11 +66,37 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
             continue
         gain, dof, _ = attribution.gained(gram, place, problem.size)
         if dof:
-            kind = "listed" if candidate.listed else "unknown"
+            kind, fitted = "listed" if candidate.listed else "unknown", candidate.shape
+            dof += 0 if candidate.listed or fitted is None else fitted.value.size  # each constant is a parameter
             rows.append((kind, candidate.cause, candidate.form, k, gain, dof))
     log_p = chi2_tail.log_tail([row[4] for row in rows], [row[5] for row in rows]).tolist()
     rows = [(*row, p) for row, p in zip(rows, log_p, strict=True)]
     return _corrected(rows + _along(problem, baseline, choice))
+
+
+#: Log of the probability, not corrected, below which a series in no list comes near, and how many do at once.
+CLOSE, AT_ONCE = -9.0, 2
+
+
+def widened(problem: Problem, rows: list[Trial]) -> Problem:
+    """Problem with the laws of those series in no list that come near, once each; as it was where none does.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : trials beside a baseline
+    """
+    near = sorted((t for t in rows if t.kind == "unknown" and t.log_p < CLOSE), key=lambda t: -t.score)
+    made = {}
+    for trial in near:
+        wider = problem.candidates[trial.index].wider
+        if wider is not None and wider.key not in made and len(made) < AT_ONCE:
+            made[wider.key] = wider()
+    more = [one for some in made.values() for one in some]
+    if not more:
+        return problem
+    kept = [replace(c, wider=None) if c.wider and c.wider.key in made else c for c in problem.candidates]
+    return replace(prepare(problem.blocks, [*kept, *more]), memory=problem.memory)
 
 
 def _along(problem, baseline, choice):

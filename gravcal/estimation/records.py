@@ -62,6 +62,18 @@ class Shape:
 
 
 @dataclass(frozen=True)
+class Wider:
+    """Candidates of laws made of one series: which it is, and the function that makes them."""
+
+    key: tuple[str, ...]
+    made: Callable[[], list[Candidate]]
+
+    def __call__(self) -> list[Candidate]:
+        """Candidates."""
+        return self.made()
+
+
+@dataclass(frozen=True)
 class Candidate:
     """A cause with its columns in every block.
 
@@ -74,6 +86,7 @@ class Candidate:
     shape : what it depends on otherwise than linearly, None for most
     spread : (q, q) covariance of the parameters by the error of the shape, None without
     apart : True if several forms may act at once, as lines of several frequencies do
+    wider : Wider, candidates that are tried where this one comes near; None without
     of_frame : True if it turns the frame that the result is given in: its error is none of the result's
     """
 
@@ -88,6 +101,7 @@ class Candidate:
     shape: Shape | None = None
     spread: np.ndarray | None = None
     apart: bool = False
+    wider: Wider | None = None
     of_frame: bool = False
 
     @property

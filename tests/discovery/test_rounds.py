@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.driver import Limits, discover
@@ -15,7 +16,7 @@ from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepar
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
-from gravcal.estimation.records import Block, Candidate, Observations, Shape
+from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
 from gravcal.report.discovery import limits_table, outlier_table, tied_table, verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
@@ -522,3 +523,32 @@ def test_two_lines_are_not_merged_into_one():
     line = Candidate("accelerometer.stray_tone", "0.1 Hz", ["cosine_0"], ["m s-2"], [np.ones((2, 1))] * 2, apart=True)
     chosen = [(0, None), (1, None)]
     assert merged(SimpleNamespace(candidates=[line, replace(line, form="0.2 Hz")]), chosen, None) == chosen
+
+
+def test_a_series_that_comes_near_is_widened_to_the_law_that_is_there_with_its_constant():
+    """Recovery: first-order memory of a series with a constant between those tried; three sigma of it."""
+    rng = np.random.default_rng(12)
+    blocks, (series, *_) = made(rng)
+    series = replace(series, cause="unknown:current", form="itself")
+
+    def memory(value):
+        """Series behind a memory of so many rows."""
+        share = 1 - np.exp(-1 / float(value[0]))
+        return [np.apply_along_axis(lambda x: lfilter([share], [1, share - 1], x), 0, c) for c in series.columns]
+
+    def law(tau):
+        """Candidate with one constant that is tried."""
+        value = np.array([tau])
+        shape = Shape(("tau",), ("s",), value, memory, np.array([[0.6], [1.0], [1.6]]) * tau, value / 4, value * 4)
+        return replace(series, form=f"memory, tau {tau:g} s", columns=memory(value), shape=shape)
+
+    near = replace(series, wider=Wider(("current",), lambda: [law(1.0), law(4.0), law(16.0)]))
+    size = 30.0 / np.linalg.norm(np.concatenate(memory([2.3])))
+    hidden = [replace(b, observed=b.observed + size * c[:, 0]) for b, c in zip(blocks, memory([2.3]), strict=True)]
+    result = search(hidden, [near], CHOICE, np.random.default_rng(1))
+    (found,) = result.findings
+    shape = result.problem.candidates[found.index].shape
+    assert found.form.startswith("tau 2.")
+    assert abs(shape.value[0] - 2.3) < 3 * np.sqrt(shape.covariance[0, 0]) < 0.7
+    assert result.after.p > 0.005
+    assert sum(one.form.startswith("memory") for one in result.problem.candidates) == 3

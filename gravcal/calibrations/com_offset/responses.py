@@ -6,8 +6,10 @@ delay against the telemetry. Lines have a phase of their own in every manoeuvre.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numba
 import numpy as np
@@ -18,7 +20,7 @@ from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, attitude_at, fi
 from gravcal.effects import Context, catalogue, effect
 from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
-from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape, Wave
+from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape, Wave, Wider
 from gravcal.physics import frames
 
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
@@ -44,11 +46,8 @@ READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", 
 TAGS = {"acc_delay": "time_acc", "sca_delay": "time_sca", "mag_delay": "time_mag"}
 EDGES = ("edge_lower", "edge_upper", "start", "stop")
 # drivers in no list
-LAGS_S = (0.5, 2.0, 6.0, 20.0)
-DECAYS_S = (0.3, 0.7, 2.0)
 PLAY = (0.3, 0.6, 1.0, 1.5)  # widths of a play operator, in units of the largest current
 SETTLING_S = (15.0, 40.0, 80.0)
-CYCLES = (10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)  # of a sine, per radian of latitude
 
 Signal = dict[str, np.ndarray]
 
@@ -57,7 +56,9 @@ Signal = dict[str, np.ndarray]
 class Form:
     """A cause in one form: Manoeuvre -> signal per unit of each parameter, None where it shows nothing.
 
-    `frequency` of a flexible mode and `tau` of a lag are refined where the form is near what was measured.
+    `frequency` of a flexible mode and `tau` of a lag are refined where the form is near what was measured, and so are
+    the `constants` of a `law`. Where a form with a `base`, a series that a law can be made of, comes near, these are
+    tried.
     """
 
     cause: str
@@ -68,6 +69,9 @@ class Form:
     signal: Callable[[Manoeuvre], Signal | None]
     frequency: float | None = None
     tau: float | None = None
+    law: Law | None = None
+    constants: tuple[float, ...] = ()
+    base: str = ""
 
     def of(self, one: Manoeuvre) -> Signal | None:
         """Signal in a manoeuvre, made once."""
@@ -84,6 +88,11 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray)
     starts : (k,) s, of the manoeuvres
     """
     forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
+    return _made(forms, views, smoothed, starts)
+
+
+def _made(forms, views, smoothed, starts):
+    """Candidates of forms."""
     tables, found = [_table(one, forms) for one in views], []
     for k, form in enumerate(forms):
         columns, shape = [table[k] for table in tables], None
@@ -95,8 +104,12 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray)
             shape = lag.shape(views, smoothed, form.tau)
         if timing is None and all(c is None for c in columns):
             continue
+        if form.constants:
+            shape = _law_shape(views, form)
+        channel = form.form.split()[:1]
+        wider = Wider((*channel, form.base), partial(_wider, form, views, smoothed, starts)) if form.base else None
         words = form.cause, form.form, form.names, form.units
-        whole = Candidate(*words, [*columns, timing], form.prior, shape=shape)
+        whole = Candidate(*words, [*columns, timing], form.prior, shape=shape, wider=wider)
         found += [whole] if not whole.listed or whole.form.endswith("Hz") else whole.each_alone()
     return found
 
@@ -218,19 +231,31 @@ def _drivers(one: Manoeuvre) -> list[Form]:
     found = []
     for channel, unit in UNITS.items():
         for k, (driver, form, shape) in enumerate(_series(one)):
-            width = shape.shape[1]
-            names = [f"{channel}_{a}_{w}" if width > 1 else f"{channel}_{a}" for w in range(width) for a in "xyz"]
-            words = f"unknown:{driver}", f"{channel} reading, {form}", names, [unit] * len(names), []
-            found.append(Form(*words, _of_series(channel, k)))
+            base = form if form in _bases(one) and channel == "linear" else ""
+            found.append(_unknown(channel, unit, (driver, form, shape.shape[1]), _of_series(channel, k), base=base))
+        found += [
+            _of_law(law, values, channel, _bases(one)[law.base][0], channel == "linear") for law, values in SCREENED
+        ]
     return found
+
+
+def _unknown(channel, unit, words, signal, **known):
+    """Form in no list, of a series with so many columns, on three axes of a reading."""
+    driver, form, width = words
+    names = [f"{channel}_{a}_{w}" if width > 1 else f"{channel}_{a}" for w in range(width) for a in "xyz"]
+    return Form(f"unknown:{driver}", f"{channel} reading, {form}", names, [unit] * len(names), [], signal, **known)
 
 
 def _of_series(channel, index):
     def signal(one):
-        shape = _series(one)[index][2]
-        return {channel: np.einsum("nw,ac->nawc", shape, np.eye(3)).reshape(len(shape), 3, -1)}
+        return {channel: _on_axes(_series(one)[index][2])}
 
     return signal
+
+
+def _on_axes(shape):
+    """Series (n, w) on each of three axes, (n, 3, 3 w)."""
+    return np.einsum("nw,ac->nawc", shape, np.eye(3)).reshape(len(shape), 3, -1)
 
 
 def _series(one) -> list[tuple[str, str, np.ndarray]]:
@@ -250,18 +275,7 @@ def _made_series(one):
     position = np.stack([np.interp(time, one.orbit[0], p) for p in one.orbit[1].T], axis=1)
     latitude = np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1))
     field, u = c.field_b * 2e4, (time - time[0]) / (time[-1] - time[0])
-    rows = [("torquer_current", "itself", current), ("torquer_current", "squared", current**2)]
-    rows += [("torquer_current", f"squared, lag {t:g} s", _lagged(time, current**2, t)) for t in LAGS_S]
-    rows += [("torquer_current", f"lag {t:g} s", _lagged(time, current, t)) for t in LAGS_S]
-    rows += [("torquer_current", f"hysteresis of {w:g} of full", _play(current, w)) for w in PLAY]
-    change = np.diff(one.arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0)
-    big = np.abs(change) > 0.4 * np.abs(change).max()
-    since = time[:, None] - (one.arc.edges + one.shift)[big]
-    for decay in DECAYS_S:
-        spikes = np.where(since >= 0, np.exp(-np.clip(since, 0, None) / decay), 0.0)
-        name = f"spikes at its edges, {decay:g} s"
-        rows.append(("torquer_current", f"{name}, with their sign", spikes @ np.sign(change[big])))
-        rows.append(("torquer_current", f"{name}, without sign", spikes.sum(axis=1)))
+    rows = [("torquer_current", f"hysteresis of {w:g} of full", _play(current, w)) for w in PLAY]
     strength = np.linalg.norm(field, axis=1)
     rows.append(("torquer_current*field", "current times field strength", current * strength))
     rows += [("torquer_current*field", f"current times field {'xyz'[i]}", current * field[:, i]) for i in range(3)]
@@ -269,15 +283,149 @@ def _made_series(one):
     rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (u - 0.5)))
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
     for name, values in (("rate", rate), ("attitude", angle)):
-        rows += [(name, f"component {'xyz'[i]}", values[:, i]) for i in range(3)]
         rows += [(name, f"product {'xyz'[i]}{'xyz'[j]}", values[:, i] * values[:, j]) for i, j in pairs]
-    for k in CYCLES:
-        wave = np.stack([np.sin(k * latitude), np.cos(k * latitude)], axis=1)
-        rows.append(("latitude", f"sine of {k:g} times it", wave))
+    rows += [(name, form, values) for form, (name, values) in _bases(one).items()]
     rows += [("time", f"decay {t:g} s from the start", np.exp(-(u * 180.0) / t)) for t in SETTLING_S]
     rows.append(("time", "saw-tooth of the second", (one.time % 1.0) - 0.5))
-    rows.append(("eclipse", "sunlight with a lag", c.extra["warmth"]))
-    return rows + [("field", f"component {'xyz'[i]}", field[:, i]) for i in range(3)]
+    return rows
+
+
+def _bases(one) -> dict[str, tuple[str, np.ndarray]]:
+    """Measured series of a size near one that laws are made of: {words: (driver, (n,))}."""
+    if "bases" not in one.memory:
+        c, time = one.context, one.context.time
+        current = c.dipole_b.sum(axis=1) / max(np.abs(c.dipole_b).max(), 1e-30)
+        rate, place = c.rate_b - c.rate_b.mean(axis=0), [np.interp(time, one.orbit[0], p) for p in one.orbit[1].T]
+        angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
+        latitude = np.arcsin(place[2] / np.linalg.norm(place, axis=0))
+        found = {"the current": ("torquer_current", current)}
+        change = np.diff(current, prepend=0.0) / np.median(np.diff(time))
+        found["the change of the current"] = ("torquer_current", change)
+        vectors = {"rate": rate, "angular acceleration": c.rate_dot_b, "attitude": angle - angle.mean(axis=0)}
+        for name, values in vectors.items():
+            size = max(np.abs(values).max(), 1e-30)
+            found |= {f"{name} {a}": (name.replace(" ", "_"), values[:, i] / size) for i, a in enumerate("xyz")}
+        found |= {f"field {a}": ("field", 2e4 * c.field_b[:, i]) for i, a in enumerate("xyz")}
+        found["strength of the field"] = ("field", 2e4 * np.linalg.norm(c.field_b, axis=1))
+        found |= {"the latitude": ("latitude", latitude), "sunlight with a lag": ("eclipse", c.extra["warmth"])}
+        one.memory["bases"] = found
+    return one.memory["bases"]
+
+
+#: What a law does to a series x: words, and a function of x and of constants (s,) of these names and units.
+NONLINEAR = {
+    "{}": ((), lambda x: x),
+    "the square of {}": ((), lambda x: x**2),
+    "the size of {}": ((), np.abs),
+    "the cube of {}": ((), lambda x: x**3),
+    "{} beyond a threshold": (("threshold",), lambda x, c: np.sign(x) * np.maximum(np.abs(x) - c, 0.0)),
+    "the saturation of {}": (("level",), lambda x, c: c * np.tanh(x / c)),
+    "waves in {}": (("cycles",), lambda x, c: np.stack([np.sin(c * x), np.cos(c * x)], axis=1)),
+}
+KERNELS = {
+    "{}": ((), lambda _, x: x),
+    "a memory of {}": (("tau",), lambda t, x, tau: _lagged(t, x, tau)),
+    "a delay of {}": (("delay",), lambda t, x, late: np.interp(t - late, t, x)),
+    "a resonance with {}": (("frequency", "damping"), lambda t, x, f, d: x + ringing(t, x, f, d)),
+}
+GATES = {
+    "{}": lambda _, x: x,
+    "{} where it is positive": lambda _, x: np.maximum(x, 0.0),
+    "{} while the torquers are off": lambda off, x: off * x,
+}
+#: Unit, values that are tried and bounds of a constant.
+CONSTANTS = {
+    "threshold": ("1", (0.3, 0.6), (0.02, 0.98)),
+    "level": ("1", (0.15, 0.5), (0.02, 5.0)),
+    "cycles": ("1", tuple(np.arange(1.0, 101.0)), (0.3, 120.0)),
+    "tau": ("s", (0.5, 2.0, 8.0, 30.0, 90.0), (0.05, 500.0)),
+    "delay": ("s", (0.5, 2.0, 8.0), (0.05, 30.0)),
+    "frequency": ("Hz", (0.02, 0.05, 0.12, 0.3), (0.005, 0.8)),
+    "damping": ("1", (0.1,), (0.003, 1.0)),
+}
+
+
+@dataclass(frozen=True)
+class Law:
+    """A series through a nonlinearity, a kernel and a gate, each a key of its table; constants are fitted."""
+
+    base: str
+    nonlinear: str = "{}"
+    kernel: str = "{}"
+    gate: str = "{}"
+
+    @property
+    def words(self) -> str:
+        """The law in words."""
+        return self.gate.format(self.kernel.format(self.nonlinear.format(self.base)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its constants."""
+        return NONLINEAR[self.nonlinear][0] + KERNELS[self.kernel][0]
+
+    def series(self, one: Manoeuvre, constants) -> np.ndarray:
+        """Values (n, w) in a manoeuvre."""
+        count, values = len(NONLINEAR[self.nonlinear][0]), tuple(map(float, constants))
+        x = NONLINEAR[self.nonlinear][1](_bases(one)[self.base][1], *values[:count])
+        off = np.abs(_bases(one)["the current"][1]) < 0.05
+        first, time = x[0], one.context.time
+        x = KERNELS[self.kernel][1](time, x, *values[count:]) if values[count:] else x
+        if self.kernel == _MEMORY and self.base in (_CURRENT, _CHANGE):  # which is off before the manoeuvre
+            x = x - first * np.exp(-(time - time[0] + np.median(np.diff(time))) / values[-1])
+        x = GATES[self.gate](off, x)
+        return x if x.ndim == 2 else x[:, None]
+
+
+_CURRENT, _CHANGE, _MEMORY, _WAVES = "the current", "the change of the current", "a memory of {}", "waves in {}"
+#: Laws with constants that stand for all others while it is looked for what comes near.
+SCREENED = [(Law(_CURRENT, n, _MEMORY), (t,)) for n in ("{}", "the square of {}") for t in (0.5, 2.0, 6.0, 20.0, 60.0)]
+SCREENED += [(Law(_CHANGE, n, _MEMORY), (t,)) for n in ("{}", "the size of {}") for t in (0.3, 0.7, 2.0)]
+SCREENED += [(Law(_CURRENT, "the square of {}"), ())]
+SCREENED += [(Law("the latitude", _WAVES), (k,)) for k in (4.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)]
+
+
+def _laws(base):
+    """Laws of a series that differ from it."""
+    if base == "the latitude":
+        return [Law(base, _WAVES)]
+    both = [Law(base, n, k) for n in NONLINEAR if n != _WAVES for k in KERNELS if (n, k) != ("{}", "{}")]
+    return both + [Law(base, n, gate=g) for n in list(NONLINEAR)[:3] for g in GATES if g != "{}"]
+
+
+def _wider(form, views, smoothed, starts):
+    """Candidates of every law of the series of a form, with the constants that are tried."""
+    channel, found = form.form.split()[0], []
+    for law in _laws(form.base):
+        for constants in itertools.product(*(CONSTANTS[name][1] for name in law.names)):
+            found.append(_of_law(law, constants, channel, form.cause.partition(":")[2]))
+    return _made(found, views, smoothed, starts)
+
+
+def _of_law(law, constants, channel, driver, screened=False):
+    """Form of a law with its constants."""
+    told = [f"{n} {v:.4g} {CONSTANTS[n][0]}".removesuffix(" 1") for n, v in zip(law.names, constants, strict=True)]
+    words = driver, ", ".join([law.words, *told]), 2 if law.nonlinear.startswith("waves") else 1
+    signal = lambda one: {channel: _on_axes(law.series(one, constants))}  # noqa: E731
+    known = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
+    return _unknown(channel, UNITS[channel], words, signal, **known)
+
+
+def _law_shape(views, form):
+    """Shape of a law about the constants that were tried."""
+    law, channel, value = form.law, form.form.split()[0], np.array(form.constants)
+    columns = lambda v: [*(one.whitened({channel: _on_axes(law.series(one, v))}) for one in views), None]  # noqa: E731
+    lower, upper = np.transpose([CONSTANTS[name][2] for name in law.names])
+    steps = (0.98, 1.0, 1.02) if "cycles" in law.names else (0.6, 1.0, 1.6)
+    tried = np.clip(np.array(list(itertools.product(*[[s * v for s in steps] for v in value]))), lower, upper)
+    units = tuple(CONSTANTS[name][0] for name in law.names)
+    return Shape(law.names, units, value, columns, tried, lower, upper, words=f"{channel} reading, {law.words}")
+
+
+def _tells(entry, law):
+    """Whether the form of an entry is a law with its constants."""
+    words = entry.form.partition(" reading, ")[2]
+    return words == law.words or bool(law.names) and words.startswith(f"{law.words}, {law.names[0]} ")
 
 
 @numba.njit(cache=True)
@@ -402,7 +550,11 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
         axes = [np.zeros(2) if size is None else np.array(size) for size in (known[0].x, known[0].y, known[0].z)]
         return {known[0].channel: np.stack([unit @ size for size in axes], axis=1)}
     if not entry.listed:
+        law = next((law for base in _bases(one) for law in _laws(base) if _tells(entry, law)), None)
         forms = [f for f in _drivers(one) if (f.cause, f.form) == (entry.cause, entry.form)]
+        if law is not None:
+            constants, channel = [entry.values[name] for name in law.names], entry.form.split()[0]
+            forms = [_of_law(law, constants, channel, entry.cause.partition(":")[2])]
         sizes = [np.array([entry.values.get(name, 0.0) for name in form.names]) for form in forms[:1]]
         return {c: v @ size for form, size in zip(forms, sizes, strict=False) for c, v in form.signal(one).items()}
     known = effect(entry.cause)
