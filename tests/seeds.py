@@ -13,9 +13,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from draws import MISSED
-
-VARIABLE, FIXED = "GRAVCAL_TEST_SEED", 20261123
+from draws import ALARM, FIXED, MISSED, VARIABLE
 
 
 def settle():
@@ -41,7 +39,7 @@ def levels():
     for path in sorted(folder.rglob("test_*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("seeds.seed", "seeds.generator"):
-                name, level = node.args[0].value, eval(ast.unparse(node.args[1]), {"MISSED": MISSED})  # noqa: S307 - numbers
+                name, level = node.args[0].value, eval(ast.unparse(node.args[1]), {"MISSED": MISSED, "ALARM": ALARM})  # noqa: S307 - numbers
                 found[f"{path.relative_to(folder)}: {name}"] = level
     return found
 
