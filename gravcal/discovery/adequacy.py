@@ -28,6 +28,8 @@ CERTAIN = -10.0  # log of a probability below which several kinds of excess are 
 CHANCE, NEAR = 1e-3, 2.5
 #: Rows that a bad sample spreads over beyond the coefficients of the noise model, and outliers in a channel of a block.
 WIDE, MOST = 4, 3
+#: Share of the second of two neighbouring steps in the first below which they are a pulse.
+PULSE = -0.3
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,31 @@ def _explained(problem, baseline, rest, number, group, limit):
         value = np.linalg.lstsq(clean, rest[number][:, 0], rcond=1e-6)[0]
         if np.abs(rest[number][group, 0] - clean[group] @ value).max() < limit:
             return True
+    row = int(group[np.argmax(np.abs(rest[number][group, 0]))])
+    for shape in _steps_about(block, row):
+        clean = shape - basis @ (basis.T @ shape)
+        value = np.linalg.lstsq(clean, rest[number][:, 0], rcond=1e-6)[0]
+        left = np.abs(rest[number][group, 0] - clean[group] @ value).max()
+        largest = int(np.argmax(np.abs(shape[row] * value)))
+        share = value[largest - value.size // 2] / value[largest]  # of the other column; a bad sample has -1
+        if left < limit and share > PULSE:
+            return True
     return False
+
+
+def _steps_about(block, row):
+    """Columns (n, 2 q) of steps at two neighbouring samples about a row, that of the search moved there.
+
+    Both of one sign are a step between the samples, both of opposite sign a pulse.
+    """
+    here = np.flatnonzero((block.channel == block.channel[row]) & (block.axis == block.axis[row]))
+    for epoch in sorted(block.steps, key=lambda at: abs(at - block.time[row]))[:1]:
+        first = int(np.searchsorted(here, row) - np.searchsorted(block.time[here], epoch))
+        moved = np.zeros((4, *block.steps[epoch].shape))
+        for k, shift in enumerate(range(first - 2, first + 2)):
+            source, target = here[max(-shift, 0) : here.size - max(shift, 0)], here[max(shift, 0) :]
+            moved[k, target[: source.size]] = block.steps[epoch][source]
+        yield from (np.concatenate(moved[k : k + 2], axis=1) for k in range(3))
 
 
 def _called(part):

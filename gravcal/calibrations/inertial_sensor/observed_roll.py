@@ -150,7 +150,7 @@ class RollView:
             (local,) = self.rows(own[None])
             local[-3:] = held
             epochs = np.append(np.tile(time, 3), np.full(3, time[0]))
-            steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S))
+            steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S) - self.step_s / 2)
             blocks.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps))
         if alone:
             known = np.zeros((3, width))
