@@ -162,7 +162,7 @@ def _searched(observed, limits, model):
         _described(finding, result, position, observed, waves)
     numbers = _without_epochs(numbers)
     change = numbers["calibration_change"]
-    taken = _without_model(result, observed, [one for one in numbers["findings"] if one["adopted"]])
+    taken = _without_model(result, observed, numbers["findings"])
     change["correction"] = (np.array(change["after"]) - observed.scale * (observed.start + taken)).tolist()
     named = {slug_of(one.cause) for one in result.findings}
     rows = _beside(result.problem, observed, count)
@@ -171,10 +171,21 @@ def _searched(observed, limits, model):
 
 
 def _without_model(result, observed, findings):
-    """Shared parameters (p,) from the rows less what a model of the findings takes out of the records."""
+    """Shared parameters (p,) from the rows less what a model of the adopted findings takes out of the records.
+
+    What was named between the forms and epochs of the search is taken as it was fitted; lines stay in the records.
+    """
     problem, columns = result.problem, baseline_of(result.problem, ())
-    effects = [observed.response(entry) for entry in entries(findings)]
-    added = [sum(rows) for rows in zip(*effects, strict=True)] or [np.zeros(b.observed.size) for b in problem.blocks]
+    lines = {*observed.tones.values(), *(one.cause for one in observed.lines)}
+    added = [np.zeros(block.observed.size) for block in problem.blocks]
+    for finding, one in zip(findings, result.findings, strict=True):
+        effects = [observed.response(entry) for entry in entries([finding])] if finding["adopted"] else []
+        mine = problem.candidates[one.index]
+        between = (mine.shape is not None or mine.cause != slug_of(mine.cause)) and slug_of(mine.cause) not in lines
+        if effects and between and not any(np.any(rows) for effect in effects for rows in effect):
+            value = np.nan_to_num(one.value)
+            effects = [[0.0 if c is None else c @ value for c in mine.columns]]
+        added = [sum(rows) for rows in zip(added, *effects, strict=True)]
     right = sum(c.of(columns).T @ row for c, row in zip(problem.columns, added, strict=True))
     return (result.shared[0] - inverse_of_baseline(problem, columns) @ right)[: observed.scale.size]
 
@@ -182,8 +193,9 @@ def _without_model(result, observed, findings):
 def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, dict]:
     """Result of the rounds, and lines by their form.
 
-    Lines are looked for in what the rounds leave, and what happens at an epoch again near it, so that what an epoch
-    half a spacing off leaves gets no name; both are tried beside all others in rounds that begin anew.
+    Lines are looked for in what the rounds leave before any of it is called an excess, and what happens at an epoch
+    again near it, so that what an epoch half a spacing off leaves gets no name; both are tried beside all others in
+    rounds that begin anew.
 
     Parameters
     ----------
@@ -192,13 +204,13 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     choice : Choice
     seed : of the draws of noise
     """
-    result = search(rows, observed.candidates, choice, random_source(seed, rows))
+    result = search(rows, observed.candidates, replace(choice, excess=False), random_source(seed, rows))
     found: list[Line] = []
     for one in observed.lines:
         about = one.cause, one.unit, replace(choice, level=choice.level / len(observed.lines))
         found += joint_lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause]
-    if found or steps:
+    if found or steps or result.after.excess_p < choice.level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
         tried = [*observed.candidates, *near, *(one.candidate for one in found)]
         result = search(rows, tried, choice, random_source(seed, rows))

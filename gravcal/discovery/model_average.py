@@ -28,7 +28,7 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     catalogue; the error holds their spread, and what directions that the data do not see would do: of named causes as
     large as those that are seen, of all others at the price of their prior, one cause in the catalogue being there.
 
-    An extension is adopted only if the extended model is adequate, or foretells manoeuvres left out and moves the
+    An extension is adopted only if it leaves no more than noise, or foretells manoeuvres left out and moves the
     calibration no further than the error it is then given. What has no mechanism, such as lines and drivers in no
     list, may not move it by more than its error before, and causes that are tied and disagree not within the error
     that they leave. Where it is not adopted the value stays, and the move is in its error.
@@ -57,8 +57,9 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in kept)
     move = (value - before)[:count]
     chance = chi2_tail.log_tail(move @ inverse_of(covariance[:count, :count]) @ move, count)
-    wide = np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
-    if wide or not (result.after.adequate(choice.level) or (foretold and chance > np.log(FAR))):
+    alike = any(one.tied or one.imitators for one in kept)
+    wide = alike and np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
+    if wide or not (result.after.p >= choice.level or (foretold and chance > np.log(FAR))):
         adopted, kept, value = [False] * len(names), [], before
     if not all(adopted):
         covariance = covariance + np.outer(whole[0] - value, whole[0] - value)

@@ -29,6 +29,7 @@ class Choice:
     quiet : {channel: quiet samples an axis that its noise was measured from}
     order : {channel: coefficients of its noise model}, as `drawn_noise` takes them
     periods : {s: highest harmonic} of the manoeuvre and of the orbit, at which no line is offered
+    excess : True to name power beyond noise that nothing else takes
     """
 
     level: float
@@ -40,6 +41,7 @@ class Choice:
     quiet: Mapping[str, float] = field(default_factory=dict)
     order: Mapping[str, int] = field(default_factory=dict)
     periods: Mapping[float, int] = field(default_factory=dict)
+    excess: bool = True
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,8 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)
     chosen, after = settled(problem, chosen, choice, noise, before)
-    problem, chosen, after = with_excess(problem, chosen, choice, noise, after)
+    if choice.excess:
+        problem, chosen, after = with_excess(problem, chosen, choice, noise, after)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return replace(_result(problem, findings, (before, after), baseline, first), outliers=outliers)
@@ -444,13 +447,24 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         ratio = attribution.ratio(attribution.projected(grown.total, baseline), grown.places[index], grown.size)
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
-        if (index, trial) not in without_shadows(grown, [*chosen, (index, trial)]):
+        lines = [one for one in chosen if _inside(one[1], after.excess)]
+        if _left_of(grown, chosen, lines, index) or (index, trial) not in without_shadows(
+            grown, [*chosen, (index, trial)]
+        ):
             break
         others = [one for one in chosen if not _inside(one[1], after.excess)]
         others = [one for one in others if _passes(grown, [k for k, _ in others if k != one[0]] + [index], one, choice)]
         problem, chosen = grown, [*others, (index, trial)]
         after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
     return problem, chosen, after
+
+
+def _left_of(problem, chosen, lines, index):
+    """Whether an excess is what a line leaves: the line alone is less likely by chance than all of the excess alone."""
+    others = [k for k, _ in chosen if k not in {line for line, _ in lines}]
+    gram = attribution.projected(problem.total, baseline_of(problem, others))
+    alone = {k: attribution.ratio(gram, problem.places[k], problem.size).log_p for k in (index, *(k for k, _ in lines))}
+    return min(alone, key=alone.get) != index
 
 
 def _inside(trial, excess):

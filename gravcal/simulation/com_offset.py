@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.effects import effect
 from gravcal.physics import constants, dynamics, earth, frames, gravity
 from gravcal.simulation import added as contributed
-from gravcal.simulation import flight, sensors
+from gravcal.simulation import flight, refuse_others, sensors
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
 AREAS = {
@@ -21,6 +21,7 @@ AREAS = {
 }
 #: Channels of effects that turn the body, and sub-steps over which their contributions are averaged.
 EXTRA, PARTS = ("dipole_b", "torque_b"), 8
+READ = {*EXTRA, "linear_b", "angular_b", "pointing_b", "field_b", "acc_delay", "sca_delay", "mag_delay"}
 #: Flown before and after what is written, so that readings with late or early tags exist.
 LEAD_S = 5.0
 RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
@@ -119,6 +120,7 @@ def _spans(start, stop, chosen, day):
 
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
     """Level-1 columns of a simulated day and its truth; arguments as of `gravcal.simulation`."""
+    refuse_others(effects, READ)
     rng = np.random.default_rng(seed)
     scene = draw_scene(satellite, chosen, day, rng)
     clock = sensors.draw_clock(chosen, day, rng)

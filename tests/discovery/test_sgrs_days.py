@@ -126,7 +126,7 @@ def _seen(folder):
     """Settings of the observations of a simulated folder, with the products they are made of."""
     source = gradient_torque.CALIBRATION.source(data=folder / "level1")
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": "20"})
-    products = {name: read(ref) for name, ref in gradient_torque.baseline(source, chosen).items()}
+    products = {name: read(ref) for name, ref in gradient_torque.CALIBRATION.discovery.baseline(source, chosen).items()}
     return chosen, products, gradient_torque.observation_settings(source, chosen)
 
 
