@@ -151,22 +151,24 @@ def _explained(problem, baseline, rest, number, group, limit):
             value = attribution.ratio(gram, place, problem.size).value
             if np.abs(rest[number][group, 0] - rows[:, place] @ value).max() < limit:
                 return True
-    basis = columns.basis
     for shape in block.steps.values():
-        clean = shape - basis @ (basis.T @ shape)
-        value = np.linalg.lstsq(clean, rest[number][:, 0], rcond=1e-6)[0]
-        if np.abs(rest[number][group, 0] - clean[group] @ value).max() < limit:
+        if _fitted_step(columns.basis, shape, rest[number][:, 0], group)[1] < limit:
             return True
     row = int(group[np.argmax(np.abs(rest[number][group, 0]))])
     for shape in _steps_about(block, row):
-        clean = shape - basis @ (basis.T @ shape)
-        value = np.linalg.lstsq(clean, rest[number][:, 0], rcond=1e-6)[0]
-        left = np.abs(rest[number][group, 0] - clean[group] @ value).max()
+        value, left = _fitted_step(columns.basis, shape, rest[number][:, 0], group)
         largest = int(np.argmax(np.abs(shape[row] * value)))
         share = value[largest - value.size // 2] / value[largest]  # of the other column; a bad sample has -1
         if left < limit and share > PULSE:
             return True
     return False
+
+
+def _fitted_step(basis, shape, rest, group):
+    """Sizes (q,) of the columns of a step in a residual (n,), and the largest that they leave of far rows (g,)."""
+    clean = shape - basis @ (basis.T @ shape)
+    value = np.linalg.lstsq(clean, rest, rcond=1e-6)[0]
+    return value, np.abs(rest[group] - clean[group] @ value).max()
 
 
 def _steps_about(block, row):

@@ -448,11 +448,11 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
         lines = [one for one in chosen if _inside(one[1], after.excess)]
-        if _left_of(grown, chosen, lines, index) or (index, trial) not in without_shadows(
-            grown, [*chosen, (index, trial)]
-        ):
+        if lines and _left_of(grown, chosen, lines, index):
             break
-        others = [one for one in chosen if not _inside(one[1], after.excess)]
+        if (index, trial) not in without_shadows(grown, [*chosen, (index, trial)]):
+            break
+        others = [one for one in chosen if one not in lines]
         others = [one for one in others if _passes(grown, [k for k, _ in others if k != one[0]] + [index], one, choice)]
         problem, chosen = grown, [*others, (index, trial)]
         after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)

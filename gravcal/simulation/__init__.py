@@ -37,17 +37,6 @@ def within(effects: Mapping[str, Mapping[str, float]], slugs: tuple[str, ...]) -
     return effects
 
 
-def refuse_others(effects, channels) -> None:
-    """Error for effects on channels that a simulation does not have."""
-    for slug in effects:
-        channel = effect(slug).channel
-        if channel not in channels:
-            remedy = "It belongs to another calibration; see gravcal effects."
-            refuse(
-                f"effect {slug}", f"channel {channel}", f"one of {', '.join(sorted(channels))}", remedy, CatalogError
-            )
-
-
 def added(effects: Mapping[str, Mapping[str, float]], channel: str, context: Context):
     """Sum of the contributions of the effects to a channel of CHANNELS, 0.0 if there is none."""
     total = 0.0
