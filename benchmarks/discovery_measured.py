@@ -60,16 +60,10 @@ def documents(root: Path) -> list[dict]:
 
 @dataclass(frozen=True)
 class Attitude:
-    """Attitude of one satellite with everything but the firings removed.
-
-    Attributes
-    ----------
-    firings : Firings
-    rows : whitened rows of every block
-    """
+    """Attitude of one satellite with everything but the firings removed."""
 
     firings: model.Firings
-    rows: list
+    rows: list  #: whitened rows of every block
 
     def fitted(self, columns):
         """Value, sigma and gain of columns (n, 3, q) rad by block."""

@@ -22,22 +22,13 @@ from tasks import stage
 
 @dataclass(frozen=True)
 class Simulated:
-    """One invented event.
+    """One invented event."""
 
-    Attributes
-    ----------
-    columns : {product: {column: array}}, as the files would hold them
-    truth : plain dict
-    motion : list of (epochs, motion) of each span, true
-    chosen : parameters of the simulation
-    satellite : numbers of the catalogue
-    """
-
-    columns: dict
+    columns: dict  #: {product: {column: array}}, as the files would hold them
     truth: dict
-    motion: list
-    chosen: object
-    satellite: dict
+    motion: list  #: (epochs, motion) of each span, true
+    chosen: object  #: parameters of the simulation
+    satellite: dict  #: numbers of the catalogue
 
 
 def simulated(seed: int, effects: Mapping, **settings) -> Simulated:

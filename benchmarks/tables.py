@@ -8,22 +8,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured number and what it should be.
+    """One measured number and what it should be."""
 
-    Attributes
-    ----------
-    name : what was measured
-    value : as printed
-    spread : its interval, or minimum and maximum, as printed
-    target : as printed, "" where there is none
-    met : None where there is no target
-    """
-
-    name: str
-    value: str
-    spread: str = ""
-    target: str = ""
-    met: bool | None = None
+    name: str  #: what was measured
+    value: str  #: as printed
+    spread: str = ""  #: its interval, or minimum and maximum, as printed
+    target: str = ""  #: as printed, "" where there is none
+    met: bool | None = None  #: None where there is no target
 
 
 def say(text: str = "") -> None:

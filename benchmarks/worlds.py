@@ -54,20 +54,13 @@ LARGEST = 200.0  # times the first guess of a size; what needs more is not seen 
 
 @dataclasses.dataclass(frozen=True)
 class Hidden:
-    """An effect of the open world.
+    """An effect of the open world."""
 
-    Attributes
-    ----------
-    causes : slugs of the catalogue that are right; none where the catalogue has none
-    draw : rng -> value at a first guess of the size
-    scaled : (value, factor) -> value; by default everything is multiplied
-    channels, drivers : words of which one has to stand in the cause, form or driver of what was found, for an effect in
-        no list
-    """
-
-    causes: tuple[str, ...]
-    draw: object
-    scaled: object = None
+    causes: tuple[str, ...]  #: slugs of the catalogue that are right; none where the catalogue has none
+    draw: object  #: rng -> value at a first guess of the size
+    scaled: object = None  #: (value, factor) -> value; by default everything is multiplied
+    #: channels, drivers: words of which one has to stand in the cause, form or driver of what was found, for an effect
+    #: in no list
     channels: tuple[str, ...] = ()
     drivers: tuple[str, ...] = ()
 

@@ -30,24 +30,17 @@ EPOCH = datetime(2000, 1, 1, 12)  # of GPS seconds
 
 @dataclass(frozen=True)
 class Discovery:
-    """How discovery gets at a calibration.
+    """How discovery gets at a calibration."""
 
-    Attributes
-    ----------
-    settings : (source, chosen) -> settings of ``observe`` beside the products and those of the stage "discovery"
-    observations : module with ``observe(products, **settings) -> Observations``, or None where these hold none
-    records : (source, chosen) -> the product that a model changes; None if `products` sees to models
-    products : (source, chosen, records) -> {name: product} that the observations are built from; None: the records
-        alone
-    twice : True if the search is repeated in records without what it has found
-    result : (source, chosen, records) -> product with the result of the calibration from such records
-    """
-
+    #: (source, chosen) -> settings of ``observe`` beside the products and those of the stage "discovery"
     settings: Callable
-    observations: str
+    observations: str  #: module with ``observe(products, **settings) -> Observations``, or None where these hold none
+    #: (source, chosen) -> the product that a model changes; None if `products` sees to models
     records: Callable | None = None
+    #: (source, chosen, records) -> {name: product} that the observations are built from; None: the records alone
     products: Callable | None = None
-    twice: bool = False
+    twice: bool = False  #: True if the search is repeated in records without what it has found
+    #: (source, chosen, records) -> product with the result of the calibration from such records
     result: Callable | None = None
 
     def read(self, source, chosen):
@@ -92,66 +85,39 @@ class Discovery:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Everything that the rest of the program asks about one calibration.
+    """Everything that the rest of the program asks about one calibration."""
 
-    Attributes
-    ----------
-    name : of science, stages, flow, settings file and products
-    title : heading of pages
-    quantity : what its result is, with the frame: heading of time lines
-    begins : Level-1 products of which a day needs one to be an event
-    satellites : letters, or pairs of letters, that an event may be of
-    inputs : {role: Level-1 products, most wanted first}
-    flow : (source, chosen) -> ProductRef of the report
-    products : {kind: schema}
-    result : document -> values that series, time lines, comparisons and campaigns show
-    simulation : (out, chosen, day, seed, effects, truth) -> truth, a dict with "satellite"; writes the Level-1 files of
-        an invented event of the day that begins at ``day``, GPS seconds; ``truth`` is the file for it, or None
-    detect : (source, chosen) -> ProductRef of the manoeuvres found, None if it uses the whole record
-    manoeuvres : Dataset of `detect` -> list of {"kind", "start", "stop"}
-    document : ProductRef of the report -> result document
-    files : module with ``inventory(folder)``, the Level-1 files of a folder
-    mission : first word of the names of its events
-    pairs : {letter of the files of a pair: letters of the pair}
-    span_days : an event without date has all days of its folder if they span less
-    source : (event=, data=, satellite=, date=) -> Source; None: by ``begins``
-    level_one_files : source -> Level-1 files of the event; None: one for each of ``inputs``
-    printed : {section of the published values: function of a record -> rows of the time line}
-    levels : {panel: published scalar, m s-2, drawn as a line: the printed order of magnitude}
-    trims : True if a time line shows the mass trims of its satellite
-    band : limit that a time line draws about zero, or None
-    design : name of the design of an event found in data, None if it has none
-    schema : JSON Schema of the result document, None if it ships with gravcal under the name
-    catalogue : folder with settings, published values and events, None if they ship with gravcal
-    discovery : Discovery, or None
-    """
-
-    name: str
-    title: str
-    quantity: str
-    begins: tuple[str, ...]
-    satellites: tuple[str, ...]
-    inputs: Mapping[str, tuple[str, ...]]
-    flow: Callable
-    products: Mapping[str, Mapping]
-    result: Callable[[Mapping], Iterable]
+    name: str  #: of science, stages, flow, settings file and products
+    title: str  #: heading of pages
+    quantity: str  #: what its result is, with the frame: heading of time lines
+    begins: tuple[str, ...]  #: Level-1 products of which a day needs one to be an event
+    satellites: tuple[str, ...]  #: letters, or pairs of letters, that an event may be of
+    inputs: Mapping[str, tuple[str, ...]]  #: {role: Level-1 products, most wanted first}
+    flow: Callable  #: (source, chosen) -> ProductRef of the report
+    products: Mapping[str, Mapping]  #: {kind: schema}
+    result: Callable[[Mapping], Iterable]  #: document -> values that series, time lines, comparisons and campaigns show
+    #: (out, chosen, day, seed, effects, truth) -> truth, a dict with "satellite"; writes the Level-1 files of an
+    #: invented event of the day that begins at ``day``, GPS seconds; ``truth`` is the file for it, or None
     simulation: Callable
+    #: (source, chosen) -> ProductRef of the manoeuvres found, None if it uses the whole record
     detect: Callable | None = None
-    manoeuvres: Callable | None = None
-    document: Callable = common.document
-    files: Any = common.archive
-    mission: str = "grace"
-    pairs: Mapping[str, str] = field(default_factory=dict)
-    span_days: int = 1
-    source: Callable | None = None
-    level_one_files: Callable | None = None
+    manoeuvres: Callable | None = None  #: Dataset of `detect` -> list of {"kind", "start", "stop"}
+    document: Callable = common.document  #: ProductRef of the report -> result document
+    files: Any = common.archive  #: module with ``inventory(folder)``, the Level-1 files of a folder
+    mission: str = "grace"  #: first word of the names of its events
+    pairs: Mapping[str, str] = field(default_factory=dict)  #: {letter of the files of a pair: letters of the pair}
+    span_days: int = 1  #: an event without date has all days of its folder if they span less
+    source: Callable | None = None  #: (event=, data=, satellite=, date=) -> Source; None: by ``begins``
+    level_one_files: Callable | None = None  #: source -> Level-1 files of the event; None: one for each of ``inputs``
+    #: {section of the published values: function of a record -> rows of the time line}
     printed: Mapping[str, Callable] = field(default_factory=dict)
+    #: {panel: published scalar, m s-2, drawn as a line: the printed order of magnitude}
     levels: Mapping[str, str] = field(default_factory=dict)
-    trims: bool = False
-    band: float | None = None
-    design: str | None = None
-    schema: Path | None = None
-    catalogue: Path | None = None
+    trims: bool = False  #: True if a time line shows the mass trims of its satellite
+    band: float | None = None  #: limit that a time line draws about zero, or None
+    design: str | None = None  #: name of the design of an event found in data, None if it has none
+    schema: Path | None = None  #: JSON Schema of the result document, None if it ships with gravcal under the name
+    catalogue: Path | None = None  #: folder with settings, published values and events, None if they ship with gravcal
     discovery: Discovery | None = None
 
     def __post_init__(self):

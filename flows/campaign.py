@@ -34,25 +34,15 @@ WORKERS = {
 
 @dataclass(frozen=True)
 class Campaign:
-    """How the events are processed.
-
-    Attributes
-    ----------
-    calibration : str
-    chosen : Parameters
-    engine : "prefect", "inline", or "flow": as tasks of the Prefect flow that is running
-    scheduler : address of a Dask cluster, or None for processes of this machine
-    workers : how many of these; None for one for each processor, 0 for none but this
-    again : True to try again what failed though nothing that it depends on has changed
-    remake_versions : True to make again the products that other versions of numpy, scipy or numba made
-    """
+    """How the events are processed."""
 
     calibration: str
     chosen: object
-    engine: str = "prefect"
-    scheduler: str | None = None
-    workers: int | None = None
-    again: bool = False
+    engine: str = "prefect"  #: "prefect", "inline", or "flow": as tasks of the Prefect flow that is running
+    scheduler: str | None = None  #: address of a Dask cluster, or None for processes of this machine
+    workers: int | None = None  #: how many of these; None for one for each processor, 0 for none but this
+    again: bool = False  #: True to try again what failed though nothing that it depends on has changed
+    #: True to make again the products that other versions of numpy, scipy or numba made
     remake_versions: bool = field(default_factory=history.remakes_versions)
 
 

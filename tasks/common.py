@@ -20,20 +20,12 @@ product.register("ingest", product.ANY)
 
 @dataclass(frozen=True)
 class Source:
-    """Where the Level-1 files of an event are.
-
-    Attributes
-    ----------
-    event : name of the event
-    satellite : letters, such as "C" or "CD"
-    date : YYYY-MM-DD, None if the event has all days of the folder
-    folder : holds the files, loose or in archives
-    """
+    """Where the Level-1 files of an event are."""
 
     event: str
-    satellite: str
-    date: str | None
-    folder: Path
+    satellite: str  #: letters, such as "C" or "CD"
+    date: str | None  #: YYYY-MM-DD, None if the event has all days of the folder
+    folder: Path  #: holds the files, loose or in archives
 
     def file(self, *products: str, satellite: str | None = None):
         """The first of these products that the folder holds.

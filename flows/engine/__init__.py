@@ -99,15 +99,11 @@ def plan(body, *arguments):
 
 @dataclass(frozen=True)
 class Left:
-    """What a flow has left to make.
+    """What a flow has left to make."""
 
-    ref : ProductRef of the result, None where something is missing
-    found : list of (call, ProductRef) of what is there
-    failure : record of the last run where it failed at a stage whose inputs, settings and code have not changed
-    """
-
-    ref: ProductRef | None
-    found: list
+    ref: ProductRef | None  #: of the result, None where something is missing
+    found: list  #: (call, ProductRef) of what is there
+    #: record of the last run where it failed at a stage whose inputs, settings and code have not changed
     failure: dict | None = None
 
 

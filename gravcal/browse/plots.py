@@ -25,25 +25,16 @@ TOOLS = {
 
 @dataclass(frozen=True)
 class Wish:
-    """What a figure shows.
+    """What a figure shows."""
 
-    Attributes
-    ----------
-    key, variable : product and its variable
-    columns : numbers of the series, empty: those that are quick to draw
-    other : key of a second product with the same variable, or empty
-    view : one of VIEWS
-    from_start : whether each product's coordinate counts from its own begin
-    without_gaps : whether samples stand side by side, whatever lies between them
-    """
-
+    #: key, variable: product and its variable
     key: str
     variable: str
-    columns: tuple[int, ...] = ()
-    other: str = ""
-    view: str = "overlay"
-    from_start: bool = False
-    without_gaps: bool = False
+    columns: tuple[int, ...] = ()  #: numbers of the series, empty: those that are quick to draw
+    other: str = ""  #: key of a second product with the same variable, or empty
+    view: str = "overlay"  #: one of VIEWS
+    from_start: bool = False  #: whether each product's coordinate counts from its own begin
+    without_gaps: bool = False  #: whether samples stand side by side, whatever lies between them
 
 
 @dataclass(frozen=True)

@@ -29,26 +29,15 @@ SHOWN = 400  # values of a small variable that a table shows, and series of a la
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of a product.
-
-    Attributes
-    ----------
-    name : str
-    dims : names of its dimensions
-    shape : lengths
-    dtype : name of its type; "text" for names
-    attributes : dict
-    axis : number of the dimension that a plot runs along, None for one without dimensions
-    columns : label of each series that a plot can draw: ``x``, ``y``, ``z`` or ``0``, ``1``, ...
-    """
+    """One variable of a product."""
 
     name: str
-    dims: tuple[str, ...]
-    shape: tuple[int, ...]
-    dtype: str
+    dims: tuple[str, ...]  #: names of its dimensions
+    shape: tuple[int, ...]  #: lengths
+    dtype: str  #: name of its type; "text" for names
     attributes: dict
-    axis: int | None
-    columns: tuple[str, ...]
+    axis: int | None  #: number of the dimension that a plot runs along, None for one without dimensions
+    columns: tuple[str, ...]  #: label of each series that a plot can draw: ``x``, ``y``, ``z`` or ``0``, ``1``, ...
 
     @property
     def size(self) -> int:
@@ -196,23 +185,15 @@ def _text(value):
 
 @dataclass(frozen=True)
 class Overview:
-    """Coarse view of a column, and how to read it finely.
+    """Coarse view of a column, and how to read it finely."""
 
-    Attributes
-    ----------
-    size : samples
-    x : (m,) coordinate of the first sample of each block
-    end : coordinate of the last sample
-    low, high : (m,) lowest and highest value of each block, NaN where it holds none
-    finely : function of (start, stop) that returns x and y of these samples
-    """
-
-    size: int
-    x: np.ndarray
-    end: float
+    size: int  #: samples
+    x: np.ndarray  #: (m,) coordinate of the first sample of each block
+    end: float  #: coordinate of the last sample
+    #: low, high: (m,) lowest and highest value of each block, NaN where it holds none
     low: np.ndarray
     high: np.ndarray
-    finely: Callable
+    finely: Callable  #: function of (start, stop) that returns x and y of these samples
 
     def filled(self) -> float:
         """Share of the coordinate's span in which samples lie, by the typical length of a block."""

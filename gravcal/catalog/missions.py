@@ -93,15 +93,12 @@ class Designed:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """One manoeuvre found in the data; start and stop in GPS seconds past 2000-01-01 12:00:00.
-
-    satellite : letter, where the event is of several and one of them moved
-    """
+    """One manoeuvre found in the data; start and stop in GPS seconds past 2000-01-01 12:00:00."""
 
     kind: str
     start: float
     stop: float
-    satellite: str = ""
+    satellite: str = ""  #: letter, where the event is of several and one of them moved
 
 
 @dataclass(frozen=True)

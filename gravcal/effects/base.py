@@ -30,81 +30,51 @@ CHANNELS = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """One number of an effect."""
 
-    Attributes
-    ----------
-    name : word used in settings, results and model files
-    unit : SI
-    meaning : what a positive value does
-    prior_sigma : plausible one-sigma size, for injection and for regularised fits
-    neutral : value at which the effect vanishes
-    lower : smallest value that has a meaning
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    prior_sigma: float
-    neutral: float = 0.0
-    lower: float = -np.inf
+    name: str  #: word used in settings, results and model files
+    unit: str  #: SI
+    meaning: str  #: what a positive value does
+    prior_sigma: float  #: plausible one-sigma size, for injection and for regularised fits
+    neutral: float = 0.0  #: value at which the effect vanishes
+    lower: float = -np.inf  #: smallest value that has a meaning
 
 
 @dataclass(frozen=True)
 class Context:
-    """What an effect may look at, on the epochs of its channel; fields that a channel has not are None.
+    """What an effect may look at, on the epochs of its channel; fields that a channel has not are None."""
 
-    Attributes
-    ----------
-    time : (n,) s, GPS
-    rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2, body with respect to inertial
-    gradient_b : (n, 3, 3) s-2, gravity gradient
-    dipole_b : (n, 3) A m2, commanded dipole
-    field_b : (n, 3) T, geomagnetic field
-    linear_b, angular_b : (n, 3), reading so far
-    inertia_b : (3, 3) kg m2
-    start, stop : (k,) s, manoeuvres
-    epoch : s, from which drifts and phases count
-    extra : anything else, by name: mass (kg), non_gravitational_b and radiation_b (n, 3) m s-2, warmth (n,) 1 as of
-        `orbit_environment.warmth`, axis_b (n, 3) 1 as of `orbit_environment.dipole_axis_i`; families add their own
-    """
-
-    time: np.ndarray
+    time: np.ndarray  #: (n,) s, GPS
+    #: rate_b, rate_dot_b: (n, 3) rad s-1, rad s-2, body with respect to inertial
     rate_b: np.ndarray | None = None
     rate_dot_b: np.ndarray | None = None
-    gradient_b: np.ndarray | None = None
-    dipole_b: np.ndarray | None = None
-    field_b: np.ndarray | None = None
+    gradient_b: np.ndarray | None = None  #: (n, 3, 3) s-2, gravity gradient
+    dipole_b: np.ndarray | None = None  #: (n, 3) A m2, commanded dipole
+    field_b: np.ndarray | None = None  #: (n, 3) T, geomagnetic field
+    #: linear_b, angular_b: (n, 3), reading so far
     linear_b: np.ndarray | None = None
     angular_b: np.ndarray | None = None
-    inertia_b: np.ndarray | None = None
+    inertia_b: np.ndarray | None = None  #: (3, 3) kg m2
+    #: start, stop: (k,) s, manoeuvres
     start: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stop: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    epoch: float = 0.0
+    epoch: float = 0.0  #: s, from which drifts and phases count
+    #: anything else, by name: mass (kg), non_gravitational_b and radiation_b (n, 3) m s-2, warmth (n,) 1 as of
+    #: `orbit_environment.warmth`, axis_b (n, 3) 1 as of `orbit_environment.dipole_axis_i`; families add their own
     extra: Mapping = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """A physical or instrumental effect, shared by the simulator, the estimator and discovery.
+    """A physical or instrumental effect, shared by the simulator, the estimator and discovery."""
 
-    Attributes
-    ----------
-    slug : "family.name"
-    channel : key of CHANNELS
-    parameters : its numbers
-    contribution : (context, values) -> array added to the channel
-    reference : where the law stands
-    linear : the contribution is proportional to the parameters
-    jacobian : context -> derivative by each parameter, last axis, where it is known in closed form
-    """
-
-    slug: str
-    channel: str
-    parameters: tuple[Parameter, ...]
-    contribution: Callable[[Context, np.ndarray], np.ndarray]
-    reference: str
-    linear: bool = True
+    slug: str  #: "family.name"
+    channel: str  #: key of CHANNELS
+    parameters: tuple[Parameter, ...]  #: its numbers
+    contribution: Callable[[Context, np.ndarray], np.ndarray]  #: (context, values) -> array added to the channel
+    reference: str  #: where the law stands
+    linear: bool = True  #: the contribution is proportional to the parameters
+    #: context -> derivative by each parameter, last axis, where it is known in closed form
     jacobian: Callable[[Context], np.ndarray] | None = None
 
     def values(self, given: Mapping[str, float]) -> np.ndarray:

@@ -84,10 +84,7 @@ class Fetched:
 
 @dataclass(frozen=True)
 class Patience:
-    """How long a server is waited for; an attempt that brought 1 % more bytes starts the count anew.
-
-    tell : function of a line, called before every pause; or None
-    """
+    """How long a server is waited for; an attempt that brought 1 % more bytes starts the count anew."""
 
     attempts: int = 6
     wait_s: float = 1.0  # first pause, doubled each time
@@ -95,7 +92,7 @@ class Patience:
     connect_s: float = 8.0
     stall_s: float = 60.0  # without any byte
     slowest: float = 100.0  # bytes per second, over the time of a stall
-    tell: Callable | None = None
+    tell: Callable | None = None  #: function of a line, called before every pause; or None
 
 
 class Interrupted(Exception):

@@ -30,44 +30,28 @@ SENSITIVITY_PARAMETERS = (
 
 @dataclass(frozen=True)
 class State:
-    """Attitude and rate at one epoch.
+    """Attitude and rate at one epoch."""
 
-    time : float, GPS s
-    quaternion : (4,) scalar first, SCA1B meaning
-    rate_b : (3,) rad s-1, body with respect to inertial
-    """
-
-    time: float
-    quaternion: np.ndarray
-    rate_b: np.ndarray
+    time: float  #: GPS s
+    quaternion: np.ndarray  #: (4,) scalar first, SCA1B meaning
+    rate_b: np.ndarray  #: (3,) rad s-1, body with respect to inertial
 
 
 @dataclass(frozen=True)
 class Torque:
-    """Everything that turns the satellite.
+    """Everything that turns the satellite."""
 
-    inertia : (3, 3) kg m2, about the CoM, in b
-    edges : (m + 1,) GPS s, strictly increasing; the dipole is constant between them and zero outside
-    dipole_b : (m, 3) A m2, between edges[j] and edges[j + 1]
-    field_time : (k,) GPS s, k >= 4, covers the integration; about 1 Hz (local cubics in between)
-    field_i : (k, 3) T, magnetic field along the orbit
-    gradient_i : (k, 3, 3) s-2, gravity gradient along the orbit at field_time; None for no gravity-gradient torque
-    constant_b : (3,) N m
-    scale_b : (3,) 1, factor of the magnetic torque about each body axis
-    extra_time : (j,) GPS s, non-decreasing, or None; an epoch given twice is a jump
-    extra_b : (j, 3) N m, linear between extra_time, zero outside
-    """
-
-    inertia: np.ndarray
-    edges: np.ndarray
-    dipole_b: np.ndarray
-    field_time: np.ndarray
-    field_i: np.ndarray
+    inertia: np.ndarray  #: (3, 3) kg m2, about the CoM, in b
+    edges: np.ndarray  #: (m + 1,) GPS s, strictly increasing; the dipole is constant between them and zero outside
+    dipole_b: np.ndarray  #: (m, 3) A m2, between edges[j] and edges[j + 1]
+    field_time: np.ndarray  #: (k,) GPS s, k >= 4, covers the integration; about 1 Hz (local cubics in between)
+    field_i: np.ndarray  #: (k, 3) T, magnetic field along the orbit
+    #: (k, 3, 3) s-2, gravity gradient along the orbit at field_time; None for no gravity-gradient torque
     gradient_i: np.ndarray | None = None
-    constant_b: np.ndarray = (0.0, 0.0, 0.0)
-    scale_b: np.ndarray = (1.0, 1.0, 1.0)
-    extra_time: np.ndarray | None = None
-    extra_b: np.ndarray | None = None
+    constant_b: np.ndarray = (0.0, 0.0, 0.0)  #: (3,) N m
+    scale_b: np.ndarray = (1.0, 1.0, 1.0)  #: (3,) 1, factor of the magnetic torque about each body axis
+    extra_time: np.ndarray | None = None  #: (j,) GPS s, non-decreasing, or None; an epoch given twice is a jump
+    extra_b: np.ndarray | None = None  #: (j, 3) N m, linear between extra_time, zero outside
 
 
 def gravity_gradient_torque(inertia, gradient_b):

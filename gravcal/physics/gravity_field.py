@@ -31,19 +31,14 @@ PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 @dataclass(frozen=True)
 class Field:
-    """Coefficients of a gravity field, fully normalised (4 pi), as in ICGEM files.
+    """Coefficients of a gravity field, fully normalised (4 pi), as in ICGEM files."""
 
-    gm : m3 s-2
-    radius : m, reference radius of the coefficients
-    cosine, sine : (n + 1, n + 1) 1, C_nm and S_nm; C_00 = 1
-    cosine_sigma, sine_sigma : (n + 1, n + 1) 1, their standard deviations, zero where not given
-    name : str
-    """
-
-    gm: float
-    radius: float
+    gm: float  #: m3 s-2
+    radius: float  #: m, reference radius of the coefficients
+    #: cosine, sine: (n + 1, n + 1) 1, C_nm and S_nm; C_00 = 1
     cosine: np.ndarray
     sine: np.ndarray
+    #: cosine_sigma, sine_sigma: (n + 1, n + 1) 1, their standard deviations, zero where not given
     cosine_sigma: np.ndarray | None = None
     sine_sigma: np.ndarray | None = None
     name: str = ""

@@ -40,20 +40,14 @@ def document(found: xr.Dataset) -> dict:
 
 @dataclass(frozen=True)
 class Page:
-    """What a calibration says beside its parameters.
+    """What a calibration says beside its parameters."""
 
-    Attributes
-    ----------
-    calibration, heading : names
-    verdict : what the values are of, such as "Gain of the impulses"
-    products : stages that the report reads, in their order; among them "estimate" and "checks"
-    content : {stage: Dataset} -> facts, plain numbers with units in their names, and sections after the result
-    """
-
+    #: calibration, heading: names
     calibration: str
     heading: str
-    verdict: str
-    products: Sequence[str]
+    verdict: str  #: what the values are of, such as "Gain of the impulses"
+    products: Sequence[str]  #: stages that the report reads, in their order; among them "estimate" and "checks"
+    #: {stage: Dataset} -> facts, plain numbers with units in their names, and sections after the result
     content: Callable[[Mapping[str, xr.Dataset]], tuple[dict, list[Section]]]
 
 

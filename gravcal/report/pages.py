@@ -28,59 +28,38 @@ from gravcal.report.figures import image
 
 @dataclass(frozen=True)
 class Table:
-    """Table of a section.
+    """Table of a section."""
 
-    Attributes
-    ----------
-    caption, heads : texts
-    rows : cells of each row; None continues the cell above
-    reads : names of the products that it was read from
-    words : columns that are set to the left
-    wide : True for small type
-    strong : index of the row that is emphasised, or None
-    """
-
+    #: caption, heads: texts
     caption: str
     heads: Sequence[str]
-    rows: Sequence[Sequence]
-    reads: Sequence[str] = ()
-    words: Sequence[int] = (0,)
-    wide: bool = False
-    strong: int | None = None
+    rows: Sequence[Sequence]  #: cells of each row; None continues the cell above
+    reads: Sequence[str] = ()  #: names of the products that it was read from
+    words: Sequence[int] = (0,)  #: columns that are set to the left
+    wide: bool = False  #: True for small type
+    strong: int | None = None  #: index of the row that is emphasised, or None
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Figure of a section.
+    """Figure of a section."""
 
-    Attributes
-    ----------
-    draw : function of the products in `reads` (of `arguments` if given) that returns a matplotlib Figure or None
-    reads : names of products; a missing one leaves out the figure
-    caption : text; its first sentence is the alternative text of the image
-    arguments : what `draw` takes in place of the products
-    """
-
+    #: function of the products in `reads` (of `arguments` if given) that returns a matplotlib Figure or None
     draw: Callable
-    reads: Sequence[str]
-    caption: str
-    arguments: Sequence | None = None
+    reads: Sequence[str]  #: names of products; a missing one leaves out the figure
+    caption: str  #: text; its first sentence is the alternative text of the image
+    arguments: Sequence | None = None  #: what `draw` takes in place of the products
 
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a page: notes, tables, then figures; a table that is None is left out.
-
-    Attributes
-    ----------
-    beside : True to set the tables side by side
-    """
+    """Section of a page: notes, tables, then figures; a table that is None is left out."""
 
     title: str
     tables: Sequence[Table | None] = ()
     figures: Sequence[Figure] = ()
     notes: Sequence[str] = ()
-    beside: bool = False
+    beside: bool = False  #: True to set the tables side by side
 
 
 def page(

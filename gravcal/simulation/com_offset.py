@@ -29,31 +29,21 @@ RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything drawn from the seed before the satellite flies.
+    """Everything drawn from the seed before the satellite flies."""
 
-    orbit : callable, (n,) s -> (n, 6) m, m s-1
-    kinds : names of the manoeuvres, in order of time
-    start, stop : (k,) s, first and last edge
-    spans : (s, 2) s, times that are flown and written
-    offset : (3,) m, proof mass to centre of mass
-    inertia_b : (3, 3) kg m2; dipole_per_current : (3,) A m2 mA-1, as true
-    magnetometer_bias : (3,) T
-    mass : kg; drag_b : (3,) m s-2, mean drag in the body
-    begin : s, from which on the orbit is known
-    """
-
-    orbit: object
-    kinds: tuple[str, ...]
+    orbit: object  #: (n,) s -> (n, 6) m, m s-1
+    kinds: tuple[str, ...]  #: names of the manoeuvres, in order of time
+    #: start, stop: (k,) s, first and last edge
     start: np.ndarray
     stop: np.ndarray
-    spans: np.ndarray
-    offset: np.ndarray
-    inertia_b: np.ndarray
-    dipole_per_current: np.ndarray
-    magnetometer_bias: np.ndarray
-    mass: float
-    drag_b: np.ndarray
-    begin: float
+    spans: np.ndarray  #: (s, 2) s, times that are flown and written
+    offset: np.ndarray  #: (3,) m, proof mass to centre of mass
+    inertia_b: np.ndarray  #: (3, 3) kg m2
+    dipole_per_current: np.ndarray  #: (3,) A m2 mA-1, as true
+    magnetometer_bias: np.ndarray  #: (3,) T
+    mass: float  #: kg
+    drag_b: np.ndarray  #: (3,) m s-2, mean drag in the body
+    begin: float  #: s, from which on the orbit is known
 
 
 def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:

@@ -112,36 +112,23 @@ def schedule(starts_by_kind: list[np.ndarray], spacing: float, earliest: float, 
 
 @dataclass(frozen=True)
 class Steps:
-    """Timeline of integration steps; nothing jumps inside a step.
+    """Timeline of integration steps; nothing jumps inside a step."""
 
-    bound : (n + 1,) s, ends of the steps
-    control : (n,) bool, the controller acts at the start of the step
-    wave : (n,) bool, a manoeuvre runs and the controller rests
-    wave_dipole_b : (n, 3) A m2, commanded by the manoeuvre
-    """
-
-    bound: np.ndarray
-    control: np.ndarray
-    wave: np.ndarray
-    wave_dipole_b: np.ndarray
+    bound: np.ndarray  #: (n + 1,) s, ends of the steps
+    control: np.ndarray  #: (n,) bool, the controller acts at the start of the step
+    wave: np.ndarray  #: (n,) bool, a manoeuvre runs and the controller rests
+    wave_dipole_b: np.ndarray  #: (n, 3) A m2, commanded by the manoeuvre
 
 
 @dataclass(frozen=True)
 class Environment:
-    """What the satellite flies through, at evenly spaced nodes.
+    """What the satellite flies through, at evenly spaced nodes."""
 
-    time : (k,) s, nodes
-    position_i : (k, 3) m
-    field_i : (k, 3) T
-    target : (k, 4) attitude that the controller holds, scalar first, continuous in sign
-    target_rate_b : (k, 3) rad s-1
-    """
-
-    time: np.ndarray
-    position_i: np.ndarray
-    field_i: np.ndarray
-    target: np.ndarray
-    target_rate_b: np.ndarray
+    time: np.ndarray  #: (k,) s, nodes
+    position_i: np.ndarray  #: (k, 3) m
+    field_i: np.ndarray  #: (k, 3) T
+    target: np.ndarray  #: (k, 4) attitude that the controller holds, scalar first, continuous in sign
+    target_rate_b: np.ndarray  #: (k, 3) rad s-1
 
     def at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Values (k, m) of the nodes at other times (n, m), linear."""
@@ -158,16 +145,13 @@ def environment(time, path, x_along_velocity: float, generation: int) -> Environ
 
 @dataclass(frozen=True)
 class Body:
-    """Inertia, gains and limits.
+    """Inertia, gains and limits."""
 
-    inertia_b : (3, 3) kg m2
-    frequency, damping : rad s-1 and 1, of the controlled attitude
-    dipole_limit, dipole_step : A m2, saturation and quantum of a rod under control
-    """
-
-    inertia_b: np.ndarray
+    inertia_b: np.ndarray  #: (3, 3) kg m2
+    #: frequency, damping: rad s-1 and 1, of the controlled attitude
     frequency: float
     damping: float
+    #: dipole_limit, dipole_step: A m2, saturation and quantum of a rod under control
     dipole_limit: float
     dipole_step: float
 

@@ -28,17 +28,15 @@ PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a ten
 
 @dataclass(frozen=True)
 class Motion:
-    """What the satellite does.
+    """What the satellite does."""
 
-    time : (n,) s; state_i : (n, 6); quaternion : (n, 4); rate_b, rate_dot_b : (n, 3); gradient_b : (n, 3, 3)
-    """
-
-    time: np.ndarray
-    state_i: np.ndarray
-    quaternion: np.ndarray
+    time: np.ndarray  #: (n,) s
+    state_i: np.ndarray  #: (n, 6)
+    quaternion: np.ndarray  #: (n, 4)
+    #: rate_b, rate_dot_b: (n, 3)
     rate_b: np.ndarray
     rate_dot_b: np.ndarray
-    gradient_b: np.ndarray
+    gradient_b: np.ndarray  #: (n, 3, 3)
 
 
 def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=None, nongravitational=None):

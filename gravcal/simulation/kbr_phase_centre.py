@@ -36,18 +36,12 @@ class Wiggle:
 
 @dataclass(frozen=True)
 class Pair:
-    """Both satellites of a day.
+    """Both satellites of a day."""
 
-    day : s, GPS
-    path : callables, (n,) s -> (n, 6) m, m s-1, of both
-    pointing : callables, (n,) s -> (n, 3) rad, roll, pitch, yaw of both
-    wiggles : sub-manoeuvres in order of time
-    """
-
-    day: float
-    path: tuple[Callable, Callable]
-    pointing: tuple[Callable, Callable]
-    wiggles: tuple[Wiggle, ...]
+    day: float  #: s, GPS
+    path: tuple[Callable, Callable]  #: (n,) s -> (n, 6) m, m s-1, of both
+    pointing: tuple[Callable, Callable]  #: (n,) s -> (n, 3) rad, roll, pitch, yaw of both
+    wiggles: tuple[Wiggle, ...]  #: sub-manoeuvres in order of time
 
 
 def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):

@@ -19,17 +19,13 @@ MAG_FRACTION = 0.083329  # s, tags of MAG1B after the half second, as in the rea
 
 @dataclass(frozen=True)
 class Clock:
-    """Receiver clock and on-board mapping of a day.
+    """Receiver clock and on-board mapping of a day."""
 
-    receiver : (c,) s, CLK1B nodes; offset : (c,) s, GPS minus receiver
-    onboard : (m,) s, TIM1B nodes; mapping_ns : (m,) ns, receiver minus on-board
-    """
-
-    receiver: np.ndarray
-    offset: np.ndarray
+    receiver: np.ndarray  #: (c,) s, CLK1B nodes
+    offset: np.ndarray  #: (c,) s, GPS minus receiver
     drift: float
-    onboard: np.ndarray
-    mapping_ns: np.ndarray
+    onboard: np.ndarray  #: (m,) s, TIM1B nodes
+    mapping_ns: np.ndarray  #: (m,) ns, receiver minus on-board
 
     def gps(self, tag: np.ndarray) -> np.ndarray:
         """GPS time of on-board tags (s)."""
@@ -39,15 +35,13 @@ class Clock:
 
 @dataclass(frozen=True)
 class Epochs:
-    """True times of the readings of one span and the tags they get.
+    """True times of the readings of one span and the tags they get."""
 
-    acc, sca, mag : (n,) s, true GPS time of the readings
-    acc_tag : (n,) us past `origin`, integer on-board tags; sca_tag, mag_tag : s, GPS
-    """
-
+    #: acc, sca, mag: (n,) s, true GPS time of the readings
     acc: np.ndarray
-    acc_tag: np.ndarray
+    acc_tag: np.ndarray  #: (n,) us past `origin`, integer on-board tags
     sca: np.ndarray
+    #: sca_tag, mag_tag: s, GPS
     sca_tag: np.ndarray
     mag: np.ndarray
     mag_tag: np.ndarray

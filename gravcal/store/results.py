@@ -10,21 +10,15 @@ METRES = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 
 @dataclass(frozen=True)
 class Value:
-    """One number of a result document, null where it is not determined.
+    """One number of a result document, null where it is not determined."""
 
-    satellite : letter where the document is of several, otherwise ""
-    name : such as "x", "offset x", "k z"
-    unit : of all three
-    value, sigma : with its error by noise
-    sigma_total : with all errors; None where it is not known
-    """
-
-    satellite: str
-    name: str
-    unit: str
+    satellite: str  #: letter where the document is of several, otherwise ""
+    name: str  #: such as "x", "offset x", "k z"
+    unit: str  #: of all three
+    #: value, sigma: with its error by noise
     value: float | None
     sigma: float | None
-    sigma_total: float | None
+    sigma_total: float | None  #: with all errors; None where it is not known
 
     @property
     def label(self):

@@ -32,23 +32,15 @@ EFFECTS = (
 
 @dataclass(frozen=True)
 class Field:
-    """Measured and modelled field at the magnetometer's epochs.
+    """Measured and modelled field at the magnetometer's epochs."""
 
-    Attributes
-    ----------
-    time : (n,) s
-    measured_b, model_b : (n, 3) T
-    slope_b : (n, 3) T s-1, rate of the modelled field in the body
-    dipole_b : (n, 3) A m2, of the torquers
-    axis_b : (n, 3) unit vector along the moment of the main field
-    """
-
-    time: np.ndarray
+    time: np.ndarray  #: (n,) s
+    #: measured_b, model_b: (n, 3) T
     measured_b: np.ndarray
     model_b: np.ndarray
-    slope_b: np.ndarray
-    dipole_b: np.ndarray
-    axis_b: np.ndarray
+    slope_b: np.ndarray  #: (n, 3) T s-1, rate of the modelled field in the body
+    dipole_b: np.ndarray  #: (n, 3) A m2, of the torquers
+    axis_b: np.ndarray  #: (n, 3) unit vector along the moment of the main field
 
     @property
     def difference(self) -> np.ndarray:

@@ -36,22 +36,13 @@ def observe(products: Mapping[str, xr.Dataset], *, blocks: int, field_noise_nt: 
 
 @dataclass(frozen=True)
 class Readings(Observations):
-    """Observations of a record.
+    """Observations of a record."""
 
-    Attributes
-    ----------
-    aligned : Dataset, "magnetometer.align"
-    field : Field
-    sigma : (3,) T, noise of each axis
-    parts : rows of each block
-    columns : {cause: (n, 3, q) T}
-    """
-
-    aligned: xr.Dataset
+    aligned: xr.Dataset  #: "magnetometer.align"
     field: model.Field
-    sigma: np.ndarray
-    parts: list[np.ndarray]
-    columns: dict[str, np.ndarray]
+    sigma: np.ndarray  #: (3,) T, noise of each axis
+    parts: list[np.ndarray]  #: rows of each block
+    columns: dict[str, np.ndarray]  #: {cause: (n, 3, q) T}
 
     name = "magnetometer"
     channels = ("magnetometer",)

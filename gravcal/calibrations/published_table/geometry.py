@@ -25,17 +25,11 @@ AREAS = {
 
 @dataclass(frozen=True)
 class Arc:
-    """One manoeuvre.
+    """One manoeuvre."""
 
-    Attributes
-    ----------
-    dipole_b : (n, 3) A m2; alpha_b : (n, 3) rad s-2, angular acceleration by it
-    solution : (3, 3 n) offset from the weighted rows of the reading, CoM paper eq. 6
-    """
-
-    dipole_b: np.ndarray
-    alpha_b: np.ndarray
-    solution: np.ndarray
+    dipole_b: np.ndarray  #: (n, 3) A m2
+    alpha_b: np.ndarray  #: (n, 3) rad s-2, angular acceleration by it
+    solution: np.ndarray  #: (3, 3 n) offset from the weighted rows of the reading, CoM paper eq. 6
 
     def answer(self, reading_b: np.ndarray) -> np.ndarray:
         """Change (3, q) m of the estimated offset by errors (n, 3, q) m s-2 of the reading.

@@ -35,16 +35,11 @@ def observe(_products: Mapping, *, rows: Sequence[Mapping], inertia, dipole: flo
 
 @dataclass(frozen=True)
 class Table(Observations):
-    """Observations of one variant of the table.
+    """Observations of one variant of the table."""
 
-    Attributes
-    ----------
-    rows : {"order", "kind", "latitude_class", "value" (3,), "sigma" (3,)} m, NaN where nothing is printed
-    about : principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF
-    """
-
+    #: {"order", "kind", "latitude_class", "value" (3,), "sigma" (3,)} m, NaN where nothing is printed
     rows: list[Mapping]
-    about: tuple
+    about: tuple  #: principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF
 
     name = "published_table"
     channels = ("table",)

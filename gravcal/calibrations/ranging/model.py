@@ -72,19 +72,13 @@ def align(aligned: xr.Dataset, equations: xr.Dataset) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class Block:
-    """One revolution without a change of bias.
+    """One revolution without a change of bias."""
 
-    Attributes
-    ----------
-    rows, place : (n,) int, places in the minutes, and on the even grid of the block
-    slow : (n, k) columns of bias and slow orbit error
-    noise : NoiseModel of the other half of the day
-    """
-
+    #: rows, place: (n,) int, places in the minutes, and on the even grid of the block
     rows: np.ndarray
     place: np.ndarray
-    slow: np.ndarray
-    noise: NoiseModel
+    slow: np.ndarray  #: (n, k) columns of bias and slow orbit error
+    noise: NoiseModel  #: of the other half of the day
 
     def white(self, columns: np.ndarray) -> np.ndarray:
         """Columns (n, q) m, whitened, on the even grid (m, q); zero where there is no minute."""

@@ -59,22 +59,13 @@ def observe(
 
 @dataclass(frozen=True)
 class Routine(Observations):
-    """Observations of a day of routine pointing.
+    """Observations of a day of routine pointing."""
 
-    Attributes
-    ----------
-    minutes : Dataset, "ranging.align"
-    parts : list of model.Block
-    nominal : (2, 3) m, phase centres of the catalogue
-    correction_left_out : False if their antenna correction is added
-    determined_limit_mm : mm, largest sigma of a component that is determined
-    """
-
-    minutes: xr.Dataset
+    minutes: xr.Dataset  #: "ranging.align"
     parts: list[model.Block]
-    nominal: np.ndarray
-    correction_left_out: bool
-    determined_limit_mm: float
+    nominal: np.ndarray  #: (2, 3) m, phase centres of the catalogue
+    correction_left_out: bool  #: False if their antenna correction is added
+    determined_limit_mm: float  #: mm, largest sigma of a component that is determined
 
     name = "ranging"
     channels = ("range",)

@@ -24,22 +24,13 @@ ITERATIONS = 3  # of the delay, which is not linear
 
 @dataclass(frozen=True)
 class Rows:
-    """Whitened rows of one block.
-
-    Attributes
-    ----------
-    segment : Segment
-    noise : Noise
-    observed : (n,) 1
-    smooth : (n, k) 1, the smooth torque about each axis
-    basis : (n, r) orthonormal basis of the smooth torque
-    """
+    """Whitened rows of one block."""
 
     segment: Segment
     noise: Noise
-    observed: np.ndarray
-    smooth: np.ndarray
-    basis: np.ndarray
+    observed: np.ndarray  #: (n,) 1
+    smooth: np.ndarray  #: (n, k) 1, the smooth torque about each axis
+    basis: np.ndarray  #: (n, r) orthonormal basis of the smooth torque
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
         """Whitened rows (n, q) of columns (epochs, 3, q) rad."""

@@ -28,22 +28,13 @@ QUIET_LEAST = 500  # epochs that measure the noise
 
 @dataclass(frozen=True)
 class Camera:
-    """Attitude as the star cameras give it.
+    """Attitude as the star cameras give it."""
 
-    Attributes
-    ----------
-    time : (n,) s
-    quaternion : (n, 4) scalar first, continuous in sign
-    head : (n,) which camera or combination
-    quality : (n,) rad, root of the sum of squares given by the product
-    step_s : s
-    """
-
-    time: np.ndarray
-    quaternion: np.ndarray
-    head: np.ndarray
-    quality: np.ndarray
-    step_s: float
+    time: np.ndarray  #: (n,) s
+    quaternion: np.ndarray  #: (n, 4) scalar first, continuous in sign
+    head: np.ndarray  #: (n,) which camera or combination
+    quality: np.ndarray  #: (n,) rad, root of the sum of squares given by the product
+    step_s: float  #: s
 
     def part(self, rows: np.ndarray) -> Camera:
         """Camera with some of its epochs."""
@@ -215,24 +206,14 @@ def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -
 
 @dataclass(frozen=True)
 class Segment:
-    """One block of time.
+    """One block of time."""
 
-    Attributes
-    ----------
-    camera : Camera, its epochs
-    place : (n,) int, on the even grid
-    angle_b : (n, 3) rad, attitude against a steady turn
-    smooth : (n, k) what a smooth torque about one axis can do
-    basis : (n, r) its orthonormal basis
-    response : function, angle after an impulse, of the lag
-    """
-
-    camera: Camera
-    place: np.ndarray
-    angle_b: np.ndarray
-    smooth: np.ndarray
-    basis: np.ndarray
-    response: Callable[[np.ndarray], np.ndarray]
+    camera: Camera  #: its epochs
+    place: np.ndarray  #: (n,) int, on the even grid
+    angle_b: np.ndarray  #: (n, 3) rad, attitude against a steady turn
+    smooth: np.ndarray  #: (n, k) what a smooth torque about one axis can do
+    basis: np.ndarray  #: (n, r) its orthonormal basis
+    response: Callable[[np.ndarray], np.ndarray]  #: function, angle after an impulse, of the lag
 
     def after(self, epochs: np.ndarray, impulse_b: np.ndarray) -> np.ndarray:
         """Attitude (n, 3, q) rad after impulses (k, 3, q) N m s; those outside the block are left out."""
@@ -294,18 +275,11 @@ def heads_of(parts: list[Segment]) -> list[int]:
 
 @dataclass(frozen=True)
 class Noise:
-    """What turns attitudes into rows of unit variance.
+    """What turns attitudes into rows of unit variance."""
 
-    Attributes
-    ----------
-    factor : {head: (3, 3) rad-1}, inverse Cholesky factor of the covariance of its errors
-    models : noise model of each of the three decorrelated components
-    samples : quiet epochs it was measured from
-    """
-
-    factor: dict[int, np.ndarray]
-    models: list[NoiseModel]
-    samples: int
+    factor: dict[int, np.ndarray]  #: {head: (3, 3) rad-1}, inverse Cholesky factor of the covariance of its errors
+    models: list[NoiseModel]  #: noise model of each of the three decorrelated components
+    samples: int  #: quiet epochs it was measured from
 
     def rows(self, segment: Segment, signal: np.ndarray) -> np.ndarray:
         """Whitened rows (3 m, q) of a signal (n, 3, q) rad on the even grid of a block; others are zero."""

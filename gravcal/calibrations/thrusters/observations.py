@@ -35,18 +35,11 @@ def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot
 
 @dataclass(frozen=True)
 class Attitude(Observations):
-    """Observations of a day.
+    """Observations of a day."""
 
-    Attributes
-    ----------
-    aligned : Dataset, "thrusters.align"
-    records : of the day
-    rows : of every block
-    """
-
-    aligned: xr.Dataset
-    records: model.Records
-    rows: list[estimate.Rows]
+    aligned: xr.Dataset  #: "thrusters.align"
+    records: model.Records  #: of the day
+    rows: list[estimate.Rows]  #: of every block
 
     name = "thrusters"
     #: Whitened components; with a single camera the second and third are mixtures of pitch and yaw.
