@@ -45,16 +45,9 @@ def orbit_points(count=EPOCHS):
     return 6.868e6 * np.stack([x, y, z], axis=1)
 
 
-def numpy_tables(field):
-    """Coefficients of the six series for numpy: (orders, 12, degrees), and the factors of the recursion."""
-    tiles, alpha, beta = gravity_field._prepared(field, gravity_field.PAIRS)
-    orders, count, degrees, width = tiles.shape
-    return np.ascontiguousarray(tiles.transpose(0, 1, 3, 2).reshape(orders, count * width, degrees)), alpha, beta
-
-
 def numpy_gradient(field, position, tables):
     """The same sum in numpy, all points at once: what a careful user would write."""
-    table, alpha, beta = tables
+    table, alpha, beta = tables  # as of `gravity_field.kernel_tables`
     p = position / field.radius
     q = 1 / np.sum(p**2, axis=1)
     x, y, z = (p * q[:, None]).T
@@ -65,7 +58,7 @@ def numpy_gradient(field, position, tables):
         a[0] = 1.0
         for n in range(1, size):
             a[n] = alpha[m, n] * z * a[n - 1] - (beta[m, n] * q * a[n - 2] if n > 1 else 0)
-        lumped = table[m, :, :size] @ a
+        lumped = table[m, :size].T @ a
         total += (power.real * lumped[0::2] + power.imag * lumped[1::2]).T
         power = power * (x + 1j * y)
     return total * field.gm / field.radius**3
@@ -93,7 +86,7 @@ def speed(peers):
         print(f"degree {degree}, {EPOCHS} epochs, one thread, processor time; trace {trace:.1e} s-2")
         base = report("gravcal, six elements", seconds(lambda f=field: gravity_field.gradient_e(f, position)), None)
         rounds = ROUNDS if degree < 100 else 2
-        tables = numpy_tables(field)
+        tables = gravity_field._prepared(field, gravity_field.PAIRS)
         found = seconds(lambda f=field, t=tables: numpy_gradient(f, position, t), rounds)
         report("numpy, six elements", found, base)
         pyharm(field, position, own, base)

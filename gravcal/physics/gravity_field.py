@@ -11,16 +11,13 @@ The series share one recursion. With x' = x R/r2, z' = z R/r2, q' = R2/r2 and fo
 
 there is no division by the sine of the colatitude: poles are points like any other. Holmes and Featherstone 2002,
 J. Geodesy 76, eqs. 11-13, with the powers of sin(colatitude) in (x' + i y')^m. Nearly all of the time goes into the
-recursion and the sum over n. These two are written in vectors of LANES points, as instructions for numba's compiler
-(LLVM): TILE sums and the row a_n stay in registers for all degrees.
+recursion and the sum over n, a product of matrices for a block of points.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 from gravcal.physics.constants import EARTH_RADIUS, GM
 from gravcal.physics.shapes import check_shape, refuse
@@ -144,7 +141,7 @@ def _sums(field, position_e, derivatives):
     if field.degree > LIMIT:
         refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
     flat = np.ascontiguousarray(position.reshape(-1, 3) / field.radius)
-    sums = sum_series(flat, *_prepared(field, derivatives), len(derivatives))
+    sums = sum_series(flat, *_prepared(field, derivatives))
     scale = field.gm / field.radius ** (1 + len(derivatives[0]))
     return (scale * sums).reshape(*position.shape[:-1], len(derivatives))
 
@@ -186,19 +183,19 @@ def derivative(K, axis):
 
 
 def kernel_tables(series):
-    """Arguments of `sum_series`: coefficients by order and degree above it, in tiles, and the recursion's factors."""
+    """Arguments of `sum_series`: coefficients by order and degree above it, and the recursion's factors."""
     orders = series[0].shape[0]
-    table = np.zeros((orders, orders, -(-2 * len(series) // TILE) * TILE))
-    alpha, beta = np.zeros((2, orders, orders))
-    sectorial = np.sqrt(np.concatenate([[1.0], np.cumprod(_sectorial_factors(orders))]))
+    table, (alpha, beta) = np.zeros((orders, orders, 2 * len(series))), np.zeros((2, orders, orders))
+    m = np.arange(1, orders)
+    ratios = np.where(m == 1, 3.0, (2 * m + 1) / (2 * m))  # squared, of sectorial functions of neighbouring orders
+    sectorial = np.sqrt(np.concatenate([[1.0], np.cumprod(ratios)]))
     for m in range(orders):
         n = np.arange(m, orders)
         for k, K in enumerate(series):
             table[m, : n.size, 2 * k] = sectorial[m] * K[n, m].real
             table[m, : n.size, 2 * k + 1] = -sectorial[m] * K[n, m].imag
         alpha[m, 1 : n.size], beta[m, 1 : n.size] = _factors(n[1:].astype(float), m)
-    tiles = table.reshape(orders, orders, -1, TILE).transpose(0, 2, 1, 3)
-    return np.ascontiguousarray(tiles), alpha, beta
+    return table, alpha, beta
 
 
 def _factors(n, m):
@@ -209,184 +206,41 @@ def _factors(n, m):
     return outer, np.sqrt(np.where(n > m + 1, inner, 0.0))
 
 
-def _sectorial_factors(orders):
-    """Squared ratios of the normalised sectorial functions of neighbouring orders."""
-    m = np.arange(1, orders)
-    return np.where(m == 1, 3.0, (2 * m + 1) / (2 * np.maximum(m, 1)))
+BLOCK = 128  # points side by side: a row of the recursion and the sums stay in the nearest memory
 
 
-LANES = 8  # points side by side
-TILE = 6  # sums side by side: with 256-bit registers 6 x 8 sums, a row and a coefficient fill all sixteen
-BLOCK = 128  # points that share the coefficients of an order while these are in the nearest memory
+@njit(cache=True, fastmath={"contract"})
+def sum_series(point, table, alpha, beta):
+    """Sums (n, k) of series at points (n, 3) in units of the reference radius.
 
-DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
-VECTOR = ir.VectorType(DOUBLE, LANES)
-FUSED = ("contract",)  # a product and a sum may be rounded once
-
-
-@intrinsic
-def recur(typing, z, q, alpha, beta, degrees, rows):  # noqa: ARG001 numba passes them to code()
-    """Write a_n of LANES points: rows (degrees, LANES) from z', q' (LANES,) and alpha, beta (degrees,)."""
-
-    def code(context, b, _, addresses):
-        z, q, alpha, beta, rows = (_pointer(b, addresses[k]) for k in (0, 1, 2, 3, 5))
-        along, across, one = _load(b, z, _index(0)), _load(b, q, _index(0)), _spread(b, ir.Constant(DOUBLE, 1.0))
-        _store(b, one, rows, _index(0))
-
-        def step(n, kept):
-            last, before = kept
-            first = b.fmul(b.fmul(_spread(b, _one(b, alpha, n)), along), last, flags=FUSED)
-            second = b.fmul(b.fmul(_spread(b, _one(b, beta, n)), across), before)
-            found = b.fsub(first, second, flags=FUSED)
-            _store(b, found, rows, b.mul(n, _index(LANES)))
-            return [found, last]
-
-        _loop(b, (1, addresses[4]), [one, ir.Constant(VECTOR, None)], step)
-        return context.get_dummy_value()
-
-    return types.void(*[types.intp] * 6), code
-
-
-@intrinsic
-def lump(typing, tile, rows, degrees, out):  # noqa: ARG001 numba passes them to code()
-    """Write sum_n c_kn a_n of LANES points: out (TILE, BLOCK), its first LANES columns, from tile (degrees, TILE)."""
-
-    def code(context, b, _, addresses):
-        tile, rows, out = (_pointer(b, addresses[k]) for k in (0, 1, 3))
-
-        def step(n, sums):
-            row, at = _load(b, rows, b.mul(n, _index(LANES))), b.mul(n, _index(TILE))
-            factors = [_spread(b, _one(b, tile, b.add(at, _index(k)))) for k in range(TILE)]
-            terms = [b.fmul(factor, row, flags=FUSED) for factor in factors]
-            return [b.fadd(term, old, flags=FUSED) for term, old in zip(terms, sums, strict=True)]
-
-        sums = _loop(b, (0, addresses[2]), [ir.Constant(VECTOR, None)] * TILE, step)
-        for k, one in enumerate(sums):
-            _store(b, one, out, _index(k * BLOCK))
-        return context.get_dummy_value()
-
-    return types.void(*[types.intp] * 4), code
-
-
-def _loop(b, bounds, begin, step):
-    """Code of a loop that hands vectors on; the vectors after it."""
-    first, stop = _index(bounds[0]), bounds[1]
-    before, head, after = b.block, b.append_basic_block("head"), b.append_basic_block("after")
-    b.cbranch(b.icmp_signed("<", first, stop), head, after)
-    b.position_at_end(head)
-    n, kept = _either(b, INDEX, first, before), [_either(b, VECTOR, one, before) for one in begin]
-    found = step(n, kept)
-    following = b.add(n, _index(1))
-    for joined, value in zip([n, *kept], [following, *found], strict=True):
-        joined.add_incoming(value, head)
-    b.cbranch(b.icmp_signed("<", following, stop), head, after)
-    b.position_at_end(after)
-    done = [_either(b, VECTOR, one, before) for one in begin]
-    for joined, value in zip(done, found, strict=True):
-        joined.add_incoming(value, head)
-    return done
-
-
-def _either(b, kind, value, block):
-    """Value that depends on where the code came from, with the first of its sources."""
-    joined = b.phi(kind)
-    joined.add_incoming(value, block)
-    return joined
-
-
-def _index(number):
-    return ir.Constant(INDEX, number)
-
-
-def _pointer(b, address):
-    return b.inttoptr(address, DOUBLE.as_pointer())
-
-
-def _one(b, base, at):
-    """Number at an index."""
-    return b.load(b.gep(base, [at]))
-
-
-def _spread(b, number):
-    """Vector with one number in all its places."""
-    alone = b.insert_element(ir.Constant(VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
-    places = ir.Constant(ir.VectorType(ir.IntType(32), LANES), None)
-    return b.shuffle_vector(alone, ir.Constant(VECTOR, ir.Undefined), places)
-
-
-def _load(b, base, at):
-    """Vector from an index on."""
-    found = b.load(b.bitcast(b.gep(base, [at]), VECTOR.as_pointer()))
-    found.align = 8  # bytes: arrays begin anywhere
-    return found
-
-
-def _store(b, vector, base, at):
-    """Vector to an index and those after it."""
-    b.store(vector, b.bitcast(b.gep(base, [at]), VECTOR.as_pointer()), align=8)
-
-
-@njit(cache=True)
-def sum_series(point, tiles, alpha, beta, count):
-    """Sums (n, count) of series at points (n, 3) in units of the reference radius.
-
-    tiles (orders, tiles, degrees, TILE): real and negative imaginary parts of K in turn, degree counted from the order;
-    zeros fill the last tile. alpha, beta (orders, degrees): factors of the recursion.
+    table (orders, degrees, 2 k): real and negative imaginary parts of K in turn, degree counted from the order;
+    alpha, beta (orders, degrees): factors of the recursion.
     """
-    orders = tiles.shape[0]
-    out = np.empty((point.shape[0], count))
-    rows, lumped = np.empty(orders * LANES), np.empty((tiles.shape[1] * TILE, BLOCK))
-    work, total = np.empty((7, BLOCK)), np.empty((count, BLOCK))
+    orders, count = table.shape[0], table.shape[2] // 2
+    out, total = np.empty((point.shape[0], count)), np.empty((count, BLOCK))
+    rows, lumped = np.ones((orders, BLOCK)), np.empty((2 * count, BLOCK))
+    x, y, z, q, real, imaginary = np.empty((6, BLOCK))
     for start in range(0, point.shape[0], BLOCK):
         size = min(BLOCK, point.shape[0] - start)
-        _begin(point, start, size, work)
+        for i in range(BLOCK):  # the last point fills the block
+            px, py, pz = point[start + min(i, size - 1)]
+            q[i] = 1.0 / (px * px + py * py + pz * pz)
+            x[i], y[i], z[i] = px * q[i], py * q[i], pz * q[i]
+            real[i], imaginary[i] = np.sqrt(q[i]), 0.0
         total[:] = 0.0
         for m in range(orders):
-            _lump_block(work[2], work[3], (alpha[m], beta[m], tiles[m]), rows[: (orders - m) * LANES], lumped)
+            for n in range(1, orders - m):
+                row, last, before = rows[n], rows[n - 1], rows[max(n - 2, 0)]
+                a, b = alpha[m, n], beta[m, n]
+                for i in range(BLOCK):
+                    row[i] = a * z[i] * last[i] - b * q[i] * before[i]
+            np.dot(table[m, : orders - m].T, rows[: orders - m], lumped)
             for k in range(count):
-                _close(work[4], work[5], lumped[2 * k], lumped[2 * k + 1], total[k])
-            _turn(work)
-        for i in range(size):
-            for k in range(count):
-                out[start + i, k] = total[k, i]
+                for i in range(BLOCK):
+                    total[k, i] += real[i] * lumped[2 * k, i] + imaginary[i] * lumped[2 * k + 1, i]
+            for i in range(BLOCK):  # (x' + i y')^m to the next order
+                kept = real[i] * x[i] - imaginary[i] * y[i]
+                imaginary[i] = real[i] * y[i] + imaginary[i] * x[i]
+                real[i] = kept
+        out[start : start + size] = total[:, :size].T
     return out
-
-
-@njit(cache=True)
-def _begin(point, start, size, work):
-    """Geometry x', y', z', q' of a block, and (x' + i y')^0 R/r; the last point fills the block."""
-    x, y, z, q, real, imaginary, _ = work
-    for i in range(BLOCK):
-        k = start + min(i, size - 1)
-        px, py, pz = point[k, 0], point[k, 1], point[k, 2]
-        q[i] = 1.0 / (px * px + py * py + pz * pz)
-        x[i], y[i], z[i] = px * q[i], py * q[i], pz * q[i]
-        real[i], imaginary[i] = np.sqrt(q[i]), 0.0
-
-
-@njit(cache=True)
-def _lump_block(z, q, order, rows, lumped):
-    """Sums over the degree of one order, all points of a block; rows holds a_n of LANES points at a time."""
-    alpha, beta, tiles = order
-    degrees = rows.size // LANES
-    for i in range(0, BLOCK, LANES):
-        recur(z[i:].ctypes.data, q[i:].ctypes.data, alpha.ctypes.data, beta.ctypes.data, degrees, rows.ctypes.data)
-        for t in range(tiles.shape[0]):
-            lump(tiles[t].ctypes.data, rows.ctypes.data, degrees, lumped[t * TILE :, i:].ctypes.data)
-
-
-@njit(cache=True, fastmath={"contract"})
-def _close(real, imaginary, cosine, sine, out):
-    for i in range(BLOCK):
-        out[i] += real[i] * cosine[i] + imaginary[i] * sine[i]
-
-
-@njit(cache=True, fastmath={"contract"})
-def _turn(work):
-    """(x' + i y')^m to the next order."""
-    x, y, _, _, real, imaginary, kept = work
-    for i in range(BLOCK):
-        kept[i] = real[i] * x[i] - imaginary[i] * y[i]
-    for i in range(BLOCK):
-        imaginary[i] = real[i] * y[i] + imaginary[i] * x[i]
-    real[:] = kept

@@ -54,7 +54,7 @@ def field_e(time_gps, position_e, generation):
     field = np.empty_like(position)
     for k in np.unique(interval):
         here = interval == k
-        sums = sum_series(position[here] / IGRF_RADIUS, *_series(generation, k), 6)
+        sums = sum_series(position[here] / IGRF_RADIUS, *_series(generation, k))
         field[here] = sums[:, :3] + (year[here] - epochs[k])[:, None] * sums[:, 3:]
     return field * -1e-9
 
