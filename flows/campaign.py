@@ -139,6 +139,9 @@ def run(campaign, sources, listener=None):
     if waiting:
         for number, row in _made(campaign, waiting, listener).items():
             rows[number] = row
+    for row, source in zip(rows, sources, strict=True):
+        if row["status"] == "failed" and not isinstance(source, Refused):
+            row["origin"] = command.origin_of(source)
     counts = collections.Counter(row["status"] for row in rows)
     return {
         "schema_version": schemas.VERSION,

@@ -25,7 +25,7 @@ def calibrate(source, chosen):
         satellite = catalog.satellite("T").settings()
         known = {"orbit_height": satellite["orbit_height"], "inertia": satellite["test_mass_inertia"]}
         settings = {"event": source.event, "variant": ""} | known | chosen.for_stage("checks")
-        products["checks"] = inertial_sensor.checks(products["detect"], *dict.fromkeys(files), **settings)
+        products["checks"] = inertial_sensor.checks(products["detect"], *level_one_files(source), **settings)
     products.pop("segment", None)
     return inertial_sensor.report(*products.values(), names=list(products), **_report_settings(source, chosen))
 

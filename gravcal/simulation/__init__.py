@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gravcal.effects import Context, effect
+from gravcal.effects import Context, catalogue, effect
 from gravcal.errors import CatalogError, refuse
 
 
@@ -26,6 +26,11 @@ def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]
             refuse(f"effect {slug}", f"parameter {parameter!r}", expected, "Correct the name.", CatalogError)
         found.setdefault(slug, {})[parameter] = float(value)
     return found
+
+
+def of_channels(*channels: str) -> tuple[str, ...]:
+    """Effects that act on one of these channels."""
+    return tuple(slug for slug, entry in catalogue().items() if entry.channel in channels)
 
 
 def within(effects: Mapping[str, Mapping[str, float]], slugs: tuple[str, ...]) -> Mapping:

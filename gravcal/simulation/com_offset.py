@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.effects import catalogue, effect
+from gravcal.effects import effect
 from gravcal.physics import constants, dynamics, earth, frames, gravity
 from gravcal.simulation import added as contributed
-from gravcal.simulation import flight, sensors, within
+from gravcal.simulation import flight, of_channels, sensors, within
 
 #: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
 AREAS = {
@@ -110,7 +110,7 @@ def _spans(start, stop, chosen, day):
 
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
     """Level-1 columns of a simulated day and its truth; arguments as of `gravcal.simulation`."""
-    within(effects, tuple(slug for slug, entry in catalogue().items() if entry.channel in READ))
+    within(effects, of_channels(*READ))
     rng = np.random.default_rng(seed)
     scene = draw_scene(satellite, chosen, day, rng)
     clock = sensors.draw_clock(chosen, day, rng)

@@ -13,7 +13,7 @@ from gravcal.effects import Context
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured
 from gravcal.physics import constants, frames, orbit_environment
-from gravcal.simulation import added, flight, sensors
+from gravcal.simulation import added, flight, of_channels, sensors, within
 
 BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
 EDGE = 70.0  # s flown before and after the day, for the filters
@@ -48,6 +48,7 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
     """Level-1 columns by (product, letter), the ranging of "Y", and the truth; arguments as of `gravcal.simulation`."""
     if "noise" in chosen.entries and chosen.noise == "measured":
         chosen = chosen.with_settings(MEASURED)
+    within(effects, of_channels("range", "sca_delay", "pointing_b"))
     rng = np.random.default_rng(seed)
     pair = draw_pair(chosen, day, rng)
     scatter = chosen.phase_centre_scatter_mm * rng.standard_normal((2, 3))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import re
 import zlib
 from collections.abc import Iterable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
-from gravcal.errors import refuse
+from gravcal.errors import GravcalError, refuse
 from gravcal.io import archive
 from gravcal.store import netcdf
 
@@ -49,9 +50,16 @@ def raised(origin: str, own: str) -> str:
 
 
 def below(folder, date: str | None) -> str:
-    """Origin of the Level-1 files below a folder, of one day or of all."""
-    files = (path for path in Path(folder).rglob("*") if LEVEL_ONE.fullmatch(path.name) and (date or "") in path.name)
-    return together(of_header(_header(path)) for path in files) or MEASURED
+    """Origin of the Level-1 files below a folder, loose and in archives, of one day or of all."""
+    found, wanted = [], lambda name: LEVEL_ONE.fullmatch(PurePosixPath(name).name) and (date or "") in name
+    for path in Path(folder).rglob("*"):
+        if wanted(path.name):
+            found.append(of_header(_header(path)))
+        elif archive.is_archive(path):
+            with contextlib.suppress(GravcalError, *archive.PACKED_DAMAGED), archive.opened(path) as tar:
+                files = (item for item in archive.members(tar, path) if item.isfile() and wanted(item.name))
+                found.extend(of_header(_head(tar.extractfile(item), item.name)) for item in files)
+    return together(found) or MEASURED
 
 
 def check_own(folder) -> None:
@@ -60,7 +68,7 @@ def check_own(folder) -> None:
     for path in sorted(folder.rglob("*")):
         is_data = LEVEL_ONE.fullmatch(path.name) or archive.is_archive(path)
         is_data = is_data or (path.parent == folder and path.suffix in DATA)
-        if is_data and path.is_file() and not OWN.search(_header(path)):
+        if is_data and path.is_file() and (archive.is_archive(path) or not OWN.search(_header(path))):
             remedy = "Give an empty folder, or one with files of gravcal simulate only."
             refuse(path, "a file that gravcal did not simulate", "a folder without such files", remedy)
 
@@ -71,10 +79,15 @@ def _header(path):
         if path.suffix == ".nc":
             with netcdf.opened(path) as file:
                 return "\n".join(f"{name}: {value}" for name, value in netcdf.attributes(file).items())
-        with (gzip.open if path.suffix == ".gz" else open)(path, "rb") as stream:
-            return _cut(stream.read(HEAD))
+        with path.open("rb") as stream:
+            return _head(stream, path.name)
     except (*archive.DAMAGED, EOFError, zlib.error):
         return ""
+
+
+def _head(stream, name):
+    """Text of the header of an open file, which may be packed."""
+    return _cut((gzip.GzipFile(fileobj=stream) if name.endswith(".gz") else stream).read(HEAD))
 
 
 def _cut(data):

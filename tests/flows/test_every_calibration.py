@@ -288,6 +288,10 @@ def test_manoeuvres_and_failures_have_an_origin_too(name, level_one, tmp_path, c
     output.manoeuvres(document, None)
     assert capsys.readouterr().out.splitlines()[-1].startswith("SIMULATED. ")
     assert command.failed(name, source, GravcalError("lost"))["origin"] == "simulated"
+    next(path for path in tmp_path.iterdir() if path.name.startswith(("SCA1B", "ORB"))).unlink()
+    how = campaign.Campaign(name, command.chosen(name, None), "inline", None, 0)
+    summary = campaign.run(how, [source])
+    assert (summary["status"], summary["origin"], summary["events"][0]["origin"]) == ("failed", *2 * ["simulated"])
 
 
 def test_measured_and_mixed_files_give_measured_and_mixed_documents(level_one, tmp_path):

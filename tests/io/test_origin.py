@@ -1,5 +1,6 @@
 """What says that records are simulated, how a product learns it, and what no simulation is written beside."""
 
+import contextlib
 import gzip
 import itertools
 import tarfile
@@ -157,7 +158,7 @@ def test_an_event_of_the_catalogue_may_state_it(pipeline, tmp_path, monkeypatch)
         catalog.event("grace-c-2020-02-01")
 
 
-@pytest.mark.parametrize("foreign", ["measured", "measured.gz", "below", "archive", "notes", "netcdf"])
+@pytest.mark.parametrize("foreign", ["measured", "measured.gz", "below", "archive", "tar", "notes", "netcdf"])
 def test_no_simulation_beside_files_of_others(tmp_path, foreign):
     """Contract: refused by name for a measured file, an archive, any data file here or a Level-1 file below."""
     own = written(tmp_path / "day")
@@ -169,23 +170,33 @@ def test_no_simulation_beside_files_of_others(tmp_path, foreign):
         "measured.gz": "ACC1B_2020-02-05_C_04.txt.gz",
         "below": "2020/SCA1B_2020-02-05_C_04.txt",
         "archive": "gracefo_1A_2020-02-05.tgz",
+        "tar": "gracefo_1A_2020-02-05.tar",
         "notes": "notes.txt",
         "netcdf": "IS1_2022-05-18_T_01.nc",
     }[foreign]  # fmt: skip
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(gzip.compress(b"abc") if foreign == "measured.gz" else b"header:\n# End of YAML header\n")
+    if foreign == "tar":  # what it holds first is ours; simulate packs nothing
+        with tarfile.open(path, "w") as made:
+            made.add(own, own.name)
     with pytest.raises(ProductError, match=path.name):
         origin.check_own(tmp_path / "day")
     assert own.is_file()
 
 
 def test_the_files_of_one_day_below_a_folder(tmp_path):
-    """Contract: a document of a run that failed has the origin of the files that are there."""
+    """Contract: a document of a run that failed has the origin of the files that are there, loose or in archives."""
     folders = {name: tmp_path / name for name in ("simulated", "measured", "mixed")}
     written(folders["simulated"])
     flown(written(folders["measured"]))
     written(folders["mixed"])
     flown(written(folders["mixed"], letter="D"))
-    for (name, folder), date in itertools.product(folders.items(), ("2020-02-05", None)):
+    for packed, (name, folder), date in itertools.product((False, True), folders.items(), ("2020-02-05", None)):
+        with tarfile.open(folder / "day.tgz", "w:gz") if packed and date else contextlib.nullcontext() as made:
+            for path in folder.glob("*.txt") if made else ():
+                made.add(path, f"1B/{path.name}")
+                path.unlink()
         assert origin.below(folder, date) == name
     assert origin.below(folders["simulated"], "2020-02-06") == "measured"
+    (folders["simulated"] / "day.tgz").write_bytes(b"damaged")
+    assert origin.below(folders["simulated"], None) == "measured"

@@ -32,7 +32,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
     others : Dataset, "ingest" of the orbit product that was not taken, if there is one
     limits : check_piece_s, velocity_limit_m_s, gravity_limit_m_s2, orbit_limit_m, height_lowest_km, height_greatest_km,
         pointing_limit_deg, field_limit_nt, outlier_limit, unchanged_limit_s, attitude_limit_urad, scale_limit,
-        delay_limit_s
+        angular_limit, delay_limit_s
 
     Returns
     -------
@@ -131,6 +131,19 @@ def _unchanged(aligned):
     return longest
 
 
+def _apart_by_axis(known, limit):
+    """Scale (3,) of the angular accelerometer over that of the star camera, from one; the torque they share drops out.
+
+    The weighted mean over manoeuvres; NaN where it is not known to a quarter of the limit.
+    """
+    size = np.maximum(np.hypot(known["torque_scale_sigma"], known["angular_scale_sigma"]), 1e-6)
+    seen = (known["rod"] >= 0)[:, None] & (size < limit / 2) & (known["torque_scale"] != 0)
+    off = np.divide(known["angular_scale"], known["torque_scale"], out=np.ones_like(size), where=seen) - 1
+    weight = np.where(seen, size**-2, 0.0)
+    total = np.maximum(weight.sum(axis=0), 1e-300)
+    return np.where(total > (4 / limit) ** 2, np.abs(np.sum(weight * off, axis=0)) / total, np.nan)
+
+
 def _motion(smoothed, limits):
     """Star camera and angular accelerometer against the motion that the torquers make."""
     known = {name: smoothed[name].values for name in smoothed.variables}
@@ -139,6 +152,8 @@ def _motion(smoothed, limits):
         seen = (known[f"{name}_scale_sigma"] < limit / 5) & (known["rod"] >= 0)[:, None]
         off = np.abs(known[f"{name}_scale"] - 1)[seen]
         found.append(at_most(f"{said}, from one", largest(off), limit, "1"))
+    off = largest(_apart_by_axis(known, limits["angular_limit"]))
+    found.append(at_most("angular accelerometer over star camera, from one", off, limits["angular_limit"], "1"))
     rms = 1e6 * largest(known["residual_rms"])
     found.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
     for name, said in (("acc", "accelerometer"), ("sca", "star camera")):

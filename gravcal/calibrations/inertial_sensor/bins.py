@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 
@@ -49,7 +51,7 @@ def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[
     count : (b,) samples in each bin
     """
     inside = (time >= edges[0]) & (time < edges[-1])
-    flat = np.asarray(values, dtype=float).reshape(time.size, -1)
+    flat = np.asarray(values, dtype=float).reshape(time.size, math.prod(np.shape(values)[1:]))
     use = inside & np.isfinite(flat).all(axis=1)
     index = np.searchsorted(edges, time[use], side="right") - 1
     count = np.bincount(index, minlength=edges.size - 1)

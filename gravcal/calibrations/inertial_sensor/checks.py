@@ -13,6 +13,7 @@ from gravcal.calibrations.checks import Check, at_least, at_most
 from gravcal.calibrations.inertial_sensor import bins
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
+from gravcal.estimation import noise
 from gravcal.physics import frames
 from gravcal.physics.constants import EARTH_RADIUS
 
@@ -20,6 +21,8 @@ STEP = 10.0  # s, of means while rolling
 GUARD = 20.0  # s kept clear of the swing where voltages are to be quiet
 MEDIAN = 11  # samples of the running median before changes are looked at
 LEAST = 3000.0  # s of a roll that determine the torque of gravity to 3 %
+LOST = 60.0  # s without attitude in which a swing is not found
+IDLE = "attitude against orbit on days without swing and roll"
 TORQUE = "angular reading y over gravity torque while rolling, from one"
 
 
@@ -40,7 +43,7 @@ def inputs(
     orbit_height,
     inertia,
 ) -> xr.Dataset:
-    """Checks of the records of all manoeuvres, the worst of all days.
+    """Checks of the records of all manoeuvres, the worst of all days; where nothing is found the attitude is to say so.
 
     Parameters
     ----------
@@ -69,10 +72,13 @@ def inputs(
     still += [[detected.swing_stop[0] + GUARD, detected.swing_stop[0] + margin_s]] if still else []
     swing = np.stack([detected.swing_start, detected.swing_stop], axis=1)[:1] + [-margin_s, margin_s]
     roll = np.stack([detected.roll_start, detected.roll_stop], axis=1)
-    departures = []
+    departures, idle, spans = [], [], np.concatenate([swing, roll])
     for read_sensor, read_tracker, read_orbit in days:
-        spans = np.concatenate([swing, roll])
-        sensor, tracker, orbit = (_within(read(), spans) for read in (read_sensor, read_tracker, read_orbit))
+        tracker, orbit = read_tracker(), read_orbit()
+        if not _inside(tracker["time"], spans).any():
+            idle.append(_idle(tracker["time"], tracker["quaternion"], orbit))
+            continue
+        sensor, tracker, orbit = (_within(one, spans) for one in (read_sensor(), tracker, orbit))
         known = np.isfinite(tracker["quaternion"]).all(axis=1)
         time, quaternion = tracker["time"][known], tracker["quaternion"][known]
         if min(one.size for one in (sensor["time"], time, orbit["time"])) < 3:
@@ -94,7 +100,20 @@ def inputs(
         raise EstimationError("found no record of a manoeuvre, expected voltages, attitude and orbit. Check the files.")
     worst = np.append(np.max(departures, axis=0)[:-1], np.fmax.reduce(departures)[-1])
     tests = [at_most(name, value, *limits[name]) for name, value in zip(limits, worst, strict=True)]
+    tests += [at_most(IDLE, np.max(idle), pointing_limit_rad, "rad")] if idle else []
     return checks.product([one for one in tests if one.name != TORQUE or not np.isnan(one.value)])
+
+
+def _idle(time, quaternion, orbit):
+    """Largest angle (rad) from the flight attitude where nothing is found, infinite where the attitude is lost.
+
+    A roll whose attitude is damaged is found nowhere, but neither does it follow the orbit.
+    """
+    begin, end = noise.runs(~(np.linalg.norm(quaternion, axis=1) > 0.5))
+    if np.max(time[end - 1] - time[begin], initial=0.0) > LOST:
+        return np.inf
+    few = slice(None, None, max(1, time.size // 8640))
+    return _pointing(time[few], quaternion[few], orbit, np.zeros(time[few].size, dtype=bool))
 
 
 def _inside(time, spans):

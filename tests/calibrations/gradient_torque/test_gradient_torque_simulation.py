@@ -75,8 +75,6 @@ def test_effects_are_added_and_unknown_ones_named():
     assert np.abs(moved["angular"] - plain()[0]["angular"]).max() > 1e-10
     with pytest.raises(CatalogError, match=r"gradient\.mounting"):
         by_slug({"gradient.mount.x": 1})
-    with pytest.raises(CatalogError, match="no channel for it"):
-        with_effect("ranging.delay.delay", 1e-3)
 
 
 def test_a_tesseral_term_is_felt_as_the_field_with_it():

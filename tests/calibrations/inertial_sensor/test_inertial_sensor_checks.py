@@ -98,6 +98,8 @@ CONTRADICTIONS = {
     "roll, sign of V_y": ("IS1", ["V_y"], times(-1), ROLL),
     "roll, V_z1 in mV": ("IS1", ["V_z1"], times(1e3), ROLL),
     "roll, voltages late": ("IS1", ["time"], late, ROLL),
+    "roll, attitude components": ("ATT", ["q"], components(2, 3), ROLL),
+    "roll, attitude lost": ("ATT", ["q"], times(0), ROLL),
     "roll, V_x2 and V_x3": ("IS1", ["V_x2", "V_x3"], exchanged, ROLL),
     "roll, orbit x and z": ("ORB", ["position", "velocity"], components(0, 2), ROLL),
 }
