@@ -11,7 +11,7 @@ import time
 import traceback
 from dataclasses import dataclass, field
 
-from flows import command, engine
+from flows import command, discover, engine
 from flows.calibration import Calibration, load
 from flows.engine import server, through_prefect
 from gravcal import catalog
@@ -42,8 +42,16 @@ class Campaign:
     scheduler: str | None = None  #: address of a Dask cluster, or None for processes of this machine
     workers: int | None = None  #: how many of these; None for one for each processor, 0 for none but this
     again: bool = False  #: True to try again what failed though nothing that it depends on has changed
+    search: str = ""  #: "discover" or "limits" to search the events for what their model gets wrong, or ""
     #: True to make again the products that other versions of numpy, scipy or numba made
     remake_versions: bool = field(default_factory=history.remakes_versions)
+
+    @property
+    def one(self) -> Calibration:
+        """Calibration whose flow is run."""
+        if not self.search:
+            return load(self.calibration)
+        return discover.as_calibration(self.calibration, self.search == "limits")
 
 
 @dataclass(frozen=True)
@@ -103,7 +111,7 @@ def _days(calibration: Calibration, data, satellite):
 
 def failed_last(campaign, sources):
     """Sources of the events whose last run in this configuration failed, and of those that are refused."""
-    name = load(campaign.calibration).flow.flow_name
+    name = campaign.one.flow.flow_name
     with location.configured(campaign.chosen.configuration):
         refused = [isinstance(source, Refused) and source.status == "failed" for source in sources]
         return [
@@ -165,7 +173,7 @@ def answered(campaign, source):
         return {"event": source.event, "status": source.status, "error": source.error} | _effort(
             0, 0, time.perf_counter()
         )
-    one, chosen, started = load(campaign.calibration), campaign.chosen, time.perf_counter()
+    one, chosen, started = campaign.one, campaign.chosen, time.perf_counter()
     try:
         rest = engine.left(one.flow, source, chosen, again=campaign.again)
         effort = _effort(0, len(rest.found), started)
@@ -201,7 +209,7 @@ def make(campaign, source, folder):
 
     try:
         with location.configured(campaign.chosen.configuration), engine.one_thread():
-            one = load(campaign.calibration)
+            one = campaign.one
             noted = history.recorded(one.flow.flow_name, event)
             with stage.using(stage.inline, count), noted as note, stage.using(stage.inline, note):
                 ref = one.flow(source, campaign.chosen)

@@ -124,14 +124,21 @@ def calibrate(calibration, source, chosen, engine_name, server=None):
     return one.document(ref), ref
 
 
+def searched(calibration, studies=()):
+    """Module of the flows of discovery; a calibration that none of them is for is refused."""
+    from flows import discover as flow
+
+    names = [*flow.names(), *studies]
+    if calibration not in names:
+        raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {', '.join(names)}")
+    return flow
+
+
 def discover(calibration, source, chosen, engine_name, limits=False):
     """Result document of a discovery and its files; on request with the detection limits of the event."""
     from flows import discover as flow
 
-    if calibration not in (*flow.names(), *flow.STUDIES):
-        names = ", ".join([*flow.names(), *flow.STUDIES])
-        raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {names}")
-    body = flow.flow_of(calibration, limits)
+    body = searched(calibration, flow.STUDIES).flow_of(calibration, limits)
     with output.progress(body.flow_name) as listener:
         ref = engine.run(body, source, chosen, engine=engine_name, listener=listener)
     return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]

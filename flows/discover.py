@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 from flows import calibration as calibrations
 from flows.calibration import Calibration
 from flows.engine import flow
 from flows.published_table import STUDY, Study
+from gravcal.store import results
 from tasks import common, discovery
 
 
@@ -25,6 +27,16 @@ def flow_of(name: str, shown: bool = False):
     return flow(name=f"{name}_discovery")(functools.partial(_discover, one, shown))
 
 
+def as_calibration(name: str, shown: bool = False) -> Calibration:
+    """Calibration whose flow is its discovery, as a campaign runs it; its result is that with what was found.
+
+    Raises
+    ------
+    KeyError : as of `flow_of`
+    """
+    return replace(calibrations.load(name), flow=flow_of(name, shown), document=document, result=results.searched)
+
+
 def _discover(one: Calibration | Study, shown: bool, source, chosen):
     """Causes of what a calibration leaves unexplained in one event."""
     looked, event = one.discovery, {"event": source.event}
@@ -37,16 +49,17 @@ def _discover(one: Calibration | Study, shown: bool, source, chosen):
     fixed = {"observations": looked.observations, "names": list(products)}
     searched = fixed | {"calibration": one.name, "settings": own} | limits | event
     extended = fixed | {"records": records.kind if records else "", "settings": settings} | event
+    seen = [*products.values()]
     if looked.twice:
         first = discovery.search(*products.values(), variant="first", **searched)
         without = discovery.extend_by(first, *products.values(), variant="first", tentative=True, **extended)
         again = looked.built(source, chosen, without)
         found = discovery.search_again(first, *again.values(), variant="", **searched)
+        seen += again.values()
     else:
-        first, again = discovery.search(*products.values(), variant="", **searched), products
-        found = first
+        found = discovery.search(*products.values(), variant="", **searched)
     if shown:
-        found = discovery.limits(found, first, *again.values(), variant="limits", again=looked.twice, **searched)
+        found = discovery.limits(found, *seen, variant="limits", **searched)
     results = ()
     if looked.result is not None:
         without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **extended)

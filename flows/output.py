@@ -140,23 +140,19 @@ def campaign(summary, json_path):
 
 def discovery(document, files, json_path):
     """Verdict, findings and where the files are."""
-    from gravcal.report import discovery
+    from gravcal.report import plain
 
     if not delivered(document, json_path):
         return
-    say(f"{document['event']}: {discovery.verdict(document)}")
+    say(f"{document['event']}: {document['verdict']['text']}")
     rows = []
     for one in document.get("findings", []):
         for name, parameter in one["parameters"].items():
             if parameter["value"] is not None:
-                rows.append([one["cause"], name, *discovery.scaled(parameter)])
+                value = plain.measured(*(parameter[n] for n in ("value", "sigma", "unit")))
+                rows.append([one["cause"], name, *value])
     if rows:
         table(["cause", "parameter", "value", "unit"], rows)
-    change = document.get("calibration_change", {})
-    if rows and change.get("change"):
-        names = zip(change["names"], change["change"], change["change_in_old_sigma"], strict=True)
-        moved = ", ".join(f"{n} {c:+.3g} ({s:+.1f} old sigma)" for n, c, s in names if c is not None and s is not None)
-        say(f"Calibration result moves by {moved or 'what cannot be said'} {change['unit']}.")
     for path in files:
         say(str(path))
 

@@ -25,14 +25,14 @@ ANY_PRODUCT = ["*"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=13, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     found = driver.discover(_observed(products, observations, names, settings), _limits(limits))
     return found.assign_attrs(records=product.digest_as_read(products[0]) if products else "")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=12, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=13, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = _observed(products, observations, names, settings)
@@ -45,12 +45,15 @@ def _limits(given):
     return driver.Limits(*(given[name] for name in LIMITS))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=1, also=["{observations}"])
-def limits(found, first, *products, calibration, observations, names, again, settings, **limits):  # noqa: ARG001
-    """What was found, with the sizes from which each effect of the catalogue would have been named in this event."""
-    observed = _observed(products, observations, names, settings)
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=2, also=["{observations}"])
+def limits(found, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
+    """What was found, with the sizes from which each effect of the catalogue would have been named in this event.
+
+    After the products of the first search come those of the second, if there was one.
+    """
+    given = products[-len(names) :] if "rebuilt" in found.attrs else products[: len(names)]
     say = lambda text: sys.stderr.write(f"{text}\n")  # noqa: E731
-    return driver.with_limits(found, observed, _limits(limits), _model(first) if again else (), say)
+    return driver.with_limits(found, _observed(given, observations, names, settings), _limits(limits), say)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
@@ -68,7 +71,7 @@ def extend_by(found, *products, records, observations, names, settings, tentativ
     return _without(_observed(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=4, also=["{observations}"])
+@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=5, also=["{observations}"])
 def report(found, *combined, calibration, observations, event, satellite, settings):
     """Result document, page and extended model; with the calibration before and after, where it has such a result."""
     named = {"calibration": calibration, "event": event, "satellite": satellite}

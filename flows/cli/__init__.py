@@ -256,6 +256,8 @@ def campaign(
     scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="tls://HOST:PORT")] = None,
     workers: Annotated[int | None, typer.Option("--workers", help="processes here; 0: none but this")] = None,
     only_failed: Annotated[bool, typer.Option("--only-failed", help="try again what failed the last time")] = False,
+    search: Annotated[bool, typer.Option("--discover", help="search each event, as gravcal discover does")] = False,
+    limits: Annotated[bool, typer.Option("--limits", help="the same, with the detection limits of each")] = False,
     remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
     engine: Engine = "prefect",
     json: Annotated[Path | None, json_option("summary")] = None,
@@ -266,7 +268,10 @@ def campaign(
     chosen = command.chosen(calibration, settings, model, as_)
     sources = campaign.sources(calibration, satellite, data)
     command.recorded(chosen)
-    how = campaign.Campaign(calibration, chosen, str(engine), scheduler, workers, again=only_failed)
+    if search or limits:
+        command.searched(calibration)
+    wanted = "limits" if limits else "discover" if search else ""
+    how = campaign.Campaign(calibration, chosen, str(engine), scheduler, workers, again=only_failed, search=wanted)
     if only_failed:
         sources = campaign.failed_last(how, sources)
         if not sources and output.to_screen(json):

@@ -17,7 +17,14 @@ from gravcal.discovery import attribution, product
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import delivered, named_parameters
-from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, random_source
+from gravcal.discovery.problem import (
+    Problem,
+    baseline_of,
+    inverse_of_baseline,
+    observed_rows,
+    random_source,
+    residuals_of,
+)
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, search
 from gravcal.discovery.scan import offered
@@ -121,38 +128,35 @@ def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
         )
 
 
-def with_limits(
-    found: xr.Dataset, observed: Observations | None, limits: Limits, model: Sequence[Entry], say: Callable
-):
+def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits, say: Callable):
     """Product of a search with the detection limits of its event among its numbers.
 
     Parameters
     ----------
     found : Dataset of kind discovery
-    observed, limits, model : of the search that gave it, or of the first of two with an empty model
+    observed, limits : of the search that gave it
     say : is told how far it is
     """
     if observed is None:
         return found
-    choice, result, _ = _rounds(observed, limits, model)
-    rows = {"limits": detection_limits(observed, result, choice, say)}
-    numbers = json.dumps(json.loads(found.attrs["numbers"]) | rows, allow_nan=False, sort_keys=True)
+    left = np.column_stack([found["residual_after"].values, found["found_columns"].values])
+    rows = detection_limits(observed, _parted(observed, left), _choice(observed, limits), say)
+    numbers = json.dumps(json.loads(found.attrs["numbers"]) | {"limits": rows}, allow_nan=False, sort_keys=True)
     return found.assign_attrs(numbers=numbers)
 
 
-def _rounds(observed, limits, model):
-    """Choice, result and lines of a search in the observations with the effects of a model added."""
-    added = [observed.response(entry) for entry in model]
-    rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
+def _choice(observed, limits):
+    """Settings of the rounds in the observations."""
     fixed = {"quiet": observed.quiet, "order": observed.noise_order, "segment_s": limits.segment_s}
     fixed["periods"] = observed.periods
-    choice = Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
-    return choice, *rounds_and_lines(observed, rows, choice, limits.seed)
+    return Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
 
 
 def _searched(observed, limits, model):
     """Result of a search in the observations with the effects of a model added, and its numbers."""
-    choice, result, waves = _rounds(observed, limits, model)
+    added, choice = [observed.response(entry) for entry in model], _choice(observed, limits)
+    rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
+    result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
     averaged = _reported(delivered(result, choice, observed.scale.size, observed.widest), observed)
     count = observed.scale.size
     numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)
@@ -331,33 +335,67 @@ def _information(problem, gram, bias):
 
 
 def _product(observed, limits, result, numbers):
-    """Product of a search, with the reading that the extension helps most."""
-    whole = _joined(result) if observed.interleaved else result
-    place = product.clearest(whole, observed.readable or observed.channels, limits.level)
-    shown = product.variables(whole, place, observed.reading, observed.contiguous)
-    return product.dataset(whole, numbers, observed.channels, shown)
+    """Product of a search, with the reading that each finding helps most and the columns of what was found."""
+    without, rows = [], observed_rows(result.problem)
+    for one in result.findings:
+        others = [other.index for other in result.findings if other is not one]
+        rest = residuals_of(result.problem, baseline_of(result.problem, others), rows)
+        without.append([part[:, 0] for part in rest])
+    columns = [part.of(result.baseline[result.problem.shared.stop - 1 :]) for part in result.problem.columns]
+    given = [*without, columns]
+    whole, given = _joined(result, given) if observed.interleaved else (result, given)
+    *without, columns = given
+    channels = observed.readable or observed.channels
+    places = product.clearest(whole, channels, limits.level, without)
+    shown = product.variables(whole, places, observed.reading, without, observed.contiguous)
+    shown["found_columns"] = np.concatenate(columns)
+    return product.dataset(whole, numbers, observed.channels, shown, places, observed.periods)
 
 
-def _joined(result: Result) -> Result:
-    """Result with the stretches of each record as one block, for the product."""
+def _records(blocks: list[Block]) -> dict[str, tuple[list[int], np.ndarray]]:
+    """Records that interleaved blocks are stretches of: {name: (blocks, order of their rows by axis and time)}."""
     groups: dict[str, list[int]] = {}
-    parts = result.problem.blocks
-    for k, block in enumerate(parts):
+    for k, block in enumerate(blocks):
         groups.setdefault(block.label.split()[0], []).append(k)
-    blocks, before, after = [], [], []
-    for name, members in groups.items():
-        channel, axis, time, observed = (
-            np.concatenate([getattr(parts[k], n) for k in members]) for n in ("channel", "axis", "time", "observed")
-        )
-        order, nothing = np.lexsort((time, axis)), np.zeros((time.size, 0))
-        blocks.append(Block(name, observed[order], nothing, nothing, channel[order], axis[order], time[order]))
-        for rest, test in ((before, result.before), (after, result.after)):
-            rest.append(np.concatenate([test.rest[k] for k in members])[order])
+    parts = {
+        n: [np.concatenate([getattr(blocks[k], of) for k in m]) for of in ("time", "axis")] for n, m in groups.items()
+    }
+    return {name: (members, np.lexsort(parts[name])) for name, members in groups.items()}
+
+
+def _parted(observed, values):
+    """Values (n, q) of the rows of a product as they are in each block."""
+    parts, first = {}, 0
+    alone = {b.label: ([k], np.arange(b.observed.size)) for k, b in enumerate(observed.blocks)}
+    for members, order in (_records(observed.blocks) if observed.interleaved else alone).values():
+        mine = np.empty((order.size, values.shape[1]))
+        mine[order] = values[first : first + order.size]
+        ends = np.cumsum([observed.blocks[k].observed.size for k in members])
+        parts |= dict(zip(members, np.split(mine, ends[:-1]), strict=True))
+        first += order.size
+    return [parts[k] for k in range(len(parts))]
+
+
+def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
+    """Result with the stretches of each record as one block, for the product, and what is given by block likewise."""
+    parts = result.problem.blocks
+    records = _records(parts)
+
+    def joined(rows):
+        return [np.concatenate([rows[k] for k in members])[order] for members, order in records.values()]
+
+    names = "channel", "axis", "time", "observed"
+    rows = zip(*(joined([getattr(part, name) for part in parts]) for name in names), strict=True)
+    blocks = []
+    for name, (channel, axis, time, observed) in zip(records, rows, strict=True):
+        nothing = np.zeros((time.size, 0))
+        blocks.append(Block(name, observed, nothing, nothing, channel, axis, time))
     tests = [
-        replace(test, rest=rest, rows=[r | {"block": r["block"].split()[0]} for r in test.rows])
-        for test, rest in ((result.before, before), (result.after, after))
+        replace(test, rest=joined(test.rest), rows=[r | {"block": r["block"].split()[0]} for r in test.rows])
+        for test in (result.before, result.after)
     ]
-    return replace(result, problem=replace(result.problem, blocks=blocks), before=tests[0], after=tests[1])
+    whole = replace(result, problem=replace(result.problem, blocks=blocks), before=tests[0], after=tests[1])
+    return whole, [joined(one) for one in given]
 
 
 AXES = "xyz"

@@ -15,7 +15,7 @@ import numpy as np
 
 from gravcal.discovery import attribution, rounds, scan, trials
 from gravcal.discovery.problem import Problem, baseline_of, extended, inverse_of_baseline, prepare
-from gravcal.discovery.rounds import Choice, Result
+from gravcal.discovery.rounds import Choice
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Candidate, Observations, slug_of
 
@@ -23,15 +23,16 @@ RATIOS = np.geomspace(3.0, 60.0, 25)  # signal-to-noise ratios that are injected
 FORMS = 4  # of a cause that are injected at most, such as epochs or frequencies
 LONGER = (1.0, 1.25, 1.6)  # times the limit as scored at which the search is asked
 LARGEST_SET = 3  # causes that are tied, for a name to count
+GONE = 1e-9  # of the noise, below which a row is described by a column of its own
 
 
-def detection_limits(observed: Observations, result: Result, choice: Choice, say: Callable = lambda _: None) -> list:
+def detection_limits(observed: Observations, left: list, choice: Choice, say: Callable = lambda _: None) -> list:
     """What this event would have shown of each effect of the catalogue.
 
     Parameters
     ----------
     observed : Observations
-    result : of the search in them
+    left : (n, 1 + q) of each block, what the search left of its rows, and the columns of what it found
     choice : of that search
     say : is told how far it is
 
@@ -42,7 +43,7 @@ def detection_limits(observed: Observations, result: Result, choice: Choice, say
         parameter; size and ratio are None where it would not be named at any ratio up to 60, or not be seen at all:
         the bias is then that of the plausible size
     """
-    problem, rng = _after(result, observed), np.random.default_rng(len(observed.candidates))
+    problem, rng = _after(observed, left), np.random.default_rng(len(observed.candidates))
     problem, tails = _along(problem, choice, rng)
     scored = _Scored(problem, choice, tails)
     found, effects = [], _injected(problem, rng)
@@ -56,17 +57,19 @@ def detection_limits(observed: Observations, result: Result, choice: Choice, say
     return found
 
 
-def _after(result, observed):
-    """Problem of the residual after the found model, whose columns are free beside those of the calibration."""
-    fixed, width = result.baseline, result.problem.shared.stop - 1
-    more = fixed[width:]
+def _after(observed, left):
+    """Problem of the residual after the found model, whose columns are free beside those of the calibration.
+
+    A row that was observed and of which nothing is left had a column of its own, as outliers have.
+    """
     blocks = []
-    for block, columns, rest in zip(result.problem.blocks, result.problem.columns, result.after.rest, strict=True):
-        wider = np.column_stack([block.global_columns, columns.of(more)])
-        blocks.append(replace(block, observed=rest, global_columns=wider))
-    problem = prepare(blocks, observed.candidates)
-    memory = {k: v for k, v in result.problem.memory.items() if k[0] in ("local", "waves", "table")}
-    return replace(problem, memory=memory)
+    for block, part in zip(observed.blocks, left, strict=True):
+        alone = np.flatnonzero((np.abs(part[:, 0]) < GONE) & (np.abs(block.observed) > GONE))
+        own = (np.arange(block.observed.size)[:, None] == alone).astype(float)
+        wider = np.column_stack([block.global_columns, part[:, 1:]])
+        blocks.append(replace(block, observed=part[:, 0], global_columns=wider))
+        blocks[-1] = replace(blocks[-1], local_columns=np.column_stack([block.local_columns, own]))
+    return prepare(blocks, observed.candidates)
 
 
 def _along(problem, choice, rng):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import xarray as xr
@@ -30,7 +31,14 @@ def _dataset(values, **attrs):
     return xr.Dataset(made, attrs={"time_scale": "GPS"} | attrs)
 
 
-def dataset(result: Result, numbers: dict, channels: Sequence[str], reading: Mapping | None = None) -> xr.Dataset:
+def dataset(
+    result: Result,
+    numbers: dict,
+    channels: Sequence[str],
+    reading: Mapping | None = None,
+    places: Sequence[Shown] = (),
+    periods: Iterable[float] = (),
+) -> xr.Dataset:
     """Product of a search: residuals before and after, adequacy, and the numbers.
 
     Parameters
@@ -38,7 +46,8 @@ def dataset(result: Result, numbers: dict, channels: Sequence[str], reading: Map
     result : Result
     numbers : of `summary.summary`
     channels : names in the order of the pages
-    reading : of `readings.variables`
+    reading : of `variables`; places : of `clearest`
+    periods : s, over which readings may be folded
     """
     blocks, before, after = result.problem.blocks, result.before, result.after
     rows = before.rows
@@ -63,6 +72,8 @@ def dataset(result: Result, numbers: dict, channels: Sequence[str], reading: Map
     }
     text = json.dumps(_known(numbers), allow_nan=False, sort_keys=True)
     words = {"numbers": text, "channels": " ".join(names), "blocks": ", ".join(labels)}
+    where = [asdict(one) | {"block": blocks[one.block].label} for one in places]
+    words |= {"shown": json.dumps(where), "periods": json.dumps(list(periods))}
     return _dataset(values | (reading or {}), **words)
 
 
@@ -205,50 +216,79 @@ def _tried(result):
 
 #: Rows of a channel and block below which they are no curve.
 CURVE = 60
-#: Chi-square that the extension has to gain there to be seen at all.
+#: Chi-square that a finding has to gain there to be seen at all.
 CLEAR = 10.0
 
 
-def clearest(result: Result, channels: Sequence[str], level: float) -> tuple[str, int] | None:
-    """Channel and index of the block to be shown, None where there is nothing to show.
+@dataclass(frozen=True)
+class Shown:
+    """Where a finding is shown."""
 
-    Where something was named it is that which the extension helps most; where nothing was named and the baseline is
-    not adequate, that of the least likely band.
-    """
-    drops = {}
-    for k, block in enumerate(result.problem.blocks):
-        drop = result.before.rest[k] ** 2 - result.after.rest[k] ** 2
-        here = {c: block.channel == c for c in channels}
-        drops |= {(c, k): float(drop[rows].sum()) for c, rows in here.items() if rows.sum() >= CURVE}
-    if result.findings:
-        best = max(drops, key=drops.get, default=None)
-        return best if best and drops[best] >= CLEAR else None
-    labels = {b.label: k for k, b in enumerate(result.problem.blocks)}
-    rows = sorted(result.before.rows, key=lambda r: r["p"]) if result.before.p < level else []
-    return next((place for r in rows if (place := (r["channel"], labels[r["block"]])) in drops), None)
+    finding: int  #: its number, -1 where none was named
+    channel: str
+    block: int  #: number
+    axis: int
 
 
-def variables(
-    result: Result, place: tuple[str, int] | None, reading_of: Callable, contiguous: bool = False
-) -> dict[str, np.ndarray]:
-    """Variables of the product for the channel and block that are shown, less the mean measured; none without them.
+def clearest(result: Result, channels: Sequence[str], level: float, without: Sequence) -> list[Shown]:
+    """For each finding the channel, block and axis whose rows it helps most; none where it helps no curve.
+
+    Where nothing was named and the baseline is not adequate, the place of the least likely band.
 
     Parameters
     ----------
     result : Result
-    place : of `clearest`
+    channels : that can be shown
+    level : of the search
+    without : for each finding the residual (n,) of each block as the extended model without it leaves it
+    """
+    found = []
+    for number, rest in enumerate(without):
+        drops = {}
+        for k, block in enumerate(result.problem.blocks):
+            drop = rest[k] ** 2 - result.after.rest[k] ** 2
+            for channel in (c for c in channels if np.sum(block.channel == c) >= CURVE):
+                size = np.bincount(block.axis, np.where(block.channel == channel, drop, 0.0))
+                drops[size.sum(), channel, k] = int(size.argmax())
+        gain, channel, k = max(drops, default=(0.0, "", 0))
+        found += [Shown(number, channel, k, drops[gain, channel, k])] if gain >= CLEAR else []
+    if without or result.before.p >= level:
+        return found
+    labels = {b.label: k for k, b in enumerate(result.problem.blocks)}
+    for row in sorted(result.before.rows, key=lambda r: r["p"]):
+        k = labels[row["block"]]
+        here = result.problem.blocks[k].channel == row["channel"]
+        if row["channel"] in channels and here.sum() >= CURVE:
+            size = np.bincount(result.problem.blocks[k].axis, np.where(here, result.before.rest[k] ** 2, 0.0))
+            return [Shown(-1, row["channel"], k, int(size.argmax()))]
+    return []
+
+
+def variables(
+    result: Result, places: Sequence[Shown], reading_of: Callable, without: Sequence, contiguous: bool = False
+) -> dict[str, np.ndarray]:
+    """Variables of the product by channel for what is shown, one finding after the other, less the mean measured.
+
+    Parameters
+    ----------
+    result : Result
+    places : of `clearest`
     reading_of : (channel, block index, rows (n, 3) 1) -> (time (m,) s, model (m, a), columns (3, m, a)): the reading
         that the observed rows are the difference to, and whitened rows in the unit of the reading
+    without : as of `clearest`
     contiguous : True if it takes the rows of all blocks
     """
-    if place is None:
-        return {}
-    channel, k = place
-    parts = [block.observed for block in result.problem.blocks], result.before.rest, result.after.rest
-    rows = np.stack([np.concatenate(part if contiguous else [part[k]]) for part in parts], axis=1)
-    time, model, (observed, before, after) = reading_of(channel, k, rows)
-    measured = model + observed
-    measured -= np.nanmean(measured, axis=0)
-    parts = {"measured": measured, "baseline": measured - before}
-    parts |= {"extended": measured - after} if result.findings else {}
-    return {"time_reading": time} | {f"{channel}_{name}": values for name, values in parts.items()}
+    made: dict[str, list[np.ndarray]] = {}
+    observed = [block.observed for block in result.problem.blocks]
+    for one in places:
+        parts = observed, without[one.finding] if without else result.before.rest, result.after.rest
+        rows = np.stack([np.concatenate(p if contiguous else [p[one.block]]) for p in parts], axis=1)
+        time, model, (rest, before, after) = reading_of(one.channel, one.block, rows)
+        measured = model + rest
+        measured -= np.nanmean(measured, axis=0)
+        after = after if without else np.full_like(after, np.nan)
+        series = {"time": time, "finding": np.full(time.size, one.finding), "measured": measured}
+        series |= {"simulated": measured - before, "extended": measured - after}
+        for name, values in series.items():
+            made.setdefault(f"{one.channel}_{name}", []).append(values)
+    return {name: np.concatenate(parts) for name, parts in made.items()}

@@ -10,6 +10,12 @@ DISCOVERY = {
     "observed": _ROW | {"long_name": "whitened difference of measurement and model, noise of unit variance"},
     "residual_before": _ROW | {"long_name": "whitened residual of the baseline"},
     "residual_after": _ROW | {"long_name": "whitened residual of the extended model"},
+    "found_columns": {
+        "dims": "row column",
+        "units": "1",
+        "long_name": "whitened rows of what was found at unit size, without what the baseline of a block takes of them",
+        "optional": True,
+    },
     "test_block": _TEST | {"long_name": "index of the block", "dtype": "i2"},
     "test_channel": _TEST | {"long_name": "index of the channel", "dtype": "i1"},
     "test_band": _TEST | {"long_name": "band, quarters of the spectrum from low to high", "dtype": "i1"},
@@ -18,7 +24,7 @@ DISCOVERY = {
     "p_band_before": _TEST | {"long_name": "probability of more power by chance, baseline"},
     "p_band_after": _TEST | {"long_name": "probability of more power by chance, extended model"},
 }
-#: Channels that are also kept in the units of their reading, where the extension helps most.
+#: Channels that are also kept in the units of their reading, where a finding helps most.
 READINGS = {
     "linear": "m s-2",
     "angular": "rad s-2",
@@ -29,11 +35,16 @@ READINGS = {
 }
 _PARTS = {
     "measured": "as measured",
-    "baseline": "as the baseline simulates it, drift and start fitted",
+    "simulated": "as the model without the finding simulates it, drift and start fitted",
     "extended": "as the extended model simulates it, drift and start fitted",
 }
-DISCOVERY |= {"time_reading": {"dims": "time_reading", "optional": True}} | {
-    f"{channel}_{part}": {"dims": "time_reading axis", "units": unit, "long_name": text, "optional": True}
-    for channel, unit in READINGS.items()
-    for part, text in _PARTS.items()
-}
+for _channel, _unit in READINGS.items():
+    _along = {"dims": f"{_channel}_time", "optional": True}
+    DISCOVERY[f"{_channel}_time"] = _along | {"units": "s", "long_name": "epoch of a reading, GPS"}
+    DISCOVERY[f"{_channel}_finding"] = _along | {
+        "units": "1",
+        "long_name": "number of the finding, from 0; -1 for none",
+    }
+    for _part, _text in _PARTS.items():
+        about = {"dims": f"{_channel}_time axis", "units": _unit, "long_name": _text, "optional": True}
+        DISCOVERY[f"{_channel}_{_part}"] = about

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-import math
 
 import numpy as np
 import xarray as xr
 
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_figures as figures
+from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
 from gravcal.report.pages import Figure, Section, Table
-from gravcal.report.plain import NOT_DETERMINED, plus_minus, probability, signed
+from gravcal.report.plain import NOT_DETERMINED, decimals, measured, plus_minus, probability, quantity, signed
 from gravcal.store import product
+from gravcal.store.results import units
 from gravcal.store.schemas import VERSION, validate
 
 MOVED = ("change", "change_in_old_sigma")
@@ -40,7 +41,8 @@ def report(
     provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
     status = numbers.pop("status", "delivered")
     head = {"schema_version": VERSION, "status": status, "calibration": calibration, "event": event}
-    document = head | {"kind": "discovery"} | numbers | {"provenance": provenance}
+    said = {"verdict": {"text": words.verdict(numbers)}}
+    document = head | {"kind": "discovery"} | said | numbers | {"provenance": provenance}
     document = documents.judged(document, (found, *combined), [])
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
@@ -80,79 +82,43 @@ def page(found: xr.Dataset, document: dict, satellite: str, reported: Reported) 
         {"discovery": found},
         heading="What the model gets wrong",
         subtitle=f"satellite {satellite}, level {level} for everything tried together",
-        verdict=verdict(document),
     )
 
 
 def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
     """Sections of the page that hold something."""
     here = ("discovery",)
-    drawings = [
-        Figure(figures.residuals, here, REST),
-        Figure(figures.readings, here, figures.caption(found, reported.readings)),
-    ]
+    drawings = []
+    for number in range(len(document["findings"])) if document["findings"] else (-1,):
+        about = found, number, figures.fold(found, number)
+        said = figures.caption(*about, reported.readings)
+        drawings.append(Figure(figures.reading, here, said, about))
     excess = [Figure(figures.power, here, POWER), Figure(figures.spectra, here, SPECTRA)]
-    cause = [one for one in (findings_table(document), tied_table(document)) if one]
-    hidden = [one for one in (unobservable_table(document),) if one]
-    left_out = [one for one in (outlier_table(document),) if one]
+    hidden = [unobservable_table(document), limits_table(document)]
     made = [
-        Section("What is wrong", left_out, excess, notes=[f"{WRONG} {reported.note}".strip()]),
-        Section("The cause", cause, drawings if _drawn(found) else [], [CAUSE]),
-        Section("The gain", [change_table(document), gain_table(document)], notes=[GAIN]),
-        Section("What this data cannot show", hidden, notes=[UNOBSERVABLE]),
-        Section("Detection limits", [one for one in (limits_table(document),) if one], notes=[LIMITS]),
+        Section("The findings", [findings_table(document), tied_table(document)], drawings, [CAUSE]),
+        Section("The result", [change_table(document), gain_table(document)], notes=[GAIN]),
+        Section("What this event could not have shown", hidden, notes=not_shown(document)),
+        Section("What is left", [outlier_table(document)], excess, notes=[f"{WRONG} {reported.note}".strip()]),
         Section("What was tried", [tried_table(document)]),
     ]
-    return [one for one in made if one.tables or one.figures]
+    return made if document["findings"] or figures.shown(found, -1) else made[1:]
 
 
-def _drawn(found):
-    """True if one of the figures of the cause has something to show."""
-    return figures.strongest(found) is not None or figures.shown(found) is not None
-
-
-def verdict(document: dict) -> str:
-    """What was found, in a sentence or two, the origin of the data first."""
-    return documents.foreword(document["origin"]) + _said(document)
-
-
-def _said(numbers):
-    """What was found."""
-    if numbers.get("status") == "no_manoeuvre":
-        return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
-    found = numbers["findings"]
-    chance = _chance(numbers["p_before"])
-    if not found and numbers["adequate_before"]:
-        return f"The model describes the data to their noise ({chance}); nothing is named."
-    if not found and numbers["p_before"] >= numbers["level"]:
-        return f"What the model leaves is less than its noise ({_chance(numbers['p_quiet_before'])}); nothing is named."
-    if not found:
-        return f"The model is not adequate ({chance}), but no cause that was tried passes; see what is left."
-    named = "; ".join(_named(one) for one in found)
-    after = "describes the data to their noise" if numbers["adequate_after"] else "still leaves more than noise"
-    return f"Found: {named}. The extended model {after} ({_chance(numbers['p_after'])}).{_left(numbers)}"
-
-
-def _left(numbers):
-    """That the calibration is delivered without what was found."""
-    left = [_named(one) for one in numbers["findings"] if not one.get("adopted", True)]
-    said = "is too unsure to move the calibration, whose error holds the move instead"
-    return f" {'; '.join(left)} {said}." if left else ""
-
-
-def _chance(p):
-    text = probability(p)
-    return f"p {text}" if text.startswith("<") else f"p = {text}"
+def not_shown(document: dict) -> list[str]:
+    """Notes on what would have stayed unseen: by the detection limits where they were made, else by the search."""
+    if "limits" not in document:
+        hidden = document["indistinguishable_from_calibration"]
+        return [UNOBSERVABLE if hidden else NOTHING_HIDES, NO_LIMITS]
+    never = [_named(one) for one in document["limits"] if one["size"] is None]
+    large = [_named(one) for one in document["limits"] if one["size"] and one["prior"] and one["size"] > one["prior"]]
+    rows = ("At no size that was tried", never), ("Only if larger than is plausible", large)
+    return [f"{said}: {'; '.join(names)}." for said, names in rows if names] + [LIMITS]
 
 
 def _named(one):
-    if one["cause"] == "unknown:excess":
-        return f"unknown: excess in the {one['form']}"
-    label = one["cause"] if one["in_catalogue"] else f"unknown effect, follows {one['cause'].removeprefix('unknown:')}"
-    listed = [name for name in one["tied_with"] if not name.startswith("unknown:")]
-    drivers = [name.removeprefix("unknown:") for name in one["tied_with"] if name.startswith("unknown:")]
-    others = [*listed, *([f"an effect in no list that follows {' or '.join(drivers)}"] if drivers else [])]
-    return f"{label} (or {', '.join(others)}: this data cannot tell)" if others else label
+    """Effect and parameter of a limit."""
+    return f"{words.title(one['cause'])} {one['parameter'].replace('_', ' ')}"
 
 
 def outlier_table(numbers: dict) -> Table | None:
@@ -171,37 +137,14 @@ def findings_table(numbers: dict) -> Table | None:
     rows = []
     for one in numbers["findings"]:
         held = f"{one['heldout_gain']['chi2']:.0f} ({one['heldout']})"
-        head = [one["cause"], one["form"] or "all parameters", f"{one['heldout_gain']['in_sample_chi2']:.0f}", held]
-        rows.append([*head, probability(one["significance"]), "", ""])
+        gained = f"{one['heldout_gain']['in_sample_chi2']:.0f}", held, probability(one["significance"])
+        rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained, "", ""])
         for name, parameter in one["parameters"].items():
             if parameter["value"] is not None:
-                value, unit = scaled(parameter)
-                rows.append(["", name, "", "", "", value, unit])
+                rows.append([None, name, "", "", "", *measured(*(parameter[n] for n in ("value", "sigma", "unit")))])
     heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
     caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
     return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True) if rows else None
-
-
-def scaled(parameter: dict) -> tuple[str, str]:
-    """Value with its error in a power of ten that suits it, and the unit with that power.
-
-    Parameters
-    ----------
-    parameter : {"value", "sigma", "unit"}
-    """
-    value, sigma = parameter["value"], parameter["sigma"]
-    if value is None or sigma is None or sigma == 0:
-        return (NOT_DETERMINED if value is None else f"{value:.4g}"), parameter["unit"]
-    sharp = abs(value) > 1 and sigma < 1e-5 * abs(value)  # an epoch
-    power = 0 if sharp else _power(max(abs(value), sigma))
-    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    unit = parameter["unit"] if power == 0 else f"10{raised} {parameter['unit']}".removesuffix(" 1")
-    return plus_minus(value / 10**power, sigma / 10**power), unit
-
-
-def _power(size):
-    power = 3 * math.floor(math.log10(size) / 3) if size > 0 else 0
-    return 0 if power in (0, 3) else power
 
 
 def tied_table(numbers: dict) -> Table | None:
@@ -212,10 +155,11 @@ def tied_table(numbers: dict) -> Table | None:
             needed = other["events_needed"]
             more = "no such data would" if needed is None else f"{needed} events like this one"
             best = other["best_block"] or NOT_DETERMINED
-            rows.append([one["cause"], other["cause"], f"{other['expected_chi2']:.1f}", best, more])
+            pair = words.title(one["cause"]), words.title(other["cause"])
+            rows.append([*pair, f"{other['expected_chi2']:.1f}", best, more])
         for other in one.get("imitators", []):
-            name = f"an effect in no list that follows {other['cause'].removeprefix('unknown:')}: {other['form']}"
-            rows.append([one["cause"], name, f"{other['expected_chi2']:.1f}", NOT_DETERMINED, ""])
+            pair = words.title(one["cause"]), f"{words.title(other['cause'])}: {other['form']}"
+            rows.append([*pair, f"{other['expected_chi2']:.1f}", NOT_DETERMINED, ""])
     heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
     caption = "Causes that this data does not tell apart."
     return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
@@ -225,21 +169,16 @@ def change_table(numbers: dict) -> Table:
     """Calibration before and after the extension."""
     one = numbers["calibration_change"]
     rows = []
-    for k, name in enumerate(one["names"]):
+    for k, (name, unit) in enumerate(zip(one["names"], units(one), strict=True)):
         pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
-        digits = _digits(one["sigma_after"][k]), 1
+        digits = decimals(one["sigma_after"][k]), 1
         moved = [
             NOT_DETERMINED if one[w][k] is None else signed(one[w][k], d) for w, d in zip(MOVED, digits, strict=True)
         ]
-        rows.append([name, *pair, *moved])
-    heads = ["parameter", "before", "after", "change", "change over old error"]
-    caption = f"Calibration result in {one['unit']} ({one['variant']}); the error after holds that of the findings."
-    return Table(caption, heads, rows, wide=True)
-
-
-def _digits(sigma):
-    """Decimals that show a tenth of an error."""
-    return 1 if not sigma else max(1, 1 - math.floor(math.log10(sigma)))
+        rows.append([name, *pair, unit, *moved])
+    heads = ["parameter", "before", "after", "unit", "change", "change over old error"]
+    caption = f"Calibration result ({one['variant']}); the error after holds that of the findings."
+    return Table(caption, heads, rows, words=(0, 3), wide=True)
 
 
 def gain_table(numbers: dict) -> Table:
@@ -260,17 +199,17 @@ def gain_table(numbers: dict) -> Table:
 
 def unobservable_table(numbers: dict) -> Table | None:
     """Causes that look like the calibration itself."""
-    rows, unit = [], numbers["calibration_change"]["unit"]
+    rows, change = [], numbers["calibration_change"]
+    about = list(zip(change["names"], change["sigma_before"], units(change), strict=True))
     for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
-        largest = max(abs(v) for v in one["bias"])
-        bias = ", ".join(signed(v, _digits(largest / 10)) for v in one["bias"])
         drag = one.get("drag_bias_m_s2")
-        said = f"drag {max(drag):.1e} m s-2" if drag else f"{bias} {unit}"
-        rows.append([one["cause"], where, f"{one['signal_to_noise']:.1f}", said])
-    names = ", ".join(numbers["calibration_change"]["names"])
-    heads = ["cause", "direction, in units of a plausible size", "signal to noise", f"bias of {names}"]
-    caption = "Causes of a plausible size that would move the result without being seen."
+        each = sorted(zip(one["bias"], about, strict=True), key=lambda row: -abs(row[0]) / (row[1][1] or np.inf))[:3]
+        moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, (name, _, unit) in each)
+        said = f"drag {quantity(max(drag), None, 'm s-2')}" if drag else moved
+        rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said])
+    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "moves"]
+    caption = "Causes of a plausible size that would move the result without being seen; the largest three moves."
     return Table(caption, heads, rows, words=(0, 1, 3), wide=True) if rows else None
 
 
@@ -278,30 +217,22 @@ def limits_table(numbers: dict) -> Table | None:
     """Size from which each effect would have been named, what it would be taken for, and what it does when missed."""
     rows = []
     for one in numbers.get("limits", ()):
-        size = NOT_DETERMINED if one["size"] is None else f"{one['size']:.2g}"
+        size = NOT_DETERMINED if one["size"] is None else quantity(one["size"], None, one["unit"])
         share = f"{one['size'] / one['prior']:.2g}" if one["size"] is not None and one["prior"] else NOT_DETERMINED
         checked = {True: "yes", False: "no", None: ""}[one["confirmed"]]
         move = NOT_DETERMINED if one["bias_in_sigma"] is None else f"{one['bias_in_sigma']:.2g}"
-        words = [one["cause"], " ".join(part for part in (one["parameter"], one["form"]) if part)]
-        rows.append([*words, size, one["unit"], share, checked, ", ".join(one["confused_with"]), move])
-    heads = [
-        "effect",
-        "parameter",
-        "named from",
-        "unit",
-        "over plausible size",
-        "confirmed",
-        "taken for",
-        "moves result",
-    ]
+        name = " ".join(part for part in (one["parameter"], one["form"]) if part)
+        taken = ", ".join(map(words.title, one["confused_with"]))
+        rows.append([words.title(one["cause"]), name, size, share, checked, move, taken])
+    heads = ["effect", "parameter", "named from", "over plausible size", "confirmed", "moves result", "taken for"]
     caption = "Just missed, or of plausible size where it is not seen, an effect moves the result by so many sigma."
-    return Table(caption, heads, rows, words=(0, 1, 3, 5, 6), wide=True) if rows else None
+    return Table(caption, heads, rows, words=(0, 1, 4, 6), wide=True) if rows else None
 
 
 def tried_table(numbers: dict) -> Table:
     """What else was tried in the first round, best first."""
     rows = [
-        [one["cause"], one["form"] or "all parameters", f"{one['chi2']:.1f}", str(one["parameters"]),
+        [words.title(one["cause"]), one["form"] or "all parameters", f"{one['chi2']:.1f}", str(one["parameters"]),
          probability(one["significance"])]
         for one in numbers["tried"][:15]
     ]  # fmt: skip
@@ -378,6 +309,10 @@ GAIN = (
 UNOBSERVABLE = (
     "These causes look like the calibration parameters themselves; only other data or ground tests can exclude them."
 )
+NOTHING_HIDES = "No listed effect of plausible size could have moved the result without being seen."
+NO_LIMITS = (
+    "From which size on each effect would have been named is looked for on request (discover with its option limits)."
+)
 LIMITS = (
     "Every effect of the catalogue was added to what the found model leaves of these very records, each parameter by "
     "itself and with either sign, at signal-to-noise ratios from 3 to 60. Named means alone or in a tied set of three "
@@ -386,4 +321,3 @@ LIMITS = (
 )
 POWER = "Power of the residual over that of noise; four bands a manoeuvre."
 SPECTRA = "Mean over manoeuvres and axes; the dashed line is noise."
-REST = "The channel and manoeuvre that the extension helps most; mean over five samples, noise has unit variance."

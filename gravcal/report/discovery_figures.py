@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 
 import numpy as np
 
 from gravcal.report.figures import COLOURS, grid, legend, thinned
+from gravcal.report.plain import prefixed
 
 NAMES = ("baseline", "extended model")
 LINES = dict(zip(NAMES, ({"color": COLOURS["vermilion"]}, {"color": COLOURS["blue"]}), strict=True))
@@ -16,9 +18,7 @@ POINTS = {
 }
 NOISE = {"color": COLOURS["black"], "linewidth": 0.6, "linestyle": "--"}
 MEASURED = {"color": COLOURS["black"], "label": "measured"}
-PREFIXES = {"n": 1e9, "u": 1e6, "m": 1e3, "": 1.0}
 BINS = 24
-CURVE = 60  # rows of a channel and block below which they are no curve
 
 
 def power(found):
@@ -37,11 +37,18 @@ def power(found):
         for which, (name, style) in zip(("before", "after"), POINTS.items(), strict=True):
             panel.plot(place, found[f"power_{which}"].values[here], label=name, markersize=size, **style)
         panel.set_ylabel(names[k])
+        _wide(panel)
     numbers = range(each, int(blocks.max()) + 2, each)
     panel.set_xticks(numbers, [_number(found, i) for i in numbers])
     panel.set_xlabel("manoeuvre, four bands from low to high frequency")
     legend(figure, panels, 3)
     return figure
+
+
+def _wide(panel):
+    """Logarithmic power where it spans more than a page can show."""
+    if panel.get_ylim()[1] > 30:
+        panel.set_yscale("log")
 
 
 def _number(found, place):
@@ -66,6 +73,7 @@ def spectra(found):
         for values, (label, style) in zip(powers, LINES.items(), strict=True):
             panel.plot(frequency, values, label=label, **style)
         panel.set(title=name, xlabel="frequency (Hz)", ylabel="power over noise")
+        _wide(panel)
     legend(figure, panels, 3)
     return figure
 
@@ -88,96 +96,147 @@ def _spectrum(found, channel):
     return (np.arange(bins) + 0.5) / (2 * step * bins), *(total / len(rows))
 
 
-def strongest(found):
-    """Channel and block whose residual the extension lowers most, both as numbers; None where it lowers none."""
-    channel, block = found["channel"].values, found["block"].values
-    drop = found["residual_before"].values ** 2 - found["residual_after"].values ** 2
-    gains = {}
-    for pair in sorted({(int(c), int(b)) for c, b in zip(channel, block, strict=True)}):
-        here = (channel == pair[0]) & (block == pair[1])
-        if here.sum() >= CURVE:  # not a handful of edge times
-            gains[pair] = drop[here].sum()
-    best = max(gains, key=gains.get, default=None)
-    return best if best is not None and gains[best] >= 10 else None
+SIDES = ("measured", "simulated", "extended")
+SIMULATED = LINES["baseline"] | {"label": "simulated without it"}
+EXTENDED = LINES["extended model"] | {"label": "extended model"}
+PHASES, STRETCHES = 40, 90  # bins of a period, and of a record
+KEPT = 0.5  # of the square of what a finding adds that bins have to keep
 
 
-def residuals(found):
-    """Whitened residual of the channel and manoeuvre that the extension helps most, the three axes, smoothed."""
-    if strongest(found) is None:
+def shown(found, number: int) -> dict | None:
+    """Where a finding is shown: {"finding", "channel", "block", "axis"}; None where it helps no reading."""
+    rows = json.loads(found.attrs.get("shown", "[]"))
+    return next((one for one in rows if one["finding"] == number), None)
+
+
+def _curves(found, one):
+    """Epochs s from the first (n,), and {side: (n,)} of the axis that is shown."""
+    channel = one["channel"]
+    here = found[f"{channel}_finding"].values == one["finding"]
+    axis = min(one["axis"], found[f"{channel}_measured"].shape[1] - 1)
+    time = found[f"{channel}_time"].values[here]
+    return time - time[0], {side: found[f"{channel}_{side}"].values[here, axis] for side in SIDES}
+
+
+def _kept(values, index):
+    """Share of the square of values that their means over bins (n,) keep, and the bins with samples."""
+    good = np.isfinite(values)
+    if not good.any() or not np.any(values[good]):
+        return 0.0
+    values = values[good] - values[good].mean()
+    count = np.bincount(index[good])
+    total = np.bincount(index[good], values)
+    return float(np.sum(total[count > 0] ** 2 / count[count > 0]) / np.sum(values**2))
+
+
+def fold(found, number: int) -> float | None:
+    """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    number : of the finding
+    """
+    one = shown(found, number)
+    findings = json.loads(found.attrs["numbers"])["findings"]
+    if one is None or not 0 <= number < len(findings):
         return None
-    c, b = strongest(found)
-    here = (found["channel"].values == c) & (found["block"].values == b)
-    start = found["time_row"].values[here].min()
-    axes = [int(axis) for axis in np.unique(found["component"].values[here])]
-    figure, panels = grid(len(axes), 1, 0.4 + 0.8 * max(len(axes), 2), sharex=True, margins={"hspace": 0.16})
-    for axis, (panel,) in zip(axes, panels, strict=True):
-        rows = here & (found["component"].values == axis)
-        for which, (name, style) in zip(("before", "after"), LINES.items(), strict=True):
-            values = np.convolve(found[f"residual_{which}"].values[rows], np.ones(5) / np.sqrt(5), mode="same")
-            panel.plot(*thinned(found["time_row"].values[rows] - start, values), label=name, **style)
-        panel.set_ylabel("xyz"[axis] if len(axes) > 1 else "residual")
-    names = found.attrs["channels"].split()[c], found.attrs["blocks"].split(", ")[b]
-    panels[0, 0].set_title(f"whitened residual of {', '.join(names)}")
-    panel.set_xlabel("time from the first row (s)")
-    legend(figure, panels, 2)
-    return figure
+    time, curves = _curves(found, one)
+    own = findings[number]["parameters"].get("frequency", {}).get("value")
+    periods = [*([1 / own] if own else []), *json.loads(found.attrs["periods"])]
+    added = curves["extended"] - curves["simulated"]
+    share = {p: _kept(added, _bins(time, p)) for p in periods if 2 * p < time[-1]}
+    best = max(share, key=share.get, default=None)
+    return best if best is not None and share[best] > KEPT else None
 
 
-CAPTION = (
-    "Reading of the channel and block that the extension helps most, drift and start values fitted with either model; "
-    "Δ is measured less simulated."
-)
-ALONE = "Reading of the channel and block of the least likely band; Δ is measured less simulated."
-REBUILT = " The measured reading is that of the records without the findings, with these added in their linear form."
-PLAIN = " Its mean is left out."
+def _bins(time, period):
+    """Bin (n,) of each epoch in a period: as many bins as have a sample each."""
+    for count in range(PHASES, 1, -1):
+        index = np.minimum((time % period * (count / period)).astype(int), count - 1)
+        if np.unique(index).size == count:
+            break
+    return index
 
 
-def shown(found) -> tuple[str, dict[str, np.ndarray]] | None:
-    """Channel and its readings, {"measured", "baseline", "extended": (n, a)}; None where the product holds none."""
-    names = [str(n) for n in found.data_vars if str(n).endswith("_measured")]
-    if not names:
+def reading(found, number: int, period: float | None):
+    """Reading that a finding helps most, measured and simulated, and what either model leaves of it.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    number : of the finding, -1 where none was named
+    period : s, over which it is folded, or None
+    """
+    one = shown(found, number)
+    if one is None:
         return None
-    channel = names[0].removesuffix("_measured")
-    parts = ("measured", "baseline", "extended")
-    return channel, {p: found[f"{channel}_{p}"].values for p in parts if f"{channel}_{p}" in found}
-
-
-def caption(found, readings_of: Mapping[str, str]) -> str:
-    """Caption of the figure of readings; `readings_of` says {channel: text} what they are."""
-    known = shown(found)
-    text = CAPTION if known and "extended" in known[1] else ALONE
-    text += readings_of.get(known[0], PLAIN) if known else ""
-    return text + (REBUILT if "rebuilt" in found.attrs else "")
-
-
-def readings(found):
-    """Measured and simulated readings of each axis against time in a prefix of their unit, the differences below."""
-    if shown(found) is None:
-        return None
-    channel, parts = shown(found)
-    measured, unit = parts.pop("measured"), found[f"{channel}_measured"].attrs["units"]
-    time = found["time_reading"].values - found["time_reading"].values[0]
-    styles = {part: LINES[name] | {"label": name} for part, name in zip(("baseline", "extended"), NAMES, strict=True)}
-    axes = measured.shape[1]
-    figure, panels = grid(2 * axes, 1, 0.7 + 1.6 * axes, sharex=True, margins={"hspace": 0.2, "left": 0.1})
-    for axis in range(axes):
-        letter = "xyz"[axis] if axes > 1 else channel
-        curves = [(MEASURED, measured[:, axis])] + [(styles[p], v[:, axis]) for p, v in parts.items()]
-        rest = [(styles[p], measured[:, axis] - v[:, axis]) for p, v in parts.items()]
-        for panel, name, series in zip(panels[2 * axis :, 0], (letter, f"Δ{letter}"), (curves, rest), strict=False):
-            size = np.nanmax(np.abs([v for _, v in series]), initial=0.0)
-            prefix = next((p for p, f in reversed(PREFIXES.items()) if size * f >= 1), "n")
-            for style, values in series:
-                panel.plot(*thinned(time, PREFIXES[prefix] * values), **style)
-            panel.set_ylabel(f"{name} ({prefix}{unit})")
-    panels[0, 0].set_title(", ".join(dict.fromkeys([channel, _block(found, channel)])))
-    panels[-1, 0].set_xlabel("time from the first sample (s)")
+    time, curves = _curves(found, one)
+    measured = curves["measured"]
+    models = [(curves["simulated"], SIMULATED), (curves["extended"], EXTENDED)]
+    models = [model for model in models if np.isfinite(model[0]).any()]
+    place, index = _places(time, models[-1][0] - (models[0][0] if len(models) > 1 else measured), period)
+    whole = found[f"{one['channel']}_measured"]
+    axis = f" {'xyz'[one['axis']]}" if whole.shape[1] > 1 else ""
+    rows = {
+        f"{one['channel']}{axis}": [*models, (measured, MEASURED)],
+        "difference": [(measured - values, style) for values, style in models],
+    }
+    figure, panels = grid(2, 1, 3.0, sharex=True, margins={"hspace": 0.12, "left": 0.1})
+    for (panel,), (label, series) in zip(panels, rows.items(), strict=True):
+        means = [(*_means(values, index, place.size), style) for values, style in series]
+        factor, unit = prefixed(max(float(np.nanmax(np.abs(mean))) for mean, *_ in means), whole.attrs["units"])
+        for mean, error, style in means:
+            points = place.size < time.size and (label == "difference" or style is MEASURED)
+            _draw(panel, place, factor * mean, factor * error, style, points)
+        panel.set_ylabel(f"{label} ({unit})")
+    panels[1, 0].axhline(0.0, **NOISE)
+    panels[1, 0].set_xlabel("time from the first sample (s)" if period is None else "phase (s)")
     legend(figure, panels, 3)
     return figure
 
 
-def _block(found, channel):
-    """Name of the block whose rows of the channel have the epochs of the readings."""
-    here = np.flatnonzero(found["channel"].values == found.attrs["channels"].split().index(channel))
-    away = np.abs(found["time_row"].values[here] - float(found["time_reading"].values[0]))
-    return found.attrs["blocks"].split(", ")[int(found["block"].values[here[np.argmin(away)]])]
+def _places(time, added, period):
+    """Abscissae (m,) s of bins, and the bin (n,) of each sample: of a period, of the record, or every sample alone."""
+    if period is not None:
+        count = max(index := _bins(time, period)) + 1
+        return (np.arange(count) + 0.5) * period / count, index
+    index = np.minimum((time / time[-1] * STRETCHES).astype(int), STRETCHES - 1)
+    if time.size > 4 * STRETCHES and _kept(added, index) > KEPT:
+        return (np.arange(STRETCHES) + 0.5) * time[-1] / STRETCHES, index
+    return time, np.arange(time.size)
+
+
+def _means(values, index, count):
+    """Means (count,) over bins, and their errors by the scatter inside; NaN where there is no sample."""
+    good = np.isfinite(values)
+    number = np.bincount(index[good], minlength=count).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(index[good], values[good], count) / number
+        square = np.bincount(index[good], (values[good] - mean[index[good]]) ** 2, count)
+        return mean, np.sqrt(square / (number - 1) / number)
+
+
+def _draw(panel, x, y, error, style, points):
+    """Means with their errors, or a line."""
+    if points:
+        bars = {"linestyle": "none", "marker": ".", "markersize": 3.5, "elinewidth": 0.6}
+        panel.errorbar(x, y, error if style is not MEASURED else None, **style, **bars)
+    else:
+        panel.plot(*thinned(x, y), **style)
+
+
+def caption(found, number: int, period: float | None, readings_of: Mapping[str, str]) -> str:
+    """Caption of the figure of a finding; `readings_of` says {channel: text} what the readings are."""
+    one = shown(found, number)
+    if one is None:
+        return ""
+    what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
+    said = f"{what}: {one['channel']} reading, {one['block']}."
+    said += f" Folded over {period:.4g} s." if period else ""
+    said += " Above the reading, below what is measured less what either model simulates; bars: error of a mean."
+    said += readings_of.get(one["channel"], " Its mean is left out.")
+    return said + (REBUILT if "rebuilt" in found.attrs else "")
+
+
+REBUILT = " The measured reading is that of the records without the findings, with these added in their linear form."

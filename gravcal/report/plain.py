@@ -2,6 +2,7 @@
 
 import datetime
 import math
+import re
 
 import numpy as np
 
@@ -150,3 +151,53 @@ def chi_square(test, with_probability=True):
         return NOT_DETERMINED
     text = f"{test['chi2']:.1f} / {test['dof']}"
     return f"{text}, {probability(test['p'])}" if with_probability else text
+
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k"}
+PREFIXED = ("m", "rad", "T", "V", "N", "A", "s", "Hz", "F", "W")
+
+
+def prefixed(size, unit):
+    """Unit that suits a size, as people read it, and the factor to it from the SI unit; a share in percent or 10⁻⁶.
+
+    Parameters
+    ----------
+    size : of the values; unit : SI, such as "m s-2", "1", or empty
+
+    Returns
+    -------
+    factor : float
+    unit : str, such as "nm s⁻²"
+    """
+    power = 3 * math.floor(math.log10(size) / 3) if size > 0 and math.isfinite(size) else 0
+    text = re.sub(r"-?\d+", lambda found: found[0].translate(SUPERSCRIPTS), "" if unit == "1" else unit)
+    if unit == "1" and 1e-4 <= size < 10:
+        return 100.0, "%"
+    if unit.partition(" ")[0] in PREFIXED and power in PREFIXES:
+        power = min(power, 0) if unit.partition(" ")[0] in ("s", "rad", "Hz", "V") else power
+        return 10.0**-power, PREFIXES[power] + text
+    if not unit or 1e-2 <= size < 1e4 or size == 0:
+        return 1.0, text
+    return 10.0**-power, f"×10{str(power).translate(SUPERSCRIPTS)} {text}".rstrip()
+
+
+def quantity(value, sigma, unit):
+    """Value with its error and a unit that suits both, two digits of the error: "2.00 ± 0.12 %"."""
+    return " ".join(part for part in measured(value, sigma, unit) if part)
+
+
+def measured(value, sigma, unit):
+    """Value with its error, and the unit that suits both."""
+    if value is None:
+        return NOT_DETERMINED, unit
+    factor, text = prefixed(max(abs(value), sigma or 0.0), unit)
+    if not sigma:
+        return f"{value * factor:.4g}".replace("-", "−"), text
+    digits = decimals(sigma * factor)
+    return f"{signed(value * factor, digits)} ± {sigma * factor:.{digits}f}", text
+
+
+def decimals(sigma):
+    """Decimals that show two digits of an error."""
+    return max(0, 1 - math.floor(math.log10(sigma))) if sigma else 1

@@ -60,6 +60,19 @@ def parameters(document):
             yield Value("", name.replace("_", " "), one["unit"], one["value"], one["sigma"], None)
 
 
+def units(change):
+    """Unit of each parameter of the change of a result, where they differ in the order of the names."""
+    found = change["unit"].split(", ")
+    return found if len(found) == len(change["names"]) else [change["unit"]] * len(change["names"])
+
+
+def searched(document):
+    """Parameters of a calibration after a search."""
+    change = document.get("calibration_change") or {"names": (), "unit": "", "after": (), "sigma_after": ()}
+    for row in zip(change["names"], units(change), change["after"], change["sigma_after"], strict=True):
+        yield Value("", *row, None)
+
+
 def printed_vector(unit):
     """Function that gives the rows of a printed vector: panel, unit, value, sigma, remark."""
 

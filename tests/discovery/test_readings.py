@@ -1,5 +1,7 @@
 """Readings in their own units: rebuilt from whitened rows, beside what either model simulates."""
 
+import json
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,14 +9,14 @@ from numpy.testing import assert_allclose
 from flows import com_offset, discover
 from gravcal import catalog
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.discovery.product import clearest, dataset, variables
+from gravcal.discovery.product import Shown, clearest, dataset, variables
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
 from gravcal.estimation.records import Block, Candidate
 from tasks import stage
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
-PARTS = ("measured", "baseline", "extended")
+PARTS = ("measured", "simulated", "extended")
 
 
 def result(amplitude, *, listed=True):
@@ -40,36 +42,40 @@ def doubled(channel, index, rows):  # noqa: ARG001 - all that a calibration is g
     return np.arange(120.0), np.full((120, 1), 5.0), 2 * part.T[:, :, None]
 
 
-def test_what_the_extension_helps_most_is_shown():
+def test_what_a_finding_helps_most_is_shown():
     """Contract: channel and block with the signal; measured less simulated is the residual in its own unit."""
     found = result(2.0)
-    place = clearest(found, ("angular", "linear"), 0.005)
-    assert place == ("linear", 1)
-    shown = variables(found, place, doubled)
+    without = [found.before.rest]  # there is one finding
+    places = clearest(found, ("angular", "linear"), 0.005, without)
+    assert places == [Shown(0, "linear", 1, 0)]
+    shown = variables(found, places, doubled, without)
     difference = {p: shown["linear_measured"] - shown[f"linear_{p}"] for p in PARTS[1:]}
-    assert_allclose(difference["baseline"][:, 0], 2 * found.before.rest[1][120:], atol=1e-12)  # rounding
+    assert_allclose(difference["simulated"][:, 0], 2 * found.before.rest[1][120:], atol=1e-12)  # rounding
     assert_allclose(difference["extended"][:, 0], 2 * found.after.rest[1][120:], atol=1e-12)
     assert abs(shown["linear_measured"].mean()) < 1e-12
-    product = dataset(found, {}, (), shown)
+    product = dataset(found, {}, (), shown, places, [12.0])
     assert product["linear_measured"].attrs["units"] == "m s-2"
+    assert set(product["linear_finding"].values) == {0.0}
+    assert json.loads(product.attrs["shown"]) == [{"finding": 0, "channel": "linear", "block": "block 1", "axis": 0}]
     assert "angular_measured" not in product
 
 
 def test_a_channel_that_cannot_be_shown_is_left_out():
     """Contract: no picture of another channel in its place."""
-    assert clearest(result(2.0), ("angular",), 0.005) is None
+    found = result(2.0)
+    assert clearest(found, ("angular",), 0.005, [found.before.rest]) == []
 
 
 def test_where_nothing_is_named_the_least_likely_band_is_shown():
     """Contract: a signal that no candidate holds: measured and baseline, no extended model; clean data show nothing."""
     found = result(2.0, listed=False)
     assert not found.findings
-    place = clearest(found, ("angular", "linear"), 0.005)
-    assert place == ("linear", 1)
-    assert "linear_extended" not in variables(found, place, doubled)
+    places = clearest(found, ("angular", "linear"), 0.005, [])
+    assert places == [Shown(-1, "linear", 1, 0)]
+    assert np.isnan(variables(found, places, doubled, [])["linear_extended"]).all()
     clean = result(0.0)
-    assert clearest(clean, ("angular", "linear"), 1e-4) is None
-    assert variables(clean, None, doubled) == {}
+    assert clearest(clean, ("angular", "linear"), 1e-4, []) == []
+    assert variables(clean, [], doubled, []) == {}
 
 
 def viewed(folder, effects):
@@ -113,7 +119,7 @@ def test_a_leak_is_seen_in_the_linear_reading(leaking):
     """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y."""
     made, found, views = leaking[0], leaking[1], leaking[2].views
     measured, baseline, extended = shown(found, "linear")
-    (k,) = [k for k, v in enumerate(views) if np.array_equal(v.operator.time, found["time_reading"].values)]
+    (k,) = [k for k, v in enumerate(views) if np.array_equal(v.operator.time, found["linear_time"].values)]
     direct = views[k].operator(np.nan_to_num(made["align"]["linear_b"].values[views[k].rows]))
     valid = np.isfinite(measured).all(axis=1)
     assert_allclose(measured[valid], (direct - np.nanmean(direct, axis=0))[valid], atol=1e-14)  # m s-2, noise 1e-10
@@ -130,7 +136,7 @@ def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
     made, found, observed = discovered(tmp_path, {"torque.dipole_gain.rod_y": 0.03})
     assert found.attrs["rebuilt"] == "yes"
     measured, baseline, extended = shown(found, "angular")
-    time = found["time_reading"].values
+    time = found["angular_time"].values
     near = min(observed.views, key=lambda v: abs(v.operator.time[0] - time[0]))
     direct = near.operator(np.nan_to_num(made["align"]["angular_b"].values[near.rows]))
     direct = direct - np.nanmean(direct, axis=0)

@@ -17,7 +17,8 @@ from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
-from gravcal.report.discovery import limits_table, outlier_table, tied_table, verdict
+from gravcal.report.discovery import limits_table, outlier_table, tied_table
+from gravcal.report.discovery_words import verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -67,9 +68,7 @@ def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
     assert found.imitators[0]["expected_chi2"] == pytest.approx(0.0, abs=1e-6)
     numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
     assert numbers["findings"][0]["tied_with"] == ["unknown:field"]
-    assert "or an effect in no list that follows field: this data cannot tell" in verdict(
-        numbers | {"origin": "measured"}
-    )
+    assert "This data cannot tell that from an effect in no list that follows field." in verdict(numbers)
     assert "twice" in str(tied_table(numbers).rows)
 
 
@@ -123,7 +122,7 @@ def test_less_power_than_noise_has_is_an_alarm_too():
     assert result.before.p > 0.05
     assert result.before.quiet < 1e-3
     assert not result.before.adequate(CHOICE.level)
-    numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1)) | {"origin": "measured"}
+    numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
     assert "less than its noise" in verdict(numbers)
     assert min(search(*made(rng), CHOICE, rng).before.quiet for _ in range(20)) > 1e-3
 
@@ -504,9 +503,10 @@ def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for(
     blocks, candidates = made(np.random.default_rng(5))
     hidden = Candidate("case.hidden", "", ["size"], ["1"], [2 * b.global_columns for b in blocks], [1.0])
     candidates = [*(replace(one, prior=[1.0]) for one in candidates), hidden]
-    observed = SimpleNamespace(candidates=candidates, scale=np.ones(1))
-    result, said = search(blocks, candidates, CHOICE, np.random.default_rng(1)), []
-    rows = {one["cause"]: one for one in detection_limits(observed, result, CHOICE, said.append)}
+    observed = SimpleNamespace(blocks=blocks, candidates=candidates, scale=np.ones(1))
+    left, said = search(blocks, candidates, CHOICE, np.random.default_rng(1)).after.rest, []
+    left = [part[:, None] for part in left]
+    rows = {one["cause"]: one for one in detection_limits(observed, left, CHOICE, said.append)}
     unseen = rows.pop("case.hidden")
     assert (unseen["size"], unseen["bias"]) == (None, [pytest.approx(2.0)])
     assert all(3 <= one["signal_to_noise"] < 8 and one["confirmed"] for one in rows.values())

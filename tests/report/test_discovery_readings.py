@@ -1,77 +1,193 @@
-"""Figures of a discovery: measured and simulated readings, residuals."""
+"""Page of a discovery: a panel for each finding, and what is said of it."""
+
+import json
+import re
 
 import numpy as np
+import pytest
 import xarray as xr
 
-from gravcal.report import discovery_figures
+from gravcal.report import discovery_figures as figures
+from gravcal.report import discovery_words as words
+from gravcal.report.plain import quantity
+
+PLACE = {"finding": 0, "channel": "linear", "block": "manoeuvre 2", "axis": 1}
 
 
-def found(axes=3, parts=("measured", "baseline", "extended"), **attrs):
-    """Product with a linear reading of some nm s-2, 200 samples of one manoeuvre."""
-    time = 6e8 + np.arange(200.0)
-    wave = 1e-9 * np.sin(time / 9)[:, None] * np.ones(axes)
-    values = {"measured": wave, "baseline": 0.8 * wave, "extended": wave - 1e-12}
+def found(added, axes=3, number=0, parameters=None, **attrs):
+    """Product with a linear reading of some nm s-2, 200 s of one manoeuvre of period 12 s; `added` by the finding."""
+    time = np.arange(0.0, 200.0, 0.5)
+    square = 5e-9 * np.sign(np.sin(2 * np.pi * time / 12))[:, None] * np.ones(axes)
+    noise = 1e-11 * np.random.default_rng(3).standard_normal((time.size, axes))
+    values = {"measured": square + added(time)[:, None] + noise, "simulated": square}
+    values["extended"] = square + added(time)[:, None] if number >= 0 else np.full_like(square, np.nan)
     channel, unit = ("linear", "m s-2") if axes == 3 else ("range", "m")
-    data = {f"{channel}_{p}": (("time_reading", "axis"), values[p], {"units": unit}) for p in parts}
-    data |= {"time_row": ("row", np.repeat([5e8, 6e8], 200) + np.tile(np.arange(200.0), 2))}
-    data |= {"block": ("row", np.repeat([0, 1], 200)), "channel": ("row", np.zeros(400, dtype=int))}
-    coords = {"time_reading": time}
-    return xr.Dataset(data, coords, attrs={"blocks": "manoeuvre 1, manoeuvre 2", "channels": channel} | attrs)
+    data = {f"{channel}_{part}": ((f"{channel}_time", "axis"), v, {"units": unit}) for part, v in values.items()}
+    data[f"{channel}_finding"] = (f"{channel}_time", np.full(time.size, float(number)))
+    shown = [PLACE | {"finding": number, "channel": channel, "axis": min(1, axes - 1)}]
+    findings = [{"parameters": parameters or {}}] if number >= 0 else []
+    attrs = {"shown": json.dumps(shown), "periods": "[12.0]", "numbers": json.dumps({"findings": findings})} | attrs
+    return xr.Dataset(data, {f"{channel}_time": 6e8 + time}, attrs=attrs)
 
 
-def labels(figure):
-    """Labels of the panels and names of the curves."""
-    panels = figure.axes
-    return [panel.get_ylabel() for panel in panels], {line.get_label() for panel in panels for line in panel.lines}
+def follows(time):
+    """What follows the square wave."""
+    return 1e-10 * np.sign(np.sin(2 * np.pi * time / 12))
 
 
-def test_every_axis_has_its_reading_and_its_difference():
-    """Contract: two panels an axis in units with a prefix that suits each, the manoeuvre named."""
-    figure = discovery_figures.readings(found())
-    names, curves = labels(figure)
-    assert names == [f"{delta}{axis} (nm s-2)" for axis in "xyz" for delta in ("", "Δ")]
-    assert curves == {"measured", "baseline", "extended model"}
-    assert figure.axes[0].get_title() == "linear, manoeuvre 2"
+def stepped(time):
+    """What happens once."""
+    return 1e-10 * (time > 80)
 
 
-def test_a_range_has_one_axis():
-    """Contract: the channel's own name beside the scale."""
-    assert labels(discovery_figures.readings(found(axes=1)))[0] == ["range (nm)", "Δrange (nm)"]
+def waved(time):
+    """A line of its own."""
+    return 1e-10 * np.sin(2 * np.pi * time / 7.3)
 
 
-def test_without_findings_only_the_baseline_is_drawn():
-    """Contract: no curve of an extended model that does not exist."""
-    product = found(parts=("measured", "baseline"))
-    assert "extended model" not in labels(discovery_figures.readings(product))[1]
-    assert "least likely band" in discovery_figures.caption(product, {})
+@pytest.mark.parametrize(
+    ("added", "parameters", "period"),
+    [(follows, {}, 12.0), (stepped, {}, None), (waved, {"frequency": {"value": 1 / 7.3}}, 7.3), (waved, {}, None)],
+)
+def test_a_finding_is_folded_over_the_period_that_it_has(added, parameters, period):
+    """Contract: that of the manoeuvre or its own, against time where it repeats in neither."""
+    product = found(added, parameters=parameters)
+    assert figures.fold(product, 0) == (pytest.approx(period) if period else None)
+    figure = figures.reading(product, 0, figures.fold(product, 0))
+    assert figure.axes[1].get_xlabel() == ("phase (s)" if period else "time from the first sample (s)")
+    assert ("Folded over" in figures.caption(product, 0, period, {})) == bool(period)
 
 
-def test_a_product_without_readings_has_no_figure():
-    """Contract: clean data, nothing drawn."""
-    assert discovery_figures.readings(found(parts=())) is None
+def test_a_panel_shows_reading_and_difference_in_units():
+    """Contract: measured, simulated, extended in nm s-2 above; what either leaves below, with a prefix of its own."""
+    figure = figures.reading(found(follows), 0, 12.0)
+    assert [panel.get_ylabel() for panel in figure.axes] == ["linear y (nm s⁻²)", "difference (pm s⁻²)"]
+    names = set(figure.axes[0].get_legend_handles_labels()[1])
+    assert names == {"measured", "simulated without it", "extended model"}
+    left = {bars.get_label(): bars.lines[0].get_ydata() for bars in figure.axes[1].containers}
+    assert np.abs(left["simulated without it"]).mean() == pytest.approx(100, rel=0.1)  # pm s-2
+    assert np.abs(left["extended model"]).max() < 10
+
+
+def test_a_range_has_one_axis_and_what_is_not_named_no_extended_model():
+    """Contract: the channel's own name beside the scale; the least likely band of an unexplained residual."""
+    product = found(follows, axes=1, number=-1)
+    figure = figures.reading(product, -1, figures.fold(product, -1))
+    assert figure.axes[0].get_ylabel() == "range (nm)"
+    assert "extended model" not in figure.axes[0].get_legend_handles_labels()[1]
+    assert "least likely band" in figures.caption(product, -1, None, {})
+
+
+def test_a_finding_that_helps_no_reading_has_no_panel():
+    """Contract: nothing drawn, nothing said."""
+    product = found(follows)
+    assert figures.reading(product, 1, None) is None
+    assert figures.caption(product, 1, None, {}) == ""
 
 
 def test_the_caption_says_what_the_reading_is():
     """Contract: reference of the reading, and whether it was put together again."""
-    caption = discovery_figures.caption(found(), {"linear": " It is low-passed."})
+    caption = figures.caption(found(follows), 0, None, {"linear": " It is low-passed."})
     assert "low-passed" in caption
     assert "linear form" not in caption
-    assert "mean is left out" in discovery_figures.caption(found(), {})
-    assert "linear form" in discovery_figures.caption(found(rebuilt="yes"), {})
+    assert "mean is left out" in figures.caption(found(follows), 0, None, {})
+    assert "linear form" in figures.caption(found(follows, rebuilt="yes"), 0, None, {})
 
 
-def series(count):
-    """Product with one block of `count` rows on the first axis, four sigma of signal before the extension."""
-    values = {"time_row": np.arange(count, dtype=float), "residual_before": np.full(count, 4.0)}
-    values |= {"residual_after": np.zeros(count), "channel": np.zeros(count, dtype=int)}
-    values |= {"block": np.zeros(count, dtype=int), "component": np.zeros(count, dtype=int)}
-    data = {name: ("row", column) for name, column in values.items()}
-    return xr.Dataset(data, attrs={"channels": "timing", "blocks": "timing"})
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ((0.0199, 3.7e-4, "1"), "1.990 ± 0.037 %"),
+        ((3.2e-6, 2e-7, "1"), "3.20 ± 0.20 ×10⁻⁶"),
+        ((6.1e-12, 2.1e-13, "m s-2 A-1 m-2"), "6.10 ± 0.21 pm s⁻² A⁻¹ m⁻²"),
+        ((-0.3, 0.021, "s"), "−300 ± 21 ms"),
+        ((39.8, 2.2, "s"), "39.8 ± 2.2 s"),
+        ((1.2, 0.1, "kg m2"), "1.20 ± 0.10 kg m²"),
+        ((2e-8, None, "T"), "20 nT"),
+    ],
+)
+def test_quantities_have_the_unit_that_suits_them(given, text):
+    """Contract: prefix, two digits of the error, signs of print."""
+    assert quantity(*given) == text
 
 
-def test_a_handful_of_edge_times_is_no_curve():
-    """Contract: eight edge times give no figure, a series on one axis gives one with that axis alone."""
-    assert discovery_figures.residuals(series(8)) is None
-    figure = discovery_figures.residuals(series(200))
-    assert len(figure.axes) == 1
-    assert [line.get_label() for line in figure.axes[0].lines] == ["baseline", "extended model"]
+def finding(cause, form="", **parameters):
+    """A finding with {name: (value, sigma, unit)}."""
+    rows = {n: dict(zip(("value", "sigma", "unit"), row, strict=True)) for n, row in parameters.items()}
+    listed = not cause.startswith("unknown:")
+    return {"cause": cause, "form": form, "in_catalogue": listed, "tied_with": [], "parameters": rows}
+
+
+@pytest.mark.parametrize(
+    ("one", "text"),
+    [
+        (
+            finding("torque.dipole_gain", rod_x=(0.02, 0.001, "1"), rod_y=(1e-5, 1e-3, "1")),
+            "The dipole of rod x is 2.00 ± 0.10 % larger than the catalogue says (torque: dipole gain; 1 more in the "
+            "table).",
+        ),
+        (
+            finding("timing.star_camera_delay", delay=(0.3, 0.02, "s")),
+            "Star camera tags are late by 300 ± 20 ms (timing: star camera delay).",
+        ),
+        (
+            finding("inertial_sensor.tracker_misalignment", angle_x=(0.1, 0.009, "rad")),
+            "Star tracker turned against the sensor about x by 100.0 ± 9.0 mrad (inertial sensor: tracker "
+            "misalignment).",
+        ),
+        (
+            finding("accelerometer.bias_step", time=(633787200.0, 0.3, "s"), y=(2e-8, 1e-10, "m s-2")),
+            "The step of y is 20.00 ± 0.10 nm s⁻²; at 2020-02-01 00:00:00 GPS ± 0.3 s (accelerometer: bias step).",
+        ),
+        (
+            finding(
+                "unknown:torquer_current",
+                "linear reading, a memory of the size of the current, tau 39.8 s",
+                linear_x=(1e-11, 2e-10, "m s-2"),
+                linear_z=(6.1e-9, 2.1e-10, "m s-2"),
+                tau=(39.8, 2.2, "s"),
+            ),
+            "An effect in no list that follows torquer current: linear reading follows a memory of the size of the "
+            "current; Δa = A u, where τ du/dt + u = |x|, x = the current, of size one, A(z) = 6.10 ± 0.21 nm s⁻², "
+            "τ = 39.8 ± 2.2 s.",
+        ),
+        (
+            finding("unknown:excess", "excess in the linear reading y, manoeuvre 3, 44 to 88 s, 23 to 102 mHz"),
+            "Power beyond noise that follows nothing: linear reading y, manoeuvre 3, 44 to 88 s, 23 to 102 mHz.",
+        ),
+    ],
+)
+def test_a_finding_is_a_sentence_with_numbers(one, text):
+    """Contract: what is off, by how much and with which error; a law in no list in words and symbols."""
+    assert words.sentence(one) == text
+
+
+def test_every_effect_of_the_catalogue_has_a_sentence():
+    """Contract: no slug of a parameter is left in it."""
+    from gravcal import effects
+
+    for slug, effect in effects.catalogue().items():
+        for parameter in effect.parameters:
+            text = words.sentence(finding(slug, **{parameter.name: (0.5, 0.01, parameter.unit)}))
+            assert not re.search("[a-z]_", text.replace(parameter.name, "")), text
+
+
+def test_the_verdict_says_what_moves_what_is_tied_and_alarms():
+    """Contract: moves in the unit of the result; too little power is said beside a finding as well."""
+    change = {"names": ["x", "y"], "unit": "um", "change": [-12.3, 0.1], "after": [55.1, 2.0]}
+    change |= {"sigma_before": [2.0, 1.0], "sigma_after": [1.9, 1.0]}
+    one = finding("torque.dipole_gain", rod_x=(-0.02, 0.001, "1")) | {
+        "tied_with": ["accelerometer.angular_current_leak"]
+    }
+    said = {"findings": [one], "p_before": 0.0, "p_after": 0.4, "level": 0.005, "calibration_change": change}
+    text = words.verdict(said | {"p_quiet_before": 1.0, "p_quiet_after": 1e-5})
+    assert "2.00 ± 0.10 % smaller than the catalogue says" in text
+    assert "cannot tell that from accelerometer: angular current leak" in text
+    assert "The result moves: x by −12.3 to 55.1 ± 1.9 um." in text
+    assert text.endswith(
+        "ALARM: what the model leaves is less than its noise (p < 0.001); noise and errors are overrated."
+    )
+    assert "ALARM" not in words.verdict(said | {"p_quiet_before": 1.0, "p_quiet_after": 0.3})
+    mixed = change | {"unit": "1e-6 rad s-2 V-1, um", "after": [39567.0, 2.0], "sigma_after": [228.0, 1.0]}
+    text = words.verdict(said | {"calibration_change": mixed, "p_quiet_after": 0.3})
+    assert "x by −0.01 to 39.57 ± 0.23 mrad s⁻² V⁻¹" in text

@@ -51,7 +51,7 @@ def observe(products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapp
         roll,
         channels=channels,
         parameters=parameters,
-        unit=", ".join(dict.fromkeys(units)),
+        unit=", ".join(units if len(set(units)) > 1 else units[:1]),
         scale=np.array(factors),
         start=np.array([known[name] for name in parameters]),
         quiet=dict.fromkeys(swing.channels, swing.quiet) if swing else {},  # in a roll noise is measured in the rows

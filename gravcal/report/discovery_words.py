@@ -1,0 +1,189 @@
+"""Findings of a discovery in sentences: what is off and by how much, laws in no list in words and symbols."""
+
+from __future__ import annotations
+
+import re
+
+from gravcal import effects
+from gravcal.report.plain import AXES, decimals, gps_text, prefixed, probability, quantity, signed
+from gravcal.store.results import units
+
+STATED = 3  # parameters of a finding that a sentence states
+CLEAR = 2.0  # of its error, from which a parameter is stated
+MOVED = 0.5  # of the error before, from which a move of the result is stated
+QUIET = 1e-3  # probability of so little power, below which the noise is overrated
+SYMBOLS = {"tau": "τ", "delay": "d", "threshold": "c", "level": "c", "cycles": "k", "frequency": "f", "damping": "ζ"}
+READINGS = {"linear": "a", "angular": "ω̇", "attitude": "θ", "magnetometer": "B", "range": "ρ", "torque": "T"}
+#: Words of a law, the law in symbols of what it is made of ({0}), and the equation that it stands for.
+LAWS = (
+    (r"(.+) where it is positive", "max({0}, 0)", ""),
+    (r"(.+) while the torquers are off", "{0} while the torquers are off", ""),
+    (r"a memory of (.+)", "u", "τ du/dt + u = {0}"),
+    (r"a delay of (.+)", "u", "u(t) = {0} at t − d"),
+    (r"a resonance with (.+)", "u", "u″/ω² + 2ζ u′/ω + u = {0}, ω = 2πf"),
+    (r"the square of (.+)", "{0}²", ""),
+    (r"the size of (.+)", "|{0}|", ""),
+    (r"the cube of (.+)", "{0}³", ""),
+    (r"(.+) beyond a threshold", "sign({0}) max(|{0}| − c, 0)", ""),
+    (r"the saturation of (.+)", "c tanh({0}/c)", ""),
+    (r"waves in (.+)", "(sin k{0}, cos k{0})", ""),
+)
+
+
+def title(cause: str) -> str:
+    """Cause as people read it, "torque: dipole gain"; of one in no list what it follows."""
+    if cause == "unknown:excess":
+        return "power beyond noise"
+    start, _, name = cause.partition(":")
+    return f"an effect in no list that follows {_plain(name)}" if name else _plain(start.replace(".", ": "))
+
+
+def _plain(words):
+    return words.replace("_", " ").replace("*", " times ")
+
+
+def sentence(one: dict) -> str:
+    """What a finding says, with its numbers.
+
+    Parameters
+    ----------
+    one : of "findings" of a result document
+    """
+    if one["cause"] == "unknown:excess":
+        return f"Power beyond noise that follows nothing: {one['form'].removeprefix('excess in the ')}."
+    known = {n: p for n, p in one["parameters"].items() if p["value"] is not None}
+    if not one["in_catalogue"]:
+        return f"{_upper(title(one['cause']))}: {_law(one['form'], known)}."
+    listed = effects.catalogue().get(one["cause"])
+    law = [p.name for p in listed.parameters if p.neutral != 0 or p.name in ("time", "frequency")] if listed else []
+    stated = _stated({n: p for n, p in known.items() if n not in law}) + [n for n in law if n in known]
+    said = [_phrase(one["cause"], name, known[name]) for name in stated]
+    more = len(known) - len(said)
+    tail = f"; {more} more in the table" if more else ""
+    return f"{_upper('; '.join(said) or 'no size is determined')} ({title(one['cause'])}{tail})."
+
+
+def _upper(text):
+    return text[:1].upper() + text[1:]
+
+
+def _stated(known):
+    """Names of the parameters that are clear of zero, the clearest first; the clearest where none is."""
+    size = {n: abs(p["value"]) / p["sigma"] if p["sigma"] else float("inf") for n, p in known.items()}
+    order = sorted(size, key=size.get, reverse=True)
+    return [n for n in order if size[n] > CLEAR][:STATED] or order[:1]
+
+
+def _phrase(cause, name, parameter):
+    """A parameter of a listed effect with its number, in the words of the catalogue."""
+    value, sigma = parameter["value"], parameter["sigma"]
+    listed = effects.catalogue().get(cause)
+    meaning = next((p.meaning for p in listed.parameters if p.name == name), "") if listed else ""
+    if name == "time":
+        return f"at {gps_text(value)} GPS" + (f" ± {sigma:.2g} s" if sigma else "")
+    if meaning.startswith("relative excess of "):
+        more = "larger" if value > 0 else "smaller"
+        said = quantity(abs(value), sigma, "1")
+        return f"{meaning.removeprefix('relative excess of ')} is {said} {more} than the catalogue says"
+    text = quantity(value, sigma, parameter["unit"])
+    if meaning.endswith((" by", " at")):
+        return f"{meaning} {text}"
+    return f"{meaning} by {text}" if " turned " in meaning else f"the {meaning or _plain(name)} is {text}"
+
+
+def _law(form, known):
+    """A law in no list: its words, its equation, its constants."""
+    first, _, rest = form.partition(", ")
+    reading, words = (first, rest.split(", ")[0]) if " reading" in first or first in READINGS else ("", first)
+    sizes = {n: p for n, p in known.items() if n not in SYMBOLS}
+    stated = [n for n in _stated(sizes)] if sizes else []
+    letter = READINGS.get(reading.split()[0], "y") if reading else "y"
+    if "frequency" in known and re.fullmatch(r"[\d.]+ Hz", words):
+        words, symbols, wheres = "a wave", "sin(2πft + φ)", []
+    else:
+        base, symbols, wheres = _symbols(words)
+        wheres.append(f"x = {base}, of size one")
+    rows = [f"A{_axis(n)} = {quantity(sizes[n]['value'], sizes[n]['sigma'], sizes[n]['unit'])}" for n in stated]
+    rows += [f"{SYMBOLS[n]} = {quantity(p['value'], p['sigma'], p['unit'])}" for n, p in known.items() if n in SYMBOLS]
+    where = ", ".join([*wheres, *rows])
+    return f"{f'{reading} follows ' if reading else ''}{words}; Δ{letter} = A {symbols}, where {where}"
+
+
+def _axis(name):
+    """Axis of a parameter such as "linear_y" or "linear_y_0", in brackets."""
+    parts = [part for part in name.split("_") if part in AXES or part.isdigit()]
+    return f"({' '.join(parts)})" if parts else ""
+
+
+def _symbols(words):
+    """Series that a law is made of, the law in symbols, and the equations that these stand for."""
+    for pattern, symbols, where in LAWS:
+        match = re.fullmatch(pattern, words)
+        if match:
+            base, inner, wheres = _symbols(match[1])
+            return base, symbols.format(inner), [*wheres, *([where.format(inner)] if where else [])]
+    return words, "x", []
+
+
+def tied(one: dict) -> str:
+    """What this data cannot tell a finding from; empty if nothing."""
+    names = [title(name) for name in one["tied_with"]]
+    return f" This data cannot tell that from {'; '.join(names)}." if names else ""
+
+
+def verdict(numbers: dict) -> str:
+    """What was found, in sentences.
+
+    Parameters
+    ----------
+    numbers : result document of a discovery
+    """
+    if numbers.get("status") == "no_manoeuvre":
+        return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
+    found, before, level = numbers["findings"], numbers["p_before"], numbers["level"]
+    if not found and before < level:
+        said = f"The model is not adequate ({_chance(before)}), but no cause that was tried passes; see what is left."
+    elif not found and numbers["p_quiet_before"] < QUIET:
+        said = "Nothing is named."
+    elif not found:
+        said = f"The model describes the data to their noise ({_chance(before)}); nothing is named."
+    else:
+        counted = [f"({k}) {sentence(one)}{tied(one)}" for k, one in enumerate(found, start=1)]
+        said = " ".join(counted) if len(found) > 1 else counted[0].removeprefix("(1) ")
+        after = "describes the data to their noise" if numbers["p_after"] >= level else "still leaves more than noise"
+        said += f" {_moves(numbers['calibration_change'])} The extended model {after} ({_chance(numbers['p_after'])})."
+    return said + _left(found) + _quiet(numbers["p_quiet_after"])
+
+
+def _quiet(p):
+    """Alarm where what is left is less than noise."""
+    if p >= QUIET:
+        return ""
+    return f" ALARM: what the model leaves is less than its noise ({_chance(p)}); noise and errors are overrated."
+
+
+def _moves(change):
+    """How far the result moves."""
+    rows = zip(*(change[n] for n in ("names", "change", "after", "sigma_before", "sigma_after")), strict=True)
+    moved = []
+    for (name, step, value, before, after), unit in zip(rows, units(change), strict=True):
+        if None not in (step, before, after) and abs(step) >= MOVED * before:
+            factor = 1.0
+            if unit.startswith("1e-6 "):
+                factor, unit = prefixed(1e-6 * max(abs(value), after), unit.removeprefix("1e-6 "))
+                factor *= 1e-6
+            by, to = (signed(factor * one, decimals(factor * after)) for one in (step, value))
+            moved.append(f"{name} by {by} to {to} ± {factor * after:.{decimals(factor * after)}f} {unit}")
+    return f"The result moves: {', '.join(moved)}." if moved else "The result moves by less than half of its error."
+
+
+def _left(findings):
+    """That the calibration is delivered without what was found."""
+    left = [title(one["cause"]) for one in findings if not one.get("adopted", True)]
+    said = "is too unsure to move the calibration, whose error holds the move instead"
+    return f" What was found of {'; '.join(left)} {said}." if left else ""
+
+
+def _chance(p):
+    text = probability(p)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
