@@ -130,6 +130,11 @@ def _problems(folder):
     reason = reason or store.doubt(folder, record)
     if reason:
         return [reason]
+    made_of = zip(record["from"], record["recipe"]["inputs"], strict=True)
+    for place, label in ((store.folder_of(part["key"]), label) for part, label in made_of if "key" in part):
+        below = store.read_record(place)
+        if below and below["digest"] != label["digest"] and not store.doubt(place, below):
+            return ["the record names another product than one that it was made of"]
     image = (folder / "product.nc").read_bytes()
     if hashlib.sha256(image).hexdigest() != record["sha256"]:
         return ["bytes of product.nc differ from the record"]

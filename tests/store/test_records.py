@@ -123,6 +123,17 @@ def test_a_foreign_product_is_set_aside(pipeline, store_folder, rewritten):
     assert ("another product" in reason(store_folder)) == ("recipe" in rewritten)
 
 
+def test_a_product_named_in_place_of_an_input_is_found(pipeline):
+    """Contract: by verify; what an input was stands in the key, where it lay does not."""
+    pipeline.run()
+    folder = newest(pipeline, "join")
+    record = of(folder)
+    record["from"].reverse()
+    seal(folder, record)
+    memory.clear()
+    assert housekeeping.verify() == [(folder, "the record names another product than one that it was made of")]
+
+
 @pytest.mark.parametrize("label", ["gravcal_key", "gravcal_recipe", "gravcal_digest"])
 def test_labels_in_the_product_that_contradict_the_record_are_found(pipeline, monkeypatch, label):
     """Contract: verify compares key, recipe and digest that the file itself bears beside what the record says."""
