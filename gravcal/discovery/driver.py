@@ -162,6 +162,8 @@ def _searched(observed, limits, model):
     numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)
     for one in numbers["indistinguishable_from_calibration"]:
         one["bias"] = (observed.scale * np.array(one["bias"])).tolist()
+        if one["cause"] in averaged.unseen:
+            one["bias_in_error"] = averaged.unseen[one["cause"]].tolist()
     for position, finding in enumerate(numbers["findings"]):
         _described(finding, result, position, observed, waves)
     numbers = _without_epochs(numbers)
@@ -232,6 +234,7 @@ def _reported(result, observed):
     """Result whose global parameters are the reported ones, in the unit they are reported in."""
     scale, count = observed.scale, observed.scale.size
     cut = {n: tuple(scale * part[:count] for part in getattr(result, n)) for n in ("shared", "sigma")}
+    cut["unseen"] = {cause: scale * part[:count] for cause, part in result.unseen.items()}
     both = tuple(np.outer(scale, scale) * part[:count, :count] for part in result.covariance)
     return replace(result, **cut, covariance=both)
 

@@ -66,10 +66,11 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     if not names and result.before.p < choice.level:
         tried = {one.index for one in result.first if one.index >= 0 and result.problem.candidates[one.index].prior}
         covariance = covariance + _over_forms(result.problem, [], tried, (-1, value))[1]
-    covariance = covariance + _unnamed(result, [one.index for one in kept], value.size)
+    unseen = _unnamed(result, [one.index for one in kept], value.size)
+    covariance = covariance + sum(unseen.values())
     ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
     ends = {name: (getattr(result, name)[0], after) for name, after in ends.items()}
-    return replace(result, **ends, adopted=adopted)
+    return replace(result, **ends, adopted=adopted, unseen={c: np.sqrt(np.diag(one)) for c, one in unseen.items()})
 
 
 def _averaged(result, used, widest):
@@ -165,7 +166,7 @@ def _is_part(one, whole):
 
 
 def _unnamed(result, named, width):
-    """Second moment (p, p) of what directions not seen of causes that were not named would do to the calibration.
+    """Second moment (p, p) of what directions not seen of each cause that was not named would do to the calibration.
 
     Each cause of the catalogue is there with a probability of one in their number, and as large as its prior at most,
     by the likelihood of what the data do see of it.
@@ -176,7 +177,7 @@ def _unnamed(result, named, width):
     for k, candidate in enumerate(problem.candidates):
         if _whole(candidate) and not candidate.of_frame:
             forms.setdefault(slug_of(candidate.cause), []).append(k)
-    odds, moment = 1 / max(len(forms) - 1, 1), np.zeros((width, width))
+    odds, moments = 1 / max(len(forms) - 1, 1), {}
 
     def priced(known, gain):
         spread = 1 + np.outer(SIZES, known)
@@ -184,9 +185,9 @@ def _unnamed(result, named, width):
         return SIZES, odds * more / more.size / (1 + odds * more.mean())
 
     for cause, rows in forms.items():
-        for k in rows if cause not in causes else ():
-            moment += _unseen(problem, gram, baseline, k, width, priced) / len(rows)
-    return moment
+        if cause not in causes:
+            moments[cause] = sum(_unseen(problem, gram, baseline, k, width, priced) for k in rows) / len(rows)
+    return moments
 
 
 def _unseen(problem, gram, baseline, index, width, sized):

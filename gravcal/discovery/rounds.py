@@ -95,6 +95,7 @@ class Result:
     first : list of Trial of the first round, best first
     adopted : whether each finding is in the calibration that is delivered
     outliers : of `adequacy.without_outliers`, left out before the search
+    unseen : {cause not named: (p,) what its directions that the data do not see add to the error after, rms}
     """
 
     findings: list[Finding]
@@ -110,6 +111,7 @@ class Result:
     first: list[trials.Trial]
     adopted: list[bool] = field(default_factory=list)
     outliers: list[dict] = field(default_factory=list)
+    unseen: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:

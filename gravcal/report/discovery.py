@@ -204,13 +204,19 @@ def unobservable_table(numbers: dict) -> Table | None:
     for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
         drag = one.get("drag_bias_m_s2")
-        each = sorted(zip(one["bias"], about, strict=True), key=lambda row: -abs(row[0]) / (row[1][1] or np.inf))[:3]
-        moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, (name, _, unit) in each)
+        priced = one.get("bias_in_error") or [None] * len(about)
+        each = zip(one["bias"], priced, about, strict=True)
+        each = sorted(each, key=lambda row: -abs(row[0]) / (row[2][1] or np.inf))[:3]
+        moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
         said = f"drag {quantity(max(drag), None, 'm s-2')}" if drag else moved
-        rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said])
-    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "moves"]
-    caption = "Causes of a plausible size that would move the result without being seen; the largest three moves."
-    return Table(caption, heads, rows, words=(0, 1, 3), wide=True) if rows else None
+        held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
+        rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said, held])
+    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "moves", "in the error"]
+    caption = (
+        "Causes of a plausible size that would move the result without being seen; the largest three moves. The error "
+        "holds of each cause what those of its directions that are seen leave possible."
+    )
+    return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
 
 
 def limits_table(numbers: dict) -> Table | None:

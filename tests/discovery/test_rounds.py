@@ -17,7 +17,7 @@ from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
-from gravcal.report.discovery import limits_table, outlier_table, tied_table
+from gravcal.report.discovery import limits_table, outlier_table, tied_table, unobservable_table
 from gravcal.report.discovery_words import verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
@@ -390,6 +390,24 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it():
     assert 0.4 * 5 * size < average.sigma[1][0] < 5 * size
     assert average.adopted == [False]  # for one would move it by as much as the other would not
     assert abs(average.shared[1][0] - 1.0) < 2 * average.sigma[1][0]
+
+
+@pytest.mark.parametrize(("prior", "held"), [(1.0, (0.0, 0.1)), (1e-4, (1e-5, 1e-4))])
+def test_an_unseen_direction_costs_what_the_seen_ones_leave_possible(prior, held):
+    """Analytic: beside a silent direction seen to 0.03, or not seen at the size of its prior; other causes as many."""
+    blocks, (first, second, _) = made(np.random.default_rng(43))
+    leak = [np.concatenate([c, b.global_columns], axis=1) for c, b in zip(first.columns, blocks, strict=True)]
+    forms = [Candidate("case.leak", "", ["a", "b"], ["1", "1"], leak, [prior] * 2), replace(second, prior=[prior])]
+    result = delivered(search(blocks, forms, CHOICE, np.random.default_rng(1)), CHOICE, 1)
+    numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
+    for hidden in numbers["indistinguishable_from_calibration"]:  # where half a sigma is plausible
+        assert np.allclose(np.abs(hidden["bias"]), prior, rtol=0.1)
+        hidden["bias_in_error"] = result.unseen["case.leak"].tolist()
+        assert unobservable_table(numbers).rows[0][-1] == f"{result.unseen['case.leak'][0]:.2g} m"
+    assert held[0] < result.unseen["case.leak"][0] < held[1]
+    assert result.unseen["case.b"][0] < 0.1 * held[1]
+    added = result.covariance[1][0, 0] - result.covariance[0][0, 0]
+    assert np.isclose(added, sum(one[0] ** 2 for one in result.unseen.values()), rtol=1e-6, atol=1e-15)
 
 
 def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay_as_they_are():
