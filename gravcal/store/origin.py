@@ -22,6 +22,7 @@ SAYS = re.compile(rf"{VERSION}(sim|{BY})[\"']?\s*$|{THANKS}", re.I | re.M)
 OWN = re.compile(rf"{VERSION}{BY}[\"']?\s*$", re.I | re.M)
 END = re.compile(r"^(END OF HEADER|# End of YAML header)", re.M)
 LEVEL_ONE = re.compile(r"\w{3,5}_\d{4}-\d{2}-\d{2}_[A-Z]_\d{2}\.(dat|txt|asc|nc)(\.gz)?")
+DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 DATA = (".dat", ".txt", ".asc", ".gz", ".tgz", ".tar", ".nc")
 HEAD = 1 << 20  # bytes within which a header ends
 
@@ -55,7 +56,7 @@ def below(folder, date: str | None) -> str:
     for path in Path(folder).rglob("*"):
         if wanted(path.name):
             found.append(of_header(_header(path)))
-        elif archive.is_archive(path):
+        elif archive.is_archive(path) and (date in (days := DAY.findall(path.name)) or not (date and days)):
             with contextlib.suppress(GravcalError, *archive.PACKED_DAMAGED), archive.opened(path) as tar:
                 files = (item for item in archive.members(tar, path) if item.isfile() and wanted(item.name))
                 found.extend(of_header(_head(tar.extractfile(item), item.name)) for item in files)

@@ -198,5 +198,10 @@ def test_the_files_of_one_day_below_a_folder(tmp_path):
                 path.unlink()
         assert origin.below(folder, date) == name
     assert origin.below(folders["simulated"], "2020-02-06") == "measured"
+    with tarfile.open(folders["measured"] / "gracefo_2020-02-05.tgz", "w:gz") as made:
+        made.add(written(tmp_path), "MAG1B_2020-02-05_C_04.txt")
+        made.add(written(tmp_path), "MAG1B_2020-02-06_C_04.txt")
+    days = ("2020-02-05", "2020-02-06")  # an archive of one day is not read for another: a folder may have a thousand
+    assert [origin.below(folders["measured"], day) for day in days] == ["mixed", "measured"]
     (folders["simulated"] / "day.tgz").write_bytes(b"damaged")
     assert origin.below(folders["simulated"], None) == "measured"
