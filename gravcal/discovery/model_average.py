@@ -18,6 +18,8 @@ CLEAR = 5.0  # sigma from which a direction is believed against its prior
 UNLIKELY = 12.0  # less of twice the logarithm of the evidence than the best form: a weight of a quarter of a percent
 FAR = 1e-3  # probability of so large a move by the error that is then given, if the extended model is not adequate
 WIDE, SAME = 2.0, 1e-2  # error over that before, and probability of the move by it, beyond which the move says nothing
+#: Common sizes of a cause that was named, over its prior: what is plausible is known to some orders of magnitude only.
+BEYOND = np.geomspace(1.0, 1e3, 13)
 SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause that was not named, over its prior
 
 
@@ -124,33 +126,39 @@ def _over_forms(problem, others, tried, about):
     (named, value), baseline = about, baseline_of(problem, others)
     width, gram = value.size, attribution.projected(problem.total, baseline)
     mean, moment = np.zeros(width), np.zeros((width, width))
-    rows = [(_evidence(problem, gram, k), k) for k in sorted(tried)]
-    rows = [(score, k) for score, k in rows if score > max(rows)[0] - UNLIKELY]
-    weight = np.exp(np.array([score for score, _ in rows]) / 2 - max(rows, default=(0,))[0] / 2)
+    rows = [(*_evidence(problem, gram, k), k) for k in sorted(tried)]
+    rows = [one for one in rows if one[0] > max(rows)[0] - UNLIKELY]
+    weight = np.exp(np.array([score for score, *_ in rows]) / 2 - max(rows, default=(0,))[0] / 2)
     weight = weight / weight.sum()
-    for share, (_, k) in zip(weight, rows, strict=True):
+    for share, (_, size, k) in zip(weight, rows, strict=True):
         if k != named:
-            moved = _with(problem, baseline, k)[:width] - value
+            moved = _with(problem, baseline, k, size)[:width] - value
             mean, moment = mean + share * moved, moment + share * np.outer(moved, moved)
-    causes, seen = {problem.candidates[k].cause for _, k in rows}, _scale
+    causes, seen = {problem.candidates[k].cause for *_, k in rows}, _scale
     for k, whole in enumerate(problem.candidates):
         if whole.cause in causes and k not in others and _whole(whole):
-            likely = float(weight @ [_is_part(problem.candidates[row], whole) for _, row in rows])
+            likely = float(weight @ [_is_part(problem.candidates[row], whole) for *_, row in rows])
             moment = moment + likely * (_unseen(problem, gram, baseline, k, width, seen) if likely else 0.0)
     return mean, moment
 
 
 def _evidence(problem, gram, index):
-    """Twice the logarithm of the evidence of a candidate over that of none, its parameters spread as its prior says.
+    """Twice the logarithm of the evidence of a candidate over that of none, and its most likely size over its prior.
 
-    Without a prior as wide as they are found, the widest that gains.
+    Its parameters are spread as its prior says, times any size of `BEYOND`: a Gaussian of the plausible size would
+    exclude a size a hundred times larger whatever else explains the data. Without a prior as wide as they are found,
+    the widest that gains.
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     if prior.size == place.stop - place.start:
-        spread, right = np.eye(prior.size) + gram[place, place] * np.outer(prior, prior), prior * gram[place, 0]
-        return float(right @ np.linalg.solve(spread, right) - np.linalg.slogdet(spread)[1])
+        known, vectors = np.linalg.eigh(gram[place, place] * np.outer(prior, prior))
+        known, right = np.maximum(known, 0.0), (vectors.T @ (prior * gram[place, 0])) ** 2
+        more = 1 + np.outer(BEYOND**2, known)
+        score = np.sum(BEYOND[:, None] ** 2 * right / more - np.log(more), axis=1)
+        best = int(np.argmax(score))
+        return float(score[best] + 2 * np.log(np.mean(np.exp((score - score[best]) / 2)))), float(BEYOND[best])
     gain, dof, _ = attribution.gained(gram, place, problem.size)
-    return gain - dof * (1 + np.log(max(gain / dof, 1.0))) if dof else 0.0
+    return (gain - dof * (1 + np.log(max(gain / dof, 1.0))) if dof else 0.0), 1.0
 
 
 def _whole(candidate):
@@ -217,9 +225,9 @@ def _scale(known, gain):
     return np.array([best]), np.ones(1)
 
 
-def _with(problem, baseline, index):
-    """Values of the baseline beside a candidate whose size is held by its prior."""
-    place, prior = problem.places[index], problem.candidates[index].prior
+def _with(problem, baseline, index, size):
+    """Values of the baseline beside a candidate held by so many times its prior."""
+    place, prior = problem.places[index], size * np.asarray(problem.candidates[index].prior)
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
     inner = problem.total[np.ix_(fixed, fixed)].copy()
     if len(prior) == place.stop - place.start:

@@ -371,15 +371,18 @@ def test_what_an_unknown_cause_leaves_gets_no_name():
     assert found.after.p < CHOICE.level
 
 
-def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it():
-    """Recovery: twins differ by five times the shared column; S/N 15 of the second is named as one of the two."""
+@pytest.mark.parametrize("plausible", [(), (1.0, 1 / 150)])
+def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it(plausible):
+    """Recovery: twins differ by five times the shared column; S/N 15 of the second is named as one of the two.
+
+    So it is if what is plausible of the second is known to be 150 times less: that excludes no cause.
+    """
     rng = np.random.default_rng(41)
     blocks, candidates = made(rng)
-    first = candidates[0]
-    second = Candidate(
-        "case.b", "", ["size"], ["1"], [c + 5 * b.global_columns for c, b in zip(first.columns, blocks, strict=True)]
-    )
-    size = 15 / np.sqrt(1200)
+    first, size = candidates[0], 15 / np.sqrt(1200)
+    first = replace(first, prior=[size * one for one in plausible[:1]])
+    columns = [c + 5 * b.global_columns for c, b in zip(first.columns, blocks, strict=True)]
+    second = Candidate("case.b", "", ["size"], ["1"], columns, [size * one for one in plausible[1:]])
     hidden = [replace(b, observed=b.observed + size * c[:, 0]) for b, c in zip(blocks, second.columns, strict=True)]
     plain = search(hidden, [first, second], CHOICE, rng)
     assert {"case.a", "case.b"} == {plain.findings[0].cause, *plain.findings[0].tied}
