@@ -360,13 +360,14 @@ ALIASES = {
 }
 
 
-def truth_of(kind: str, truth: dict) -> dict[str, float]:
+def truth_of(kind: str, truth: dict, epoch: float | None = None) -> dict[str, float]:
     """True values of what the document of a discovery calls its parameters, in the units of that document.
 
     Parameters
     ----------
     kind : of the case
     truth : its file
+    epoch : s, GPS, that the document states for phase centres that move
     """
     kept = {name: truth[own] for name, own in ALIASES.items() if own in truth} | truth
     if kind == "com":  # of an offset that moves there from each begin on: at the middle of the manoeuvres
@@ -377,13 +378,26 @@ def truth_of(kind: str, truth: dict) -> dict[str, float]:
         return dict(zip("xyz", kept["d_um"], strict=True))
     if kind in ("kbr", "kbr_phase_centre"):
         both = zip("ab", kept["c_mm"].values(), strict=True)
-        return {f"{axis}_{letter}": value for letter, vector in both for axis, value in zip("xyz", vector, strict=True)}
+        found = {f"{a}_{letter}": value for letter, vector in both for a, value in zip("xyz", vector, strict=True)}
+        speed, begin = _drift(kind, truth)
+        return {name: value + speed.get(name, 0.0) * ((epoch or begin) - begin) for name, value in found.items()}
     if kind in ("sgrs", "gradient_torque"):
         return {f"centre_of_pressure_{axis}": 1e3 * value for axis, value in zip("xyz", kept["cp"], strict=True)}
     vectors = {"offset": kept["p_um"], "bias": [1e9 * b for b in kept["bias"]]}  # nm s-2
     found = {f"{name}_{axis}": v for name, vector in vectors.items() for axis, v in zip("xyz", vector, strict=True)}
     found["k_y"] = 1e6 * kept["k"][1]  # 1e-6 m s-2 V-1
     return found | {"beta_x": 1e6 * kept["beta"][0], "beta_yz": 1e6 * kept["beta"][1]}  # 1e-6 rad s-2 V-1
+
+
+def _drift(kind, truth):
+    """Speeds of phase centres, mm s-1 by name, and the epoch from which on they move, GPS s."""
+    if kind == "kbr":  # from the begin of the record on, 5400 s before the first manoeuvre
+        moved = zip("ab", "CD", strict=True)
+        given = truth["effects"].get("apc_drift", {})
+        speed = {f"{a}_{k}": 1e3 * v / 86400 for k, s in moved for a, v in zip("xyz", given.get(s, ()), strict=False)}
+        return speed, truth["manoeuvres"][0]["start"] - 5400.0
+    given = truth["effects"].get("ranging.phase_centre_drift", {})  # from noon on
+    return {name: 1e3 * value for name, value in given.items()}, truth["day"] + 43200.0
 
 
 def scored(kind: str, sort: str, hidden: str, document: dict, truth: dict) -> dict:
@@ -422,7 +436,8 @@ def scored(kind: str, sort: str, hidden: str, document: dict, truth: dict) -> di
         row["channel"] = any(
             any(c in w for c in effect.channels) and any(d in w for d in effect.drivers) for w in words
         )
-    return row | _result(document.get("calibration_change") or {}, truth_of(kind, truth))
+    change = document.get("calibration_change") or {}
+    return row | _result(change, truth_of(kind, truth, change.get("epoch")))
 
 
 def _result(change, true):

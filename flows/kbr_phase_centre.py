@@ -88,8 +88,8 @@ def combined(source, chosen, aligned):
 def scene_settings(source, chosen):
     """What the view of a campaign needs beside the products."""
     known = chosen.for_stage("observable") | chosen.for_stage("solve")
-    names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz")
-    return {name: known[name] for name in names} | nominal_of(source)
+    names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz", "band_hz")
+    return {name: known[name] for name in names} | nominal_of(source) | {"of_noise": chosen.for_stage("noise")}
 
 
 @flow(name="kbr_phase_centre_detect")

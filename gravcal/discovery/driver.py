@@ -168,6 +168,7 @@ def _searched(observed, limits, model):
         _described(finding, result, position, observed, waves)
     numbers = _without_epochs(numbers)
     change = numbers["calibration_change"]
+    change |= {} if observed.epoch is None else {"epoch": observed.epoch}
     taken = _without_model(result, observed, numbers["findings"])
     change["correction"] = (np.array(change["after"]) - observed.scale * (observed.start + taken)).tolist()
     named = {slug_of(one.cause) for one in result.findings}

@@ -1,7 +1,8 @@
 """Ranging: what the microwave or laser link reads beside the distance of the phase centres.
 
 The context of these effects holds, beside the time, `extra["angle"]` (n, 2, 2) rad: pitch and yaw of both satellites
-against the line of sight; `extra["range"]` (n,) m and `extra["range_rate"]` (n,) m s-1. `context.epoch` is noon.
+against the line of sight; `extra["range"]` (n,) m and `extra["range_rate"]` (n,) m s-1. `context.epoch` is noon of a
+simulated day, and in a calibration the middle of its manoeuvres.
 """
 
 from __future__ import annotations

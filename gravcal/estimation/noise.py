@@ -221,13 +221,16 @@ class Spectrum:
 
     def density(self, frequency_hz: np.ndarray, sigmas: float = 0.0) -> np.ndarray:
         """One-sided density (m,), squared unit per Hz, at frequencies (m,) Hz; so many standard deviations above."""
-        shares = _shares(self.knot_hz, frequency_hz)
+        shares = self.shares(frequency_hz)
         sigma = np.sqrt(np.einsum("mk,kl,ml->m", shares, self.covariance, shares)) if sigmas else 0.0
         return np.exp(shares @ self.log_density + sigmas * sigma)
 
+    def shares(self, frequency_hz: np.ndarray) -> np.ndarray:
+        """Shares (m, k) of the knots in the logarithm of the density at frequencies (m,) Hz."""
+        return _shares(self.knot_hz, frequency_hz)
+
 
 def _shares(knot_hz, frequency_hz):
-    """Shares (m, k) of the knots in what is straight between them."""
     at = np.log(np.clip(frequency_hz, knot_hz[0], knot_hz[-1]))
     return np.stack([np.interp(at, np.log(knot_hz), row) for row in np.eye(len(knot_hz))], axis=-1)
 

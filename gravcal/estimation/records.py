@@ -285,6 +285,7 @@ class Observations(Protocol):
     contiguous : True if noise goes on from block to block, so that `reading` takes the rows of all blocks
     interleaved : True if blocks whose labels begin with the same word are stretches of one record
     readable : channels whose reading the page can show, all if empty
+    epoch : s, GPS, at which a parameter that moves is given, None where the calibration has none
     """
 
     name: str
@@ -308,6 +309,7 @@ class Observations(Protocol):
     contiguous: bool = False
     interleaved: bool = False
     readable: tuple[str, ...] = ()
+    epoch: float | None = None
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""

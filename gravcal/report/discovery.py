@@ -12,7 +12,7 @@ from gravcal.report import discovery_figures as figures
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
 from gravcal.report.pages import Figure, Section, Table
-from gravcal.report.plain import NOT_DETERMINED, decimals, measured, plus_minus, probability, quantity, signed
+from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, measured, plus_minus, probability, quantity, signed
 from gravcal.store import product
 from gravcal.store.results import units
 from gravcal.store.schemas import VERSION, validate
@@ -178,6 +178,7 @@ def change_table(numbers: dict) -> Table:
         rows.append([name, *pair, unit, *moved])
     heads = ["parameter", "before", "after", "unit", "change", "change over old error"]
     caption = f"Calibration result ({one['variant']}); the error after holds that of the findings."
+    caption += f" What moves is given at {gps_text(one['epoch'])}." if "epoch" in one else ""
     return Table(caption, heads, rows, words=(0, 3), wide=True)
 
 

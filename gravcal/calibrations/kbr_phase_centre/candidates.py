@@ -14,9 +14,10 @@ import numpy as np
 import xarray as xr
 from scipy.signal import lfilter
 
+from gravcal.calibrations.kbr_phase_centre.pointing import middle
 from gravcal.effects import Context, Effect, catalogue, effect
 from gravcal.effects.ranging import ripples
-from gravcal.physics import constants, frames, orbit_environment
+from gravcal.physics import frames, orbit_environment
 
 BREAK = "ranging.phase_break"
 FAMILIES = ("ranging", "timing", "attitude")
@@ -88,16 +89,18 @@ def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Co
         "line_of_sight_b": line,
         "antenna_x": nominal[:, 0],
         "antenna_correction": np.einsum("nka,ka->n", line, nominal),
+        "turning": turning(aligned, line),
     }
-    return Context(time=time, epoch=float(constants.DAY * np.round(time.mean() / constants.DAY)), extra=extra)
+    return Context(time=time, epoch=middle(pointed), extra=extra)
 
 
-def turning(aligned: xr.Dataset) -> np.ndarray:
-    """Change (n, 2, 3) s-1 of the measured lines of sight by the turning of the satellites, the line itself held.
+def turning(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
+    """Change (n, 2, 3) s-1 of the lines of sight (n, 2, 3) by the turning of the satellites, the line itself held.
 
     Notes
     -----
-    (R_bi(t + 1 s) - R_bi(t - 1 s)) e(t) / 2 s; error (2 pi / 250 s)^2 / 6, a ten thousandth.
+    l' - R_bi e', by differences over two seconds; error (2 pi / 250 s)^2 / 6, a ten thousandth. The noise of R_bi is
+    that of the attitude times the orbital rate.
     """
     position, quaternion = aligned["position_i"].values, aligned["quaternion"].values
     line = position[1] - position[0]
@@ -105,18 +108,17 @@ def turning(aligned: xr.Dataset) -> np.ndarray:
     result = np.zeros((line.shape[0], 2, 3))
     for k, toward in enumerate((line, -line)):
         q = np.where(np.isfinite(quaternion[k]), quaternion[k], [1.0, 0.0, 0.0, 0.0])
-        rotation = frames.R_bi_from_quaternion(q)
-        result[1:-1, k] = np.matvec(rotation[2:] - rotation[:-2], toward[1:-1]) / 2
+        rotation = frames.R_bi_from_quaternion(q)[1:-1]
+        result[1:-1, k] = (line_b[2:, k] - line_b[:-2, k] - np.matvec(rotation, toward[2:] - toward[:-2])) / 2
     return result
 
 
-def listed(context: Context, turning_b: np.ndarray, centre: np.ndarray) -> list[Signal]:
+def listed(context: Context, centre: np.ndarray) -> list[Signal]:
     """Effects of the catalogue that a ranging calibration can show.
 
     Parameters
     ----------
     context : Context on whole seconds
-    turning_b : (n, 2, 3) s-1, change of the measured line of sight by the turning of each satellite
     centre : (2, 3) m, phase centres of the solution
     """
     signals = []
@@ -129,7 +131,7 @@ def listed(context: Context, turning_b: np.ndarray, centre: np.ndarray) -> list[
             signals.append(Signal(slug, "", *words, entry.columns(context)))
         elif entry.channel in ("sca_delay", "pointing_b"):
             for form, those in SATELLITES.items():
-                signals.append(Signal(slug, form, *words, _of_attitude(entry, context, turning_b, centre, those)))
+                signals.append(Signal(slug, form, *words, _of_attitude(entry, context, centre, those)))
     angle, known = np.nan_to_num(context.extra["angle"]), effect(RIPPLE).parameters[:-1]
     words = [p.name for p in known], [p.unit for p in known], [p.prior_sigma for p in known]
     for period in np.radians(1 / RIPPLES_PER_DEG):
@@ -138,7 +140,7 @@ def listed(context: Context, turning_b: np.ndarray, centre: np.ndarray) -> list[
     return signals
 
 
-def _of_attitude(entry: Effect, context, turning_b, centre, those):
+def _of_attitude(entry: Effect, context, centre, those):
     """Range per parameter of an effect on the attitude of some satellites.
 
     The orbit side of the residual holds -l . c with the measured line of sight. Star cameras late by a second measure
@@ -146,7 +148,7 @@ def _of_attitude(entry: Effect, context, turning_b, centre, those):
     """
     centre = centre * np.isin([0, 1], those)[:, None]
     if entry.channel == "sca_delay":
-        return -np.einsum("nka,ka->n", turning_b, centre)[:, None] * entry.columns(context)
+        return -np.einsum("nka,ka->n", context.extra["turning"], centre)[:, None] * entry.columns(context)
     arm = np.cross(context.extra["line_of_sight_b"], centre).sum(axis=1)
     return -np.einsum("na,naq->nq", arm, entry.columns(context))
 

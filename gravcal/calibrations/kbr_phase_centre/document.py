@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gravcal.calibrations.kbr_phase_centre.pointing import middle
 from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, SUBSETS
 from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import as_plain, chi_square_test, number, numbers
@@ -96,6 +97,7 @@ def _estimates(combined, pointed, settings):
         "status": "delivered" if determined else "failed",
         "verdict": _verdict(adopted, f"{observable}, {estimator}", tests[observable], settings),
         "method": combined.attrs["method"],
+        "epoch": middle(pointed),
         "satellites": satellites,
         "adopted": {
             "observable": observable,

@@ -31,6 +31,7 @@ FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the f
 FLOOR_HZ = 5e-4  # below it derivatives of the noise are held, so that their covariance keeps an inverse
 STEEP = 4  # of the power above the frequencies of the motion
 RESTRICTED_STEPS = 4  # of the scoring
+SEEN_HZ = (1.5e-3, 2.5e-2)  # where the manoeuvres say more of the spectrum than quiet data leave open
 BESIDE, DEPENDENT = 1e-4, 1e-2  # share of a candidate beside the baseline, and singular values of it, that count
 SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part
 
@@ -158,9 +159,56 @@ def passed(step_s: float) -> np.ndarray:
     return np.stack([crn.gain(crn.Crn(), 0.5, 0, f) ** 2 for f in images(step_s)])
 
 
-def shapes(step_s: float) -> np.ndarray:
-    """Densities of unit height below each corner, through the CRN filter, at `images`, (corner, 2, m)."""
-    return passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
+def shapes(step_s: float, smoothed_hz: float = np.inf) -> np.ndarray:
+    """Densities of unit height below each corner, through the CRN filter, at `images`, (corner, 2, m).
+
+    That of white noise is what is left of it in lines of sight that are smoothed at a frequency.
+    """
+    found = passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
+    found[-1] *= smoothing_gain(images(step_s), smoothed_hz) ** 2
+    return found
+
+
+def smoothing_gain(frequency_hz: np.ndarray, smoothed_hz: float) -> np.ndarray:
+    """Gain of `smoothed` at frequencies, of any shape: 1 / (1 + (f / fc)^8), 0.9 at the frequency it keeps."""
+    return 1 / (1 + (np.sin(np.pi * np.minimum(frequency_hz, 0.5)) / np.sin(np.pi * min(smoothed_hz, 0.5))) ** 8 / 9)
+
+
+def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
+    """Series (n, k) of whole seconds, NaN where missing, whose fourth differences are small; missing samples too.
+
+    Notes
+    -----
+    Minimum of sum (y - z)^2 + w sum (D^4 z)^2; Whittaker, Proc. Edinburgh Math. Soc. 41 (1923); w by `smoothing_gain`.
+    """
+    from scipy.linalg import solveh_banded
+
+    good, weight = np.isfinite(values).all(axis=1), 1 / (9 * (2 * np.sin(np.pi * smoothed_hz)) ** 8)
+    if good.sum() < 8:
+        return values
+    difference, bands = np.array([1.0, -4.0, 6.0, -4.0, 1.0]), np.zeros((5, len(values)))
+    for lag in range(5):
+        for k in range(5 - lag):
+            bands[lag, k : len(values) - 4 + k] += weight * difference[k] * difference[k + lag]
+    bands[0] += good
+    return solveh_banded(bands, np.where(good[:, None], values, 0.0), lower=True)
+
+
+def of_star_cameras(measured: xr.Dataset, lever: np.ndarray, highest_hz: float) -> bool:
+    """Whether above the frequencies of the motion star cameras add more noise to the range than there is in it.
+
+    Parameters
+    ----------
+    measured : Dataset, "kbr_phase_centre.noise"
+    lever : (n, 4) m per rad, in the manoeuvres
+    highest_hz : Hz, up to which the satellites move
+    """
+    step = float(measured.attrs["step_s"])
+    power = np.einsum("c,cm->m", measured["pointing_power"].values, shapes(step)[:, 0])
+    frequency = images(step)[0]
+    here = (frequency > highest_hz) & (frequency < FITTED_HZ[1])
+    range_ = spectrum(measured).density(frequency[here])
+    return bool(np.mean(power[here] / range_) * np.mean(lever**2, axis=0).max(initial=0.0) > 1)
 
 
 def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
@@ -262,7 +310,8 @@ def lags(measured: xr.Dataset, derivative: int, count: int, highest_hz: float = 
     ranging = spectrum(measured).density(frequency)
     above = frequency > highest_hz
     ranging[above] = ranging[~above].min() * (frequency[above] / highest_hz) ** STEEP
-    pointing = np.einsum("c,cim->im", measured["pointing_power"].values, shapes(step))
+    known = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
+    pointing = np.einsum("c,cim->im", measured["pointing_power"].values, known)
     return lags_of_densities(ranging, pointing, step, derivative, count)
 
 
@@ -353,13 +402,14 @@ def white(lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return solve_triangular(lower, columns, lower=True, check_finite=False)
 
 
-def with_restricted_pointing(
+def with_restricted(
     measured: xr.Dataset, stretches: list[Stretch], residuals: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 ) -> xr.Dataset:
-    """Noise product with the star camera noise that is left beside all candidates, by restricted maximum likelihood.
+    """Noise product with the noise of the manoeuvres beside all candidates, by restricted maximum likelihood.
 
     Slow orbit error, phase centres and all candidates are free in every stretch, so that what any of them could name
-    does not count as noise.
+    does not count as noise. Star camera noise is that of the manoeuvres; the spectrum of the range, of which quiet data
+    leave some ten percent open at the frequency of the wiggle, that of both.
 
     Parameters
     ----------
@@ -373,36 +423,53 @@ def with_restricted_pointing(
 
     Notes
     -----
-    Fisher scoring of l(s) = -1/2 (log|V| + log|X' V^-1 X| + y' P y), V = R + sum_c s_c K_c: score
-    (y' P K_c P y - tr P K_c) / 2, information tr(P K_c P K_d) / 2; Patterson and Thompson, Biometrika 58 (1971).
+    Fisher scoring of l = -1/2 (log|V| + log|X' V^-1 X| + y' P y + d' C^-1 d), V = R(d) + sum_c s_c K_c, d what the
+    knots of the spectrum differ from those of quiet data and C their covariance: score (y' P K P y - tr P K) / 2,
+    information tr(P K P K') / 2; Patterson and Thompson, Biometrika 58 (1971).
     """
-    from scipy.optimize import nnls
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import lsq_linear
 
     if measured.attrs["source_data"] != "quiet" or not stretches:
         return measured
-    step, kernels = float(measured.attrs["step_s"]), []
-    for one in stretches:
-        unit = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, int(one.place[-1]) + 1) for s in shapes(step)]
-        lower = [covariance_matrix(by_lag, one.place, one.lever) for by_lag in unit]
-        kernels.append([K + np.tril(K, -1).T for K in lower])
-    power = measured["pointing_power"].values
+    step, quiet = float(measured.attrs["step_s"]), spectrum(measured)
+    frequency, count = np.linspace(0, 0.5 / step, BINS + 1), CORNERS.size
+    free = np.flatnonzero((quiet.knot_hz > SEEN_HZ[0]) & (quiet.knot_hz < SEEN_HZ[1]))
+    near = quiet.shares(frequency)[:, free].T
+    longest, known = (
+        max(int(one.place[-1]) for one in stretches) + 1,
+        shapes(step, measured.attrs.get("smoothed_hz", np.inf)),
+    )
+    units = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, longest) for s in known]
+    lower = [[covariance_matrix(by_lag, one.place, one.lever) for by_lag in units] for one in stretches]
+    kernels = [[K + np.tril(K, -1).T for K in some] for some in lower]
+    value, held = np.append(measured["pointing_power"].values, np.zeros(free.size)), np.zeros((count + free.size,) * 2)
+    held[count:, count:] = np.linalg.inv(quiet.covariance[np.ix_(free, free)])
     for _ in range(RESTRICTED_STEPS):
-        score, information = np.zeros(power.size), np.zeros((power.size, power.size))
-        for L, kinds, (observed, baseline, tried) in zip(factors(measured, stretches), kernels, residuals, strict=True):
+        score, information = np.zeros(value.size), np.zeros((value.size, value.size))
+        parts = near * spectrum(measured).density(frequency)
+        lags_ = [lags_of_densities(one, np.zeros(2), step, 0, longest).ranging for one in parts]
+        found = zip(factors(measured, stretches), stretches, kernels, residuals, strict=True)
+        for L, one, kinds, (observed, baseline, tried) in found:
             basis = _basis_beside(white(L, baseline), white(L, tried))
-            y = white(L, observed)
-            y = y - basis @ (basis.T @ y)
-            PKP = []
-            for K in kinds:
-                K = white(L, white(L, K).T)
-                part = K @ basis
-                PKP.append(K - basis @ part.T - part @ basis.T + basis @ (basis.T @ part) @ basis.T)
-            score += [(y @ K @ y - np.trace(K)) / 2 for K in PKP]
-            information += [[np.sum(a * b) / 2 for b in PKP] for a in PKP]
-        size = np.sqrt(np.diag(information))
-        scaled = np.linalg.cholesky(information / np.outer(size, size) + 1e-9 * np.eye(size.size))
-        power = nnls(scaled.T, np.linalg.solve(scaled, (information @ power + score) / size))[0] / size
-        measured = measured.assign(pointing_power=measured["pointing_power"].copy(data=power))
+            beside = np.linalg.qr(basis, mode="complete")[0][:, basis.shape[1] :]
+            back = solve_triangular(L, beside, lower=True, trans="T", check_finite=False)
+            apart, y = np.abs(one.place[:, None] - one.place), back.T @ observed
+            PKP = np.stack([back.T @ K @ back for K in (*kinds, *(row[apart] for row in lags_))])
+            score += (np.einsum("i,kij,j->k", y, PKP, y) - np.trace(PKP, axis1=1, axis2=2)) / 2
+            flat = PKP.reshape(len(PKP), -1)
+            information += flat @ flat.T / 2
+        whole = information + held
+        size = np.sqrt(np.diag(whole))
+        scaled = np.linalg.cholesky(whole / np.outer(size, size) + 1e-9 * np.eye(size.size))
+        right = np.linalg.solve(scaled, (information @ value + score) / size)
+        wanted = lsq_linear(scaled.T, right, (np.repeat([0.0, -np.inf], [count, size.size - count]), np.inf)).x / size
+        wanted[count:] = value[count:] + np.clip(wanted[count:] - value[count:], -1.0, 1.0)
+        value, density, covariance = wanted, quiet.log_density.copy(), quiet.covariance.copy()
+        density[free] += value[count:]
+        covariance[np.ix_(free, free)] = np.linalg.inv(whole)[count:, count:]
+        new = {"pointing_power": value[:count], "log_density": density, "log_covariance": covariance}
+        measured = measured.assign({name: measured[name].copy(data=data) for name, data in new.items()})
     return measured
 
 

@@ -26,8 +26,8 @@ from gravcal.calibrations.kbr_phase_centre.candidates import (
     context,
     drivers,
     listed,
-    turning,
 )
+from gravcal.calibrations.kbr_phase_centre.pointing import angles
 from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
 from gravcal.effects import Context, effect
 from gravcal.effects.ranging import ripples
@@ -86,7 +86,14 @@ class Half:
 
 
 def observe(
-    products: Mapping[str, xr.Dataset], *, nominal_m, orbit_degree: int, crn_window_s: float, crn_bandwidth_hz: float
+    products: Mapping[str, xr.Dataset],
+    *,
+    nominal_m,
+    orbit_degree: int,
+    crn_window_s: float,
+    crn_bandwidth_hz: float,
+    band_hz,
+    of_noise: Mapping,
 ) -> Ranging | None:
     """Observations of a campaign, None without a wiggle.
 
@@ -96,11 +103,21 @@ def observe(
     nominal_m : (2, 3) m, phase centres of the catalogue
     orbit_degree : of the polynomial per sub-manoeuvre that takes up slow orbit errors
     crn_window_s, crn_bandwidth_hz : s and Hz, of the filter of the ranging
+    band_hz : Hz and Hz, up to the second one the satellites move
+    of_noise : settings of `noise.noise`
     """
     aligned, pointed, equations = (products[name] for name in ("align", "pointing", "observable"))
     if not pointed.sizes["manoeuvre"]:
         return None
-    step, degree = float(products["noise"].attrs["step_s"]), int(np.ceil(HALF * orbit_degree))
+    filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
+    time, good, measured = pointed["time"].values, pointed["usable"].values != 0, products["noise"]
+    if noise.of_star_cameras(measured, equations["lever"].values[equations["arc"].values >= 0, 0], band_hz[1]):
+        pointed = smoothed(pointed, equations, band_hz[1])
+        through = crn.operator(filter_, 0, good, (time[0], 1.0), equations["time_kbr"].values)
+        column = -through(np.concatenate(list(pointed["line_of_sight_b"].values), axis=1))
+        equations = equations.assign(column=equations["column"].copy(data=column))
+        measured = noise.noise(equations, **of_noise).assign_attrs(smoothed_hz=band_hz[1])
+    step, degree = float(measured.attrs["step_s"]), int(np.ceil(HALF * orbit_degree))
     at, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
     halves, places, first = [], [], 0
     for number, whole in enumerate(solve.of_manoeuvres(equations)):
@@ -119,15 +136,37 @@ def observe(
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     centre = products["solve"]["centre"].values[0, 0]
     centre = np.where(np.isfinite(centre), centre, nominal.reshape(6))
+    through = crn.operator(filter_, 0, good, (time[0], 1.0), at[rows])
     column = equations["column"].values[rows]
     residual = equations["observed"].values[rows] - column @ centre
     for half in halves:
         residual[half.rows] -= residual[half.rows].mean()  # a bias of 220 km would cost six digits
-    filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
-    time, good = pointed["time"].values, pointed["usable"].values != 0
-    through = crn.operator(filter_, 0, good, (time[0], 1.0), at[rows])
     known = context(aligned, pointed, nominal)
-    return Ranging(aligned, products["noise"], known, filter_, good, through, halves, residual, column, centre)
+    return Ranging(aligned, measured, known, filter_, good, through, halves, residual, column, centre)
+
+
+def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> xr.Dataset:
+    """Lines of sight without what is faster than the satellites move, in quiet data and manoeuvres, away from slews.
+
+    Where star cameras are noisier than the range, their noise is in the rows and in every column that is made of the
+    lines of sight, and the columns explain it (errors in variables).
+
+    Parameters
+    ----------
+    pointed, equations : Dataset, "kbr_phase_centre.pointing" and "kbr_phase_centre.observable"
+    highest_hz : Hz, up to which the satellites move
+    """
+    time, line = pointed["time"].values, pointed["line_of_sight_b"].values.copy()
+    at, number = equations["time_kbr"].values, equations["arc"].values
+    for part in np.split(np.arange(at.size), np.flatnonzero(np.diff(number)) + 1):
+        first, last = np.searchsorted(time, [at[part[0]] - FILTER_S - 1, at[part[-1]] + FILTER_S + 1])
+        for one in line[:, first:last] if number[part[0]] != -2 else ():
+            missing = ~np.isfinite(one).all(axis=1)
+            one[:, 1:] = noise.smoothed(one[:, 1:], highest_hz)
+            one[:, 0] = np.sqrt(1 - np.sum(one[:, 1:] ** 2, axis=1))
+            one[missing] = np.nan
+    new = {"line_of_sight_b": line, "angle": angles(line)}
+    return pointed.assign({name: pointed[name].copy(data=values) for name, values in new.items()})
 
 
 @dataclass(frozen=True)
@@ -165,6 +204,11 @@ class Ranging(Observations):
     periods = {250.0: 4, 5640.0: 12}  # s, of the wiggle by design, and of the orbit as far as its errors reach
 
     @property
+    def epoch(self) -> float:
+        """Middle of the wiggles, s."""
+        return self.context.epoch
+
+    @property
     def groups(self) -> list[int]:
         """Number of the sub-manoeuvre of each half."""
         return [half.manoeuvre for half in self.halves]
@@ -179,7 +223,7 @@ class Ranging(Observations):
     @functools.cached_property
     def signals(self) -> list[Signal]:
         """Effects of the catalogue, then regressors."""
-        known = listed(self.context, turning(self.aligned), self.start.reshape(2, 3))
+        known = listed(self.context, self.start.reshape(2, 3))
         return known + drivers(self.context, [half.time[0] for half in self.halves])
 
     @functools.cached_property
@@ -188,12 +232,16 @@ class Ranging(Observations):
         return np.concatenate([self.through(np.nan_to_num(signal.columns)) for signal in self.signals], axis=1)
 
     @functools.cached_property
-    def factors(self) -> list[np.ndarray]:
-        """Lower Cholesky factor (n, n) m of the noise of each half, that of the star cameras beside all effects."""
+    def fitted(self) -> xr.Dataset:
+        """Dataset "kbr_phase_centre.noise" with what the halves say of it beside all effects."""
         tried = self.filtered[:, : sum(len(one.names) for one in self.signals if one.prior)]
         residuals = [(self.residual[half.rows], self._baseline(half), tried[half.rows]) for half in self.halves]
-        stretches = [half.stretch for half in self.halves]
-        return noise.factors(noise.with_restricted_pointing(self.measured, stretches, residuals), stretches)
+        return noise.with_restricted(self.measured, [half.stretch for half in self.halves], residuals)
+
+    @functools.cached_property
+    def factors(self) -> list[np.ndarray]:
+        """Lower Cholesky factor (n, n) m of the noise of each half."""
+        return noise.factors(self.fitted, [half.stretch for half in self.halves])
 
     def _baseline(self, half):
         """Columns of slow orbit error, biases and phase centres, not whitened."""

@@ -82,6 +82,12 @@ def report(*products, event, settings, published, nominal_m):
     return build(REPORT, values, status=document["status"], event=event), files
 
 
+def _notes(document):
+    """What the numbers of the result mean."""
+    moving = f"A phase centre that moves is that at {gps_text(document['epoch'])}, the middle of the wiggles."
+    return [*document["trust"], *([moving] if document["settings"].get("model") else [])]
+
+
 def sections(document, published):
     """Sections of the page of a judged document, beside the printed records of the catalogue."""
     if "satellites" not in document:
@@ -100,7 +106,7 @@ def sections(document, published):
                     "then each wiggle alone; error bars one standard deviation, band the adopted value.",
                 )
             ],
-            notes=document["trust"] + [one["text"] for one in document["indistinguishable_from_calibration"]],
+            notes=[*_notes(document), *(one["text"] for one in document["indistinguishable_from_calibration"])],
         ),
         Section("Sub-sets and geometry", [subset_table(document, published), geometry_table(document)]),
         Section(

@@ -11,6 +11,7 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLE, OBSERVABLES, POINTING, UNITS, of
 from gravcal.estimation import crn
 from gravcal.physics import frames, kinematics
+from gravcal.physics.constants import DAY
 
 
 @dataclass(frozen=True)
@@ -218,6 +219,18 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
             stop = time[middle + late[0] - 1] if late.size else time[-1]
         found.append(Wiggle(satellite, axis, sign, start, stop, offset, size))
     return found
+
+
+def middle(pointed: xr.Dataset) -> float:
+    """Mean of the middles of all wiggles, GPS s: the epoch of phase centres that move; noon of a record without one.
+
+    Parameters
+    ----------
+    pointed : Dataset, "kbr_phase_centre.pointing"
+    """
+    if pointed.sizes["manoeuvre"]:
+        return float((pointed["start"].values + pointed["stop"].values).mean() / 2)
+    return float(DAY * np.round(pointed["time"].values.mean() / DAY))
 
 
 def _running_mean(values, count):
