@@ -14,9 +14,11 @@ from flows.calibration import known, load, load_all
 from flows.engine import models, server
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
-from gravcal.report import comparison
 from gravcal.store import configurations, history, housekeeping, location, memory, origin, store
 from gravcal.store.schemas import VERSION
+from tasks.stage import lazy
+
+comparison = lazy("gravcal.report.comparison")
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
 

@@ -18,9 +18,11 @@ from flows.cli.options import (
 )
 from flows.engine.remake import remake
 from gravcal import catalog
-from gravcal.report import comparison
 from gravcal.store import configurations, housekeeping, location, schemas
 from gravcal.store import history as lineage
+from tasks.stage import lazy
+
+comparison = lazy("gravcal.report.comparison")
 
 products = typer.Typer(
     help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin.", rich_markup_mode=None

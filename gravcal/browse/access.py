@@ -33,14 +33,10 @@ def is_loopback(host):
 
 
 def guarded(app, token, hosts):
-    """ASGI application that answers only those who may ask.
+    """ASGI application that answers only those who may ask; an empty token is not asked for.
 
-    Parameters
-    ----------
-    app : ASGI application
-    token : empty where none is asked for
-    hosts : names under which the server may be addressed, "*" for any; keeps foreign pages from reaching it by a
-        name of their own that leads to this machine
+    Hosts are the names under which the server may be addressed, "*" for any: foreign pages cannot reach it by a name of
+    their own that leads to this machine.
     """
 
     async def answer(scope, receive, send):

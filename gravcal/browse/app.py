@@ -5,6 +5,8 @@ import socket
 from importlib import resources
 from pathlib import Path
 
+import uvicorn
+from bokeh.util.paths import bokehjs_path
 from starlette.applications import Starlette
 from starlette.responses import FileResponse
 from starlette.routing import Route
@@ -42,16 +44,11 @@ def static(request):
     """Style, script and Bokeh's script, all from this machine."""
     name = request.path_params["name"]
     if name == "bokeh.min.js":
-        return FileResponse(bokeh_script(), media_type="text/javascript", headers=LONG)
+        return FileResponse(bokehjs_path() / "js" / name, media_type="text/javascript", headers=LONG)
     if name not in STATIC:
         return pages.not_found(request, None)
     path = Path(str(resources.files("gravcal.browse"))) / "static" / name
     return FileResponse(path, media_type=STATIC[name], headers={"Cache-Control": "no-cache"})
-
-
-def bokeh_script():
-    """Path of Bokeh's script in its package."""
-    return Path(str(resources.files("bokeh"))) / "server" / "static" / "js" / "bokeh.min.js"
 
 
 def bound(host: str, port: int) -> socket.socket:
@@ -73,8 +70,6 @@ def bound(host: str, port: int) -> socket.socket:
 
 def serve(calibrations, listening, host, say):
     """Answer on a socket until the process is ended; host as the user gave it, ``say`` prints a line."""
-    import uvicorn
-
     plots.ready()
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
     shown = f"[{shown}]" if ":" in shown else shown

@@ -7,6 +7,7 @@ from importlib import resources
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse
 
+from gravcal import __version__
 from gravcal.browse import access, plots, series, store_index
 from gravcal.browse import timeline as years
 from gravcal.report.pages import environment, true_units
@@ -54,7 +55,7 @@ def timeline_figure(request):
     """Figure of one satellite over the years."""
     calibration = request.app.state.calibrations.get(request.path_params["calibration"])
     satellite = request.path_params["satellite"]
-    drawn = years.figure(calibration, satellite) if calibration else None
+    drawn = plots.over_years(calibration, satellite) if calibration else None
     return JSONResponse(drawn) if drawn else JSONResponse({"error": "found no result"}, 404)
 
 
@@ -177,8 +178,6 @@ def _shown(held, name):
 
 def _filled(template, request, status=200, **content):
     """Page of a template."""
-    from gravcal import __version__
-
     known = {
         "names": {name: one.title for name, one in request.app.state.calibrations.items()},
         "store": str(location.folder()),

@@ -1,12 +1,17 @@
-"""Figures of one or two products: drawn by Bokeh, their data at the resolution that the view needs."""
+"""Figures of one or two products and of results over the years: drawn by Bokeh, data at the resolution of the view."""
 
 import base64
 import dataclasses
+import datetime
 from dataclasses import dataclass
 
 import numpy as np
+from bokeh.embed import json_item
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, HoverTool, Label, OpenURL, Range1d, Span, TapTool
+from bokeh.plotting import figure as bokeh_figure
 
-from gravcal.browse import series, store_index
+from gravcal.browse import series, store_index, timeline
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito, 2008
 VIEWS = ("overlay", "difference", "spectrum")
@@ -15,6 +20,17 @@ MANY = 4_000_000  # samples; of more, only the first series is drawn unasked
 GAPS = 0.5  # share of the axis that gaps may fill before the page says what to do
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
 GREY = "#5a5a5a"
+SHOWN = {"@date": "datetime", "@value": "printf", "@sigma": "printf"}
+#: Colour, mark, its size and filling by verdict, and by origin where not all was measured; a diamond is drawn smaller.
+MOODS = {
+    "good": ("#009E73", "circle", 9, None),
+    "bad": ("#D55E00", "triangle", 9, None),
+    "plain": (GREY, "square", 9, None),
+    "questionable": ("#000000", "x", 9, None),
+    "simulated": ("#7b52ab", "diamond", 14, None),
+    "mixed": ("#7b52ab", "diamond_cross", 14, None),
+    "printed": ("#0072B2", "circle", 7, "white"),
+}
 TOOLS = {
     "tools": "xpan,box_zoom,xwheel_zoom,reset,save",
     "active_drag": "xpan",
@@ -53,10 +69,7 @@ class Missing(LookupError):
 
 
 def ready():
-    """Load and try what draws, so that the first figure comes as fast as the others."""
-    import netCDF4  # noqa: F401
-    from bokeh.embed import json_item
-
+    """Try what draws, so that the first figure comes as fast as the others."""
     drawn = _empty("time", "", "")
     drawn.line([0.0, 1.0], [0.0, 1.0])
     json_item(drawn)
@@ -73,8 +86,6 @@ def chosen(variable, columns=()):
 
 def figure(wish: Wish) -> dict:
     """Figure with its data, as Bokeh's embed_item takes it."""
-    from bokeh.embed import json_item
-
     made, said = _spectra(wish) if wish.view == "spectrum" else _lines(wish)
     return json_item(made) | {"said": said}
 
@@ -152,8 +163,6 @@ def _differences(first, second, wish):
 
 def _lines(wish):
     """Figure of lines along the coordinate, and a sentence on what was left out."""
-    from bokeh.models import ColumnDataSource
-
     traces, kind, along, unit = _traces(wish)
     drawn = _empty(kind, along, f"difference of {unit}" if wish.view == "difference" and wish.other else unit)
     ends = [(one.whole.x[0] + one.shift, one.whole.end + one.shift) for one in traces]
@@ -170,8 +179,6 @@ def _lines(wish):
 
 def _spectra(wish):
     """Figure of amplitude spectral densities, and how they were computed."""
-    from bokeh.models import ColumnDataSource
-
     traces, kind, along, unit = _traces(dataclasses.replace(wish, without_gaps=False))
     seconds = kind == "time" or along.endswith("(s)")
     scale = "frequency (Hz)" if seconds else "cycles per unit of the axis"
@@ -187,12 +194,9 @@ def _spectra(wish):
 
 def _empty(kind, along, unit):
     """Figure without lines in the look of the pages."""
-    from bokeh.models import Range1d
-    from bokeh.plotting import figure as new
-
     scales = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
     ranges = {} if kind == "log" else {"x_range": Range1d()}
-    drawn = new(name="figure", height=430, **TOOLS, **scales, **ranges)
+    drawn = bokeh_figure(name="figure", height=430, **TOOLS, **scales, **ranges)
     drawn.xaxis.axis_label, drawn.yaxis.axis_label = along, unit
     return styled(drawn)
 
@@ -219,8 +223,6 @@ def _add(drawn, source, trace, number):
 
 def _finish(drawn, traces):
     """Legend above the figure, a click hides a line; a cross-hair shows values."""
-    from bokeh.models import HoverTool
-
     if traces:
         drawn.add_layout(drawn.legend[0], "above")
         drawn.legend.orientation, drawn.legend.click_policy = "horizontal", "hide"
@@ -254,3 +256,74 @@ def _undrawn(x, kind):
 def _packed(values):
     """Doubles as base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode()
+
+
+def over_years(calibration, satellite: str) -> dict | None:
+    """Panels over time of one satellite, as Bokeh's embed_item takes them; None where there is no result."""
+    own = [point for point in timeline.points(calibration) if point.satellite == satellite]
+    if not own:
+        return None
+    said, orders = timeline.printed_points(calibration, satellite), timeline.levels(calibration)
+    trimmed = timeline.trims(satellite) if calibration.trims else []
+    panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
+    drawn, shared = [], {}
+    for panel, unit in panels:
+        one = _panel(f"{panel}\n({unit})", shared, (panel, unit) == panels[-1], "log" if panel in orders else "linear")
+        shared = {"x_range": one.x_range}
+        _values(one, [point for point in [*own, *said] if point.panel == panel])
+        for trim in (trim for trim in trimmed if trim.axis == panel):
+            _trim(one, trim)
+        if panel in orders:
+            values = [point.value for point in own if point.panel == panel]
+            _level(one, *orders[panel], max(values))
+        drawn.append(one)
+    return json_item(column(drawn, sizing_mode="stretch_width"))
+
+
+def _panel(label, shared, last, scale):
+    """Empty panel of the time line."""
+    axes = {"x_axis_type": "datetime", "y_axis_type": scale} | shared
+    one = bokeh_figure(height=190 if last else 160, **TOOLS, **axes)
+    if not shared:
+        one.x_range.default_span = 365 * 86400e3  # ms, where there is one event only
+    one.yaxis.axis_label, one.xaxis.visible = label, last
+    one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
+    return styled(one)
+
+
+def _points_of(own):
+    """Points as columns for Bokeh."""
+    known = {name: [getattr(point, name) for point in own] for name in ("date", "value", "event", "said")}
+    spread = [point.sigma or 0.0 for point in own]
+    bounds = {"low": [p.value - s for p, s in zip(own, spread, strict=True)],
+              "high": [p.value + s for p, s in zip(own, spread, strict=True)]}  # fmt: skip
+    return known | bounds | {"sigma": [point.sigma for point in own]}
+
+
+def _values(panel, own):
+    """Values with their errors, ours and printed; form and colour say the verdict."""
+    for mood, (colour, marker, size, fill) in MOODS.items():
+        source = ColumnDataSource(_points_of([point for point in own if point.mood == mood]))
+        panel.segment("date", "low", "date", "high", source=source, color=colour, line_width=1.6)
+        look = {"marker": marker, "size": size, "line_color": colour, "fill_color": fill or colour}
+        marks = panel.scatter("date", "value", source=source, **look)
+        of = [("printed" if mood == "printed" else "", "@event"), ("", "@date{%F}")]
+        tips = [*of, ("value", "@value{%.6g} ± @sigma{%.2g}"), ("", "@said")]
+        panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters=SHOWN))
+
+
+def _trim(panel, trim):
+    """A mass trim as a line, dashed where the printed series confirms it, dotted where not."""
+    when = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
+    panel.add_layout(Span(location=when, dimension="height", line_color=GREY,
+                          line_dash="dashed" if trim.confirmed else "dotted"))  # fmt: skip
+    panel.add_layout(Label(x=when, y=4, y_units="screen", text=f" trim {trim.trim_um:+.0f} µm",
+                           text_font_size="10px", text_font=FONT, text_color=GREY))  # fmt: skip
+
+
+def _level(panel, value, text, largest):
+    """A printed order of magnitude as a line, always within the picture."""
+    panel.y_range = Range1d(value / 5, 5 * max(value, largest))
+    panel.add_layout(Span(location=value, dimension="width", line_color="#0072B2", line_dash="dashed"))
+    panel.add_layout(Label(x=4, x_units="screen", y=value, y_offset=3, text=text, text_font_size="10px",
+                           text_font=FONT, text_color="#0072B2"))  # fmt: skip

@@ -1,8 +1,8 @@
 """What a product file holds, and one column of it at the resolution of the screen; files are opened to read only.
 
-The first look at a column reads it once, piece by piece, and keeps the lowest and highest value of every 64
-samples; from then on a wide view needs no file, and a narrow one reads only what it shows. Every peak of the data is
-drawn: a pixel shows the range of all samples it stands for. Gaps stay gaps.
+The first look at a column reads it once, piece by piece, and keeps the lowest and highest value of every 64 samples;
+from then on a wide view needs no file, and a narrow one reads only what it shows. Every peak of the data is drawn: a
+pixel shows the range of all samples it stands for. Gaps stay gaps.
 """
 
 import functools
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import welch
 
 from gravcal.store import netcdf
 
 BLOCK = 64
-PIECE = BLOCK * 16384
-PART = BLOCK * 1024  # samples that stay in the processor's cache
+PIECE = BLOCK * 16384  # samples that are read at a time
 BINS = 1500  # ranges across the screen; each is drawn as its lowest and highest value
 GAP = 4.0  # a step longer than this many typical ones is not drawn as a line
 SEGMENT = 65536  # samples of one segment of a spectrum, at most
@@ -87,13 +87,9 @@ def column(path: Path, variable: Variable, number: int) -> Column:
 
 
 def coordinate(path, variable):
-    """Column with the coordinate that a plot of this variable runs along, and its kind.
+    """Column that a plot of a variable runs along, None where only the number of the sample is known; kind and label.
 
-    Returns
-    -------
-    column : Column or None where only the number of the sample is known
-    kind : "time", "value" or "index"
-    label : str
+    The kind is "time", "value" or "index".
     """
     name = variable.dims[variable.axis]
     found = find(path, name)
@@ -111,12 +107,6 @@ def read(column: Column, start=0, stop=None) -> np.ndarray:
         index = list(column.index)
         index.insert(column.axis, slice(start, column.size if stop is None else stop))
         return np.asarray(file[column.variable][tuple(index)], dtype=float)
-
-
-def pieces(column: Column, length: int):
-    """Values of a column, piece by piece of so many samples."""
-    for start in range(0, column.size, length):
-        yield read(column, start, min(start + length, column.size))
 
 
 def table(path, variable):
@@ -204,7 +194,7 @@ class Overview:
 @functools.lru_cache(maxsize=64)
 def overview(column: Column, coordinate: Column | None) -> Overview:
     """Overview of a column against another or the number of the sample; products never change, so it is kept."""
-    low, high = _of_column(column)
+    low, high = (np.concatenate(part) for part in zip(*map(_extremes, _pieces(column)), strict=True))
     x, end = _coarse(coordinate) if coordinate else (np.arange(0.0, column.size, BLOCK), column.size - 1.0)
 
     def finely(start, stop):
@@ -221,17 +211,9 @@ def of_arrays(x, y) -> Overview:
 
 
 def view(whole, start=None, stop=None, bins=BINS):
-    """Points to draw between two values of the coordinate, at most four for each bin.
+    """Points x, y (m,) of an Overview to draw between two values of the coordinate, by default all.
 
-    Parameters
-    ----------
-    whole : Overview
-    start, stop : of the coordinate; by default all
-    bins : int
-
-    Returns
-    -------
-    x, y : (m,) NaN in y where the line breaks
+    There are at most four for each bin; y is NaN where the line breaks.
     """
     first, last = _blocks(whole, start, stop)
     if last - first > bins:
@@ -244,16 +226,9 @@ def view(whole, start=None, stop=None, bins=BINS):
 
 
 def difference(one, other, shift=0.0):
-    """First series minus the second, at the first one's samples, the second interpolated linearly between its own.
+    """First Overview minus the second at the samples x, y (n,) of the first that both cover, none without overlap.
 
-    Parameters
-    ----------
-    one, other : Overview
-    shift : added to the second one's coordinate
-
-    Returns
-    -------
-    x, y : (n,) samples that both cover; empty where they do not overlap
+    The second is interpolated linearly; the shift is added to its coordinate.
     """
     x, y = one.finely(0, min(one.size, LONGEST))
     u, v = other.finely(0, min(other.size, LONGEST))
@@ -270,18 +245,8 @@ def difference(one, other, shift=0.0):
 def spectrum(whole):
     """Amplitude spectral density of the longest even stretch without gaps (Welch, Hann, mean and slope removed).
 
-    Parameters
-    ----------
-    whole : Overview
-
-    Returns
-    -------
-    frequency : (m,) Hz where the coordinate is in seconds
-    density : (m,) unit per square root of Hz
-    said : str, what was used
+    Frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; and what was used, in words.
     """
-    from scipy.signal import welch
-
     x, y = whole.finely(0, min(whole.size, LONGEST))
     first, last = _longest_even(x, y)
     count = last - first
@@ -294,35 +259,22 @@ def spectrum(whole):
     return frequency[1:], np.sqrt(power[1:]), said
 
 
-def _of_column(column):
-    """Lowest and highest of every block of a column."""
-    parts = [_extremes(piece) for piece in pieces(column, PIECE)]
-    return tuple(np.concatenate([part[side] for part in parts]) for side in (0, 1))
+def _pieces(column):
+    """Values of a column, piece by piece."""
+    return (read(column, start, min(start + PIECE, column.size)) for start in range(0, column.size, PIECE))
 
 
 def _extremes(values):
     """Lowest and highest of every block, NaN where all are."""
-    low, high = (np.empty(-(-values.size // BLOCK)) for _ in range(2))
-    for start in range(0, values.size, PART):
-        part = values[start : start + PART]
-        block, whole = start // BLOCK, part.size // BLOCK
-        across = np.ascontiguousarray(part[: whole * BLOCK].reshape(-1, BLOCK).T)
-        np.fmin.reduce(across, axis=0, out=low[block : block + whole])
-        np.fmax.reduce(across, axis=0, out=high[block : block + whole])
-    if values.size % BLOCK:
-        rest = values[values.size // BLOCK * BLOCK :]
-        low[-1], high[-1] = np.fmin.reduce(rest), np.fmax.reduce(rest)
-    return low, high
+    starts = np.arange(0, values.size, BLOCK)
+    return np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
 
 
 @functools.lru_cache(maxsize=32)
 def _coarse(coordinate):
     """Every 64th value of a coordinate, and the last one."""
-    kept, last = [], np.nan
-    for piece in pieces(coordinate, PIECE):
-        kept.append(piece[::BLOCK].copy())
-        last = piece[-1]
-    return np.concatenate(kept), float(last)
+    kept = [piece[::BLOCK].copy() for piece in _pieces(coordinate)]
+    return np.concatenate(kept), float(read(coordinate, coordinate.size - 1)[0])
 
 
 def _blocks(whole, start, stop):

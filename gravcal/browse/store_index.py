@@ -4,6 +4,7 @@ import functools
 import json
 from dataclasses import dataclass
 
+from gravcal import catalog
 from gravcal.store import history, housekeeping, location, netcdf, records, store
 from gravcal.store import origin as origins
 
@@ -69,12 +70,10 @@ def origin(path):
 
 
 def results(configuration=location.OPERATIONAL):
-    """Every event with what is known of its result in a configuration, the newest first.
+    """Every event with what is known of its result in a configuration, the newest first, as dicts.
 
-    Returns
-    -------
-    rows : list of dict: event, calibration, state, mood, said, origin, made, products, report (Entry or None), run,
-    document, experiments (names of those with products of this event)
+    Keys: event, calibration, state, mood, said, origin, made, products, report (Entry or None), run, document,
+    experiments (names of those with products of this event).
     """
     by_event, tried = {}, {}
     for one in entries():
@@ -96,8 +95,6 @@ def results(configuration=location.OPERATIONAL):
 
 def waiting(rows) -> dict[str, list[str]]:
     """Events of the catalogue that are in no row of ``results``, by calibration."""
-    from gravcal import catalog
-
     here, missing = {row["event"] for row in rows}, {}
     for event in catalog.events():
         if event.name not in here:

@@ -19,14 +19,9 @@ CLOSE = 0.01  # relative difference of two variances that says nothing: they are
 
 
 def comparison(calibration, names, pairs, alone):
-    """Document of a comparison.
+    """Document of a comparison of two configurations, by their names.
 
-    Parameters
-    ----------
-    calibration : flows.calibration.Calibration
-    names : of the two configurations
-    pairs : list of (event, document of the first, document of the second)
-    alone : {name: events that only this configuration has}
+    Pairs are (event, document of the first, document of the second), alone {name: events that only this one has}.
     """
     return {
         "schema_version": VERSION,
@@ -54,12 +49,7 @@ def _event(calibration, event, first, second):
 
 
 def difference(first, second):
-    """Difference of two values: in the unit, in sigma of the difference and of the first.
-
-    Parameters
-    ----------
-    first, second : results.Value
-    """
+    """Difference of two `results.Value`: in the unit, in sigma of the difference and of the first."""
     known = None not in (first.value, second.value)
     moved = second.value - first.value if known else None
     spread = None

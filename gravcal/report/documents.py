@@ -16,47 +16,23 @@ OPERATIONAL = "operational"
 
 
 def traced(calibration: str, products: Mapping) -> dict:
-    """Provenance of a document: the digests of its products.
-
-    Parameters
-    ----------
-    calibration : name
-    products : {stage or "stage.variant": Dataset}, None left out
-    """
+    """Provenance of a document: digests of its products {stage or "stage.variant": Dataset}, None left out."""
     known = {f"{calibration}.{name}": one for name, one in products.items() if one is not None}
     return {"products": {name: product.digest_as_read(one)[:12] for name, one in known.items()}}
 
 
 def delivered(document: Mapping, products: Sequence, checks: Sequence[checking.Check], schema: str = ""):
-    """Document, judged and valid, and the file that holds it.
-
-    Parameters
-    ----------
-    document, products, checks : as for `judged`
-    schema : name of its JSON Schema where that is not the calibration's
-
-    Returns
-    -------
-    document : dict
-    files : {"result.json": text}
-    """
+    """Document, `judged` and valid, and {"result.json": text}; the schema by its name if not the calibration's."""
     found = judged(document, products, checks)
     validate(found, schema or None)
     return found, {"result.json": json.dumps(found, indent=1, allow_nan=False) + "\n"}
 
 
 def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Check]) -> dict:
-    """Document with origin, configuration and checks; a result with a failed check becomes questionable.
+    """New document with origin, configuration and checks; a result with a failed check becomes questionable.
 
-    Parameters
-    ----------
-    document : as the calibration made it, with "status", "settings" and, if it has one, "verdict" {"text"}
-    products : Dataset, those that the report reads
-    checks : of inputs and result
-
-    Returns
-    -------
-    document : dict, new
+    The document as the calibration made it has "status", "settings" and, if it has one, "verdict" {"text"}; the
+    products, Datasets, are those that the report reads.
     """
     origin = origin_of(products)
     failed = [one for one in checks if not one.passed]

@@ -3,6 +3,11 @@
 import base64
 import io
 
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
 WIDTH_IN = 7.0
 #: Okabe and Ito, Color Universal Design, 2008.
 COLOURS = {
@@ -54,22 +59,10 @@ STYLE = {
 
 
 def grid(rows, columns, height_in, **options):
-    """Figure with its panels, always as a two-dimensional array.
+    """Figure, height in inches, and its panels, always a (rows, columns) array of Axes.
 
-    Parameters
-    ----------
-    rows, columns : number of panels
-    height_in : inch
-    options : of Figure.subplots; `margins`, {"left", "right", "top", "bottom", "hspace", "wspace"}
-
-    Returns
-    -------
-    figure : Figure
-    panels : (rows, columns) array of Axes
+    Options are those of Figure.subplots, and `margins`, {"left", "right", "top", "bottom", "hspace", "wspace"}.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     margins = options.pop("margins", {})
     figure = Figure(figsize=(WIDTH_IN, height_in))
     FigureCanvasAgg(figure)
@@ -91,19 +84,10 @@ def legend(figure, panels, columns):
 
 
 def thinned(x, y, most=800):
-    """Curve with the lowest and highest point of each of `most` / 2 groups, where it has more points.
+    """Curve (n,), (n,) with the lowest and highest point of each of `most` / 2 groups, where it has more points.
 
-    Parameters
-    ----------
-    x, y : (n,), NaN in y where nothing is known
-    most : number of points
-
-    Returns
-    -------
-    x, y : (m,), in the order of x; a group without a known value keeps one NaN, so that gaps stay open
+    A group without a known value, NaN in y, keeps one NaN, so that gaps stay open.
     """
-    import numpy as np
-
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     if x.size <= most:
         return x, y
@@ -127,8 +111,6 @@ def number_windows(panel, ends):
 
 def image(draw, *given) -> str | None:
     """Figure that a function draws as a data address (SVG) for a page; None if there is nothing to show."""
-    import matplotlib
-
     with matplotlib.rc_context(STYLE):
         figure = draw(*given)
         if figure is None:

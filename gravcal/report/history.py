@@ -17,20 +17,10 @@ MARKS = {
 
 
 def history(title, points, trims=(), band=None):
-    """Rows and page of values over time; with the printed ones as Table 9 and Figure 12 of 10.3390/rs14164030.
+    """Rows, dicts in order of time, and page of values; Table 9 and Figure 12 of 10.3390/rs14164030 with printed ones.
 
-    Parameters
-    ----------
-    title : str
-    points : values, ours and printed: satellite, panel, unit, date, value, sigma, event, mood (a key of MARKS, any
-        other: measured) and said (of printed ones the source)
-    trims : Trim of the catalogue by satellite, as pairs
-    band : limit that is drawn about zero, or None
-
-    Returns
-    -------
-    rows : list of dict: "satellite", "date", "event", "kind", "quantity", "unit", "value", "sigma", in order of time
-    html : str
+    Points, ours and printed, have satellite, panel, unit, date, value, sigma, event, mood (a key of MARKS, any other:
+    measured) and said (of printed ones the source); trims are (satellite, Trim); a band is drawn about zero.
     """
     rows = [_row(one) for one in points] + [_trim(*one) for one in trims]
     rows.sort(key=lambda row: (row["satellite"], row["date"], row["kind"] == "trim", row["event"]))
@@ -110,21 +100,11 @@ def _mark(panel, kind, rows):
     mark, colour, label = MARKS[kind]
     if not rows:
         return
-    printed = kind == "printed"
-    panel.errorbar(
-        [_date(row) for row in rows],
-        [row["value"] for row in rows],
-        yerr=[row["sigma"] or 0.0 for row in rows],
-        color=colour,
-        marker=mark,
-        markersize=3.8,
-        markerfacecolor="white" if printed else colour,
-        linestyle="-" if printed else "none",
-        linewidth=0.7,
-        elinewidth=0.9,
-        capsize=0 if printed else 2,
-        label=label,
-    )
+    columns = zip(*((_date(row), row["value"], row["sigma"] or 0.0) for row in rows), strict=True)
+    look = {"markerfacecolor": colour, "linestyle": "none", "capsize": 2}
+    look = {"markerfacecolor": "white", "linestyle": "-", "capsize": 0} if kind == "printed" else look
+    look |= {"color": colour, "marker": mark, "markersize": 3.8, "linewidth": 0.7, "elinewidth": 0.9, "label": label}
+    panel.errorbar(*columns, **look)
 
 
 def _mark_trim(panel, row):

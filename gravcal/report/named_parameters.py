@@ -22,12 +22,7 @@ SAID = 9  # parameters that a verdict names
 
 
 def document(found: xr.Dataset) -> dict:
-    """Part of a result document: parameters by name, null where not determined, and their covariance.
-
-    Parameters
-    ----------
-    found : Dataset with `gravcal.calibrations.schemas.PARAMETERS`
-    """
+    """Part of a result document of PARAMETERS: by name, null where not determined, and their covariance."""
     names = [str(name) for name in found["parameter"].values]
     columns = (found[name].values for name in ("unit", "value", "sigma"))
     parameters = {
@@ -42,7 +37,6 @@ def document(found: xr.Dataset) -> dict:
 class Page:
     """What a calibration says beside its parameters."""
 
-    #: calibration, heading: names
     calibration: str
     heading: str
     verdict: str  #: what the values are of, such as "Gain of the impulses"
@@ -108,12 +102,7 @@ def _short(value):
 
 
 def draw_parts(found: xr.Dataset):
-    """Determined parameters from each part of the record, and from all of it.
-
-    Parameters
-    ----------
-    found : Dataset with `gravcal.calibrations.schemas.PARAMETERS`
-    """
+    """Determined PARAMETERS from each part of the record, and from all of it."""
     known = np.flatnonzero(np.isfinite(found["value"].values))
     if not known.size or found.sizes["part"] < 2:
         return None

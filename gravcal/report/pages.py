@@ -22,6 +22,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 
+import jinja2
+
 from gravcal.report.documents import settings_of
 from gravcal.report.figures import image
 
@@ -30,7 +32,6 @@ from gravcal.report.figures import image
 class Table:
     """Table of a section."""
 
-    #: caption, heads: texts
     caption: str
     heads: Sequence[str]
     rows: Sequence[Sequence]  #: cells of each row; None continues the cell above
@@ -74,23 +75,11 @@ def page(
     badges: Sequence[Mapping] = (),
     lines: tuple[str, str] | None = None,
 ) -> str:
-    """Page of an event; the same content gives the same text.
+    """Page (HTML) of an event from its judged document; the same content gives the same text.
 
-    Parameters
-    ----------
-    document : result document, judged
-    sections : in the order of the page
-    products : {stage or "stage.variant": Dataset or None}
-    heading : what was calibrated
-    subtitle : what was looked at
-    verdict : text, that of the document if empty
-    good : whether the verdict is good, None where that is not asked
-    badges : {"title", "good", "text"} each
-    lines : title and text that was delivered in a file of its own, or None
-
-    Returns
-    -------
-    html : str
+    Products are {stage or "stage.variant": Dataset or None}, badges {"title", "good", "text"} each, lines title and
+    text of what was delivered in a file of its own. The heading says what was calibrated, the subtitle what was looked
+    at; the verdict is that of the document if empty, good None where that is not asked.
     """
     digests = document["provenance"].get("products", {})
     shown, count = [], 0
@@ -205,7 +194,5 @@ def _environment():
 
 def environment(text_of: Callable[[str], str]):
     """Templates by their name that escape what they are given and refuse what they are not."""
-    import jinja2
-
     how = {"autoescape": True, "undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
     return jinja2.Environment(loader=jinja2.FunctionLoader(text_of), **how)
