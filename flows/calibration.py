@@ -132,15 +132,9 @@ class Calibration:
         return common.days_of(self, data)
 
     def simulate(self, out, *, seed, truth=None, effects=None, settings=None) -> dict:
-        """Write the Level-1 files of an invented event; returns its truth, written to ``truth`` if that is given.
+        """Write the Level-1 files of an invented event into a folder; its truth, also in the file ``truth`` if given.
 
-        Parameters
-        ----------
-        out : folder
-        seed : source of everything random
-        truth : file for the truth, or None
-        effects : {"slug.parameter": value}
-        settings : {parameter of the simulation: text or value}
+        Effects are {"slug.parameter": value}, settings {parameter of the simulation: text or value}.
         """
         from gravcal.simulation import by_slug
 
@@ -164,13 +158,10 @@ class Calibration:
 def of_one_satellite(module: str) -> Callable:
     """Simulation that writes the Level-1 files of one satellite, for a record.
 
-    Parameters
-    ----------
-    module : with ``simulate(numbers of the satellite, chosen, day, seed, effects)`` -> columns by product, truth
+    The module has ``simulate(numbers of the satellite, chosen, day, seed, effects)`` -> columns by product, truth.
     """
 
     def simulation(out, chosen, day, seed, effects, _truth):
-        from gravcal import catalog
         from gravcal.io import writers
 
         numbers = catalog.satellite(chosen.satellite).settings()

@@ -8,6 +8,7 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gravcal import catalog
 from gravcal.errors import NoDataError, ProductError
 from gravcal.store import product, store
 from tasks.stage import lazy, stage
@@ -28,13 +29,7 @@ class Source:
     folder: Path  #: holds the files, loose or in archives
 
     def file(self, *products: str, satellite: str | None = None):
-        """The first of these products that the folder holds.
-
-        Parameters
-        ----------
-        *products : product names, most wanted first
-        satellite : letter, by default the only one of the source
-        """
+        """The first of these products that the folder holds of a satellite, by default the only one of the source."""
         letter = satellite or self.satellite
         for name in products:
             if archive.holds(self.folder, name, letter, self.date):
@@ -60,13 +55,9 @@ def _belongs(file, source, letter):
 
 
 def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Source:
-    """Source of a catalogue event or of any folder of Level-1 files.
+    """Source of a catalogue event, whose files are looked for in GRAVCAL_DATA, or of any folder of Level-1 files.
 
-    Parameters
-    ----------
-    one : record of the calibration
-    event : name in the catalogue; its files are looked for in GRAVCAL_DATA
-    data : folder; satellite, date : where it holds several, one satellite stands for its pair
+    Satellite and date are those wanted where the folder holds several; one satellite stands for its pair.
     """
     satellite = next((letter for letter, pair in one.pairs.items() if satellite and satellite in pair), satellite)
     if event is not None:
@@ -129,8 +120,6 @@ def days_of(one, data) -> list[tuple[Path, str, str | None]]:
 
 def _from_catalogue(one, event):
     """Source of an event of the catalogue; the folder is that of GRAVCAL_DATA, its own sub-folder first."""
-    from gravcal import catalog
-
     entry = catalog.event(event)
     if entry.calibration != one.name:
         raise ProductError(
@@ -173,8 +162,6 @@ def _only(folder, found, what, option):
 
 def printed_of(calibration: str, event: str) -> dict[str, list[dict]]:
     """Published values of an event as plain records by section, {} where none was printed."""
-    from gravcal import catalog
-
     sections = {}
     for section, records in catalog.published(calibration).items():
         own = [record for record in records if event in record.events]
@@ -208,22 +195,8 @@ def document(ref, name="result.json") -> dict:
     return found
 
 
-def named(event: str, files) -> dict:
-    """Names and origin of the Level-1 files of an event, for a document that no stage makes."""
-    from gravcal import catalog
-    from gravcal.store import origin
-
-    told = catalog.event_origin(event) or origin.together(origin.of_file(file) for file in files)
-    return {"files": [file.name for file in files], "origin": told}
-
-
-def read_file(file):
-    """Level-1 file as a dataset; the names of satellite and clock in every row are left to the attributes."""
-    observed = readers.read(file, expect_satellite=file.satellite, expect_date=file.date)
-    return observed.drop_vars([name for name in observed if observed[name].dtype.kind == "S"])
-
-
 @stage(reads=["file"], writes="ingest", version=1)
 def ingest(file):
-    """Units, time tags and names of one Level-1 file."""
-    return read_file(file)
+    """Units, time tags and names of one Level-1 file; satellite and clock of every row are left to the attributes."""
+    observed = readers.read(file, expect_satellite=file.satellite, expect_date=file.date)
+    return observed.drop_vars([name for name in observed if observed[name].dtype.kind == "S"])

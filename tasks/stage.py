@@ -36,8 +36,11 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from gravcal import catalog
 from gravcal.errors import EstimationError, GravcalError, ProductError
-from gravcal.store import history, keys, memory, origin, store
+from gravcal.store import history, keys, memory, origin, product, store
 from gravcal.store.records import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
@@ -159,24 +162,13 @@ def forget():
 def inline(call):
     """Engine that looks up or computes at once, in this process."""
     ref, state = perform(call)
-    announce(call, state, ref)
+    for listener in _listeners.get():
+        listener(call, state, ref)
     return ref
 
 
-def announce(call, state, ref):
-    """Tell the listeners that a stage is done; state is "cached" or "made"."""
-    for listener in _listeners.get():
-        listener(call, state, ref)
-
-
 def perform(call):
-    """Look up the product of a call, or make it.
-
-    Returns
-    -------
-    ref : ProductRef
-    state : "cached" or "made"
-    """
+    """Look up the product of a call, or make it: its ProductRef, and "cached" or "made"."""
     wanted, modules = recipe(call)
     key = keys.key(wanted)
     _calls[key] = call
@@ -197,12 +189,9 @@ def usable(key):
 
 
 def recipe(call):
-    """What the product of a call depends on, and the digests of the code.
+    """What the product of a call depends on, as plain values, and the digest of each part of the code by its name.
 
-    Returns
-    -------
-    recipe : dict of plain values; the digest of an input that is not known yet is None
-    modules : dict, part of the code -> digest
+    The digest of an input that is not known yet is None.
     """
     modules = keys.fingerprint(call.stage.body, call.stage.also)
     wanted = {
@@ -215,15 +204,8 @@ def recipe(call):
         "code": keys.total(modules),
     }
     if any(keys.is_file(item) for item in call.inputs):
-        wanted["origin"] = _stated(call.event)
+        wanted["origin"] = catalog.event_origin(call.event)  # "" where it says nothing or knows no such event
     return wanted, modules
-
-
-def _stated(event):
-    """Origin that the catalogue states for an event, "" where it says nothing or knows no such event."""
-    from gravcal import catalog
-
-    return catalog.event_origin(event)
 
 
 @functools.cache
@@ -267,8 +249,6 @@ def is_dataset(value):
 
 def _make(call, key, wanted, modules):
     """Run the body, check what it returns, publish it."""
-    from gravcal.store import product
-
     contents = [item if keys.is_file(item) else read(item) for item in call.inputs]
     settings = copy.deepcopy(dict(call.settings))
     started = time.perf_counter()
@@ -312,9 +292,8 @@ def _origin(call, contents, stated, own):
 
 def _of_input(error, call):
     """The error of a body; that equations cannot be solved is one of the numbers that were read."""
-    numpy = sys.modules.get("numpy")  # asked without importing it
-    unsolvable = numpy is not None and isinstance(error, numpy.linalg.LinAlgError)
-    if not unsolvable and not (isinstance(error, ValueError) and "infs or NaNs" in str(error)):  # of asarray_chkfinite
+    of_scipy = isinstance(error, ValueError) and "infs or NaNs" in str(error)  # asarray_chkfinite
+    if not isinstance(error, np.linalg.LinAlgError) and not of_scipy:
         return error
     return EstimationError(
         f"{call.event}: {call.unmade.stage} found equations that cannot be solved ({error}), expected finite records "

@@ -9,12 +9,13 @@ ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts P
 """
 
 import collections
-import contextlib
 import functools
 import math
 import os
 import sys
 from dataclasses import dataclass
+
+import threadpoolctl
 
 from gravcal.errors import GravcalError
 from gravcal.store import history, keys, location, store
@@ -74,16 +75,9 @@ def single_threaded():
         os.environ.setdefault(name, "1")
 
 
-@contextlib.contextmanager
 def one_thread():
     """Context in which also libraries that were loaded before use one thread; sums are then always the same."""
-    if "numpy" not in sys.modules:
-        yield
-        return
-    import threadpoolctl
-
-    with threadpoolctl.threadpool_limits(1):
-        yield
+    return threadpoolctl.threadpool_limits(1)
 
 
 def plan(body, *arguments):

@@ -8,6 +8,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
+
 from gravcal.errors import CatalogError, refuse
 from tasks.stage import lazy
 
@@ -17,10 +19,8 @@ effects = lazy("gravcal.effects")
 def text_of(path: Path) -> str:
     """Entries of a model file in the form that a stage takes them, the same for the same numbers.
 
-    Parameters
-    ----------
-    path : TOML file with a list of [[effect]]: cause, form, parameters.<name> = {value, sigma, unit}; with [result] if
-        it says what the search adds to the result of the records that it was made in
+    The TOML file holds a list of [[effect]]: cause, form, parameters.<name> = {value, sigma, unit}; and [result] if it
+    says what the search adds to the result of the records that it was made in.
     """
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -40,8 +40,6 @@ SI = {"um": 1e-6, "mm": 1e-3}
 
 def _result(one, path):
     """Checked table of what a search adds to a result."""
-    import numpy as np
-
     try:
         shift, added = (np.array(one[name], dtype=float) for name in ("correction", "covariance"))
         good = np.isfinite(added).all() and added.shape == (shift.size, shift.size) and np.isfinite(shift).all()
@@ -57,10 +55,7 @@ def _result(one, path):
 def result_of(text: str, calibration: str, records: str | None) -> str:
     """What a search adds to the result of a calibration, JSON of SI numbers; "" where the model is of other records.
 
-    Parameters
-    ----------
-    text : of `text_of`; calibration : name
-    records : digest of the records, None in a plan, which takes them for those of the search
+    The records are known by their digest; None, in a plan, are taken for those of the search.
     """
     found = json.loads(text)[0].get("result", {}) if text else {}
     same = found.get("calibration") == calibration and records in (None, found["records"])
@@ -129,8 +124,6 @@ def moved(text: str) -> list[str]:
 
 def _directions(parameters):
     """Moves {name: size} whose squares add up to the covariance of an effect's parameters."""
-    import numpy as np
-
     names = [name for name, parameter in parameters.items() if parameter.get("sigma")]
     if not names:
         return []

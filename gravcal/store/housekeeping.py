@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal.errors import refuse
-from gravcal.store import configurations, location, records, store
+from gravcal.store import configurations, location, netcdf, product, records, store
 from gravcal.store.records import ProductRef
 
 LABELS = ("gravcal_key", "gravcal_digest", "gravcal_recipe")
@@ -124,8 +124,6 @@ def verify():
 
 def _problems(folder):
     """What is wrong with one product."""
-    from gravcal.store import netcdf, product
-
     record, reason = records.read(folder)
     reason = reason or store.doubt(folder, record)
     if reason:

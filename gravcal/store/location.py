@@ -13,6 +13,8 @@ import shutil
 import uuid
 from pathlib import Path
 
+import psutil
+
 from gravcal.errors import ProductError
 
 OPERATIONAL = "operational"
@@ -61,8 +63,6 @@ def links(event, name=None):
 
 def prepare():
     """Create the folders of the store and, once per process, remove what dead processes left half-written."""
-    import psutil
-
     root = folder()
     if root in _swept and all((root / name).is_dir() for name in NAMES):
         return

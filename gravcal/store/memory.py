@@ -10,6 +10,7 @@ import threading
 import time
 from collections import OrderedDict
 
+from gravcal.io import archive
 from gravcal.store import location
 
 SETTLED_NS = 100_000_000  # ten ticks of the coarsest clock of Linux
@@ -56,8 +57,6 @@ def file_digest(path, member=None):
 
 def _archive_digests(path):
     """SHA-256 of every member of a tar archive, in one pass."""
-    from gravcal.io import archive
-
     with archive.opened(path) as tar:
         files = (entry for entry in archive.members(tar, path) if entry.isfile())
         return {one.name: hashlib.file_digest(tar.extractfile(one), "sha256").hexdigest() for one in files}

@@ -9,6 +9,8 @@ import contextlib
 import errno
 import threading
 
+import numpy as np
+
 LOCK = threading.RLock()
 PIECE = 1 << 20  # bytes of a compressed piece, before it is compressed
 SMALL = 4096  # bytes; below this a compressed chunk costs more than it saves
@@ -17,8 +19,6 @@ LABEL = "_label"
 
 def write(dataset, path):
     """Write a settled dataset (`product.settled`) as a netCDF-4 file; OSError if it cannot be written."""
-    import numpy as np
-
     texts = [name for name in dataset.coords if dataset[name].dims == (name,) and dataset[name].dtype == object]
     labels = {name + LABEL: (name, dataset[name].values, dataset[name].attrs) for name in texts}
     labelled = dataset.drop_vars(texts).assign_coords(labels) if texts else dataset.copy()

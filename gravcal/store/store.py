@@ -24,7 +24,8 @@ import shutil
 import uuid
 from pathlib import Path
 
-from gravcal.store import location, memory, records
+from gravcal import __version__
+from gravcal.store import location, memory, netcdf, product, records
 from gravcal.store.records import ProductRef
 
 LABEL_BYTES = 64  # of a key or digest as text
@@ -61,8 +62,6 @@ def load(ref):
     if image is None:
         set_aside(ref.folder, reason or "bytes differ from the record")
         return None
-    from gravcal.store import netcdf, product
-
     dataset = product.without_provenance(netcdf.from_bytes(image))
     dataset.encoding[product.DIGEST] = record["digest"]
     memory.keep(ref.path, dataset)
@@ -94,9 +93,6 @@ def put(key, recipe, made, facts):
 
 def _write_folder(aside, key, recipe, dataset, files):
     """Write product and files; their record without the facts of the run."""
-    from gravcal import __version__
-    from gravcal.store import netcdf, product
-
     content = product.digest(dataset)
     dataset.encoding[product.DIGEST] = content
     labels = product.provenance(recipe, key, content, __version__)
