@@ -2,12 +2,14 @@
 
 import argparse
 import importlib
+import subprocess
+import sys
 
-from benchmarks.tables import say, summary
+from benchmarks.tables import say, summary, title
 
 NAMES = {
     "recovery": ("benchmarks.recovery", "run"),
-    "independent": ("benchmarks.independent", "run"),
+    "independent": ("benchmarks.recovery", "independent"),
     "readers": ("benchmarks.speed", "readers"),
     "attitude": ("benchmarks.speed", "attitude"),
     "field": ("benchmarks.speed", "field"),
@@ -19,8 +21,24 @@ NAMES = {
     "mutants": ("benchmarks.mutants", "run"),
     "worlds": ("benchmarks.worlds", "study"),
     "folder": ("benchmarks.worlds", "folder"),
-    "others": ("benchmarks.others", "run"),
+    "others": ("benchmarks.__main__", "others"),
 }
+HOURS = ("fuzz", "mutants", "worlds", "folder")  # asked for by name
+#: Modules of studies that print tables of their own, and how they are called.
+STUDIES = (
+    ("kbr_phase_centre", "200"),
+    ("inertial_sensor", "200", "50"),
+    ("gradient_torque", "speed"),
+    ("gradient_torque", "study", "--days", "100"),
+)
+
+
+def others(options) -> list:
+    """Studies of the other calibrations, each in a process of its own; none with --quick."""
+    for name, *arguments in () if options.quick else STUDIES:
+        title(" ".join([name, *arguments]))
+        subprocess.run([sys.executable, "-m", f"benchmarks.{name}", *arguments], check=True)
+    return []
 
 
 def main() -> None:
@@ -51,9 +69,7 @@ def main() -> None:
 
     single_threaded()
     figures = []
-    for name in options.names or [
-        n for n in NAMES if n not in ("fuzz", "mutants", "worlds", "folder")
-    ]:  # hours; asked for by name
+    for name in options.names or [one for one in NAMES if one not in HOURS]:
         module, function = NAMES[name]
         figures += getattr(importlib.import_module(module), function)(options)
     summary(figures)

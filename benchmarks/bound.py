@@ -17,13 +17,7 @@ LAGS = 2**17  # samples of the circle on which the spectrum is summed, long agai
 
 
 def covariance(event, drift_degree: int) -> np.ndarray:
-    """Smallest covariance (3, 3) m2 that an unbiased estimate of the offset can have.
-
-    Parameters
-    ----------
-    event : events.Simulated
-    drift_degree : of the nuisance polynomial
-    """
+    """Smallest covariance (3, 3) m2 that an unbiased estimate of the offset of an `events.Simulated` can have."""
     factors = _factors(*_noise_of(event))
     information = np.zeros((3, 3))
     for wave in event.truth["manoeuvres"]:

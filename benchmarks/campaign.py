@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import plain_numpy
 from benchmarks import stopwatch as watch
 from benchmarks.day import CLI, output
 from benchmarks.tables import Figure, at_least, at_most, show, title
@@ -61,7 +60,7 @@ def _cold(command, root, count, options):
         store = _store(root, "products" if k == 0 else f"products{k}")
         together.append(_campaign([*command, "--workers", str(options.workers)], store))
         if len(rounds) > 1:
-            peer.append(plain_numpy.ratio(options.workers))
+            peer.append(watch.speed_up(options.workers))
             alone.append(_campaign([*command, "--workers", "1"], _store(root, f"alone{k}")))
     ((cold, processor), busy), walls = min(together), [one[0][0] for one in together]
     share = 100 * (1 - busy / (options.workers * cold))

@@ -46,13 +46,7 @@ def _first(simulated, command, store):
 
 
 def output(command, environment):
-    """Standard output of a command.
-
-    Parameters
-    ----------
-    command : list of str
-    environment : mapping
-    """
+    """Standard output of a command."""
     return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
 
 

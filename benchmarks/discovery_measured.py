@@ -36,12 +36,7 @@ LAGS_S = np.arange(-17.5, 18.0, 5.0)
 
 
 def documents(root: Path) -> list[dict]:
-    """Document of every run, printed as lines.
-
-    Parameters
-    ----------
-    root : folder of measured data
-    """
+    """Document of every run, printed as lines, from a folder of measured data."""
     found, study = [], discover.STUDIES["published_table"]
     runs = [(name, load(name).source(data=root / folder, satellite=letters)) for name, folder, letters in RUNS]
     for name, source in [*runs, (study.name, study)]:
@@ -87,12 +82,7 @@ class Attitude:
 
 
 def attitude(root: Path, letter: str) -> Attitude:
-    """Attitude of 2014-01-15.
-
-    Parameters
-    ----------
-    root : folder of measured data; letter : of the satellite
-    """
+    """Attitude of a satellite on 2014-01-15."""
     chosen = catalog.parameters("thrusters")
     source = load("thrusters").source(data=root / "grace-2014-01-15", satellite=letter)
     products = {name: stage.read(ref) for name, ref in thrusters.DISCOVERY.baseline(source, chosen).items()}
@@ -102,12 +92,7 @@ def attitude(root: Path, letter: str) -> Attitude:
 
 
 def draw(root: Path, folder: Path) -> None:
-    """Figures of the page.
-
-    Parameters
-    ----------
-    root : folder of measured data; folder : of the figures
-    """
+    """Figures of the page, from a folder of measured data into another."""
     import matplotlib as mpl
 
     mpl.use("Agg")

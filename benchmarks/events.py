@@ -32,14 +32,7 @@ class Simulated:
 
 
 def simulated(seed: int, effects: Mapping, **settings) -> Simulated:
-    """An event of the simulator with the true motion that lies behind its readings.
-
-    Parameters
-    ----------
-    seed : source of everything random
-    effects : {slug: {parameter: value}}
-    settings : parameters of the simulation that differ from the catalogue
-    """
+    """An event of the simulator with the true motion behind its readings; effects are {slug: {parameter: value}}."""
     chosen = catalog.parameters("simulate_com_offset").with_settings(settings)
     satellite = catalog.satellite(chosen.satellite).settings()
     day = (datetime.fromisoformat(chosen.date) - datetime(2000, 1, 1, 12)).total_seconds()
@@ -55,14 +48,7 @@ def simulated(seed: int, effects: Mapping, **settings) -> Simulated:
 
 
 def observed(product: str, columns: Mapping, satellite: str) -> xr.Dataset:
-    """Dataset of a product as its reader would give it, from the columns of the simulator.
-
-    Parameters
-    ----------
-    product : such as "ACC1A"
-    columns : {name: (n,) array}
-    satellite : letter
-    """
+    """Dataset of a product as its reader would give it, from the columns {name: (n,) array} of the simulator."""
     table = tables.product(product, tables.mission_of(satellite))
     second, *fraction = (np.asarray(columns[name]) for name in table.time)
     tick = TICKS[table.column(table.time[1]).units] if fraction else 0
@@ -108,13 +94,7 @@ class _Source:
 
 
 def calibrated(event: Simulated, **settings) -> dict[str, xr.Dataset]:
-    """Every product of the flow but its report, by kind and variant.
-
-    Parameters
-    ----------
-    event : Simulated
-    settings : parameters of the calibration that differ from the catalogue
-    """
+    """Every product of the flow but its report, by kind and variant, with these settings."""
     held, letter = {}, event.chosen.satellite
 
     def compute(call):

@@ -424,12 +424,7 @@ def _judged(place, ended, truth, clean):
 def study(calibration: str, runs: int, seed: int, first: int = 0, workers: int = 2) -> dict:
     """Outcomes of mutated file sets of one calibration, {outcome: [(seed, product, kind, what, words)]}.
 
-    Parameters
-    ----------
-    calibration : name
-    runs, first : cases, and the number of the first
-    seed : int
-    workers : forks at a time
+    There are so many cases from the first number on, each a fork, so many workers at a time.
     """
     settings, options = EVENTS[calibration]
     main, found = _preload(calibration), collections.defaultdict(list)

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import tempfile
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks import scores
+from benchmarks import bound, events, scores
 from benchmarks.tables import Figure, grid, say, show, title
+from flows import com_offset, engine
+from gravcal import catalog
+from gravcal.store import memory, store
+from tasks import common, stage
 
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 HELD_TO_BOUND = VARIANTS[:3]
@@ -25,15 +32,37 @@ def run(options) -> list[Figure]:
     return report(list(spread(one, seeds, options.workers)))
 
 
-def spread(work, seeds, workers):
-    """Results of the seeds, in their order, from several processes; a line now and then says how far it is.
+def independent(options) -> list[Figure]:
+    """Study of the second simulator, that of the tests, which shares no code with gravcal: files, store, flow."""
+    count = options.runs or (4 if options.quick else 40)
+    seeds = range(options.seed, options.seed + count)
+    title(f"independent: com_offset, {count} events of the second simulator, seeds {seeds[0]} to {seeds[-1]}")
+    say("Level-1 files of seven windows, read and run through the flow; its own orbit, field, attitude and noise")
+    return report(list(spread(one_of_second, seeds, options.workers)), bounded=False)
 
-    Parameters
-    ----------
-    work : function of a seed, at the top of a module
-    seeds : sequence of int
-    workers : number of processes, each with one thread
-    """
+
+def one_of_second(seed: int) -> dict:
+    """Errors of one event of the second simulator; offset and delays are drawn from its seed too."""
+    from tests.independent import make_event
+
+    rng = np.random.default_rng([seed, 11])
+    offset = np.array([107.0, -40.0, 12.0]) + 60.0 * rng.standard_normal(3)
+    delay = dict(zip(DELAYS, DELAY_SIGMA_S * rng.standard_normal(2), strict=True))
+    effects = {f"{name}_delay_s": float(value) for name, value in delay.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        files = Path(folder) / "level1"
+        make_event(files, seed, offset_um=tuple(offset), effects=effects, window_s=(420.0, 420.0))
+        os.environ["GRAVCAL_PRODUCTS"] = str(Path(folder) / "products")
+        memory.clear()
+        chosen = catalog.parameters("com_offset").with_settings({"igrf_generation": 13})
+        ref = engine.run(com_offset.calibrate, com_offset.CALIBRATION.source(data=files), chosen, engine="inline")
+        keys = common.product_keys(ref)
+        made = [stage.read(store.find(keys[f"com_offset.{name}"])) for name in ("combine", "attitude")]
+        return measured(*made, offset, delay) | {"seed": seed}
+
+
+def spread(work, seeds, workers):
+    """Results of work, a function of a seed at the top of a module, in order of the seeds, from so many processes."""
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
         for number, row in enumerate(pool.imap(work, seeds), 1):
             if number % 20 == 0:
@@ -42,14 +71,7 @@ def spread(work, seeds, workers):
 
 
 def one(seed: int) -> dict:
-    """Errors of one event.
-
-    Parameters
-    ----------
-    seed : of the simulator; the delays are drawn from it too
-    """
-    from benchmarks import bound, events
-
+    """Errors of one event of the simulator; the delays are drawn from its seed too."""
     delay = dict(zip(DELAYS, DELAY_SIGMA_S * np.random.default_rng([seed, 7]).standard_normal(2), strict=True))
     names = {"acc": "timing.accelerometer_delay", "sca": "timing.star_camera_delay"}
     event = events.simulated(seed, {names[k]: {"delay": float(v)} for k, v in delay.items()})
@@ -60,15 +82,7 @@ def one(seed: int) -> dict:
 
 
 def measured(combined, smoothed, offset_um, delay) -> dict:
-    """Errors and their sigmas in the products of one event.
-
-    Parameters
-    ----------
-    combined : Dataset, "com_offset.combine"
-    smoothed : Dataset, "com_offset.attitude"
-    offset_um : (3,) true offset
-    delay : {"acc": s, "sca": s}, true
-    """
+    """Errors and sigmas in the products "combine" and "attitude" of one event; true offset (3,) um and delays s."""
     sigma = np.sqrt(np.diagonal(combined["covariance"].values, axis1=1, axis2=2))
     late = [[float(smoothed[f"{k}_delay"]) - delay[k], float(smoothed[f"{k}_delay_sigma"])] for k in DELAYS]
     residual = [np.nansum(combined[f"manoeuvre_{name}"].values, axis=1) for name in ("chi2", "dof")]
@@ -82,19 +96,13 @@ def measured(combined, smoothed, offset_um, delay) -> dict:
     }
 
 
-def report(rows: list[dict], bound: bool = True) -> list[Figure]:
-    """Tables of a study.
-
-    Parameters
-    ----------
-    rows : of `one` or `measured`, one an event
-    bound : whether the rows hold the Cramer-Rao bound
-    """
+def report(rows: list[dict], bounded: bool = True) -> list[Figure]:
+    """Tables of a study from rows of `one` or `measured`, one an event; bounded: they hold the Cramer-Rao bound."""
     table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    _sizes(table, bound)
+    _sizes(table, bounded)
     figures = show(_errors(table), "std. error")
     say()
-    if bound:
+    if bounded:
         figures += show(_scatter(table), "std. error")
         say()
     figures += show(_bias(table), "3 std. errors")
@@ -102,13 +110,13 @@ def report(rows: list[dict], bound: bool = True) -> list[Figure]:
     return figures + show(_consistency(table), "")
 
 
-def _sizes(table, bound):
+def _sizes(table, bounded):
     """What the numbers are in micrometres."""
     rows = [("um", *(f"{v} {a}" for v in VARIANTS for a in "xyz"))]
     scatter = 1e6 * np.nanstd(table["error"], axis=0)
     rows.append(("scatter", *(f"{v:.3f}" for v in scatter.ravel())))
     rows.append(("sigma", *(f"{v:.3f}" for v in 1e6 * np.nanmean(table["sigma"], axis=0).ravel())))
-    if bound:
+    if bounded:
         rows.append(("Cramer-Rao", *(f"{v:.3f}" for v in np.tile(1e6 * table["bound"].mean(axis=0), 4))))
     grid(list(zip(*rows, strict=True)))
     undetermined = int(np.isnan(table["error"]).sum())

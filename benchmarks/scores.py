@@ -16,14 +16,9 @@ def level(count: int) -> float:
 
 
 def rms_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = True) -> Figure:
-    """Root mean square of errors over their sigma: 0.9 .. 1.1, or what chance allows with so few.
+    """Root mean square of errors over their sigma (n,): 0.9 .. 1.1, or what chance allows with so few.
 
-    Parameters
-    ----------
-    name : of the figure
-    ratio : (n,) error over sigma
-    family : number of statistics of the study
-    judged : whether there is a target
+    Here and below the family is the number of statistics of the study, and what is not judged has no target.
     """
     ratio = ratio[np.isfinite(ratio)]
     value = float(np.sqrt(np.mean(ratio**2)))
@@ -35,15 +30,7 @@ def rms_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = True
 
 
 def scatter_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = True) -> Figure:
-    """Scatter over its lower bound: at most 1.1, chance allowed for.
-
-    Parameters
-    ----------
-    name : of the figure
-    ratio : (n,) error over the bound
-    family : number of statistics of the study
-    judged : whether the limit applies
-    """
+    """Scatter of errors over their lower bound (n,): at most 1.1, chance allowed for."""
     ratio = ratio[np.isfinite(ratio)]
     dof = ratio.size - 1
     value = float(ratio.std(ddof=1))
@@ -55,13 +42,7 @@ def scatter_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = 
 
 
 def bias_figure(name: str, ratio: np.ndarray) -> Figure:
-    """Mean of errors over their sigma: below 0.2 plus three standard errors.
-
-    Parameters
-    ----------
-    name : of the figure
-    ratio : (n,) error over sigma
-    """
+    """Mean of errors over their sigma (n,): below 0.2 plus three standard errors."""
     ratio = ratio[np.isfinite(ratio)]
     error = float(ratio.std(ddof=1) / np.sqrt(ratio.size))
     mean, limit = float(ratio.mean()), 0.2 + 3 * error
@@ -71,15 +52,10 @@ def bias_figure(name: str, ratio: np.ndarray) -> Figure:
 def chi2_figure(
     name: str, chi2: np.ndarray, dof: np.ndarray, family: int, *, tolerance: float = 0.0, held: bool = False
 ) -> Figure:
-    """Sum of chi-squares over the sum of their degrees of freedom.
+    """Sum of chi-squares (n,) over the sum of their degrees of freedom (n,).
 
-    Parameters
-    ----------
-    name : of the figure
-    chi2, dof : (n,)
-    family : number of statistics of the study
-    tolerance : widening of the interval, for a noise that is itself measured
-    held : bool, the errors hold a prior that was not drawn: the chi-squares may be as small as they like
+    The tolerance widens the interval, for a noise that is itself measured; errors that hold a prior that was not drawn
+    (``held``) let the chi-squares be as small as they like.
     """
     total, count = float(np.sum(chi2)), float(np.sum(dof))
     low, high = stats.chi2.ppf([level(family) / 2, 1 - level(family) / 2], count) / count
@@ -89,14 +65,7 @@ def chi2_figure(
 
 
 def uniform_figure(name: str, chi2: np.ndarray, dof: np.ndarray, family: int) -> Figure:
-    """Whether probabilities of chi-squares are spread evenly, by the Kolmogorov-Smirnov test.
-
-    Parameters
-    ----------
-    name : of the figure
-    chi2, dof : (n,)
-    family : number of statistics of the study
-    """
+    """Whether probabilities of chi-squares (n,), (n,) are spread evenly, by the Kolmogorov-Smirnov test."""
     probability = stats.chi2.sf(chi2, dof)
     p = float(stats.kstest(probability, "uniform").pvalue)
     low = float(np.mean(probability < FAMILY))

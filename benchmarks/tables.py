@@ -29,13 +29,7 @@ def title(text: str) -> None:
 
 
 def show(figures: list[Figure], spread: str = "") -> list[Figure]:
-    """Print figures as a table and return them.
-
-    Parameters
-    ----------
-    figures : list of Figure
-    spread : heading of the column of spreads
-    """
+    """Print figures as a table, the column of spreads with this heading, and return them."""
     word = {None: "", True: "met", False: "NOT MET"}
     rows = [("figure", "value", spread, "target", "")]
     rows += [(f.name, f.value, f.spread, f.target, word[f.met]) for f in figures]
