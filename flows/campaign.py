@@ -16,7 +16,7 @@ from flows.calibration import Calibration, load
 from flows.engine import server, through_prefect
 from gravcal import catalog
 from gravcal.errors import GravcalError, ProductError
-from gravcal.store import history, location, origin, results, schemas
+from gravcal.store import history, keys, location, origin, results, schemas
 from tasks import stage
 
 #: Status of a campaign: the first of these that any event has.
@@ -64,18 +64,7 @@ class Refused:
 
 
 def sources(calibration, satellite, data):
-    """Where the files of each event are: from the catalogue, or from a folder.
-
-    Parameters
-    ----------
-    calibration : str
-    satellite : str or None, only this one
-    data : Path or None, folder with files of many days, or with one folder per event
-
-    Returns
-    -------
-    sources : list of Source or Refused
-    """
+    """Source, or Refused, of each event of the catalogue or of a folder, of one satellite if it is named."""
     one = command.record(calibration)
     command.check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
     if data is not None:
@@ -122,18 +111,10 @@ def failed_last(campaign, sources):
 
 
 def run(campaign, sources, listener=None):
-    """Process all events; a failed one stops no other.
+    """Process all events; a failed one stops no other. The listener hears the row of each event as it ends.
 
-    Parameters
-    ----------
-    campaign : Campaign
-    sources : list
-    listener : function of one row, called as each event ends; or None
-
-    Returns
-    -------
-    summary : dict: "schema_version", "status", "calibration", "configuration", "counts", "events": list of rows in the
-    order of the sources
+    The summary has "schema_version", "status", "calibration", "configuration", "origin", "counts" and "events", the
+    rows in the order of the sources.
     """
     engine.single_threaded()
     listener = listener or (lambda _: None)
@@ -252,13 +233,6 @@ def _effort(made, reused, started):
     return {"made": made, "reused": reused, "seconds": round(time.perf_counter() - started, 3)}
 
 
-def version():
-    """Version of gravcal in this process."""
-    import gravcal
-
-    return gravcal.__version__
-
-
 @contextlib.contextmanager
 def cluster(campaign, count):
     """Client of the cluster named, or of so many worker processes of this machine, one thread each."""
@@ -268,8 +242,8 @@ def cluster(campaign, count):
 
     if campaign.scheduler:
         with Client(campaign.scheduler, timeout="20s") as client:
-            own = version()
-            other = {worker: found for worker, found in client.run(version).items() if found != own}
+            own, known = keys.versions()["gravcal"], client.run(keys.versions)
+            other = {worker: one["gravcal"] for worker, one in known.items() if one["gravcal"] != own}
             for worker, found in other.items():
                 raise ProductError(
                     f"{worker}: runs gravcal {found}, this is {own}. Install the same version on all workers."

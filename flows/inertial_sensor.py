@@ -167,14 +167,9 @@ def values(document):
         yield from results.vector("", "bias", "m s-2", roll["bias"])
 
 
-def printed_offset(one):
-    """Row of one printed component of the offset."""
-    yield f"offset {one.component}", "µm", one.value[0], one.sigma[0], ""
-
-
-def printed_bias(one):
-    """Row of one printed component of the bias."""
-    yield f"bias {one.component}", "m s-2", one.value[0], one.sigma[0], ""
+def printed_component(word, unit):
+    """Function that gives the row of one printed component."""
+    return lambda one: [(f"{word} {one.component}", unit, one.value[0], one.sigma[0], "")]
 
 
 def printed_factor(one):
@@ -203,7 +198,11 @@ CALIBRATION = Calibration(
     level_one_files=level_one_files,
     products=inertial_sensor.KINDS,
     result=values,
-    printed={"com_offset": printed_offset, "scale_factors": printed_factor, "bias": printed_bias},
+    printed={
+        "com_offset": printed_component("offset", "µm"),
+        "scale_factors": printed_factor,
+        "bias": printed_component("bias", "m s-2"),
+    },
     design="inertial_sensor_swing",
     discovery=DISCOVERY,
 )

@@ -34,7 +34,9 @@ class Source:
         for name in products:
             if archive.holds(self.folder, name, letter, self.date):
                 return archive.find(self.folder, name, letter, self.date)
-        there = ", ".join(sorted({f.product for f in archive.inventory(self.folder) if _belongs(f, self, letter)}))
+        own = {letter, *self.satellite}
+        day = (f for f in archive.inventory(self.folder) if str(f.date) == self.date and f.satellite in own)
+        there = ", ".join(sorted({f.product for f in day}))
         raise (ProductError if there else NoDataError)(
             f"{self.folder}: found no {' or '.join(products)} of satellite {letter} on {self.date} "
             f"{f'beside {there}' if there else 'and nothing else of that day'}, expected one. "
@@ -47,11 +49,6 @@ class Source:
         """All of these products that the folder holds, none where it holds none."""
         held = [name for name in products if archive.holds(self.folder, name, self.satellite, self.date)]
         return [self.file(name) for name in held]
-
-
-def _belongs(file, source, letter):
-    """Whether a Level-1 file is of the day of a source and of one of its satellites."""
-    return str(file.date) == source.date and file.satellite in {letter, *source.satellite}
 
 
 def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Source:
@@ -137,19 +134,14 @@ def _from_catalogue(one, event):
     folder = own if own.is_dir() else Path(root)
     if not folder.is_dir():
         raise ProductError(f"GRAVCAL_DATA = {root}: found no folder, expected one with Level-1 files. Set it anew.")
-    if not _at_hand(entry, folder, one.files):
+    first, last = str(entry.date), str(entry.end_date or entry.date)
+    days = {str(file.date) for file in one.files.inventory(folder) if file.satellite in entry.letters}
+    if not any(first <= day <= last for day in days):
         raise NoDataError(
             f"event {event}: found no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}. "
             f"Put the files there (gravcal fetch), or give another folder with GRAVCAL_DATA."
         )
     return Source(event, "".join(entry.letters), str(entry.date), folder)
-
-
-def _at_hand(entry, folder, files):
-    """True if a folder holds any file of an event of the catalogue."""
-    found = files.inventory(folder)
-    first, last = str(entry.date), str(entry.end_date or entry.date)
-    return any(file.satellite in entry.letters and first <= str(file.date) <= last for file in found)
 
 
 def _only(folder, found, what, option):
@@ -171,20 +163,13 @@ def printed_of(calibration: str, event: str) -> dict[str, list[dict]]:
 
 
 def product_keys(ref) -> dict[str, str]:
-    """Keys of all products that a product was made from, by stage name."""
-    found, waiting = {}, [ref]
-    while waiting:
-        made = waiting.pop()
-        record = store.read_record(made.folder)
-        if record is None:
-            raise ProductError(f"{made.name} ({made.path}): its record was damaged since it was found. Run again.")
-        for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
-            if "key" not in part or part["key"] in found.values():
-                continue
-            name = f"{label['kind']}.{label['variant']}" if label["variant"] else label["kind"]
-            found[name] = part["key"]
-            below = store.find(part["key"])
-            waiting += [] if below is None else [below]
+    """Keys of all products that a product was made from, by stage name, the nearest of a name."""
+    records, found = store.ancestry(ref.key), {}
+    if records[ref.key] is None:
+        raise ProductError(f"{ref.name} ({ref.path}): its record was damaged since it was found. Run again.")
+    for part, label in (pair for record in records.values() if record for pair in store.inputs(record)):
+        if "key" in part:
+            found.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
     return dict(sorted(found.items()))
 
 

@@ -220,7 +220,8 @@ def call_of(called, items, settings):
     known = _parameters(called.body)
     given = dict(settings)
     event = given["event"] if "event" in given else keys.event_of(called.name, items)
-    variant = given["variant"] if "variant" in given else keys.variant_of(items)
+    files = [f"{item.product}_{item.satellite}" for item in items if keys.is_file(item)]
+    variant = given["variant"] if "variant" in given else files[0] if files and len(items) == 1 else ""
     for name in ("event", "variant"):
         if name in given and name not in known:
             del given[name]

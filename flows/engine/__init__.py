@@ -10,7 +10,6 @@ ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts P
 
 import collections
 import functools
-import math
 import os
 import sys
 from dataclasses import dataclass
@@ -162,7 +161,7 @@ class Seeker:
         A file of which there never was a product is not read, unless the last run failed: who makes one reads it.
         """
         name = call.unmade
-        new = any(keys.is_file(item) for item in call.inputs) and store.last_seconds(name) == math.inf
+        new = any(keys.is_file(item) for item in call.inputs) and store.newest_record(name.event, name.stage) is None
         if new and not self.failure:
             raise Unknown(f"{name.stage} was never made", event=call.event)
         key = keys.key(stage.recipe(call)[0])

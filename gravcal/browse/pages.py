@@ -2,7 +2,6 @@
 
 import functools
 import math
-from importlib import resources
 
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse
@@ -11,7 +10,8 @@ from gravcal import __version__
 from gravcal.browse import access, plots, series, store_index
 from gravcal.browse import timeline as years
 from gravcal.report.pages import environment, true_units
-from gravcal.store import history, location, netcdf
+from gravcal.store import history, location
+from gravcal.store import product as contents
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
 WIDTH, HEIGHT = 138, 50  # of a box, px
@@ -92,8 +92,8 @@ def product(request):
     shown = _shown(held, request.query_params.get("variable"))
     wish = _wish(request, shown.name if shown else "")
     table = series.table(found.ref.path, shown) if shown and not shown.plottable else None
-    with netcdf.opened(found.ref.path) as file:
-        attributes = {name: str(one) for name, one in netcdf.attributes(file).items() if name != "gravcal_recipe"}
+    with contents.opened(found.ref.path) as file:
+        attributes = {name: str(one) for name, one in contents.attributes(file).items() if name != "gravcal_recipe"}
     return _filled("product.html", request, found=found, held=held, shown=shown, wish=wish, table=table,
                    chosen=plots.chosen(shown, wish.columns) if shown and shown.plottable else (),
                    relatives=store_index.relatives(found), siblings=store_index.siblings(found), attributes=attributes,
@@ -191,25 +191,14 @@ def _filled(template, request, status=200, **content):
 @functools.lru_cache(maxsize=1)
 def _environment():
     """Templates of this package."""
-    texts = resources.files("gravcal.browse") / "templates"
-    made = environment(lambda name: (texts / name).read_text(encoding="utf-8"))
+    made = environment("gravcal.browse", "templates")
     made.filters |= {
-        "size": _size,
         "stamp": lambda text: text[:16].replace("T", " "),  # UTC
         "short": lambda text: text[:12],
         "seconds": lambda value: f"{value:.2g} s" if value < 100 else f"{value:.0f} s",
         "signs": true_units,
     }
     return made
-
-
-def _size(count):
-    """Number of bytes for people."""
-    for unit in ("B", "kB", "MB"):
-        if count < 1000:
-            return f"{count:.0f} {unit}" if unit == "B" else f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} GB"
 
 
 def placed(nodes):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
-from gravcal.store import netcdf
+from gravcal.store import product
 
 BLOCK = 64
 PIECE = BLOCK * 16384  # samples that are read at a time
@@ -69,7 +69,7 @@ class Column:
 @functools.lru_cache(maxsize=256)
 def listed(path: Path) -> tuple[Variable, ...]:
     """Variables of a product, coordinates first; it never changes, so they are read once."""
-    with netcdf.opened(path) as file:
+    with product.opened(path) as file:
         names = sorted(file.variables, key=lambda name: (name not in file.dimensions, name))
         return tuple(_variable(file, name) for name in names)
 
@@ -103,7 +103,7 @@ def coordinate(path, variable):
 
 def read(column: Column, start=0, stop=None) -> np.ndarray:
     """Samples (n,) of a column as floats."""
-    with netcdf.opened(column.path) as file:
+    with product.opened(column.path) as file:
         index = list(column.index)
         index.insert(column.axis, slice(start, column.size if stop is None else stop))
         return np.asarray(file[column.variable][tuple(index)], dtype=float)
@@ -111,7 +111,7 @@ def read(column: Column, start=0, stop=None) -> np.ndarray:
 
 def table(path, variable):
     """First values of a small variable as rows of text, each with the names of its indices."""
-    with netcdf.opened(path) as file:
+    with product.opened(path) as file:
         values = np.asarray(file.variables[variable.name][...])
         labels = [_labels(file, name, size) for name, size in zip(variable.dims, variable.shape, strict=True)]
     texts = [_text(value) for value in values.ravel()[:SHOWN]]
@@ -129,7 +129,7 @@ def _variable(file, name):
     ]
     labels = itertools.product(*(_labels(file, *one) for one in across)) if numeric and axis is not None else ()
     columns = tuple(" ".join(part) for part in itertools.islice(labels, SHOWN))
-    attributes = {key: _plain(value) for key, value in netcdf.attributes(node).items() if not key.startswith("_")}
+    attributes = {key: _plain(value) for key, value in product.attributes(node).items() if not key.startswith("_")}
     return Variable(name, tuple(node.dimensions), shape, _type(node.dtype), attributes, axis, columns)
 
 

@@ -5,7 +5,7 @@ import json
 from dataclasses import dataclass
 
 from gravcal import catalog
-from gravcal.store import history, housekeeping, location, netcdf, records, store
+from gravcal.store import history, housekeeping, location, product, records, store
 from gravcal.store import origin as origins
 
 _known = {}  # folder -> record; a product is never changed, so its record is read once
@@ -63,8 +63,8 @@ def document(found):
 def origin(path):
     """Origin of a product, "" where it says none: a product never changes."""
     try:
-        with netcdf.opened(path) as file:
-            return str(netcdf.attributes(file).get("origin", ""))
+        with product.opened(path) as file:
+            return str(product.attributes(file).get("origin", ""))
     except OSError:
         return ""
 

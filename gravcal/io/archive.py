@@ -17,7 +17,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from gravcal.errors import refuse
-from gravcal.store import netcdf
+from gravcal.store import product
 
 NAME = re.compile(
     r"(?P<product>[A-Z0-9]{5})_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[A-DXY])_(?P<release>\d{2})"
@@ -286,7 +286,7 @@ def check_netcdf(path) -> None:
     import h5py
 
     total = 0
-    with netcdf.LOCK, h5py.File(path, "r") as file:
+    with product.LOCK, h5py.File(path, "r") as file:
         for name in file:
             variable = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
             if not isinstance(variable, h5py.Dataset) or variable.is_virtual or variable.external:

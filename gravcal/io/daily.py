@@ -14,7 +14,7 @@ import numpy as np
 from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.io.archive import LevelOneFile
-from gravcal.store import netcdf, origin, product
+from gravcal.store import origin, product
 
 EPOCH = datetime(2000, 1, 1, 12)
 MARGIN = 120.0  # s that a file may begin before its day
@@ -39,7 +39,7 @@ def read(file: LevelOneFile, layout, start: float | None = None, stop: float | N
     """
     try:
         archive.check_netcdf(file.path)
-        with netcdf.opened(file.path) as opened:
+        with product.opened(file.path) as opened:
             content = opened.variables
             _check(content, layout, file)
             time = content["time"][:].astype(float)
@@ -82,7 +82,7 @@ def _check(content, layout, file):
     for name, (dims, unit, _) in layout.items():
         if name not in content:
             refuse(file.path, f"no variable {name}", f"{name} in {unit}", REPAIR)
-        written = str(netcdf.attributes(content[name]).get("units", "none"))
+        written = str(product.attributes(content[name]).get("units", "none"))
         if written != unit:
             refuse(file.path, f"{name} in {written}", f"{name} in {unit}", "Convert it, or correct its units.")
         shape = tuple(sizes[dim] for dim in dims)
@@ -124,5 +124,5 @@ def dataset(time, values, layout, attributes):
 def write(path, time, values, layout, attributes):
     """Write a file that says that it is simulated; reading gives the same numbers."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    netcdf.write(product.settled(dataset(time, values, layout, attributes | origin.LABELS)), Path(path))
+    product.write(product.settled(dataset(time, values, layout, attributes | origin.LABELS)), Path(path))
     return Path(path)

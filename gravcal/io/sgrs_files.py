@@ -14,7 +14,7 @@ import numpy as np
 from gravcal.errors import NoDataError, refuse
 from gravcal.io import archive, daily
 from gravcal.io.archive import LevelOneFile
-from gravcal.store import netcdf, origin
+from gravcal.store import origin, product
 
 NAME = re.compile(r"(?P<product>SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>S)_(?P<release>\d{2})\.nc")
 ABOUT = {"satellite": "S-GRS", "product": "SGRS"}
@@ -71,7 +71,7 @@ def read(file: LevelOneFile, truth: bool = False):
 def sensor_positions(file: LevelOneFile) -> np.ndarray:
     """Places of the test masses, (1 or 2, 3) m, without reading the rest."""
     try:
-        with netcdf.opened(file.path) as content:
+        with product.opened(file.path) as content:
             return np.asarray(content["sensor_position"][...], dtype=float)
     except (*archive.DAMAGED, IndexError) as reason:
         return refuse(file.path, f"no sensor_position ({reason})", "an SGRS file", daily.REPAIR)

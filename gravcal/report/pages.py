@@ -167,7 +167,8 @@ def render(template: str, **content) -> str:
     origin = content.get("document", {}).get("origin", "measured")
     if origin != "measured":
         content["sections"] = [_apart(section, origin) for section in content["sections"]]
-    return _environment().get_template(template).render(css=_text("report.css"), **content)
+    css = (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
+    return environment(__package__, ".").get_template(template).render(css=css, **content)
 
 
 def _apart(section, origin):
@@ -181,18 +182,8 @@ def _apart(section, origin):
     return section | {part: [marked(one) for one in section[part]] for part in ("tables", "figures")}
 
 
-def _text(name):
-    """Text of a file of this package."""
-    return (resources.files(__package__) / name).read_text(encoding="utf-8")
-
-
-@lru_cache(maxsize=1)
-def _environment():
-    """Templates of this package."""
-    return environment(_text)
-
-
-def environment(text_of: Callable[[str], str]):
-    """Templates by their name that escape what they are given and refuse what they are not."""
+@lru_cache(maxsize=2)
+def environment(package: str, folder: str) -> jinja2.Environment:
+    """Templates in a folder of a package, which escape what they are given and refuse what they are not."""
     how = {"autoescape": True, "undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
-    return jinja2.Environment(loader=jinja2.FunctionLoader(text_of), **how)
+    return jinja2.Environment(loader=jinja2.PackageLoader(package, folder), **how)

@@ -102,7 +102,7 @@ def _node(key, known):
         return {"name": key[:12], "record": None, "inputs": [], "gone": True}
     if key not in known:
         known[key] = {"name": store.reference(record, store.folder_of(key)).name, "record": record, "inputs": []}
-        for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True):
+        for part, label in store.inputs(record):
             if "path" in part:
                 where = f"{part['path']}:{part['member']}" if part["member"] else part["path"]
                 node = {"name": where, "record": None, "inputs": [], "digest": label["digest"]}
@@ -114,28 +114,14 @@ def _node(key, known):
 
 def seconds(entry):
     """Time that a product and all it was made of took when they were made, s."""
-    waiting, taken = [tree(entry)], {}
-    while waiting:
-        node = waiting.pop()
-        key = node["record"] and node["record"]["key"]
-        if key and key not in taken:
-            taken[key] = node["record"]["seconds"]
-            waiting += node["inputs"]
-    return sum(taken.values())
+    return sum(record["seconds"] for record in store.ancestry(entry.ref.key).values() if record)
 
 
 def raw_files(key):
     """Raw files below a product, each once: list of dict with path, member, product, satellite, date, digest."""
-    files, waiting, known = {}, [key], set()
-    while waiting:
-        record = store.read_record(store.folder_of(waiting.pop(0)))
-        for part, label in zip(record["from"], record["recipe"]["inputs"], strict=True) if record else ():
-            if "path" in part:
-                files[part["path"], part["member"]] = part | label
-            elif part["key"] not in known:
-                known.add(part["key"])
-                waiting.append(part["key"])
-    return list(files.values())
+    records = filter(None, store.ancestry(key).values())
+    pairs = [pair for record in records for pair in store.inputs(record) if "path" in pair[0]]
+    return list({(part["path"], part["member"]): part | label for part, label in pairs}.values())
 
 
 def level_one_folders(calibration):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal.errors import refuse
-from gravcal.store import configurations, location, netcdf, product, records, store
+from gravcal.store import configurations, location, product, records, store
 from gravcal.store.records import ProductRef
 
 LABELS = ("gravcal_key", "gravcal_digest", "gravcal_recipe")
@@ -136,7 +136,7 @@ def _problems(folder):
     image = (folder / "product.nc").read_bytes()
     if hashlib.sha256(image).hexdigest() != record["sha256"]:
         return ["bytes of product.nc differ from the record"]
-    content = netcdf.from_bytes(image)
+    content = product.from_bytes(image)
     own = product.provenance(record["recipe"], record["key"], record["digest"], "")
     wrong = [name for name in LABELS if content.attrs.get(name) != own[name]]
     differs = ["content differs from its digest"] if product.digest(content) != record["digest"] else []
@@ -157,12 +157,7 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
         names = fnmatch.filter({link.parent.name for link in links} - configurations.promoted(), configuration)
         dropped = [link for link in links if link.parent.name in names]
     roots = {link for link in (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*")) if link.is_symlink()}
-    needed, waiting = set(), [link.readlink().name for link in roots - set(dropped)]
-    while waiting:
-        key = waiting.pop()
-        record = store.read_record(store.folder_of(key)) if key not in needed else None
-        needed.add(key)
-        waiting += [part["key"] for part in (record or {"from": []})["from"] if part.get("key")]
+    needed = store.ancestry(*(link.readlink().name for link in roots - set(dropped)))
     unused = [folder for folder in folders() if folder.name not in needed]
     for name in ("quarantine", "locks"):  # locks that were left when a process was killed
         unused += sorted((location.folder() / name).glob("*"))

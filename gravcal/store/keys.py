@@ -116,11 +116,6 @@ def event_of(stage, inputs):
     return events.pop()
 
 
-def variant_of(inputs):
-    """Variant of a stage that reads one file: product and satellite; otherwise none."""
-    return f"{inputs[0].product}_{inputs[0].satellite}" if len(inputs) == 1 and is_file(inputs[0]) else ""
-
-
 def labelled(item):
     """Part of the recipe for one input: its name and the digest of its content; None is not known yet."""
     if not is_file(item):
@@ -163,7 +158,9 @@ def fingerprint(body, also=()):
         parts = _parts(body, also)
         if len(_trees) > known:
             memory.remember("modules", _trees)
-        paths = [Path(inspect.getsourcefile(body)), *(_file_of(part) for part in parts if ":" not in part)]
+        paths = [Path(inspect.getsourcefile(body))]
+        for top, _, rest in (part.partition("/") for part in parts if ":" not in part):
+            paths.append(top_folder(top) / rest if rest else _path(top))
         _bodies[name] = parts, paths
     parts, paths = _bodies[name]
     for path in paths:
@@ -311,12 +308,6 @@ def _status(path):
 def _tree(path):
     """Syntax tree of a file."""
     return ast.parse(_source(path))
-
-
-def _file_of(part):
-    """File of a part: of a module, or of a data file."""
-    top, _, rest = part.partition("/")
-    return top_folder(top) / rest if rest else _path(part)
 
 
 def _module_of(target):

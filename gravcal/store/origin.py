@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from gravcal.errors import GravcalError, refuse
 from gravcal.io import archive
-from gravcal.store import netcdf
+from gravcal.store import product
 
 MEASURED, SIMULATED, MIXED = ORIGINS = ("measured", "simulated", "mixed")
 #: Labels in every file that gravcal simulates.
@@ -78,8 +78,8 @@ def _header(path):
     """Text of the header of a file, "" where it cannot be read; its own reader refuses it."""
     try:
         if path.suffix == ".nc":
-            with netcdf.opened(path) as file:
-                return "\n".join(f"{name}: {value}" for name, value in netcdf.attributes(file).items())
+            with product.opened(path) as file:
+                return "\n".join(f"{name}: {value}" for name, value in product.attributes(file).items())
         with path.open("rb") as stream:
             return _head(stream, path.name)
     except (*archive.DAMAGED, EOFError, zlib.error):

@@ -12,16 +12,23 @@ and the module of stages makes it known: ``product.registered("com_offset", fiel
 ("f8" if absent; "str" for names), ``optional``. A variable whose dimension is called ``time`` or ``time_...`` and
 that bears its name is GPS time; its attributes are known. Products as returned have the attributes their schema
 states, so a stage's body need not set them.
+
+Files are netCDF-4, written and read through netCDF4 and xarray. netCDF4 is not thread-safe, whatever files its threads
+use: all of it holds one lock of the process. Names along a dimension, in memory a coordinate of that name, are the
+label coordinate ``<dimension>_label`` of the file, as the CF conventions want. Equal content gives an equal digest;
+bytes may differ between versions.
 """
 
+import contextlib
+import errno
 import hashlib
 import json
 import re
+import threading
 
 import numpy as np
 
 from gravcal.errors import refuse
-from gravcal.store import netcdf
 
 TIME = {
     "units": "seconds since 2000-01-01 12:00:00",
@@ -36,6 +43,10 @@ STATED = ("units", "long_name", "frame")
 PROVENANCE = ("Conventions", "title", "source", "history", "gravcal_key", "gravcal_digest", "gravcal_recipe")
 DIGEST = "gravcal_digest"  # also in the encoding of a content that the store gave
 CHANGE = "Return it so, or change the schema and the version of the stage."
+LOCK = threading.RLock()
+PIECE = 1 << 20  # bytes of a compressed piece, before it is compressed
+SMALL = 4096  # bytes; below this a compressed chunk costs more than it saves
+LABEL = "_label"
 _schemas = {}
 
 
@@ -145,7 +156,7 @@ def provenance(recipe, key, content_digest, version):
 
 def read(path):
     """Dataset of a product file, times in GPS seconds, with its provenance attributes."""
-    return netcdf.from_bytes(path.read_bytes())
+    return from_bytes(path.read_bytes())
 
 
 def without_provenance(dataset):
@@ -218,3 +229,77 @@ def _attribute_text(attributes):
     """Attributes as text that does not depend on their order."""
     plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in attributes.items()}
     return json.dumps(plain, sort_keys=True).encode()
+
+
+def write(dataset, path):
+    """Write a settled dataset (`settled`) as a netCDF-4 file; OSError if it cannot be written."""
+    texts = [name for name in dataset.coords if dataset[name].dims == (name,) and dataset[name].dtype == object]
+    labels = {name + LABEL: (name, dataset[name].values, dataset[name].attrs) for name in texts}
+    labelled = dataset.drop_vars(texts).assign_coords(labels) if texts else dataset.copy()
+    encoding = {}
+    for name, variable in labelled.variables.items():
+        flags = {key: variable.attrs[key] for key in ("flag_masks", "flag_values") if key in variable.attrs}
+        variable.attrs |= {key: np.asarray(value, variable.dtype) for key, value in flags.items()}
+        encoding[name] = _encoding(name, variable)
+    try:
+        with LOCK:
+            labelled.to_netcdf(path, engine="netcdf4", encoding=encoding)
+    except RuntimeError as error:  # netCDF4 does not say which error of the system it was: plain writing does
+        path.write_bytes(bytes(dataset.nbytes + (1 << 16)))
+        raise OSError(errno.EIO, str(error), str(path)) from error
+
+
+def _encoding(name, variable):
+    """How a variable is kept in the file; the coordinate of a dimension has no gaps to fill."""
+    kept = {"_FillValue": None} if variable.dims == (name,) else {}
+    if variable.dtype.kind not in "iuf" or variable.nbytes < SMALL:
+        return kept
+    rows = max(1, min(variable.shape[0], PIECE * variable.shape[0] // variable.nbytes))
+    return kept | {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": (rows, *variable.shape[1:])}
+
+
+def from_bytes(image):
+    """Dataset from the bytes of a netCDF-4 file, in memory, times as the numbers they are, text as objects."""
+    import netCDF4
+    import xarray as xr
+
+    with LOCK, _damage_as_oserror(), netCDF4.Dataset("product", memory=image) as file:
+        store = xr.backends.NetCDF4DataStore(file)
+        read = xr.open_dataset(store, decode_times=False, mask_and_scale=False).load()
+    variables, coordinates = {}, {}
+    for name, variable in read.variables.items():
+        values = variable.values.astype(object) if variable.dtype.kind in "US" else variable.values
+        own = {label: _attribute(value) for label, value in variable.attrs.items() if label != "_FillValue"}
+        dimension = name.removesuffix(LABEL)  # labels have the name of their dimension
+        kept = coordinates if name in read.coords else variables
+        kept[dimension if variable.dims == (dimension,) else name] = variable.dims, values, own
+    return xr.Dataset(variables, coordinates, {name: _attribute(value) for name, value in read.attrs.items()})
+
+
+def _attribute(value):
+    """Attribute as str, int, float, list of str or array of numbers."""
+    return value.item() if getattr(value, "shape", None) == () else value
+
+
+@contextlib.contextmanager
+def opened(path):
+    """File as a netCDF4.Dataset that gives values as they are, alone in this process; OSError where it is damaged."""
+    import netCDF4
+
+    with LOCK, _damage_as_oserror(), netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        yield file
+
+
+@contextlib.contextmanager
+def _damage_as_oserror():
+    """Errors that netCDF4 raises for files of damaged structure as one kind."""
+    try:
+        yield
+    except (RuntimeError, AttributeError) as error:
+        raise OSError(f"netCDF: {error}") from error
+
+
+def attributes(node):
+    """Attributes of a file or variable of netCDF4, plain."""
+    return {name: _attribute(node.getncattr(name)) for name in node.ncattrs()}

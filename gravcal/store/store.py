@@ -17,7 +17,6 @@ import datetime
 import errno
 import fcntl
 import hashlib
-import math
 import os
 import platform
 import shutil
@@ -25,7 +24,7 @@ import uuid
 from pathlib import Path
 
 from gravcal import __version__
-from gravcal.store import location, memory, netcdf, product, records
+from gravcal.store import location, memory, product, records
 from gravcal.store.records import ProductRef
 
 LABEL_BYTES = 64  # of a key or digest as text
@@ -62,7 +61,7 @@ def load(ref):
     if image is None:
         set_aside(ref.folder, reason or "bytes differ from the record")
         return None
-    dataset = product.without_provenance(netcdf.from_bytes(image))
+    dataset = product.without_provenance(product.from_bytes(image))
     dataset.encoding[product.DIGEST] = record["digest"]
     memory.keep(ref.path, dataset)
     return dataset.copy()
@@ -96,7 +95,7 @@ def _write_folder(aside, key, recipe, dataset, files):
     content = product.digest(dataset)
     dataset.encoding[product.DIGEST] = content
     labels = product.provenance(recipe, key, content, __version__)
-    netcdf.write(dataset.assign_attrs(labels), aside / "product.nc")
+    product.write(dataset.assign_attrs(labels), aside / "product.nc")
     image = (aside / "product.nc").read_bytes()
     extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     for name, text in extra.items():
@@ -173,11 +172,6 @@ def newest_record(event, stage):
     return None
 
 
-def last_seconds(ref):
-    """Seconds that the newest product of this name took to compute; infinite where there is none."""
-    return (newest_record(ref.event, ref.stage) or {}).get("seconds", math.inf)
-
-
 @contextlib.contextmanager
 def lock(key):
     """Hold the key: others who want to make the same product wait. The kernel releases it when a process dies."""
@@ -199,6 +193,22 @@ def lock(key):
 def read_record(folder):
     """Record of a product folder, or None if there is none that can be believed."""
     return records.read(folder)[0]
+
+
+def ancestry(*keys):
+    """Records of products and of all they were made of, by key, the nearest first; None of one that is gone."""
+    found, waiting = {}, list(keys)
+    while waiting:
+        key = waiting.pop(0)
+        if key not in found:
+            found[key] = read_record(folder_of(key))
+            waiting += [part["key"] for part in (found[key] or {"from": []})["from"] if part.get("key")]
+    return found
+
+
+def inputs(record):
+    """Pairs of what a product was made of: where it was found, and its label in the recipe."""
+    return zip(record["from"], record["recipe"]["inputs"], strict=True)
 
 
 def reference(record, folder):

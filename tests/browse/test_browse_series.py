@@ -9,7 +9,7 @@ from invented_store import TIME
 from numpy.testing import assert_array_equal
 
 from gravcal.browse import series
-from gravcal.store import netcdf
+from gravcal.store import product
 
 
 def overview_of(x, y):
@@ -20,7 +20,7 @@ def overview_of(x, y):
 def written(path, x, values):
     """Overview of the first column of a variable in a file."""
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
-    netcdf.write(data, path)
+    product.write(data, path)
     variable = series.find(path, "v")
     coordinate, kind, _ = series.coordinate(path, variable)
     assert kind == "time"
@@ -108,7 +108,7 @@ def test_sixteen_million_samples_are_read_once_in_pieces(tmp_path, monkeypatch):
     whole_of = tmp_path / "product.nc"
     x = 7e8 + 0.1 * np.arange(count)
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
-    netcdf.write(data, whole_of)
+    product.write(data, whole_of)
     del data, values
     variable = series.find(whole_of, "v")
     coordinate, _, _ = series.coordinate(whole_of, variable)
@@ -137,7 +137,7 @@ def test_packed_and_plain_series_give_the_same_overview(tmp_path, count):
     data = xr.Dataset({name: ("time", one, {"units": "V"}) for name, one in (("noisy", noisy), ("steady", steady))},
                       {"time": ("time", x, TIME)})  # fmt: skip
     path = tmp_path / "product.nc"
-    netcdf.write(data, path)
+    product.write(data, path)
     for name, values in (("noisy", noisy), ("steady", steady)):
         variable = series.find(path, name)
         whole = series.overview(series.column(path, variable, 0), series.coordinate(path, variable)[0])

@@ -12,7 +12,7 @@ from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 
 from gravcal.errors import ProductError
-from gravcal.store import netcdf, product
+from gravcal.store import product
 
 SCHEMA = {
     "time": {"dims": "time"},
@@ -88,7 +88,7 @@ def test_a_kind_has_one_schema(kind):
 def test_a_file_opens_with_netcdf4_and_plain_xarray(kind, tmp_path):
     """Contract: other libraries see names, dimensions, units, times and text."""
     path = tmp_path / "product.nc"
-    netcdf.write(product.check(example(bare=("other", [1.0])).drop_vars("bare"), kind), path)
+    product.write(product.check(example(bare=("other", [1.0])).drop_vars("bare"), kind), path)
     with netCDF4.Dataset(path) as file:
         assert set(file.variables) == {"field_b", "flag", "time", "xyz_label"}
         assert file["field_b"].units == "T"
@@ -104,8 +104,8 @@ def test_a_file_opens_with_netcdf4_and_plain_xarray(kind, tmp_path):
 
 def back(dataset, path):
     """Dataset as it comes back from a file."""
-    netcdf.write(dataset, path)
-    return netcdf.from_bytes(path.read_bytes())
+    product.write(dataset, path)
+    return product.from_bytes(path.read_bytes())
 
 
 def test_writing_and_reading_keep_everything(kind, tmp_path):
@@ -186,10 +186,10 @@ def test_threads_read_and_write_at_once(tmp_path):
 
     def there_and_back(number):
         path = tmp_path / f"{number}.nc"
-        netcdf.write(made, path)
-        with netcdf.opened(path) as file:
+        product.write(made, path)
+        with product.opened(path) as file:
             assert file["a"][-1] == 19_999.0
-        return product.digest(netcdf.from_bytes(path.read_bytes()))
+        return product.digest(product.from_bytes(path.read_bytes()))
 
     with ThreadPoolExecutor(6) as pool:
         assert set(pool.map(there_and_back, range(60))) == {product.digest(made)}

@@ -138,7 +138,8 @@ def product(name: str, mission: str = "GRACE-FO") -> Product:
     if mission == "GRACE":
         table = _for_grace(table, grace)
     known = {f.name for f in fields(Product)}
-    columns = {k: tuple(_column(c) for c in table.get(k, ())) for k in ("columns", "optional", "repeated")}
+    kinds = ("columns", "optional", "repeated")
+    columns = {k: tuple(Column(**c | {"range": tuple(c.get("range", ()))}) for c in table.get(k, ())) for k in kinds}
     rest = {k: _frozen(v) for k, v in table.items() if k in known and k not in columns}
     return Product(name=name, mission=mission, **rest, **columns)
 
@@ -176,10 +177,6 @@ def _grace_column(column, grace):
     if name in grace.get("units", {}):
         column["unit"] = grace["units"][name]
     return column
-
-
-def _column(entry):
-    return Column(**{**entry, "range": tuple(entry.get("range", ()))})
 
 
 def _frozen(value):
