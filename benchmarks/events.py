@@ -16,7 +16,7 @@ from gravcal.io.readers import tables
 from gravcal.io.readers.dataset import TICKS
 from gravcal.simulation import com_offset as simulation
 from gravcal.simulation import sensors
-from gravcal.store.records import ProductRef
+from gravcal.store.store import ProductRef
 from tasks import stage
 
 

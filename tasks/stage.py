@@ -41,7 +41,7 @@ import numpy as np
 from gravcal import catalog
 from gravcal.errors import EstimationError, GravcalError, ProductError
 from gravcal.store import history, keys, memory, origin, product, store
-from gravcal.store.records import ProductRef
+from gravcal.store.store import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
 _listeners = contextvars.ContextVar("gravcal_listeners", default=())

@@ -18,7 +18,7 @@ import threadpoolctl
 
 from gravcal.errors import GravcalError
 from gravcal.store import history, keys, location, store
-from gravcal.store.records import ProductRef
+from gravcal.store.store import ProductRef
 from tasks import stage
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

@@ -7,7 +7,7 @@ import functools
 import os
 
 from flows.engine import server, warn
-from gravcal.store.records import ProductRef
+from gravcal.store.store import ProductRef
 from tasks import stage
 
 

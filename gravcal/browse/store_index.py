@@ -5,7 +5,7 @@ import json
 from dataclasses import dataclass
 
 from gravcal import catalog
-from gravcal.store import history, housekeeping, location, product, records, store
+from gravcal.store import history, housekeeping, location, product, store
 from gravcal.store import origin as origins
 
 _known = {}  # folder -> record; a product is never changed, so its record is read once
@@ -35,7 +35,7 @@ def entries() -> list[housekeeping.Entry]:
 
 def entry(key):
     """Product with this key, or None; anything that is not a key of the store is None."""
-    if not records.KEY.fullmatch(key):
+    if not store.KEY.fullmatch(key):
         return None
     folder = store.folder_of(key)
     if not _inside(folder / "product.nc"):

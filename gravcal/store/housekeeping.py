@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal.errors import refuse
-from gravcal.store import configurations, location, product, records, store
-from gravcal.store.records import ProductRef
+from gravcal.store import configurations, location, product, store
 
 LABELS = ("gravcal_key", "gravcal_digest", "gravcal_recipe")
 YOUNG_S = 3600.0  # a product younger than this may belong to a run that has not yet linked it
@@ -22,7 +21,7 @@ YOUNG_S = 3600.0  # a product younger than this may belong to a run that has not
 class Entry:
     """One product of the store with its record, and the configurations whose readable link leads to it."""
 
-    ref: ProductRef
+    ref: store.ProductRef
     record: dict
     configurations: tuple[str, ...] = ()
 
@@ -54,7 +53,7 @@ def entries(event=None, kind=None, newest_only=True, configuration=None):
 def folders():
     """Folders of all products, whole or not."""
     shelves = (path for path in (location.folder() / "objects").glob("*") if not path.is_symlink())
-    return sorted(path for shelf in shelves for path in shelf.glob("*") if records.KEY.fullmatch(path.name))
+    return sorted(path for shelf in shelves for path in shelf.glob("*") if store.KEY.fullmatch(path.name))
 
 
 def linked():
@@ -124,7 +123,7 @@ def verify():
 
 def _problems(folder):
     """What is wrong with one product."""
-    record, reason = records.read(folder)
+    record, reason = store.believed(folder)
     reason = reason or store.doubt(folder, record)
     if reason:
         return [reason]

@@ -6,28 +6,62 @@
     tmp/  locks/  quarantine/  memo/           being written; who computes; set aside; what is cheap to remember
 
 A product is written aside, flushed and published by one rename of its folder, so it is there in full or not at all. A
-folder counts when its record is whole (`records`), the file bears the key and digest that the record says, and has the
-recorded size and time of change; otherwise, and at every first read, the digest of the bytes decides. What fails is
-moved to ``quarantine`` and made again. No link is followed but those of ``latest``, and these only as far as they
-lead to a product of this store.
+folder counts when its record is whole, the file bears the key and digest that the record says, and has the recorded
+size and time of change; otherwise, and at every first read, the digest of the bytes decides. A record has a checksum of
+its own; it is whole when its bytes are those that were written, every part has its type, its key is that of its recipe
+and the name of its folder, and nothing of the folder is a link. What fails is moved to ``quarantine`` and made again.
+No link is followed but those of ``latest``, and these only as far as they lead to a product of this store.
 """
 
 import contextlib
 import datetime
 import errno
 import fcntl
+import functools
 import hashlib
+import json
 import os
 import platform
+import re
 import shutil
 import uuid
+from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal import __version__
-from gravcal.store import location, memory, product, records
-from gravcal.store.records import ProductRef
+from gravcal.store import keys, location, memory, product, schemas
 
+KEY = re.compile(r"[0-9a-f]{64}")
+SEAL = b', "sha256_of_record": "'
+SHOWN = 60  # characters of a wrong value that a message shows
 LABEL_BYTES = 64  # of a key or digest as text
+
+
+@dataclass(frozen=True)
+class ProductRef:
+    """One product: ``key`` names all it depends on, ``digest`` its content; None where a plan cannot know them."""
+
+    event: str
+    kind: str
+    variant: str = ""
+    key: str | None = None
+    digest: str | None = None
+    path: Path | None = None
+
+    @property
+    def stage(self) -> str:
+        """Kind and variant, as the readable link is called: ``com_offset.solve.mtq``."""
+        return f"{self.kind}.{self.variant}" if self.variant else self.kind
+
+    @property
+    def name(self) -> str:
+        """Event and stage, as people say it: ``grace-c-2020-02-01/com_offset.solve.mtq``."""
+        return f"{self.event}/{self.stage}"
+
+    @property
+    def folder(self) -> Path | None:
+        """Folder with ``product.nc``, ``meta.json`` and the files that belong to it, such as ``report.html``."""
+        return self.path.parent if self.path else None
 
 
 def folder_of(key):
@@ -38,7 +72,7 @@ def folder_of(key):
 def find(key):
     """Product with this key, ProductRef or None; one that is not what its record says is set aside."""
     folder = folder_of(key)
-    record, reason = records.read(folder)
+    record, reason = believed(folder)
     if record:
         reason = doubt(folder, record)
     if reason:
@@ -56,7 +90,7 @@ def load(ref):
     dataset = memory.held(ref.path)
     if dataset is not None:
         return dataset
-    record, reason = records.read(ref.folder)
+    record, reason = believed(ref.folder)
     image = _verified_bytes(ref.folder, record) if record else None
     if image is None:
         set_aside(ref.folder, reason or "bytes differ from the record")
@@ -79,7 +113,7 @@ def put(key, recipe, made, facts):
         location.prepare()
         aside.mkdir()
         record = _write_folder(aside, key, recipe, dataset, files) | facts
-        (aside / "meta.json").write_bytes(records.sealed(record))
+        (aside / "meta.json").write_bytes(sealed(record))
         location.flush(aside)
         ref = _publish(aside, key)
     except OSError as error:
@@ -152,7 +186,7 @@ def linked(link):
     except (OSError, ValueError):
         return None
     folder = folder_of(Path(target).name)
-    is_own = records.KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent)
+    is_own = KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent)
     return folder if is_own else None
 
 
@@ -190,9 +224,52 @@ def lock(key):
         os.close(descriptor)
 
 
+def sealed(record):
+    """Text of a record of plain values with its checksum, bytes."""
+    text = json.dumps(record, allow_nan=False).encode()
+    return text[:-1] + SEAL + hashlib.sha256(text).hexdigest().encode() + b'"}'
+
+
+def believed(folder):
+    """Record (a dict, shared) of a product folder, whose name is the key, and None; or None and why not."""
+    parts = (folder.parent, folder, folder / "meta.json", folder / "product.nc")
+    link = next((path for path in parts if path.is_symlink()), None)
+    if link:
+        return None, f"{link.name} is a link, which is not followed"
+    try:
+        image = (folder / "meta.json").read_bytes()
+    except OSError:
+        return None, "no readable record"
+    return _believed(image, folder.name)
+
+
+@functools.lru_cache(maxsize=64)  # found, then asked how it was made
+def _believed(image, key):
+    """Record of the bytes of a file and None, or None and why not."""
+    head, seal, tail = image.rpartition(SEAL)
+    if not seal:
+        return None, "the record has no checksum: written by an earlier gravcal, or by others"
+    if tail != hashlib.sha256(head + b"}").hexdigest().encode() + b'"}':
+        return None, "the record is not as it was written (its checksum differs)"
+    try:
+        record = json.loads(head + b"}")
+        for error in schemas.validator("_record").iter_errors(record):
+            where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error.instance_path)
+            return None, f"record{where}: {error.message[:SHOWN]}"
+        if ["file" in one for one in record["recipe"]["inputs"]] != ["path" in one for one in record["from"]]:
+            return None, "the record names other inputs than places where they were"
+        if keys.key(record["recipe"]) != record["key"]:
+            return None, "the key in the record is not that of its recipe (settings, inputs, code, event)"
+    except (ValueError, OverflowError, RecursionError) as error:
+        return None, f"the record cannot be read ({type(error).__name__})"
+    if record["key"] != key:
+        return None, f"the record names another key, {record['key']}"
+    return record, None
+
+
 def read_record(folder):
     """Record of a product folder, or None if there is none that can be believed."""
-    return records.read(folder)[0]
+    return believed(folder)[0]
 
 
 def ancestry(*keys):
@@ -224,7 +301,7 @@ def set_aside(folder, reason):
 
     Of a folder that is reached through a link this link is moved, what it leads to is left alone.
     """
-    if records.KEY.fullmatch(folder.name) and folder.parent.is_symlink():
+    if KEY.fullmatch(folder.name) and folder.parent.is_symlink():
         folder = folder.parent
     memory.drop(folder / "product.nc")
     target = location.folder() / "quarantine" / f"{folder.name}-{uuid.uuid4().hex[:8]}"

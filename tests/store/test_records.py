@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flows import command, engine
 from gravcal.errors import ProductError
-from gravcal.store import history, housekeeping, keys, memory, product, records, store
+from gravcal.store import history, housekeeping, keys, memory, product, store
 
 
 def of(folder):
@@ -21,7 +21,7 @@ def of(folder):
 
 def seal(folder, record):
     """Write a record with the right checksum, as one would who knows how."""
-    (folder / "meta.json").write_bytes(records.sealed(record))
+    (folder / "meta.json").write_bytes(store.sealed(record))
 
 
 def newest(pipeline, stage):
@@ -40,7 +40,7 @@ EDITS = {
     "half of it": (lambda text: text[: len(text) // 2], "checksum"),
     "a list": (lambda _: b"[1, 2]", "checksum"),
     "no text": (lambda _: b"\xff\xfe", "checksum"),
-    "without checksum": (lambda text: text[: text.rindex(records.SEAL)] + b"}", "checksum"),
+    "without checksum": (lambda text: text[: text.rindex(store.SEAL)] + b"}", "checksum"),
 }
 
 
