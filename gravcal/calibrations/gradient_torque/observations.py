@@ -7,6 +7,7 @@ Distance of the sensors, a constant torque and the centre of pressure are free a
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -46,6 +47,7 @@ TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient", 
 POINTING, TESSERAL = "attitude.star_camera_misalignment", "gradient.tesseral"
 HIGHEST = 20  # degree of a coefficient that is looked for
 LAST_FIELD = 9.46e8  # GPS s, end of 2029: the geomagnetic field of later days is that of its model then
+HARMONICS = (1, 2, 3, 4)  # of the argument of latitude, by which something may follow the orbit
 #: Drivers that torques do not move: motion answers a torque, and would explain any.
 OUTSIDE = ("latitude", "time")
 
@@ -315,7 +317,16 @@ def _reading(about, sensor):
 
 
 def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: drag, attitude, orbit, time."""
+    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: readings, drag, attitude, orbit, time.
+
+    Of the readings of a sensor products: in proportion to them are scale, misalignment and cross-talk.
+    """
+    for sensor in range(len(about.extra["positions"])):
+        reading = _reading(about, sensor)
+        reading = reading / np.maximum(np.abs(reading).max(axis=0), 1e-300)
+        for one, other in itertools.combinations_with_replacement(range(3), 2):
+            words = f"square of {'xyz'[one]}" if one == other else f"product {'xyz'[one]}{'xyz'[other]}"
+            yield "reading", f"{words} of sensor {sensor + 1}", reading[:, one] * reading[:, other]
     drag, rate = about.extra["non_gravitational_b"], about.rate_b - about.rate_b.mean(axis=0)
     for name, values in (("drag", drag), ("rate", rate), ("angular_acceleration", about.rate_dot_b)):
         for axis, letter in enumerate("xyz"):
@@ -325,7 +336,7 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
             yield name, f"square of {letter}", one**2
     fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
     argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit
-    for order in (1, 2):
+    for order in HARMONICS:
         yield "latitude", f"cosine of {order} times its argument", np.cos(order * argument)
         yield "latitude", f"sine of {order} times its argument", np.sin(order * argument)
     yield "time", "straight line", (about.time - about.time[0]) / (about.time[-1] - about.time[0]) - 0.5

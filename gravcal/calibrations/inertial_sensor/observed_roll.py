@@ -8,6 +8,7 @@ every form that is tried.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -32,9 +33,14 @@ ALIKE = 0.9  # correlation of the bias of neighbouring segments, at most
 UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
 STEP_EVERY_S = 20.0
 EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
+USUAL = 1e-7  # m s-2, size of a reading without its bias
+HARMONICS = (1, 2, 3, 4)  # of the argument of latitude, by which a reading may follow the orbit
 EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise
 ORDER, NODES = 60, 16384  # coefficients that stand for it, frequencies that they are made of
 DRAWS = 400  # segments of simulated noise, for what a fit leaves of each
+JUMPS = 24  # of an axis that are no noise, at most
+SIDES = (2, 4, 8, 16)  # bins on either side of a jump that are compared
+CLEAR = 6.0  # robust standard deviations of what noise makes of that
 ROUNDS, HIGHEST = 20, 6.0  # of the fit; power over that of the model, reached by noise in one of 400
 
 
@@ -65,6 +71,13 @@ class RollView:
         """Length of a bin."""
         return float(self.time[0, 1] - self.time[0, 0])
 
+    @property
+    def along(self) -> np.ndarray:
+        """Angle along the orbit (s, b) rad since the record begins, at the mean rate by the gravity gradient."""
+        record = self.products["segment"]
+        motion = np.sqrt(np.linalg.norm(record["gradient_b"].values, axis=(1, 2)) / np.sqrt(6))  # |G| = sqrt(6) n^2
+        return np.nanmean(motion) * (self.time - float(record["time"][0]))
+
     @functools.cached_property
     def wander(self) -> np.ndarray:
         """Standard deviation (3,) m s-2 of the constants about a straight line, as large as it may be.
@@ -84,7 +97,8 @@ class RollView:
         """Noise of each axis: a sum of power laws, which goes on where the amplitudes of a segment leave nothing.
 
         It is fitted to periodograms of all segments, those that touch joined, of what is left beside the amplitudes and
-        every form that is tried; power laws are drawn and go through the same. Constants and trends are noise here.
+        every form that is tried; power laws are drawn and go through the same. Constants and trends are noise here,
+        a jump is none.
         """
         squares = (self.steady / np.abs(self.steady).max(axis=(0, 1))) ** 2
         count = np.rint((self.time - self.time[0, 0]) / self.step_s).astype(int)
@@ -99,14 +113,24 @@ class RollView:
             def local(values, own=own):
                 return np.stack([v - q @ (q.T @ v) for v, q in zip(values, own, strict=True)])
 
-            basis = orthonormal(local(shared).reshape(count.size, -1), 1e-6)
-
-            def clean(values, local=local, basis=basis):
+            def left_beside(basis, values, local=local):
                 """What is left of values (s, b, d), in runs of segments (n, d)."""
                 flat = local(values).reshape(count.size, -1)
-                left = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
-                return [left[run].reshape(-1, values.shape[2]) for run in joined]
+                rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
+                return [rest[run].reshape(-1, values.shape[2]) for run in joined]
 
+            def beside(forms, local=local, left_beside=left_beside):
+                """Function values -> what is left beside forms (s, b, f)."""
+                return functools.partial(left_beside, orthonormal(local(forms).reshape(count.size, -1), 1e-6))
+
+            forms, clean = shared, beside(shared)
+            while forms.shape[2] < shared.shape[2] + 2 * JUMPS:
+                place = jump(np.concatenate(clean(left[:, :, axis, None]))[:, 0])
+                if place is None:
+                    break
+                at = count.ravel()[place]
+                forms = np.concatenate([forms, np.stack([count > at, count == at], axis=2)], axis=2)
+                clean = beside(forms)
             models.append(power_laws(left[:, :, axis, None], clean, count, self.step_s))
         return models
 
@@ -220,6 +244,14 @@ class RollView:
         for n, name in ((1, "the roll angle"), (2, "twice the roll angle"), (3, "three times the roll angle")):
             wave = self.turn**n
             rows += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
+        for order in HARMONICS:
+            angle = order * self.along
+            rows += [("latitude", f"cosine of {order} times its argument", np.cos(angle))]
+            rows += [("latitude", f"sine of {order} times its argument", np.sin(angle))]
+        reading = (self.steady + self.start[:3]) / USUAL
+        for one, other in itertools.combinations_with_replacement(range(3), 2):
+            words = f"square of {'xyz'[one]}" if one == other else f"product {'xyz'[one]}{'xyz'[other]}"
+            rows.append(("reading", words, reading[:, :, one] * reading[:, :, other]))
         rate = self.rate_b[:, :, 1] - self.rate_b[:, :, 1].mean()
         rate = rate / max(np.abs(rate).max(), 1e-30)
         return [*rows, ("rate", "component y", rate), ("rate", "square of y", rate**2)]
@@ -259,12 +291,18 @@ class RollView:
 def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView | None:
     """View of "segment", "bias" and, of a swing, "scale" and "offset"; None of fewer than three usable segments.
 
-    Settings are segment_s, trend_degree, amplitude_degree, amplitude_harmonics and assumed, as of `bias.bias`.
+    A segment that is left out of the bias for a bin in which samples are far apart is looked at: that may be a step.
+    Settings are segment_s, uniformity_limit, share_limit, trend_degree, amplitude_degree, amplitude_harmonics and
+    assumed, as of `bias.bias`.
     """
-    biased = products["bias"]
-    used = np.flatnonzero(biased["used"].values)
-    if used.size < segments.ENOUGH or not np.isfinite(biased["bias"].values).all():
+    biased, share = products["bias"], products["segment"]["share"].values
+    used = biased["used"].values.astype(bool)
+    if used.sum() < segments.ENOUGH or not np.isfinite(biased["bias"].values).all():
         return None
+    few = [
+        np.sum(share[part] < settings["share_limit"]) <= 1 for part in spans(products["segment"], settings["segment_s"])
+    ]
+    used = np.flatnonzero(used | (biased["uniformity"].values <= settings["uniformity_limit"]) & few)
     used = used[np.unique(np.linspace(0, used.size - 1, min(MOST, used.size)).round().astype(int))]
     return _view(products, settings, used)
 
@@ -343,6 +381,22 @@ def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: f
     at = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
     density = 2 * step_s * sum(a * (np.maximum(at, lowest) * step_s) ** e for a, e in zip(size, EXPONENTS, strict=True))
     return noise.from_density(density, ORDER, step_s)
+
+
+def jump(series: np.ndarray) -> int | None:
+    """Place of the clearest jump in a series (n,), None where there is none.
+
+    The mean of the bins after a bin less that of those before it, against the median size of all such differences,
+    which red noise has as well and a few jumps do not move. The fewest bins that show one tell best where it is.
+    """
+    total = np.cumsum(np.append(0.0, series))
+    for side in (one for one in SIDES if series.size > 4 * one):
+        means = (total[side:] - total[:-side]) / side
+        size = np.abs(means[side + 1 :] - means[: -side - 1])
+        place = int(size.argmax())
+        if size[place] > CLEAR * 1.4826 * np.median(size):
+            return place + side
+    return None
 
 
 def _periodogram(runs):
