@@ -624,7 +624,7 @@ def _judged(kind, sort, seed, place):
     if sort != "clean":
         rng = np.random.default_rng([seed, 22])
         names = sorted(n for n, e in effects_of(kind).items() if bool(e.causes) == (sort == "listed"))
-        quiet = rows_of(calibration, data)
+        quiet = observed_of(calibration, data)
         for attempt in range(8):
             hidden = names[rng.integers(len(names))]
             wanted = float(np.exp(rng.uniform(*np.log(STRONG))))
@@ -648,7 +648,8 @@ def _strong(kind, seed, hidden, wanted, about):
     for attempt in range(4):
         truth = make(kind, seed, {hidden: value}, place / str(attempt))
         data = place / str(attempt) / "data"
-        ratio = signal_to_noise(quiet, rows_of(CALIBRATIONS.get(kind, kind), data))
+        changed = observed_of(CALIBRATIONS.get(kind, kind), data)
+        ratio = signal_to_noise(quiet.blocks if quiet else [], rows_of(changed, quiet))
         if 0.8 * wanted < ratio < 1.25 * wanted:
             return value, ratio, truth, data
         total *= wanted / max(ratio, wanted / 50)
@@ -667,8 +668,8 @@ def _scaled(value, factor):
     return value * factor
 
 
-def rows_of(calibration: str, data: Path) -> list:
-    """Blocks that a search of the files of a folder sees; none where there is nothing to see.
+def observed_of(calibration: str, data: Path):
+    """Observations that a search of the files of a folder sees; None where there is nothing to see.
 
     Parameters
     ----------
@@ -688,8 +689,35 @@ def rows_of(calibration: str, data: Path) -> list:
     limits = chosen.for_stage("discovery")
     fixed = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed", "heldout_s")
     settings = one.discovery.settings(source, chosen) | {n: v for n, v in limits.items() if n not in fixed}
-    observed = importlib.import_module(one.discovery.observations).observe(products, **settings)
-    return observed.blocks if observed else []
+    return importlib.import_module(one.discovery.observations).observe(products, **settings)
+
+
+def rows_of(observed, like) -> list:
+    """Blocks of observations, linear readings whitened with the noise of others: a strong effect changes its measure.
+
+    Parameters
+    ----------
+    observed, like : of `observed_of`
+    """
+    from gravcal.estimation import noise
+
+    if not (observed and like):
+        return observed.blocks if observed else []
+    swing, roll = (getattr(observed, name, None) for name in ("swing", "roll"))
+    if swing and like.swing:
+        swing = dataclasses.replace(swing, record=dataclasses.replace(swing.record, noise=like.swing.record.noise))
+    if roll and like.roll:
+        roll = dataclasses.replace(roll)
+        roll.__dict__.update(noise=like.roll.noise, wander=like.roll.wander)
+    if swing or roll:
+        return dataclasses.replace(observed, swing=swing, roll=roll).blocks
+    made = dict(getattr(observed, "made", {}))
+    for name in (name for name, one in made.items() if one.models and name in like.made):
+        one, models = made[name], like.made[name].models
+        axes = zip(one.models, models, np.split(one.rows, 3), strict=True)
+        rows = [noise.whiten(new, noise.unwhiten(old, part, one.good), one.good) for old, new, part in axes]
+        made[name] = dataclasses.replace(one, models=models, rows=np.concatenate(rows))
+    return dataclasses.replace(observed, made=made).blocks if made else observed.blocks
 
 
 def signal_to_noise(plain: list, changed: list) -> float:

@@ -21,6 +21,7 @@ from gravcal.calibrations.gradient_torque.gradient import METHODS, orbit
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.gradient import EFFECTS
 from gravcal.estimation import noise
+from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
 from gravcal.physics import (
     earth,
@@ -202,8 +203,9 @@ def _width(time, bin_s):
 def _coloured(time, series, columns, effects, bin_s, order):
     """Channel with a noise model of each axis, beside the columns of the global parameters.
 
-    In the difference of the sensors everything that a listed effect adds is free as well, so that none is noise; what
-    the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts on attitude.
+    In the difference of the sensors everything that a listed effect adds is free as well, and jumps are, so that none
+    is noise; what the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts
+    on attitude.
     """
     observed, width = np.zeros((len(series), 3, 1 + GLOBAL)), _width(time, bin_s)
     observed[:, :, 0] = series
@@ -213,9 +215,28 @@ def _coloured(time, series, columns, effects, bin_s, order):
     good = np.isfinite(bins).all(axis=(1, 2))
     left = np.where(good[:, None], bins[:, :, 0], np.nan)
     beside = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
+    for axis in range(3 if effects else 0):
+        found = noise.jumps(lambda places, a=axis, b=beside: _left_beside(left, _with_jumps(b, a, places))[:, a])
+        beside = _with_jumps(beside, axis, found)
     models = tuple(noise.fit_beside([left], [beside], order, bin_s))
     channel = Channel(width, means(time, width), good, models)
     return replace(channel, rows=channel.whitened(observed))
+
+
+def _with_jumps(beside, axis, places):
+    """Columns (m, 3, q) and those of jumps of an axis."""
+    columns = np.zeros((len(beside), 3, 2 * len(places)))
+    columns[:, axis] = noise.jump_columns(len(beside), places)
+    return np.concatenate([beside, columns], axis=2)
+
+
+def _left_beside(series, columns):
+    """What is left of bins (m, 3) beside columns (m, 3, q), zero where there are none."""
+    good = np.isfinite(series).all(axis=1)
+    basis, flat = orthonormal(columns[good].reshape(-1, columns.shape[2]), noise.DEPENDENT), series[good].ravel()
+    left = np.zeros_like(series)
+    left[good] = (flat - basis @ (basis.T @ flat)).reshape(-1, 3)
+    return left
 
 
 def _attitude(about, R_bi, observed, modelled, settings):

@@ -26,6 +26,7 @@ from gravcal.estimation import noise
 from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.noise import without_lines
 from gravcal.estimation.records import Block, Candidate, Entry
+from gravcal.physics import frames
 
 CHANNEL, CONSTANT = "roll", "constant"
 MOST = 48  # segments, evenly taken: columns of more take memory and add little
@@ -38,9 +39,6 @@ HARMONICS = (1, 2, 3, 4)  # of the argument of latitude, by which a reading may 
 EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise
 ORDER, NODES = 60, 16384  # coefficients that stand for it, frequencies that they are made of
 DRAWS = 400  # segments of simulated noise, for what a fit leaves of each
-JUMPS = 24  # of an axis that are no noise, at most
-SIDES = (2, 4, 8, 16)  # bins on either side of a jump that are compared
-CLEAR = 6.0  # robust standard deviations of what noise makes of that
 ROUNDS, HIGHEST = 20, 6.0  # of the fit; power over that of the model, reached by noise in one of 400
 
 
@@ -110,28 +108,25 @@ class RollView:
         for axis in range(3):
             own = [orthonormal(design[axis][:, 0 if axis == 1 else turning :], 1e-6) for design in self.designs]
 
-            def local(values, own=own):
-                return np.stack([v - q @ (q.T @ v) for v, q in zip(values, own, strict=True)])
+            def beside(forms, own=own):
+                """Function values (s, b, d) -> what is left beside forms (s, b, f), in runs of segments (n, d)."""
+                local = lambda one: np.stack([v - q @ (q.T @ v) for v, q in zip(one, own, strict=True)])  # noqa: E731
+                basis = orthonormal(local(forms).reshape(count.size, -1), 1e-6)
 
-            def left_beside(basis, values, local=local):
-                """What is left of values (s, b, d), in runs of segments (n, d)."""
-                flat = local(values).reshape(count.size, -1)
-                rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
-                return [rest[run].reshape(-1, values.shape[2]) for run in joined]
+                def clean(values):
+                    flat = local(values).reshape(count.size, -1)
+                    rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
+                    return [rest[run].reshape(-1, values.shape[2]) for run in joined]
 
-            def beside(forms, local=local, left_beside=left_beside):
-                """Function values -> what is left beside forms (s, b, f)."""
-                return functools.partial(left_beside, orthonormal(local(forms).reshape(count.size, -1), 1e-6))
+                return clean
 
-            forms, clean = shared, beside(shared)
-            while forms.shape[2] < shared.shape[2] + 2 * JUMPS:
-                place = jump(np.concatenate(clean(left[:, :, axis, None]))[:, 0])
-                if place is None:
-                    break
-                at = count.ravel()[place]
-                forms = np.concatenate([forms, np.stack([count > at, count == at], axis=2)], axis=2)
-                clean = beside(forms)
-            models.append(power_laws(left[:, :, axis, None], clean, count, self.step_s))
+            def with_jumps(places, beside=beside):
+                columns = noise.jump_columns(count.size, places).reshape(*count.shape, -1)
+                return beside(np.concatenate([shared, columns], axis=2))
+
+            here = left[:, :, axis, None]
+            found = noise.jumps(lambda places, w=with_jumps, one=here: np.concatenate(w(places)(one))[:, 0])
+            models.append(power_laws(here, with_jumps(found), count, self.step_s))
         return models
 
     def rows(self, added: np.ndarray) -> list[np.ndarray]:
@@ -202,6 +197,8 @@ class RollView:
             if entry.channel in ("linear_b", "electrode_v"):
                 columns = self._read(entry, entry.columns(about)).reshape(*self.time.shape, 3, -1)
                 candidates += listed(entry, self.rows(columns)).each_alone()
+            elif entry.channel == "pointing_b":
+                candidates += listed(entry, self.rows(self._turned())).each_alone()
         for driver, form, values in self.series():
             columns = self.rows(values[:, :, None, None] * np.eye(3))
             candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", "linear", "m s-2", columns))
@@ -212,6 +209,12 @@ class RollView:
         if entry.channel == "linear_b":
             return added
         return np.einsum("a,av,nv...->na...", self.k, electrodes.READOUT[:3], added)
+
+    def _turned(self):
+        """What readings hold beyond a model whose attitude is turned about each axis, (s, b, 3, 3) m s-2 rad-1."""
+        place, term = self.start[3:], np.matvec(self.tensor, self.start[3:])
+        turned = [np.cross(axis, term) - np.matvec(self.tensor, np.cross(axis, place)) for axis in np.eye(3)]
+        return np.stack(turned, axis=3)
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray]:
         """Whitened cosine and sine (3 b + 3, 2) of every segment, on one axis of the linear readings."""
@@ -266,7 +269,7 @@ class RollView:
         return self.time.ravel(), model.reshape(-1, 3), columns
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
-        """Bins of the roll without the effects of a model on the linear readings; drifts count from its middle."""
+        """Bins of the roll without the effects of a model; drifts count from its middle."""
         segmented = self.products["segment"]
         extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model))
         parts = spans(segmented, self.settings["segment_s"])
@@ -280,6 +283,11 @@ class RollView:
                 added += unknown_added(entry, "linear", CHANNEL, rows)
                 continue
             known = effect(entry.cause)
+            if known.channel == "pointing_b":
+                turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(-known.values(entry.values)))
+                extended["R_bo"].values[:] = turn @ extended["R_bo"].values
+                extended["rate_b"].values[:] = extended["rate_b"].values @ turn.T
+                extended["gradient_b"].values[:] = turn @ extended["gradient_b"].values @ turn.T
             before = entry.values.get("time", np.inf) < about.time[0]  # a step that the bias of the roll contains
             if known.channel in ("linear_b", "electrode_v") and known.slug != TONE and not before:
                 added += view._read(known, known.contribution(about, known.values(entry.values)))
@@ -381,22 +389,6 @@ def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: f
     at = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
     density = 2 * step_s * sum(a * (np.maximum(at, lowest) * step_s) ** e for a, e in zip(size, EXPONENTS, strict=True))
     return noise.from_density(density, ORDER, step_s)
-
-
-def jump(series: np.ndarray) -> int | None:
-    """Place of the clearest jump in a series (n,), None where there is none.
-
-    The mean of the bins after a bin less that of those before it, against the median size of all such differences,
-    which red noise has as well and a few jumps do not move. The fewest bins that show one tell best where it is.
-    """
-    total = np.cumsum(np.append(0.0, series))
-    for side in (one for one in SIDES if series.size > 4 * one):
-        means = (total[side:] - total[:-side]) / side
-        size = np.abs(means[side + 1 :] - means[: -side - 1])
-        place = int(size.argmax())
-        if size[place] > CLEAR * 1.4826 * np.median(size):
-            return place + side
-    return None
 
 
 def _periodogram(runs):
