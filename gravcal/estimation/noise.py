@@ -531,6 +531,7 @@ def _take_out(segments, axis, frequency, step_s):
 JUMPS = 24  # in a series that are no noise, at most
 SIDES = (2, 4, 8, 16)  # samples on either side of a jump that are compared
 CLEAR = 5.0  # robust standard deviations of what noise makes of that
+QUARTILE = 0.3186  # of the size of a normal deviate: a quarter of all differences has no jump, where half may have one
 
 
 def jumps(left: Callable[[list[int]], np.ndarray]) -> list[int]:
@@ -542,8 +543,8 @@ def jumps(left: Callable[[list[int]], np.ndarray]) -> list[int]:
     """
     places: list[int] = []
     while len(places) < JUMPS:
-        place = jump(left(places))
-        if place is None or place in places:
+        place = jump(left(places), places)
+        if place is None:
             break
         places.append(place)
     return places
@@ -555,17 +556,20 @@ def jump_columns(count: int, places: Sequence[int]) -> np.ndarray:
     return np.concatenate([at > np.array(places, dtype=int), at == np.array(places, dtype=int)], axis=1).astype(float)
 
 
-def jump(series: np.ndarray) -> int | None:
-    """Place of the clearest jump in a series (n,), None where there is none.
+def jump(series: np.ndarray, known: Sequence[int] = ()) -> int | None:
+    """Place of the clearest jump in a series (n,) that is not at a known one, None where there is none.
 
-    The mean of the bins after a bin less that of those before it, against the median size of all such differences,
-    which red noise has as well and a few jumps do not move. The fewest bins that show one tell best where it is.
+    The mean of the bins after a bin less that of those before it, against the lower quartile of all such
+    differences, which red noise has as well and jumps hardly move. The fewest bins that show one tell best where it is.
     """
     total = np.cumsum(np.append(0.0, series))
     for side in (one for one in SIDES if series.size > 4 * one):
         means = (total[side:] - total[:-side]) / side
         size = np.abs(means[side + 1 :] - means[: -side - 1])
+        limit = CLEAR * np.quantile(size, 0.25) / QUARTILE
+        for one in known:
+            size[max(one - 2 * side, 0) : max(one + 1, 0)] = 0.0
         place = int(size.argmax())
-        if size[place] > CLEAR * 1.4826 * np.median(size):
+        if size[place] > limit:
             return place + side
     return None
