@@ -32,6 +32,7 @@ READINGS = {
     "magnetometer": "T",
     "range": "m",
     "roll": "m s-2",
+    "torque": "N m",
 }
 _PARTS = {
     "measured": "as measured",

@@ -68,7 +68,7 @@ _LEAK = pairs("m s-2 A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 3e-1
 law("accelerometer.current_leak", "linear_b", _LEAK, _COUPLING)(coupled("dipole_b"))
 _LEAK = pairs("m", "reading of {0[0]} per angular acceleration about {0[7]}", 1e-4)
 law("accelerometer.angular_leak", "linear_b", _LEAK, "electrode cross-talk")(coupled("angular_b"))
-_STEP = (*axes("", "m s-2", "step of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0))
+_STEP = (*axes("", "m s-2", "step of the reading of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0))
 
 
 @law("accelerometer.bias_step", "linear_b", _STEP, "reading", linear=False)
@@ -76,7 +76,7 @@ def _bias_step(context: Context, values):
     return np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
 
 
-law("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of", 1e-12), "reading")(drifting)
+law("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of the reading of", 1e-12), "reading")(drifting)
 _TONE = (
     Parameter("frequency", "Hz", "frequency", 0.1),
     *axes("", "m s-2", "amplitude along", 1e-10),

@@ -16,7 +16,7 @@ SOURCE = "S-GRS paper, eqs. 4-10 (errata S-2, S-3, S-5)"
 EFFECTS = Laws()
 law = EFFECTS.law
 
-_PLACE = axes("", "m", "both test masses away from the CoM along", 1e-3)
+_PLACE = axes("", "m", "distance of both test masses from their place along", 1e-3)
 
 
 @law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)
@@ -26,7 +26,7 @@ def _mounting(context: Context, values):
     return _each(context, np.matvec(tensor, values))
 
 
-_SHARE = (Parameter("scale", "1", "gravity gradient over its model, minus one", 1e-3),)
+_SHARE = (Parameter("scale", "1", "relative excess of the gravity gradient", 1e-3),)
 
 
 @law("gradient.field_scale", "linear_each_b", _SHARE, SOURCE)
@@ -37,8 +37,8 @@ def _field_scale(context: Context, values):
 
 
 _WAVE = (
-    Parameter("cosine", "1", "C_nm beyond its model, of degree and order 2 if no others are named", 1e-8),
-    Parameter("sine", "1", "S_nm beyond its model, likewise", 1e-8),
+    Parameter("cosine", "1", "excess of C_nm, of degree and order 2 if no others are named,", 1e-8),
+    Parameter("sine", "1", "excess of S_nm, likewise,", 1e-8),
 )
 
 

@@ -42,7 +42,7 @@ def ripples(angle: np.ndarray, period: float) -> np.ndarray:
     return np.concatenate([np.sin(phase), np.cos(phase) - 1], axis=1)
 
 
-_SIZE = Parameter("size", "m", "reading is longer after the break", 0.01), Parameter("time", "s", "GPS time", 1.0)
+_SIZE = Parameter("size", "m", "reading is longer after the break by", 0.01), Parameter("time", "s", "GPS time", 1.0)
 
 
 @law("phase_break", _SIZE, "lost cycles of the carrier; KBR1B quality bit 0", linear=False)
@@ -56,7 +56,7 @@ def _delay(context: Context, values):
     return -context.extra["range_rate"] * values[0]
 
 
-_EXCESS = each(("excess",), "1", "reading is longer by this share", 1e-8)
+_EXCESS = each(("excess",), "1", "relative excess of the reading", 1e-8)
 
 
 @law("scale", _EXCESS, "oscillator frequency; LRI1B gives 6.5e-8 for the laser")
@@ -91,7 +91,7 @@ def _drift(context: Context, values):
     return (context.time - context.epoch) * _centre(context, values)
 
 
-_SQUARE = each(_PLACES, "m rad-2", "reading is longer by this times the square of {0}", 5e-4)
+_SQUARE = each(_PLACES, "m rad-2", "excess of the reading over the square of {0}", 5e-4)
 _PLANES = "phase centre that differs by twice this between the planes; assumed, no source prints one"
 
 
@@ -101,7 +101,7 @@ def _curvature(context: Context, values):
     return context.extra["angle"].reshape(-1, 4) ** 2 @ np.asarray(values)
 
 
-_TURN = each(_PLACES, "rad", "attitude in error about {0}", 3e-4)
+_TURN = each(_PLACES, "rad", "error of the attitude, {0},", 3e-4)
 
 
 @law("star_camera_misalignment", _TURN, "arm of the antenna times the angle")

@@ -41,7 +41,7 @@ law("attitude.star_camera_misalignment", "pointing_b", _ANGLE, "mounting of the 
 law("magnetometer.bias", "field_b", axes("", "T", "bias of", 5e-7), "CoM paper section 4.1")(constant)
 _SCALE = axes("", "1", "relative excess of the scale of", 0.01)
 law("magnetometer.scale", "field_b", _SCALE, "reading")(scaled("field_b"))
-_ANGLE = axes("angle", "rad", "turned about", 5e-3)
+_ANGLE = axes("angle", "rad", "magnetometer turned about", 5e-3)
 law("magnetometer.misalignment", "field_b", _ANGLE, "mounting")(misaligned("field_b"))
 _LEAK = pairs("T A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 1e-8)
 law("magnetometer.current_leak", "field_b", _LEAK, "stray field of the rods")(coupled("dipole_b"))

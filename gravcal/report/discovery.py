@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -88,15 +89,15 @@ def page(found: xr.Dataset, document: dict, satellite: str, reported: Reported) 
 def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
     """Sections of the page that hold something."""
     here = ("discovery",)
-    drawings = []
-    for number in range(len(document["findings"])) if document["findings"] else (-1,):
-        about = found, number, figures.fold(found, number)
-        said = figures.caption(*about, reported.readings)
-        drawings.append(Figure(figures.reading, here, said, about))
     excess = [Figure(figures.power, here, POWER), Figure(figures.spectra, here, SPECTRA)]
     hidden = [unobservable_table(document), limits_table(document)]
     made = [
-        Section("The findings", [findings_table(document), tied_table(document)], drawings, [CAUSE]),
+        Section(
+            "The findings",
+            [findings_table(document), tied_table(document)],
+            drawings(found, document, reported),
+            [CAUSE],
+        ),
         Section("The result", [change_table(document), gain_table(document)], notes=[GAIN]),
         Section("What this event could not have shown", hidden, notes=not_shown(document)),
         Section("What is left", [outlier_table(document)], excess, notes=[f"{WRONG} {reported.note}".strip()]),
@@ -105,13 +106,24 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
     return made if document["findings"] or figures.shown(found, -1) else made[1:]
 
 
+def drawings(found: xr.Dataset, document: dict, reported: Reported) -> list[Figure]:
+    """A figure for each finding, or that of the least likely band."""
+    made = []
+    for number in range(len(document["findings"])) if document["findings"] else (-1,):
+        about = {"number": number, "period": figures.fold(found, number)}
+        said = figures.caption(found, **about, readings_of=reported.readings)
+        made.append(Figure(partial(figures.reading, **about), ("discovery",), said))
+    return made
+
+
 def not_shown(document: dict) -> list[str]:
     """Notes on what would have stayed unseen: by the detection limits where they were made, else by the search."""
     if "limits" not in document:
         hidden = document["indistinguishable_from_calibration"]
         return [UNOBSERVABLE if hidden else NOTHING_HIDES, NO_LIMITS]
-    never = [_named(one) for one in document["limits"] if one["size"] is None]
-    large = [_named(one) for one in document["limits"] if one["size"] and one["prior"] and one["size"] > one["prior"]]
+    found = {one["cause"] for one in document["findings"]}  # free beside the others, so that nothing more of it shows
+    never = [_named(one) for one in document["limits"] if one["size"] is None and one["cause"] not in found]
+    large = [_named(one) for one in document["limits"] if (one["size"] or 0) > (one["prior"] or np.inf)]
     rows = ("At no size that was tried", never), ("Only if larger than is plausible", large)
     return [f"{said}: {'; '.join(names)}." for said, names in rows if names] + [LIMITS]
 
@@ -232,7 +244,10 @@ def limits_table(numbers: dict) -> Table | None:
         taken = ", ".join(map(words.title, one["confused_with"]))
         rows.append([words.title(one["cause"]), name, size, share, checked, move, taken])
     heads = ["effect", "parameter", "named from", "over plausible size", "confirmed", "moves result", "taken for"]
-    caption = "Just missed, or of plausible size where it is not seen, an effect moves the result by so many sigma."
+    caption = (
+        "Just missed, or of plausible size where it is not seen, an effect moves the result by so many sigma. What was "
+        "found is free beside all others and has no limit."
+    )
     return Table(caption, heads, rows, words=(0, 1, 4, 6), wide=True) if rows else None
 
 

@@ -100,13 +100,15 @@ SIDES = ("measured", "simulated", "extended")
 SIMULATED = LINES["baseline"] | {"label": "simulated without it"}
 EXTENDED = LINES["extended model"] | {"label": "extended model"}
 PHASES, STRETCHES = 40, 90  # bins of a period, and of a record
+SLOW = 0.02  # of the square of what a finding adds, below which it does not change within a period
 KEPT = 0.5  # of the square of what a finding adds that bins have to keep
 
 
 def shown(found, number: int) -> dict | None:
     """Where a finding is shown: {"finding", "channel", "block", "axis"}; None where it helps no reading."""
     rows = json.loads(found.attrs.get("shown", "[]"))
-    return next((one for one in rows if one["finding"] == number), None)
+    known = (one for one in rows if f"{one['channel']}_measured" in found)  # not that of a plugin
+    return next((one for one in known if one["finding"] == number), None)
 
 
 def _curves(found, one):
@@ -145,9 +147,20 @@ def fold(found, number: int) -> float | None:
     own = findings[number]["parameters"].get("frequency", {}).get("value")
     periods = [*([1 / own] if own else []), *json.loads(found.attrs["periods"])]
     added = curves["extended"] - curves["simulated"]
-    share = {p: _kept(added, _bins(time, p)) for p in periods if 2 * p < time[-1]}
+    quick = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
+    share = {p: _kept(v, _bins(time, p)) for p, v in quick.items() if np.nanvar(v) > SLOW * np.nanvar(added)}
     best = max(share, key=share.get, default=None)
     return best if best is not None and share[best] > KEPT else None
+
+
+def _quick(time, values, period):
+    """Values (n,) less their mean over a period about each sample, NaN where that is not whole."""
+    width = max(1, round(period / float(np.median(np.diff(time)))))
+    good, box = np.isfinite(values), np.ones(width)
+    total, count = (np.convolve(v, box, "same") for v in (np.where(good, values, 0.0), good.astype(float)))
+    left = values - total / np.maximum(count, 1)
+    left[: width // 2] = left[values.size - width // 2 :] = np.nan
+    return left
 
 
 def _bins(time, period):
@@ -172,6 +185,7 @@ def reading(found, number: int, period: float | None):
     if one is None:
         return None
     time, curves = _curves(found, one)
+    curves = {side: _quick(time, v, period) for side, v in curves.items()} if period else curves
     measured = curves["measured"]
     models = [(curves["simulated"], SIMULATED), (curves["extended"], EXTENDED)]
     models = [model for model in models if np.isfinite(model[0]).any()]
@@ -233,7 +247,7 @@ def caption(found, number: int, period: float | None, readings_of: Mapping[str, 
         return ""
     what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
     said = f"{what}: {one['channel']} reading, {one['block']}."
-    said += f" Folded over {period:.4g} s." if period else ""
+    said += f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
     said += " Above the reading, below what is measured less what either model simulates; bars: error of a mean."
     said += readings_of.get(one["channel"], " Its mean is left out.")
     return said + (REBUILT if "rebuilt" in found.attrs else "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from gravcal import effects
-from gravcal.report.plain import AXES, decimals, gps_text, prefixed, probability, quantity, signed
+from gravcal.report.plain import decimals, gps_text, prefixed, probability, quantity, signed
 from gravcal.store.results import units
 
 STATED = 3  # parameters of a finding that a sentence states
@@ -26,7 +26,7 @@ LAWS = (
     (r"the cube of (.+)", "{0}³", ""),
     (r"(.+) beyond a threshold", "sign({0}) max(|{0}| − c, 0)", ""),
     (r"the saturation of (.+)", "c tanh({0}/c)", ""),
-    (r"waves in (.+)", "(sin k{0}, cos k{0})", ""),
+    (r"waves in (.+)", "A₀ sin k{0} + A₁ cos k{0}", ""),
 )
 
 
@@ -103,16 +103,18 @@ def _law(form, known):
     else:
         base, symbols, wheres = _symbols(words)
         wheres.append(f"x = {base}, of size one")
+    symbols = symbols if symbols.startswith("A₀") else f"A {symbols}"
     rows = [f"A{_axis(n)} = {quantity(sizes[n]['value'], sizes[n]['sigma'], sizes[n]['unit'])}" for n in stated]
     rows += [f"{SYMBOLS[n]} = {quantity(p['value'], p['sigma'], p['unit'])}" for n, p in known.items() if n in SYMBOLS]
     where = ", ".join([*wheres, *rows])
-    return f"{f'{reading} follows ' if reading else ''}{words}; Δ{letter} = A {symbols}, where {where}"
+    return f"{f'{reading} follows ' if reading else ''}{words}; Δ{letter} = {symbols}, where {where}"
 
 
 def _axis(name):
-    """Axis of a parameter such as "linear_y" or "linear_y_0", in brackets."""
-    parts = [part for part in name.split("_") if part in AXES or part.isdigit()]
-    return f"({' '.join(parts)})" if parts else ""
+    """Subscript and axis of a parameter such as "linear_y" or "linear_y_0"."""
+    parts = name.split("_")
+    number = "".join("₀₁₂"[int(part)] for part in parts if part in ("0", "1", "2"))
+    return number + "".join(f"({part})" for part in parts if part in ("x", "y", "z"))
 
 
 def _symbols(words):
@@ -151,7 +153,7 @@ def verdict(numbers: dict) -> str:
         counted = [f"({k}) {sentence(one)}{tied(one)}" for k, one in enumerate(found, start=1)]
         said = " ".join(counted) if len(found) > 1 else counted[0].removeprefix("(1) ")
         after = "describes the data to their noise" if numbers["p_after"] >= level else "still leaves more than noise"
-        said += f" {_moves(numbers['calibration_change'])} The extended model {after} ({_chance(numbers['p_after'])})."
+        said += f"{_moves(numbers['calibration_change'])} The extended model {after} ({_chance(numbers['p_after'])})."
     return said + _left(found) + _quiet(numbers["p_quiet_after"])
 
 
@@ -163,7 +165,9 @@ def _quiet(p):
 
 
 def _moves(change):
-    """How far the result moves."""
+    """How far the result moves; nothing where there is none."""
+    if not change["names"]:
+        return ""
     rows = zip(*(change[n] for n in ("names", "change", "after", "sigma_before", "sigma_after")), strict=True)
     moved = []
     for (name, step, value, before, after), unit in zip(rows, units(change), strict=True):
@@ -174,7 +178,7 @@ def _moves(change):
                 factor *= 1e-6
             by, to = (signed(factor * one, decimals(factor * after)) for one in (step, value))
             moved.append(f"{name} by {by} to {to} ± {factor * after:.{decimals(factor * after)}f} {unit}")
-    return f"The result moves: {', '.join(moved)}." if moved else "The result moves by less than half of its error."
+    return f" The result moves: {', '.join(moved)}." if moved else " The result moves by less than half of its error."
 
 
 def _left(findings):

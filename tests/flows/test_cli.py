@@ -251,3 +251,42 @@ def test_looking_whether_a_document_can_be_written_changes_nothing(fakecal):
         assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "other", "--json", path) == 2
     assert old.read_text() == "kept"
     assert not new.exists()
+
+
+@pytest.fixture
+def minutes(tmp_path, monkeypatch):
+    """Folder with five minutes of a magnetometer with a hidden bias, made on the command line."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
+    words = "--seed", 4, "--effect", "magnetometer.bias.x=5e-7", "--set", "duration_s=300"
+    assert gravcal("simulate", "magnetometer", "--out", tmp_path / "data", *words) == 0
+    return tmp_path
+
+
+def made(capsys):
+    """Stages that are there once more, and the document on standard output."""
+    return json.loads(capsys.readouterr().out)
+
+
+def test_detection_limits_are_one_stage_that_is_kept(minutes, capsys):
+    """Contract: the search is not repeated, a second call makes nothing, nor does a campaign with the same."""
+    words = ("magnetometer", "--data", minutes / "data")
+    alone = ("--engine", "inline", "--json", "-")
+    kinds = lambda: sorted(entry.ref.stage for entry in housekeeping.entries(newest_only=False))  # noqa: E731
+    capsys.readouterr()
+    assert gravcal("discover", *words, *alone) == 0
+    first, before = made(capsys), kinds()
+    assert "limits" not in first
+    assert gravcal("discover", *words, "--limits", *alone, "--out", minutes / "page.html") == 0
+    document, after = made(capsys), kinds()
+    assert sorted(after) == sorted([*before, "magnetometer.discovery.limits", "magnetometer.discovery_report"])
+    assert {name: document[name] for name in ("findings", "gain")} == {
+        name: first[name] for name in ("findings", "gain")
+    }
+    assert {"magnetometer.scale", "timing.magnetometer_delay"} <= {one["cause"] for one in document["limits"]}
+    assert any(one["size"] and one["confirmed"] is not None for one in document["limits"])
+    assert "named from" in (minutes / "page.html").read_text()
+    assert gravcal("campaign", *words, "--limits", "--workers", 0, "--json", "-") == 0
+    (row,) = made(capsys)["events"]
+    assert (row["made"], row["status"]) == (0, "delivered")
+    assert row["verdict"] == document["verdict"]["text"]
+    assert kinds() == after

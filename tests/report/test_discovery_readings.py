@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from gravcal.estimation.records import Reported
+from gravcal.report import discovery, pages
 from gravcal.report import discovery_figures as figures
 from gravcal.report import discovery_words as words
 from gravcal.report.plain import quantity
@@ -83,6 +85,7 @@ def test_a_finding_that_helps_no_reading_has_no_panel():
     product = found(follows)
     assert figures.reading(product, 1, None) is None
     assert figures.caption(product, 1, None, {}) == ""
+    assert figures.shown(product.drop_vars("linear_measured"), 0) is None
 
 
 def test_the_caption_says_what_the_reading_is():
@@ -137,7 +140,8 @@ def finding(cause, form="", **parameters):
         ),
         (
             finding("accelerometer.bias_step", time=(633787200.0, 0.3, "s"), y=(2e-8, 1e-10, "m s-2")),
-            "The step of y is 20.00 ± 0.10 nm s⁻²; at 2020-02-01 00:00:00 GPS ± 0.3 s (accelerometer: bias step).",
+            "The step of the reading of y is 20.00 ± 0.10 nm s⁻²; at 2020-02-01 00:00:00 GPS ± 0.3 s (accelerometer: "
+            "bias step).",
         ),
         (
             finding(
@@ -150,6 +154,16 @@ def finding(cause, form="", **parameters):
             "An effect in no list that follows torquer current: linear reading follows a memory of the size of the "
             "current; Δa = A u, where τ du/dt + u = |x|, x = the current, of size one, A(z) = 6.10 ± 0.21 nm s⁻², "
             "τ = 39.8 ± 2.2 s.",
+        ),
+        (
+            finding(
+                "unknown:latitude",
+                "linear reading, waves in the latitude, cycles 42.9",
+                cycles=(42.9, 0.3, "1"),
+                linear_z_1=(3.8e-10, 4e-11, "m s-2"),
+            ),
+            "An effect in no list that follows latitude: linear reading follows waves in the latitude; Δa = A₀ sin kx "
+            "+ A₁ cos kx, where x = the latitude, of size one, A₁(z) = 380 ± 40 pm s⁻², k = 42.90 ± 0.30.",
         ),
         (
             finding("unknown:excess", "excess in the linear reading y, manoeuvre 3, 44 to 88 s, 23 to 102 mHz"),
@@ -191,3 +205,19 @@ def test_the_verdict_says_what_moves_what_is_tied_and_alarms():
     mixed = change | {"unit": "1e-6 rad s-2 V-1, um", "after": [39567.0, 2.0], "sigma_after": [228.0, 1.0]}
     text = words.verdict(said | {"calibration_change": mixed, "p_quiet_after": 0.3})
     assert "x by −0.01 to 39.57 ± 0.23 mrad s⁻² V⁻¹" in text
+
+
+def test_a_finding_that_is_not_folded_has_its_panel_on_the_page():
+    """Contract: a step against time, drawn where the page asks for its figures."""
+    product = found(stepped)
+    (one,) = discovery.drawings(product, {"findings": [finding("accelerometer.bias_step")]}, Reported())
+    assert "Folded" not in one.caption
+    text = pages.page(
+        {"provenance": {}, "calibration": "case", "event": "case", "origin": "measured"}
+        | {"configuration": "operational", "status": "delivered", "checks": [], "settings": {"level": 1}},
+        [pages.Section("The findings", figures=[one])],
+        {"discovery": product},
+        heading="Case",
+        verdict="Case.",
+    )
+    assert "<img" in text

@@ -7,7 +7,6 @@ Distance of the sensors, a constant torque and the centre of pressure are free a
 from __future__ import annotations
 
 import functools
-import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +20,6 @@ from gravcal.calibrations.gradient_torque.gradient import METHODS, orbit
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.gradient import EFFECTS
 from gravcal.estimation import noise
-from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
 from gravcal.physics import (
     earth,
@@ -48,7 +46,6 @@ TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient", 
 POINTING, TESSERAL = "attitude.star_camera_misalignment", "gradient.tesseral"
 HIGHEST = 20  # degree of a coefficient that is looked for
 LAST_FIELD = 9.46e8  # GPS s, end of 2029: the geomagnetic field of later days is that of its model then
-HARMONICS = (1, 2, 3, 4)  # of the argument of latitude, by which something may follow the orbit
 #: Drivers that torques do not move: motion answers a torque, and would explain any.
 OUTSIDE = ("latitude", "time")
 
@@ -203,9 +200,8 @@ def _width(time, bin_s):
 def _coloured(time, series, columns, effects, bin_s, order):
     """Channel with a noise model of each axis, beside the columns of the global parameters.
 
-    In the difference of the sensors everything that a listed effect adds is free as well, and jumps are, so that none
-    is noise; what the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts
-    on attitude.
+    In the difference of the sensors everything that a listed effect adds is free as well, so that none is noise; what
+    the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts on attitude.
     """
     observed, width = np.zeros((len(series), 3, 1 + GLOBAL)), _width(time, bin_s)
     observed[:, :, 0] = series
@@ -215,28 +211,9 @@ def _coloured(time, series, columns, effects, bin_s, order):
     good = np.isfinite(bins).all(axis=(1, 2))
     left = np.where(good[:, None], bins[:, :, 0], np.nan)
     beside = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
-    for axis in range(3 if effects else 0):
-        found = noise.jumps(lambda places, a=axis, b=beside: _left_beside(left, _with_jumps(b, a, places))[:, a])
-        beside = _with_jumps(beside, axis, found)
     models = tuple(noise.fit_beside([left], [beside], order, bin_s))
     channel = Channel(width, means(time, width), good, models)
     return replace(channel, rows=channel.whitened(observed))
-
-
-def _with_jumps(beside, axis, places):
-    """Columns (m, 3, q) and those of jumps of an axis."""
-    columns = np.zeros((len(beside), 3, 2 * len(places)))
-    columns[:, axis] = noise.jump_columns(len(beside), places)
-    return np.concatenate([beside, columns], axis=2)
-
-
-def _left_beside(series, columns):
-    """What is left of bins (m, 3) beside columns (m, 3, q), zero where there are none."""
-    good = np.isfinite(series).all(axis=1)
-    basis, flat = orthonormal(columns[good].reshape(-1, columns.shape[2]), noise.DEPENDENT), series[good].ravel()
-    left = np.zeros_like(series)
-    left[good] = (flat - basis @ (basis.T @ flat)).reshape(-1, 3)
-    return left
 
 
 def _attitude(about, R_bi, observed, modelled, settings):
@@ -338,16 +315,7 @@ def _reading(about, sensor):
 
 
 def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: readings, drag, attitude, orbit, time.
-
-    Of the readings of a sensor products: in proportion to them are scale, misalignment and cross-talk.
-    """
-    for sensor in range(len(about.extra["positions"])):
-        reading = _reading(about, sensor)
-        reading = reading / np.maximum(np.abs(reading).max(axis=0), 1e-300)
-        for one, other in itertools.combinations_with_replacement(range(3), 2):
-            words = f"square of {'xyz'[one]}" if one == other else f"product {'xyz'[one]}{'xyz'[other]}"
-            yield "reading", f"{words} of sensor {sensor + 1}", reading[:, one] * reading[:, other]
+    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: drag, attitude, orbit, time."""
     drag, rate = about.extra["non_gravitational_b"], about.rate_b - about.rate_b.mean(axis=0)
     for name, values in (("drag", drag), ("rate", rate), ("angular_acceleration", about.rate_dot_b)):
         for axis, letter in enumerate("xyz"):
@@ -357,7 +325,7 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
             yield name, f"square of {letter}", one**2
     fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
     argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit
-    for order in HARMONICS:
+    for order in (1, 2):
         yield "latitude", f"cosine of {order} times its argument", np.cos(order * argument)
         yield "latitude", f"sine of {order} times its argument", np.sin(order * argument)
     yield "time", "straight line", (about.time - about.time[0]) / (about.time[-1] - about.time[0]) - 0.5
@@ -387,7 +355,7 @@ class GradientTorque(Observations):
     settings: Mapping
 
     name = "gradient_torque"
-    channels, readable = CHANNELS, ("linear",)
+    channels = CHANNELS
     parameters = tuple(f"centre_of_pressure_{axis}" for axis in "xyz")
     unit, scale = "mm", np.full(3, 1e3)
     named_form = contiguous = True
@@ -527,15 +495,28 @@ class GradientTorque(Observations):
         return found
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time s, difference of the readings that the distance of the sensors predicts, and whitened rows, m s-2."""
-        own, about = self.made[channel], self.about
-        ordered, names = np.zeros((3 * own.time.size, rows.shape[1])), np.concatenate([b.channel for b in self.blocks])
+        """Time s, reading that the model predicts, and whitened rows in its unit.
+
+        Of the linear reading, m s-2, it is the difference that the distance of the sensors predicts; attitude, rad, and
+        torque, N m, are themselves what the model leaves.
+        """
+        own, names = self.made[channel], np.concatenate([b.channel for b in self.blocks])
+        time, *_ = own.places()
+        ordered = np.zeros((time.size, rows.shape[1]))
         ordered[np.concatenate([place[channel] for place in self._places])] = rows[names == channel]
+        inside = self._places[number][channel]
+        if not own.models:
+            ends = np.cumsum([lower.shape[0] for *_, lower in own.stretches])[:-1]
+            each = zip(own.stretches, np.split(ordered, ends), strict=True)
+            angle = np.concatenate([lower @ part for (*_, lower), part in each])[inside]
+            angle = angle.T.reshape(rows.shape[1], -1, 3)
+            return time[inside][::3], np.zeros(angle.shape[1:]), angle
         parts = ordered.reshape(3, own.time.size, -1)
         columns = [noise.unwhiten(model, part, own.good) for model, part in zip(own.models, parts, strict=True)]
-        apart = about.extra["positions"][0] - about.extra["positions"][1]
-        predicted = means(-np.matvec(_tensor(about), apart), own.width)
-        inside = np.unique(self._places[number][channel] % own.time.size)
+        inside, predicted = np.unique(inside % own.time.size), np.zeros((own.time.size, 3))
+        if channel == "linear":
+            apart = self.about.extra["positions"][0] - self.about.extra["positions"][1]
+            predicted = means(-np.matvec(_tensor(self.about), apart), own.width)
         return own.time[inside], predicted[inside], np.moveaxis(np.stack(columns, axis=1), 2, 0)[:, inside]
 
 
@@ -544,4 +525,9 @@ NOTE = (
     "both sensors, the star camera against the angular readings, and the torque that gravity gradient and control "
     "leave."
 )
-REPORT = Reported(note=NOTE, readings={"linear": " It is the difference of both sensors; its mean is left out."})
+READINGS = {
+    "linear": " It is the difference of both sensors; its mean is left out.",
+    "attitude": " It is that of the star camera beside that to which the angular readings integrate.",
+    "torque": " It is what gravity gradient and control leave.",
+}
+REPORT = Reported(note=NOTE, readings=READINGS)

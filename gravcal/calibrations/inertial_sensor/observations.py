@@ -78,7 +78,12 @@ class InertialSensor(Observations):
     name = "inertial_sensor"
     step = observed_swing.STEP
     interleaved = True
-    readable = READABLE
+    readable = (*SwingView.channels, observed_roll.CHANNEL)
+
+    @property
+    def periods(self) -> dict[float, int]:
+        """Period over which readings are folded; lines are looked for at all frequencies."""
+        return {self.swing.period: 0} if self.swing else {}
 
     @property
     def groups(self) -> list[int]:
@@ -130,8 +135,7 @@ class InertialSensor(Observations):
 
     def near(self, fitted: Fitted) -> list[Candidate]:
         """Steps at epochs near that of a finding, in the swing or in a segment of the roll."""
-        one = fitted.candidate
-        epoch = one.at if np.isfinite(one.at) else epoch_of(one.cause)
+        epoch = epoch_of(fitted.candidate.cause)
         at = epoch + self.spacing(epoch) * NEAR
         index = self.roll.segment_of(epoch) if self.roll else None
         if index is not None:
@@ -153,9 +157,9 @@ class InertialSensor(Observations):
         return rows
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time s, linear reading that the baseline predicts, whitened rows of the joined record in its unit."""
-        if channel == "linear":
-            return self.swing.reading(rows)
+        """Time s, reading that the baseline predicts, whitened rows of the joined record in its unit."""
+        if channel in SwingView.channels:
+            return self.swing.reading(channel, rows)
         joined = [block for block in self.blocks if channel in block.channel]
         time, axis, names = (np.concatenate([getattr(b, n) for b in joined]) for n in ("time", "axis", "channel"))
         return self.roll.reading_of(rows[names[np.lexsort((time, axis))] == channel])
@@ -171,4 +175,5 @@ NOTE = (
     "about the bias as far as they scatter about a straight line."
 )
 ROLL = " Straight pieces lie between the segments; its mean is left out."
-REPORT = Reported(note=NOTE, readings={observed_roll.CHANNEL: ROLL})
+TURNED = " It is the rotation beside that at a mean rate, as the voltages predict it and the tracker sees it."
+REPORT = Reported(note=NOTE, readings={observed_roll.CHANNEL: ROLL, "attitude": TURNED})

@@ -224,12 +224,35 @@ class SwingView:
         since = np.clip(about.time - self.record.time[0], 0, None)
         return rows + [("time", f"decay of {t:g} s", np.exp(-since / t)) for t in (10.0, 30.0, 90.0)]
 
-    def reading(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time s, linear reading (b, 3) m s-2 that the offset predicts, rows (3 b, q) in its unit (q, b, 3)."""
+    def reading(self, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time s, reading (b, 3) of a channel as the fit predicts it, and its rows (r, q) in that unit (q, b, 3).
+
+        The linear reading, m s-2, is that of the offset; the attitude, rad, the rotation beside that at a mean rate.
+        Rows are in the order of axis and time.
+        """
+        if channel == "attitude":
+            return self._turning(rows)
         parts = rows.reshape(3, self.record.time.size, -1)
         columns = [self.k[a] * noise.unwhiten(self.record.noise[a], parts[a], self.good) for a in range(3)]
         model = np.matvec(np.nan_to_num(self.tensor), self.start[3:6])
         return self.record.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
+
+    def _turning(self, rows):
+        (time, axis, _), record, valid = self.rows_of("attitude"), self.record, self.system.valid
+        white, columns = np.empty_like(rows), np.full((rows.shape[1], valid.size), np.nan)
+        white[np.lexsort((time, axis))] = rows
+        columns[:, valid] = (self.system.lower @ white).T
+        rate = np.nan_to_num(record.rate_b - np.nanmean(record.rate_b, axis=0))
+        angle = kinematics.running_integral(record.time, rate)
+        middle = self.swing.middle
+        return middle, fits.interpolated(record.time, angle, middle), columns.reshape(rows.shape[1], -1, 3)
+
+    @property
+    def period(self) -> float:
+        """Mean period s of the swing, from where the fastest rate changes its sign."""
+        rate = np.nan_to_num(self.record.rate_b - np.nanmean(self.record.rate_b, axis=0))
+        fastest = rate[:, np.argmax(np.sum(rate**2, axis=0))]
+        return 2 * float(np.median(np.diff(self.record.time[1:][np.diff(np.sign(fastest)) != 0])))
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Record of the swing without the effects of a model, so that the baseline describes what is left.
