@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import bound, events, scores
+from benchmarks import events, scores
 from benchmarks.tables import Figure, grid, say, show, title
 from flows import com_offset, engine
 from gravcal import catalog
@@ -78,7 +78,7 @@ def one(seed: int) -> dict:
     made = events.calibrated(event)
     degree = made["com_offset.align"].attrs.get("drift_degree", 2)
     row = measured(made["com_offset.combine"], made["com_offset.attitude"], event.truth["offset_um"], delay)
-    return row | {"seed": seed, "bound": np.sqrt(np.diag(bound.covariance(event, degree)))}
+    return row | {"seed": seed, "bound": np.sqrt(np.diag(events.bound(event, degree)))}
 
 
 def measured(combined, smoothed, offset_um, delay) -> dict:

@@ -199,7 +199,42 @@ EFFECTS = {
         "em_couple": Hidden((), number(1e-4), None, ("linear",), ("linear", "reading")),
     },
 }
-EFFECTS["roll"] = EFFECTS["swing"]
+EFFECTS["roll"] = EFFECTS["swing"].copy()
+
+
+def jumps(seconds):
+    """Draw of axis, size, mean time s between jumps, and number of the series of a random telegraph signal."""
+    return lambda rng: [int(rng.integers(3)), 1e-9, seconds, int(rng.integers(2**31))]
+
+
+def sweep(low, high):
+    """Draw of axis, size, first and last frequency Hz of a chirp."""
+    return lambda rng: [int(rng.integers(3)), 1e-9, *rng.uniform(low, high, 2).tolist()]
+
+
+#: Effects in no list that the models of the open world do not have: `put_in` adds them to readings in their files.
+ODD = {
+    "swing": {
+        "telegraph": Hidden((), jumps(15.0), only(1), ("linear",), ("excess",)),
+        "chirp": Hidden((), sweep(0.02, 0.4), only(1), ("linear",), ("excess",)),
+        "voltage_product": Hidden((), number(1e-8), None, ("linear",), ("angular_acceleration", "voltage")),
+        "rate_memory": Hidden((), number(1e-8), None, ("linear",), ("rate",)),
+    },
+    "roll": {
+        "telegraph": Hidden((), jumps(1500.0), only(1), ("roll",), ("excess",)),
+        "chirp": Hidden((), sweep(2e-3, 4e-2), only(1), ("roll",), ("excess",)),
+        "latitude_force": Hidden((), number(1e-8), None, ("roll",), ("latitude", "argument", "orbit")),
+        "reading_squared": Hidden((), number(1e-8), None, ("roll",), ("unknown:reading", "twice the roll angle")),
+    },
+    "sgrs": {
+        "telegraph": Hidden((), jumps(1200.0), only(1), ("linear",), ("excess",)),
+        "chirp": Hidden((), sweep(1e-3, 1e-2), only(1), ("linear",), ("excess",)),
+        "latitude_force": Hidden((), number(1e-11), None, ("linear",), ("latitude", "argument", "orbit")),
+        "drag_memory": Hidden((), number(1e-11), None, ("linear",), ("drag",)),
+    },
+}
+for _kind, _more in ODD.items():
+    EFFECTS[_kind] |= _more
 
 
 def odd(value, *drivers, **settings):
@@ -300,10 +335,75 @@ def make(kind: str, seed: int, effects: dict, folder: Path) -> dict:
         ]
         subprocess.run([*command, "--truth", str(target), *words], check=True, capture_output=True)
         return json.loads(target.read_text())
-    words = [word for name, value in effects.items() for word in ("--effect", f"{name}={json.dumps(value)}")]
+    more = {name: value for name, value in effects.items() if name in ODD.get(kind, ())}
+    words = [w for n, v in effects.items() if n not in more for w in ("--effect", f"{n}={json.dumps(v)}")]
     command = [sys.executable, str(OPEN), kind, "--seed", str(seed), *words, "--out", str(folder)]
     subprocess.run(command, check=True, capture_output=True)
-    return json.loads((folder / "truth.json").read_text())
+    truth = json.loads((folder / "truth.json").read_text())
+    for name, value in more.items():
+        put_in(kind, folder / "data", name, value, truth)
+    return truth
+
+
+def put_in(kind: str, data: Path, name: str, value, truth: dict) -> None:
+    """Add an effect of `ODD` to the last day of files: to one axis of the linear readings, of S-GRS of sensor 1.
+
+    Parameters
+    ----------
+    kind : "swing", "roll" or "sgrs"; data : folder of the files, changed; truth : of the case
+    name, value : of the effect
+    """
+    import xarray as xr
+
+    path = sorted(data.glob("SGRS_*" if kind == "sgrs" else "IS1_*"))[-1]
+    with xr.open_dataset(path) as opened:
+        record = opened.load()
+    time, axis = record["time"].values, value[0] if isinstance(value, list) else 2
+    with xr.open_dataset(path.with_name(path.name.replace("IS1", "ORB"))) as opened:  # of S-GRS the file itself
+        place = np.stack([np.interp(time, opened["time"], one) for one in opened["position"].values.T], axis=1)
+    added = _odd_reading(name, value, time, place, record)
+    if kind == "sgrs":
+        record["linear"].values[:, 0, axis] += added
+    else:
+        volt = added / truth["k"][axis]
+        for electrode, share in ({"V_x1": 4, "V_x2": 4, "V_x3": 4}, {"V_y": 1}, {"V_z1": 2, "V_z2": 2})[axis].items():
+            record[electrode].values[:] += volt / share
+    record.to_netcdf(path)
+
+
+def _odd_reading(name, value, time, place, record):
+    """What an effect of `ODD` adds to a reading, (n,) m s-2."""
+    since = time - time[0]
+    if name == "telegraph":
+        rng = np.random.default_rng(value[3])
+        edges = np.cumsum(rng.exponential(value[2], int(4 * since[-1] / value[2]) + 20))
+        return value[1] * np.where(np.searchsorted(edges, since) % 2, 1.0, -1.0)
+    if name == "chirp":
+        return value[1] * np.sin(2 * np.pi * (value[2] + (value[3] - value[2]) * since / since[-1] / 2) * since)
+    if name == "latitude_force":
+        sine = place[:, 2] / np.linalg.norm(place, axis=1)
+        return value * 4 * sine**2 * (1 - sine**2)  # square of the sine of twice the latitude
+    if name == "drag_memory":  # 400 s, of the flight direction
+        return value * _remembered(-record["linear"].values.mean(axis=1)[:, 0], since, 400.0)
+    angular = (record["V_z1"] - record["V_z2"]).values, (record["V_x2"] - record["V_x3"]).values
+    if name == "voltage_product":
+        product = (angular[0] - angular[0].mean()) * (angular[1] - angular[1].mean())
+        return value * product / np.abs(product).max()
+    if name == "rate_memory":  # 20 s, of the size of the rate about x
+        rate = np.cumsum(angular[0] - angular[0].mean())
+        return value * _remembered(np.abs(rate), since, 20.0)
+    reading = record["V_x1"].values * 2 + record["V_x2"].values + record["V_x3"].values
+    reading = reading - np.median(reading)
+    return value * reading**2 / np.percentile(reading**2, 99)
+
+
+def _remembered(series, since, tau):
+    """Running mean (n,) of a series with exponential memory, largest value one."""
+    from scipy.signal import lfilter
+
+    share = (since[1] - since[0]) / tau
+    out = lfilter([share], [1, share - 1], series - series.mean())
+    return out / np.abs(out).max()
 
 
 def gravcal(command: str, calibration: str, data: Path, out: Path) -> dict:
@@ -524,7 +624,7 @@ def _judged(kind, sort, seed, place):
     if sort != "clean":
         rng = np.random.default_rng([seed, 22])
         names = sorted(n for n, e in effects_of(kind).items() if bool(e.causes) == (sort == "listed"))
-        quiet = rows_of(calibration, data)
+        quiet = observed_of(calibration, data)
         for attempt in range(8):
             hidden = names[rng.integers(len(names))]
             wanted = float(np.exp(rng.uniform(*np.log(STRONG))))
@@ -548,7 +648,8 @@ def _strong(kind, seed, hidden, wanted, about):
     for attempt in range(4):
         truth = make(kind, seed, {hidden: value}, place / str(attempt))
         data = place / str(attempt) / "data"
-        ratio = signal_to_noise(quiet, rows_of(CALIBRATIONS.get(kind, kind), data))
+        changed = observed_of(CALIBRATIONS.get(kind, kind), data)
+        ratio = signal_to_noise(quiet.blocks if quiet else [], rows_of(changed, quiet))
         if 0.8 * wanted < ratio < 1.25 * wanted:
             return value, ratio, truth, data
         total *= wanted / max(ratio, wanted / 50)
@@ -567,8 +668,8 @@ def _scaled(value, factor):
     return value * factor
 
 
-def rows_of(calibration: str, data: Path) -> list:
-    """Blocks that a search of the files of a folder sees; none where there is nothing to see.
+def observed_of(calibration: str, data: Path):
+    """Observations that a search of the files of a folder sees; None where there is nothing to see.
 
     Parameters
     ----------
@@ -588,8 +689,35 @@ def rows_of(calibration: str, data: Path) -> list:
     limits = chosen.for_stage("discovery")
     fixed = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed", "heldout_s")
     settings = one.discovery.settings(source, chosen) | {n: v for n, v in limits.items() if n not in fixed}
-    observed = importlib.import_module(one.discovery.observations).observe(products, **settings)
-    return observed.blocks if observed else []
+    return importlib.import_module(one.discovery.observations).observe(products, **settings)
+
+
+def rows_of(observed, like) -> list:
+    """Blocks of observations, linear readings whitened with the noise of others: a strong effect changes its measure.
+
+    Parameters
+    ----------
+    observed, like : of `observed_of`
+    """
+    from gravcal.estimation import noise
+
+    if not (observed and like):
+        return observed.blocks if observed else []
+    swing, roll = (getattr(observed, name, None) for name in ("swing", "roll"))
+    if swing and like.swing:
+        swing = dataclasses.replace(swing, record=dataclasses.replace(swing.record, noise=like.swing.record.noise))
+    if roll and like.roll:
+        roll = dataclasses.replace(roll)
+        roll.__dict__.update(noise=like.roll.noise, wander=like.roll.wander)
+    if swing or roll:
+        return dataclasses.replace(observed, swing=swing, roll=roll).blocks
+    made = dict(getattr(observed, "made", {}))
+    for name in (name for name, one in made.items() if one.models and name in like.made):
+        one, models = made[name], like.made[name].models
+        axes = zip(one.models, models, np.split(one.rows, 3), strict=True)
+        rows = [noise.whiten(new, noise.unwhiten(old, part, one.good), one.good) for old, new, part in axes]
+        made[name] = dataclasses.replace(one, models=models, rows=np.concatenate(rows))
+    return dataclasses.replace(observed, made=made).blocks if made else observed.blocks
 
 
 def signal_to_noise(plain: list, changed: list) -> float:

@@ -19,7 +19,6 @@ from typing import Any
 
 from flows.engine import models
 from gravcal import catalog
-from gravcal.catalog import files
 from gravcal.store import origin, schemas
 from tasks import common, discovery
 from tasks.stage import read
@@ -196,7 +195,7 @@ def load(name: str) -> Calibration:
     if not isinstance(found, Calibration) or found.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {found!r:.80}, expected the Calibration {name!r}")
     if found.catalogue:
-        files.add_root(found.catalogue)
+        catalog.add_root(found.catalogue)
     if found.schema:
         schemas.add(name, found.schema)
     return found

@@ -129,7 +129,7 @@ def run(campaign, sources, listener=None):
         for number, row in _made(campaign, waiting, listener).items():
             rows[number] = row
     for row, source in zip(rows, sources, strict=True):
-        if row["status"] == "failed" and not isinstance(source, Refused):
+        if row["status"] == "failed" and hasattr(source, "folder"):
             row["origin"] = command.origin_of(source)
     counts = collections.Counter(row["status"] for row in rows)
     return {

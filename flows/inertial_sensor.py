@@ -89,7 +89,8 @@ def views(_source, chosen):
     known = chosen.for_stage("scale") | chosen.for_stage("offset") | {"inertia": geometry()["inertia"]}
     scene = {name: known[name] for name in ("bin_s", "quiet_margin_s", "drift_degree", "noise_order", "inertia")}
     known = chosen.for_stage("bias") | {"assumed": assumed(chosen)}
-    names = ("segment_s", "trend_degree", "amplitude_degree", "amplitude_harmonics", "assumed")
+    names = ("segment_s", "uniformity_limit", "share_limit")
+    names += ("trend_degree", "amplitude_degree", "amplitude_harmonics", "assumed")
     return {"scene": scene, "rolling": {name: known[name] for name in names}}
 
 

@@ -216,7 +216,7 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     for one in observed.lines:
         about = one.cause, one.unit, replace(choice, level=choice.level / len(observed.lines))
         found += joint_lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
-    steps = [k for k, one in enumerate(result.findings) if "@" in one.cause]
+    steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     if found or steps or result.after.excess_p < choice.level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
         tried = [*observed.candidates, *near, *(one.candidate for one in found)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -526,3 +526,50 @@ def _take_out(segments, axis, frequency, step_s):
         columns = np.stack([np.cos(phase), np.sin(phase), np.ones(u.size), u, u**2], axis=1)
         value = np.linalg.lstsq(columns, segment[index, axis], rcond=None)[0]
         segment[index, axis] -= columns[:, :2] @ value[:2]
+
+
+JUMPS = 24  # in a series that are no noise, at most
+SIDES = (2, 4, 8, 16)  # samples on either side of a jump that are compared
+CLEAR = 5.0  # robust standard deviations of what noise makes of that
+QUARTILE = 0.3186  # of the size of a normal deviate: a quarter of all differences has no jump, where half may have one
+
+
+def jumps(left: Callable[[list[int]], np.ndarray]) -> list[int]:
+    """Places of clear jumps in what a fit leaves of a series, one found beside the others.
+
+    Parameters
+    ----------
+    left : places -> (n,) what is left beside `jump_columns` of them
+    """
+    places: list[int] = []
+    while len(places) < JUMPS:
+        place = jump(left(places), places)
+        if place is None:
+            break
+        places.append(place)
+    return places
+
+
+def jump_columns(count: int, places: Sequence[int]) -> np.ndarray:
+    """Columns (n, 2 k) of steps behind samples and of these samples, in which a step may lie anywhere."""
+    at = np.arange(count)[:, None]
+    return np.concatenate([at > np.array(places, dtype=int), at == np.array(places, dtype=int)], axis=1).astype(float)
+
+
+def jump(series: np.ndarray, known: Sequence[int] = ()) -> int | None:
+    """Place of the clearest jump in a series (n,) that is not at a known one, None where there is none.
+
+    The mean of the bins after a bin less that of those before it, against the lower quartile of all such
+    differences, which red noise has as well and jumps hardly move. The fewest bins that show one tell best where it is.
+    """
+    total = np.cumsum(np.append(0.0, series))
+    for side in (one for one in SIDES if series.size > 4 * one):
+        means = (total[side:] - total[:-side]) / side
+        size = np.abs(means[side + 1 :] - means[: -side - 1])
+        limit = CLEAR * np.quantile(size, 0.25) / QUARTILE
+        for one in known:
+            size[max(one - 2 * side, 0) : max(one + 1, 0)] = 0.0
+        place = int(size.argmax())
+        if size[place] > limit:
+            return place + side
+    return None

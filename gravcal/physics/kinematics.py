@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from gravcal.physics.frames import (
     R_bi_from_quaternion,
@@ -114,10 +115,7 @@ def attitude_from_rates(time: np.ndarray, rate_b: np.ndarray, start: np.ndarray)
 
 def running_integral(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Integral (n, ...) from the first epoch of values (n, ...) at times (n,) s, by the trapezoidal rule."""
-    values = np.asarray(values, dtype=float)
-    step = np.diff(time).reshape(-1, *[1] * (values.ndim - 1))
-    pieces = step / 2 * (values[:-1] + values[1:])
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(pieces, axis=0)])
+    return cumulative_trapezoid(np.asarray(values, dtype=float), time, axis=0, initial=0.0)
 
 
 def angle_from_rate_change(time: np.ndarray, R_bi: np.ndarray, rate_change_b: np.ndarray) -> np.ndarray:

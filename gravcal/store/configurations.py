@@ -14,7 +14,7 @@ import hashlib
 import json
 import re
 
-from gravcal.catalog.parameter_table import parameters
+from gravcal.catalog import parameters
 from gravcal.errors import CatalogError, refuse
 from gravcal.store import location
 from gravcal.store.location import OPERATIONAL

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gravcal import catalog
-from gravcal.catalog import files
 from gravcal.errors import CatalogError
 
 
@@ -30,8 +29,8 @@ def test_a_satellite_answers_to_its_letter_and_its_names(name):
 
 def test_every_quantity_of_every_satellite_has_unit_frame_sigma_and_source():
     """Contract: value, unit, frame, sigma, source, always in this order."""
-    for name in files.names("satellites"):
-        _, content = files.read("satellites", name)
+    for name in catalog.names("satellites"):
+        _, content = catalog.read("satellites", name)
         tables = {key: table for key, table in content.items() if isinstance(table, dict)}
         assert tables
         for key, table in tables.items():

@@ -8,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gravcal import catalog
-from gravcal.catalog import files
 from gravcal.errors import CatalogError
 
 DEMO = """
@@ -89,7 +88,7 @@ def test_a_wrong_setting_is_refused_with_what_was_expected(demo, name, text, mes
 
 def test_every_parameter_has_a_reason_and_a_stage():
     """Contract: no number without its reason, in every parameter file."""
-    for calibration in files.names("parameters"):
+    for calibration in catalog.names("parameters"):
         chosen = catalog.parameters(calibration)
         assert chosen.entries
         for entry in chosen.entries.values():
@@ -99,7 +98,7 @@ def test_every_parameter_has_a_reason_and_a_stage():
 
 def test_names_of_dimensional_parameters_carry_their_unit():
     """Contract: settings carry the unit in the name; composed units, as of noise densities, are left to `unit`."""
-    for calibration in files.names("parameters"):
+    for calibration in catalog.names("parameters"):
         for name, entry in catalog.parameters(calibration).entries.items():
             if re.fullmatch("[A-Za-z]+", entry.unit or ""):
                 assert entry.unit.lower() in name.lower().split("_"), name

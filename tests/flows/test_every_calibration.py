@@ -143,7 +143,7 @@ def watching(monkeypatch):
 
     def observed(call, *rest):
         for module in [one for title, one in list(sys.modules.items()) if title.startswith("gravcal.")]:
-            if module not in (keys, sys.modules["gravcal.catalog.files"]):
+            if module not in (keys, sys.modules["gravcal.catalog"]):
                 for value in vars(module).values():
                     getattr(value, "cache_clear", lambda: None)()
         opened.clear()

@@ -11,7 +11,6 @@ import xarray as xr
 
 from flows import engine
 from gravcal import catalog
-from gravcal.catalog import files
 from gravcal.errors import CatalogError, ProductError
 from gravcal.io import archive, readers, sgrs_files, writers
 from gravcal.store import origin
@@ -143,7 +142,7 @@ def test_an_event_of_the_catalogue_may_state_it(pipeline, tmp_path, monkeypatch)
     _, measured = pipeline.run(event="grace-c-2020-02-01")
     folder = tmp_path / "catalog" / "events"
     folder.mkdir(parents=True)
-    shipped = (files.find("events", "grace-c-2020-02-01")).read_text()
+    shipped = (catalog.find("events", "grace-c-2020-02-01")).read_text()
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "catalog"))
     own = folder / "grace-c-2020-02-01.toml"
     own.write_text('origin = "simulated"\n' + shipped)

@@ -7,6 +7,7 @@ Distance of the sensors, a constant torque and the centre of pressure are free a
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ from gravcal.calibrations.gradient_torque.gradient import METHODS, orbit
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.gradient import EFFECTS
 from gravcal.estimation import noise
+from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
 from gravcal.physics import (
     earth,
@@ -46,6 +48,7 @@ TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient", 
 POINTING, TESSERAL = "attitude.star_camera_misalignment", "gradient.tesseral"
 HIGHEST = 20  # degree of a coefficient that is looked for
 LAST_FIELD = 9.46e8  # GPS s, end of 2029: the geomagnetic field of later days is that of its model then
+HARMONICS = (1, 2, 3, 4)  # of the argument of latitude, by which something may follow the orbit
 #: Drivers that torques do not move: motion answers a torque, and would explain any.
 OUTSIDE = ("latitude", "time")
 
@@ -200,8 +203,9 @@ def _width(time, bin_s):
 def _coloured(time, series, columns, effects, bin_s, order):
     """Channel with a noise model of each axis, beside the columns of the global parameters.
 
-    In the difference of the sensors everything that a listed effect adds is free as well, so that none is noise; what
-    the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts on attitude.
+    In the difference of the sensors everything that a listed effect adds is free as well, and jumps are, so that none
+    is noise; what the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts
+    on attitude.
     """
     observed, width = np.zeros((len(series), 3, 1 + GLOBAL)), _width(time, bin_s)
     observed[:, :, 0] = series
@@ -211,9 +215,28 @@ def _coloured(time, series, columns, effects, bin_s, order):
     good = np.isfinite(bins).all(axis=(1, 2))
     left = np.where(good[:, None], bins[:, :, 0], np.nan)
     beside = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
+    for axis in range(3 if effects else 0):
+        found = noise.jumps(lambda places, a=axis, b=beside: _left_beside(left, _with_jumps(b, a, places))[:, a])
+        beside = _with_jumps(beside, axis, found)
     models = tuple(noise.fit_beside([left], [beside], order, bin_s))
     channel = Channel(width, means(time, width), good, models)
     return replace(channel, rows=channel.whitened(observed))
+
+
+def _with_jumps(beside, axis, places):
+    """Columns (m, 3, q) and those of jumps of an axis."""
+    columns = np.zeros((len(beside), 3, 2 * len(places)))
+    columns[:, axis] = noise.jump_columns(len(beside), places)
+    return np.concatenate([beside, columns], axis=2)
+
+
+def _left_beside(series, columns):
+    """What is left of bins (m, 3) beside columns (m, 3, q), zero where there are none."""
+    good = np.isfinite(series).all(axis=1)
+    basis, flat = orthonormal(columns[good].reshape(-1, columns.shape[2]), noise.DEPENDENT), series[good].ravel()
+    left = np.zeros_like(series)
+    left[good] = (flat - basis @ (basis.T @ flat)).reshape(-1, 3)
+    return left
 
 
 def _attitude(about, R_bi, observed, modelled, settings):
@@ -315,7 +338,16 @@ def _reading(about, sensor):
 
 
 def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: drag, attitude, orbit, time."""
+    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: readings, drag, attitude, orbit, time.
+
+    Of the readings of a sensor products: in proportion to them are scale, misalignment and cross-talk.
+    """
+    for sensor in range(len(about.extra["positions"])):
+        reading = _reading(about, sensor)
+        reading = reading / np.maximum(np.abs(reading).max(axis=0), 1e-300)
+        for one, other in itertools.combinations_with_replacement(range(3), 2):
+            words = f"square of {'xyz'[one]}" if one == other else f"product {'xyz'[one]}{'xyz'[other]}"
+            yield "reading", f"{words} of sensor {sensor + 1}", reading[:, one] * reading[:, other]
     drag, rate = about.extra["non_gravitational_b"], about.rate_b - about.rate_b.mean(axis=0)
     for name, values in (("drag", drag), ("rate", rate), ("angular_acceleration", about.rate_dot_b)):
         for axis, letter in enumerate("xyz"):
@@ -325,7 +357,7 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
             yield name, f"square of {letter}", one**2
     fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
     argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit
-    for order in (1, 2):
+    for order in HARMONICS:
         yield "latitude", f"cosine of {order} times its argument", np.cos(order * argument)
         yield "latitude", f"sine of {order} times its argument", np.sin(order * argument)
     yield "time", "straight line", (about.time - about.time[0]) / (about.time[-1] - about.time[0]) - 0.5

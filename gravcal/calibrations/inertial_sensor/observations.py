@@ -135,7 +135,8 @@ class InertialSensor(Observations):
 
     def near(self, fitted: Fitted) -> list[Candidate]:
         """Steps at epochs near that of a finding, in the swing or in a segment of the roll."""
-        epoch = epoch_of(fitted.candidate.cause)
+        one = fitted.candidate
+        epoch = one.at if np.isfinite(one.at) else epoch_of(one.cause)
         at = epoch + self.spacing(epoch) * NEAR
         index = self.roll.segment_of(epoch) if self.roll else None
         if index is not None:

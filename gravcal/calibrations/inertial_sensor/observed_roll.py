@@ -8,6 +8,7 @@ every form that is tried.
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,7 @@ from gravcal.estimation import noise
 from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.noise import without_lines
 from gravcal.estimation.records import Block, Candidate, Entry
+from gravcal.physics import frames
 
 CHANNEL, CONSTANT = "roll", "constant"
 MOST = 48  # segments, evenly taken: columns of more take memory and add little
@@ -32,6 +34,8 @@ ALIKE = 0.9  # correlation of the bias of neighbouring segments, at most
 UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
 STEP_EVERY_S = 20.0
 EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
+USUAL = 1e-7  # m s-2, size of a reading without its bias
+HARMONICS = (1, 2, 3, 4)  # of the argument of latitude, by which a reading may follow the orbit
 EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise
 ORDER, NODES = 60, 16384  # coefficients that stand for it, frequencies that they are made of
 DRAWS = 400  # segments of simulated noise, for what a fit leaves of each
@@ -65,6 +69,13 @@ class RollView:
         """Length of a bin."""
         return float(self.time[0, 1] - self.time[0, 0])
 
+    @property
+    def along(self) -> np.ndarray:
+        """Angle along the orbit (s, b) rad since the record begins, at the mean rate by the gravity gradient."""
+        record = self.products["segment"]
+        motion = np.sqrt(np.linalg.norm(record["gradient_b"].values, axis=(1, 2)) / np.sqrt(6))  # |G| = sqrt(6) n^2
+        return np.nanmean(motion) * (self.time - float(record["time"][0]))
+
     @functools.cached_property
     def wander(self) -> np.ndarray:
         """Standard deviation (3,) m s-2 of the constants about a straight line, as large as it may be.
@@ -84,7 +95,8 @@ class RollView:
         """Noise of each axis: a sum of power laws, which goes on where the amplitudes of a segment leave nothing.
 
         It is fitted to periodograms of all segments, those that touch joined, of what is left beside the amplitudes and
-        every form that is tried; power laws are drawn and go through the same. Constants and trends are noise here.
+        every form that is tried; power laws are drawn and go through the same. Constants and trends are noise here,
+        a jump is none.
         """
         squares = (self.steady / np.abs(self.steady).max(axis=(0, 1))) ** 2
         count = np.rint((self.time - self.time[0, 0]) / self.step_s).astype(int)
@@ -96,18 +108,25 @@ class RollView:
         for axis in range(3):
             own = [orthonormal(design[axis][:, 0 if axis == 1 else turning :], 1e-6) for design in self.designs]
 
-            def local(values, own=own):
-                return np.stack([v - q @ (q.T @ v) for v, q in zip(values, own, strict=True)])
+            def beside(forms, own=own):
+                """Function values (s, b, d) -> what is left beside forms (s, b, f), in runs of segments (n, d)."""
+                local = lambda one: np.stack([v - q @ (q.T @ v) for v, q in zip(one, own, strict=True)])  # noqa: E731
+                basis = orthonormal(local(forms).reshape(count.size, -1), 1e-6)
 
-            basis = orthonormal(local(shared).reshape(count.size, -1), 1e-6)
+                def clean(values):
+                    flat = local(values).reshape(count.size, -1)
+                    rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
+                    return [rest[run].reshape(-1, values.shape[2]) for run in joined]
 
-            def clean(values, local=local, basis=basis):
-                """What is left of values (s, b, d), in runs of segments (n, d)."""
-                flat = local(values).reshape(count.size, -1)
-                left = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
-                return [left[run].reshape(-1, values.shape[2]) for run in joined]
+                return clean
 
-            models.append(power_laws(left[:, :, axis, None], clean, count, self.step_s))
+            def with_jumps(places, beside=beside):
+                columns = noise.jump_columns(count.size, places).reshape(*count.shape, -1)
+                return beside(np.concatenate([shared, columns], axis=2))
+
+            here = left[:, :, axis, None]
+            found = noise.jumps(lambda places, w=with_jumps, one=here: np.concatenate(w(places)(one))[:, 0])
+            models.append(power_laws(here, with_jumps(found), count, self.step_s))
         return models
 
     def rows(self, added: np.ndarray) -> list[np.ndarray]:
@@ -178,6 +197,8 @@ class RollView:
             if entry.channel in ("linear_b", "electrode_v"):
                 columns = self._read(entry, entry.columns(about)).reshape(*self.time.shape, 3, -1)
                 candidates += listed(entry, self.rows(columns)).each_alone()
+            elif entry.channel == "pointing_b":
+                candidates += listed(entry, self.rows(self._turned())).each_alone()
         for driver, form, values in self.series():
             columns = self.rows(values[:, :, None, None] * np.eye(3))
             candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", "linear", "m s-2", columns))
@@ -188,6 +209,12 @@ class RollView:
         if entry.channel == "linear_b":
             return added
         return np.einsum("a,av,nv...->na...", self.k, electrodes.READOUT[:3], added)
+
+    def _turned(self):
+        """What readings hold beyond a model whose attitude is turned about each axis, (s, b, 3, 3) m s-2 rad-1."""
+        place, term = self.start[3:], np.matvec(self.tensor, self.start[3:])
+        turned = [np.cross(axis, term) - np.matvec(self.tensor, np.cross(axis, place)) for axis in np.eye(3)]
+        return np.stack(turned, axis=3)
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray]:
         """Whitened cosine and sine (3 b + 3, 2) of every segment, on one axis of the linear readings."""
@@ -220,6 +247,14 @@ class RollView:
         for n, name in ((1, "the roll angle"), (2, "twice the roll angle"), (3, "three times the roll angle")):
             wave = self.turn**n
             rows += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
+        for order in HARMONICS:
+            angle = order * self.along
+            rows += [("latitude", f"cosine of {order} times its argument", np.cos(angle))]
+            rows += [("latitude", f"sine of {order} times its argument", np.sin(angle))]
+        reading = (self.steady + self.start[:3]) / USUAL
+        for one, other in itertools.combinations_with_replacement(range(3), 2):
+            words = f"square of {'xyz'[one]}" if one == other else f"product {'xyz'[one]}{'xyz'[other]}"
+            rows.append(("reading", words, reading[:, :, one] * reading[:, :, other]))
         rate = self.rate_b[:, :, 1] - self.rate_b[:, :, 1].mean()
         rate = rate / max(np.abs(rate).max(), 1e-30)
         return [*rows, ("rate", "component y", rate), ("rate", "square of y", rate**2)]
@@ -234,7 +269,7 @@ class RollView:
         return self.time.ravel(), model.reshape(-1, 3), columns
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
-        """Bins of the roll without the effects of a model on the linear readings; drifts count from its middle."""
+        """Bins of the roll without the effects of a model; drifts count from its middle."""
         segmented = self.products["segment"]
         extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model))
         parts = spans(segmented, self.settings["segment_s"])
@@ -248,6 +283,11 @@ class RollView:
                 added += unknown_added(entry, "linear", CHANNEL, rows)
                 continue
             known = effect(entry.cause)
+            if known.channel == "pointing_b":
+                turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(-known.values(entry.values)))
+                extended["R_bo"].values[:] = turn @ extended["R_bo"].values
+                extended["rate_b"].values[:] = extended["rate_b"].values @ turn.T
+                extended["gradient_b"].values[:] = turn @ extended["gradient_b"].values @ turn.T
             before = entry.values.get("time", np.inf) < about.time[0]  # a step that the bias of the roll contains
             if known.channel in ("linear_b", "electrode_v") and known.slug != TONE and not before:
                 added += view._read(known, known.contribution(about, known.values(entry.values)))
@@ -259,12 +299,18 @@ class RollView:
 def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView | None:
     """View of "segment", "bias" and, of a swing, "scale" and "offset"; None of fewer than three usable segments.
 
-    Settings are segment_s, trend_degree, amplitude_degree, amplitude_harmonics and assumed, as of `bias.bias`.
+    A segment that is left out of the bias for a bin in which samples are far apart is looked at: that may be a step.
+    Settings are segment_s, uniformity_limit, share_limit, trend_degree, amplitude_degree, amplitude_harmonics and
+    assumed, as of `bias.bias`.
     """
-    biased = products["bias"]
-    used = np.flatnonzero(biased["used"].values)
-    if used.size < segments.ENOUGH or not np.isfinite(biased["bias"].values).all():
+    biased, share = products["bias"], products["segment"]["share"].values
+    used = biased["used"].values.astype(bool)
+    if used.sum() < segments.ENOUGH or not np.isfinite(biased["bias"].values).all():
         return None
+    few = [
+        np.sum(share[part] < settings["share_limit"]) <= 1 for part in spans(products["segment"], settings["segment_s"])
+    ]
+    used = np.flatnonzero(used | (biased["uniformity"].values <= settings["uniformity_limit"]) & few)
     used = used[np.unique(np.linspace(0, used.size - 1, min(MOST, used.size)).round().astype(int))]
     return _view(products, settings, used)
 

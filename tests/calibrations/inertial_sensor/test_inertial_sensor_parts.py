@@ -1,6 +1,7 @@
 """Parts of the inertial-sensor calibration: integration, cleaning, means, bias."""
 
 import numpy as np
+import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
@@ -209,3 +210,14 @@ def test_what_changes_along_y_with_the_revolution_is_no_residual():
     constant, _, residual, _ = bias.solve_axis(1, reading, np.zeros((250, 3, 3)), bias.Model(2, 1, 2), phase)
     assert_allclose(residual, 0, atol=1e-20)
     assert_allclose(constant, reading.mean(), atol=1e-11)  # Legendre polynomials of samples hold a mean of 1/n
+
+
+@pytest.mark.parametrize("exponent", [0, -2])
+def test_a_step_is_told_from_noise_and_noise_is_no_step(exponent):
+    """Recovery: a jump of twenty times the scatter of white noise or of the steps of a random walk, within two bins."""
+    rng = np.random.default_rng(46)
+    series = rng.standard_normal((40, 1500))
+    series = np.cumsum(series, axis=1) if exponent else series
+    assert sum(noise.jump(one) is not None for one in series) <= 1
+    stepped = series + 20.0 * (np.arange(1500) > 700)
+    assert sum(abs((noise.jump(one) or 0) - 700) <= 2 for one in stepped) >= 38

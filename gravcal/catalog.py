@@ -1,24 +1,32 @@
-"""Satellites, their calibration events, and what was published of them.
+"""The catalogue: satellites, events, parameters and published values, read from TOML and CSV files.
+
+``satellite("C")``, ``event("grace-c-2020-02-01")``, ``events(satellite="C")``, ``names("events")``,
+``parameters("com_offset")``, ``published("com_offset")`` and ``trims("C")`` ask it, ``save_event`` adds to it. Files
+ship with the package; a folder named by the environment variable GRAVCAL_CATALOG is searched first: a user's own
+entries add or override.
 
 Constants of a satellite have value, unit, frame, sigma and source; events have a date, planned and found manoeuvres and
-the Level-1 files that hold them; published values are as printed, each with its citation.
+the Level-1 files that hold them; published values are as printed, each with its citation; parameters are all numbers
+that a stage takes, each with its reason and its allowed range.
 """
 
 import csv
 import datetime
+import difflib
 import io
 import json
 import os
 import re
+import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
-from gravcal.catalog import files
 from gravcal.errors import CatalogError, refuse
 
 QUANTITY = ("value", "unit", "frame", "sigma", "source")
@@ -35,6 +43,11 @@ SUFFIXES = {"GRACE": "dat", "GRACE-FO": "txt"}
 PAIRS = {"GRACE": ("AB", "X"), "GRACE-FO": ("CD", "Y")}
 RELEASES = {"GRACE": "02", "GRACE-FO": "04"}
 TABLE = ("file", "calibration", "section", "doi", "table", "labels", "value", "sigma", "unit", "direction", "note")
+PARAMETER = ("value", "stage", "reason")
+PARAMETER_OPTIONAL = ("unit", "minimum", "maximum", "allowed")
+WORDS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+ENVIRONMENT = "GRAVCAL_CATALOG"
+_added = []  # folders of calibrations of other packages
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +78,7 @@ class Satellite:
             raise AttributeError(name)
         if name in self.quantities:
             return self.quantities[name]
-        raise files.unknown("quantity", name, sorted(self.quantities), where=f"satellite {self.name}")
+        raise _unknown("quantity", name, sorted(self.quantities), where=f"satellite {self.name}")
 
     def __dir__(self):
         """Fields and quantities, for completion."""
@@ -137,45 +150,45 @@ class Event:
 def satellite(name):
     """Satellite by letter or name: "C", "grace-c", "GRACE C", "GRACE-C"."""
     key = str(name).strip().lower().replace(" ", "-").replace("_", "-")
-    known = files.names("satellites")
+    known = names("satellites")
     if len(key) == 1:
-        named = (entry for entry in known if files.read("satellites", entry)[1].get("letter", "").lower() == key)
+        named = (entry for entry in known if read("satellites", entry)[1].get("letter", "").lower() == key)
         key = next(named, key)
     if key not in known:
-        raise files.unknown("satellite", name, known, where="catalogue")
-    return _satellite(key, *files.read("satellites", key))
+        raise _unknown("satellite", name, known, where="catalogue")
+    return _satellite(key, *read("satellites", key))
 
 
 def _satellite(key, path, content):
     """Satellite from the content of its file."""
     tables = {name: entry for name, entry in content.items() if isinstance(entry, dict)}
     heading = {name: entry for name, entry in content.items() if name not in tables}
-    files.require(heading, HEADING, path)
+    _require(heading, HEADING, path)
     for name in HEADING[:3]:
         if not isinstance(heading[name], str):
-            files.wrong(path, name, heading[name], "a text", "Put it in quotes.")
+            _wrong(path, name, heading[name], "a text", "Put it in quotes.")
     launched = heading.pop("launched")
     if launched != "none" and not isinstance(launched, datetime.date):
-        files.wrong(path, "launched", launched, 'a date or "none"', "Write it as 2018-05-22, without quotes.")
+        _wrong(path, "launched", launched, 'a date or "none"', "Write it as 2018-05-22, without quotes.")
     quantities = {name: _quantity(table, path, name) for name, table in tables.items()}
     return Satellite(key, **heading, launched=None if launched == "none" else launched, quantities=quantities)
 
 
 def _quantity(table, path, key):
     """Quantity from its TOML table; every departure from the form is named."""
-    files.require(table, QUANTITY, f"{path}: [{key}]")
+    _require(table, QUANTITY, f"{path}: [{key}]")
     for text in ("unit", "frame", "source"):
         if not isinstance(table[text], str) or not table[text].strip():
-            files.wrong(path, f"{key}.{text}", table[text], "a text that is not empty", "State it.")
+            _wrong(path, f"{key}.{text}", table[text], "a text that is not empty", "State it.")
     if table["frame"] not in FRAMES:
-        files.wrong(path, f"{key}.frame", table["frame"], f"one of {', '.join(FRAMES)}", "Name the frame.")
+        _wrong(path, f"{key}.frame", table["frame"], f"one of {', '.join(FRAMES)}", "Name the frame.")
     value = _value(table["value"], path, f"{key}.value")
     sigma = None if table["sigma"] == "unknown" else _value(table["sigma"], path, f"{key}.sigma")
     if sigma is not None and (isinstance(value, (str, tuple)) or np.shape(sigma) != np.shape(value)):
         remedy = 'Give one sigma per number, or "unknown".'
-        files.wrong(path, f"{key}.sigma", table["sigma"], f"the shape of the value, {np.shape(value)}", remedy)
+        _wrong(path, f"{key}.sigma", table["sigma"], f"the shape of the value, {np.shape(value)}", remedy)
     if sigma is not None and np.min(sigma) < 0:
-        files.wrong(path, f"{key}.sigma", table["sigma"], "no negative number", "Correct the sign.")
+        _wrong(path, f"{key}.sigma", table["sigma"], "no negative number", "Correct the sign.")
     return Quantity(value, table["unit"], table["frame"], sigma, table["source"])
 
 
@@ -190,36 +203,36 @@ def _value(entry, path, key):
     except (TypeError, ValueError):
         array = None
     if array is None or isinstance(entry, bool):
-        files.wrong(path, key, entry, "a number or a full list of numbers", "Correct it.")
+        _wrong(path, key, entry, "a number or a full list of numbers", "Correct it.")
     if array.size == 0 or not np.all(np.isfinite(array)):
-        files.wrong(path, key, entry, "finite numbers", "Leave the quantity out if it is not known.")
+        _wrong(path, key, entry, "finite numbers", "Leave the quantity out if it is not known.")
     array.flags.writeable = False
     return float(array) if array.ndim == 0 else array
 
 
 def event(name):
     """Event of the catalogue by name, ``grace-c-2020-02-01``."""
-    known = files.names("events")
+    known = names("events")
     if name not in known:
-        raise files.unknown("event", name, known, where="catalogue")
-    path, content = files.read("events", name)
-    files.require(content, REQUIRED, path, OPTIONAL)
+        raise _unknown("event", name, known, where="catalogue")
+    path, content = read("events", name)
+    _require(content, REQUIRED, path, OPTIONAL)
     if not isinstance(content["calibration"], str):
-        files.wrong(path, "calibration", content["calibration"], "its name", "Name the calibration.")
+        _wrong(path, "calibration", content["calibration"], "its name", "Name the calibration.")
     if not isinstance(content["satellites"], list) or not content["satellites"]:
-        files.wrong(path, "satellites", content["satellites"], "a list of names", 'Write ["grace-c"].')
+        _wrong(path, "satellites", content["satellites"], "a list of names", 'Write ["grace-c"].')
     date = _date(content, "date", path)
     status = content["date_status"]
     if status not in STATUS:
-        files.wrong(path, "date_status", status, f"one of {', '.join(STATUS)}", "Say where the date is from.")
+        _wrong(path, "date_status", status, f"one of {', '.join(STATUS)}", "Say where the date is from.")
     if (status == "unknown") != (date is None):
-        files.wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
+        _wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
     end_date = _date(content, "end_date", path) or date
-    design_path, design = files.read("designs", content["design"])
-    files.require(design, DESIGN, design_path)
+    design_path, design = read("designs", content["design"])
+    _require(design, DESIGN, design_path)
     for table in design["manoeuvre"]:
         if missing := [key for key in DESIGNED if key not in table]:
-            files.wrong(design_path, "manoeuvre", sorted(table), f"also {', '.join(missing)}", "Add the key.")
+            _wrong(design_path, "manoeuvre", sorted(table), f"also {', '.join(missing)}", "Add the key.")
     members = tuple(satellite(member) for member in content["satellites"])
     designed = (
         ([table[key] for key in DESIGNED], {key: item for key, item in table.items() if key not in DESIGNED})
@@ -246,13 +259,13 @@ def event(name):
 
 def event_origin(name):
     """Origin that an event of the catalogue states for its files, "" where it states none or there is no such event."""
-    return _origin(*files.read("events", name)) if name in files.names("events") else ""
+    return _origin(*read("events", name)) if name in names("events") else ""
 
 
 def events(satellite=None, calibration=None):
     """Events of the catalogue of a satellite (letter or name) and calibration, by date, those of unknown date last."""
     wanted = None if satellite is None else _name_of(satellite)
-    every = [event(name) for name in files.names("events")]
+    every = [event(name) for name in names("events")]
     every = [one for one in every if wanted in (None, *one.satellites) and calibration in (None, one.calibration)]
     return tuple(sorted(every, key=lambda one: (one.date or datetime.date.max, one.name)))
 
@@ -266,7 +279,7 @@ def _origin(path, content):
     """Origin that an event states: its files may be simulated without saying so."""
     origin = content.get("origin", "")
     if origin not in ("", *ORIGINS):
-        files.wrong(path, "origin", origin, f"one of {', '.join(ORIGINS)}", "Leave it out where the files say it.")
+        _wrong(path, "origin", origin, f"one of {', '.join(ORIGINS)}", "Leave it out where the files say it.")
     return origin
 
 
@@ -274,15 +287,15 @@ def _date(content, key, path):
     """Date, or None where there is none or it is unknown."""
     date = content.get(key, "unknown")
     if date != "unknown" and not isinstance(date, datetime.date):
-        files.wrong(path, key, date, 'a date or "unknown"', "Write it as 2020-02-01, without quotes.")
+        _wrong(path, key, date, 'a date or "unknown"', "Write it as 2020-02-01, without quotes.")
     return None if date == "unknown" else date
 
 
 def _found(table, path):
     """Manoeuvre found in the data."""
-    files.require(table, FOUND, f"{path}: [[found]]", ("satellite",))
+    _require(table, FOUND, f"{path}: [[found]]", ("satellite",))
     if not table["stop"] > table["start"]:
-        files.wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
+        _wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
     return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]), table.get("satellite", ""))
 
 
@@ -291,7 +304,7 @@ def _raw_files(content, design, members, span, path):
     digests = content.get("sha256", {})
     for name, digest in digests.items():
         if not re.fullmatch("[0-9a-f]{64}", str(digest)):
-            files.wrong(path, f"sha256.{name}", digest, "64 hexadecimal digits", "Run sha256sum on the file.")
+            _wrong(path, f"sha256.{name}", digest, "64 hexadecimal digits", "Run sha256sum on the file.")
     needed = {}  # in the order of the design, each once
     for member in members:
         pair, both = PAIRS.get(member.mission, (member.letter, ""))
@@ -331,9 +344,9 @@ def event_text(calibration, design, satellites, date, found, sha256, origin="mea
 
 def save_event(name, text):
     """Write the text of an event into the user's own catalogue, and read the event back."""
-    own = os.environ.get(files.ENVIRONMENT)
+    own = os.environ.get(ENVIRONMENT)
     if not own:
-        expected, remedy = f"a folder in {files.ENVIRONMENT}", f"Set {files.ENVIRONMENT} to a folder of yours."
+        expected, remedy = f"a folder in {ENVIRONMENT}", f"Set {ENVIRONMENT} to a folder of yours."
         refuse(name, "no own catalogue to write to", expected, remedy, CatalogError, event=name)
     path = Path(own) / "events" / f"{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -383,17 +396,17 @@ def published(calibration, event=None):
 
     Of an event, or of none in particular, where one is given.
     """
-    path, tables = files.read("published", "tables")
+    path, tables = read("published", "tables")
     sections = {}
     for name, table in tables.items():
-        files.require(table, TABLE, f"{path}: [{name}]", ("events",))
+        _require(table, TABLE, f"{path}: [{name}]", ("events",))
         if table["calibration"] == calibration:
-            file = files.find("published", table["file"], suffix="")
+            file = find("published", table["file"], suffix="")
             records = _parsed(file, file.read_text(encoding="utf-8"), json.dumps(table))
             sections.setdefault(table["section"], []).extend(records)
     if not sections:
         known = sorted({table["calibration"] for table in tables.values()})
-        raise files.unknown("calibration with published values", calibration, known, where="catalogue")
+        raise _unknown("calibration with published values", calibration, known, where="catalogue")
     chosen = {
         name: tuple(one for one in records if event is None or not one.events or event in one.events)
         for name, records in sections.items()
@@ -403,10 +416,10 @@ def published(calibration, event=None):
 
 def trims(satellite=None, confirmed=None):
     """Mass trims by date, of a satellite (letter or name), and such as the series of offsets does or does not show."""
-    path, content = files.read("published", "trims")
+    path, content = read("published", "trims")
     wanted = None if satellite is None else _name_of(satellite)
     for table in content["trim"]:
-        files.require(table, tuple(Trim.__dataclass_fields__), f"{path}: [[trim]]")
+        _require(table, tuple(Trim.__dataclass_fields__), f"{path}: [[trim]]")
     chosen = [Trim(**table) for table in content["trim"]]
     return tuple(t for t in chosen if wanted in (None, t.satellite) and confirmed in (None, t.confirmed))
 
@@ -417,7 +430,7 @@ def _parsed(path, text, table):
     table, rows = json.loads(table), csv.DictReader(io.StringIO(text))
     missing = [c for c in (*table["labels"], *table["value"], *table["sigma"]) if c not in (rows.fieldnames or [])]
     if missing:
-        files.wrong(path, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
+        _wrong(path, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
     return tuple(_record(row, table) for row in rows)
 
 
@@ -454,3 +467,205 @@ def _rounding(text):
         return float(Decimal(5).scaleb(Decimal(text).as_tuple().exponent - 1))
     except InvalidOperation:
         return None
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One choice of ours: its value, what it may be, the stages that take it and why it is so."""
+
+    name: str
+    value: object
+    stages: tuple[str, ...]
+    reason: str
+    unit: str | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    allowed: tuple | None = None
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All parameters of a calibration; their values are attributes: ``chosen.lowpass_hz``.
+
+    ``configuration`` is "operational" or the name of the experiment that they belong to.
+    """
+
+    calibration: str
+    entries: Mapping[str, Parameter]
+    configuration: str = "operational"
+
+    def __getattr__(self, name):
+        """Value of the parameter of that name."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return self.entry(name).value
+
+    def entry(self, name):
+        """Parameter with unit, range and reason."""
+        if name not in self.entries:
+            raise _unknown("parameter", name, sorted(self.entries), where=self.calibration)
+        return self.entries[name]
+
+    def with_settings(self, settings):
+        """Copy with some values replaced; texts, as from ``--set``, take the type of the catalogue's value."""
+        changed = {}
+        for name, given in settings.items():
+            entry = self.entry(name)
+            if isinstance(entry.value, tuple):
+                items = given.split(",") if isinstance(given, str) else given
+                value = tuple(_scalar(item, entry.value[0], entry, self.calibration) for item in items)
+            else:
+                value = _scalar(given, entry.value, entry, self.calibration)
+            changed[name] = replace(entry, value=value)
+            _check(changed[name], self.calibration)
+        return replace(self, entries={**self.entries, **changed})
+
+    def for_report(self):
+        """All values by name, and the name of the configuration, as a report says them; no other stage takes both."""
+        return {name: entry.value for name, entry in self.entries.items()} | {"configuration": self.configuration}
+
+    def for_stage(self, stage):
+        """Settings of one stage by name, sorted, ready as keyword arguments."""
+        stages = sorted({known for entry in self.entries.values() for known in entry.stages})
+        if stage not in stages:
+            raise _unknown("stage", stage, stages, where=self.calibration)
+        return {name: entry.value for name, entry in sorted(self.entries.items()) if stage in entry.stages}
+
+
+def parameters(calibration):
+    """Parameters of a calibration from ``catalog/parameters/<calibration>.toml``."""
+    path, content = read("parameters", calibration)
+    entries = {name: _parameter(name, table, path) for name, table in content.items()}
+    return Parameters(calibration, entries)
+
+
+def _parameter(name, table, path):
+    """Parameter from its TOML table."""
+    if not isinstance(table, dict):
+        _wrong(path, name, table, "a table with value, stage and reason", f"Write [{name}] and its keys.")
+    _require(table, PARAMETER, f"{path}: [{name}]", PARAMETER_OPTIONAL)
+    if not isinstance(table["reason"], str) or not table["reason"].strip():
+        _wrong(path, f"{name}.reason", table["reason"], "a sentence", "Say why the value is what it is.")
+    stages = (table["stage"],) if isinstance(table["stage"], str) else tuple(table["stage"])
+    rest = {key: table[key] for key in ("unit", "minimum", "maximum") if key in table}
+    allowed = tuple(_typed(item, table) for item in table["allowed"]) if "allowed" in table else None
+    value = _typed(table["value"], table)
+    parameter = Parameter(name, value, stages, table["reason"], allowed=allowed, **rest)
+    _check(parameter, str(path))
+    return parameter
+
+
+def _typed(value, table):
+    """A number with a unit is a real number, one without keeps its type; lists become tuples."""
+    if isinstance(value, list):
+        return tuple(_typed(item, table) for item in value)
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    return float(value) if whole and "unit" in table else value
+
+
+def _scalar(given, example, entry, where):
+    """One given text or value in the type of the example."""
+    kind = type(example)
+    text = given.strip() if isinstance(given, str) else given
+    try:
+        if kind is bool:
+            return WORDS[str(text).lower()]
+        if kind is int and str(text) != str(int(text)):
+            raise ValueError(text)
+        return kind(text)
+    except (KeyError, TypeError, ValueError):
+        expected = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind, "a text")
+        return _refused(where, entry.name, given, expected)
+
+
+def _check(entry, where):
+    """The value lies in its range and among the allowed ones."""
+    for item in entry.value if isinstance(entry.value, tuple) else (entry.value,):
+        if entry.allowed is not None and item not in entry.allowed:
+            _refused(where, entry.name, item, f"one of {', '.join(map(str, entry.allowed))}")
+        if isinstance(item, float) and item != item:
+            _refused(where, entry.name, item, "a number")
+        if entry.minimum is not None and item < entry.minimum or entry.maximum is not None and item > entry.maximum:
+            low = "-" if entry.minimum is None else f"{entry.minimum:g}"
+            high = "-" if entry.maximum is None else f"{entry.maximum:g}"
+            _refused(where, entry.name, item, f"between {low} and {high} {entry.unit or ''}".rstrip())
+
+
+def _refused(where, name, found, expected):
+    """Refuse a parameter's value."""
+    remedy = f"Choose such a value, or leave {name} as it is."
+    refuse(f"{where}: {name}", repr(found), expected, remedy, CatalogError, parameter=name)
+
+
+def roots():
+    """Folders searched, in order: the user's own, the one of the package, those of other packages."""
+    own = os.environ.get(ENVIRONMENT)
+    if own and not Path(own).is_dir():
+        expected, remedy = "a folder with satellites/, events/ or parameters/", f"Create it, or unset {ENVIRONMENT}."
+        refuse(ENVIRONMENT, repr(own), expected, remedy, CatalogError)
+    return [*([Path(own)] if own else []), resources.files("catalog"), *_added]
+
+
+def add_root(folder):
+    """Search one more folder, after those of the user and of the package."""
+    if folder not in _added:
+        _added.append(folder)
+
+
+def names(kind, suffix=".toml"):
+    """Names of all entries of a kind ("satellites", "events", ...), sorted."""
+    folders = [root / kind for root in roots()]
+    every = {entry.name for folder in folders if folder.is_dir() for entry in folder.iterdir()}
+    return sorted(name.removesuffix(suffix) for name in every if name.endswith(suffix))
+
+
+def find(kind, name, suffix=".toml"):
+    """Path of one entry, the user's own before the shipped one; CatalogError names the nearest if there is none."""
+    for root in roots():
+        path = root / kind / f"{name}{suffix}"
+        if path.is_file():
+            return path
+    raise _unknown(kind.removesuffix("s"), name, names(kind, suffix), where="catalogue")
+
+
+def read(kind, name):
+    """Path of one TOML entry, for messages, and its content as a dict; what is wrong with it is said with the line."""
+    path = find(kind, name)
+    try:
+        return path, _loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        found = f"bytes that are not UTF-8 ({error.reason} at byte {error.start})"
+        return refuse(path, found, "a TOML file", "Save it as UTF-8.", CatalogError)
+    except tomllib.TOMLDecodeError as error:
+        return refuse(path, f"text that is not valid TOML ({error})", "a TOML file", "Correct it.", CatalogError)
+
+
+@lru_cache(maxsize=128)
+def _loads(text):
+    """Content of a TOML text; the same satellite stands in many events."""
+    return tomllib.loads(text)
+
+
+def _unknown(what, name, known, where):
+    """CatalogError for a name that is not there, with the nearest that are."""
+    near = difflib.get_close_matches(str(name).lower(), known, n=3, cutoff=0.5)
+    hint = f"Nearest: {', '.join(near)}." if near else f"Known: {', '.join(known) or 'none'}."
+    return CatalogError(
+        f"{where}: no {what} named {name!r} among the {len(known)} known. {hint}", name=str(name), nearest=near
+    )
+
+
+def _require(content, keys, path, optional=()):
+    """Check that a table holds exactly these keys (and perhaps the optional ones)."""
+    missing = [key for key in keys if key not in content]
+    surplus = [key for key in content if key not in keys and key not in optional]
+    if missing:
+        refuse(path, sorted(content), f"also {', '.join(missing)}", "Add the missing key.", CatalogError)
+    if surplus:
+        expected = f"only {', '.join([*keys, *optional])}"
+        refuse(path, f"the unknown key {surplus[0]!r}", expected, "Correct or remove it.", CatalogError)
+
+
+def _wrong(path, key, found, expected, remedy):
+    """Refuse a value of the wrong kind."""
+    refuse(f"{path}: {key}", repr(found), expected, remedy, CatalogError)
