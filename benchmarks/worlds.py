@@ -35,6 +35,10 @@ CALIBRATIONS = {
     "swing": "inertial_sensor",
     "roll": "inertial_sensor",
     "sgrs": "gradient_torque",
+    "second_kbr": "kbr_phase_centre",
+    "second_swing": "inertial_sensor",
+    "second_roll": "inertial_sensor",
+    "second_sgrs": "gradient_torque",
 }
 KINDS = {
     ("open", "com_offset"): ("com",),
@@ -42,12 +46,13 @@ KINDS = {
     ("open", "inertial_sensor"): ("swing", "roll"),
     ("open", "gradient_torque"): ("sgrs",),
     ("second", "com_offset"): ("second",),
+    ("second", "kbr_phase_centre"): ("second_kbr",),
+    ("second", "inertial_sensor"): ("second_swing", "second_roll"),
+    ("second", "gradient_torque"): ("second_sgrs",),
 } | {("own", name): (name,) for name in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque")}
-#: What an operator of these cases knows and gives to every command.
-KNOWN = {
-    "inertial_sensor": ["--set", "arm_x_mm=8", "--set", "k_y=3e-4"],
-    "gradient_torque": ["--set", f"field={FIELD}"],
-}
+#: What an operator of these kinds of cases knows and gives to every command.
+KNOWN = dict.fromkeys(("taiji", "swing", "roll"), ("arm_x_mm=8", "k_y=3e-4"))
+KNOWN |= {"sgrs": (f"field={FIELD}",), "second_sgrs": ("field={data}/../field.gfc",)}
 STRONG = (15.0, 40.0)  # signal-to-noise ratios that are hidden, log-uniform
 LARGEST = 200.0  # times the first guess of a size; what needs more is not seen by these records
 
@@ -254,6 +259,49 @@ EFFECTS["second"] = {
     "odd_rate_product": odd(1e-2, "rate", "attitude"),
     "odd_chirp": odd(1e-9, "time", "excess"),
 }
+
+
+def sized(draw, causes=(), *seen):
+    """Effect of the second world that is a mapping with its size under "value"; words of channel and driver."""
+    sizes = lambda value, factor: value | {"value": _scaled(value["value"], factor)}  # noqa: E731
+    return Hidden(causes, draw, sizes, *seen)
+
+
+def of_angle(size, low, high, name):
+    """Draw for what depends on pitch or yaw of one satellite, with a width or period in rad."""
+    return lambda rng: {
+        "value": size * float(rng.choice([-1, 1])),
+        "satellite": "CD"[rng.integers(2)],
+        "axis": int(rng.integers(1, 3)),
+        "phase": float(rng.uniform(0, 6)),
+        name: float(rng.uniform(low, high)),
+    }
+
+
+EFFECTS["second_kbr"] = {
+    "multipath": sized(of_angle(1e-6, 0.01, 0.05, "period"), ("ranging.multipath",)),
+    "phase_break": sized(
+        lambda rng: {"value": 1e-5, "wiggle": int(rng.integers(8)), "after": float(rng.uniform(300, 3400))},
+        ("ranging.phase_break",),
+    ),
+    "star_camera_delay": Hidden(("timing.star_camera_delay",), of_one(number(0.01))),
+    "odd_play": sized(of_angle(1e-4, 2e-3, 2e-2, "width"), (), ("range",), ("pitch", "yaw", "angle")),
+}
+EFFECTS["second_swing"] = EFFECTS["second_roll"] = {
+    "quadratic": Hidden(("inertial_sensor.quadratic",), axis_of(0.1)),
+    "cross": Hidden(("inertial_sensor.cross_coupling",), matrix(1e-2, True)),
+    "tracker_misalignment": Hidden(("inertial_sensor.tracker_misalignment",), axis_of(5e-3)),
+    "odd_telegraph": sized(
+        lambda rng: {"value": axis_of(3e-9)(rng), "rate_hz": float(rng.uniform(0.02, 0.1))},
+        (), ("linear",), ("time", "excess"),
+    ),
+}  # fmt: skip
+EFFECTS["second_sgrs"] = {
+    "misalignment": Hidden(("accelerometer.misalignment",), axis_of(1e-3)),
+    "residual_dipole": Hidden(("torque.residual_dipole",), axis_of(0.1)),
+    "mounting": Hidden(("gradient.mounting",), lambda rng: (1e-3 * rng.standard_normal((2, 3))).tolist()),
+    "odd_rectified": Hidden((), axis_of(1e-3), None, ("linear",), ("linear", "reading", "drag")),
+}
 #: Families of the catalogue that act on the records of a calibration; what is no effect of a simulated event is not
 #: drawn: the calibration's own parameters, and what another record holds.
 OWN = {
@@ -307,17 +355,24 @@ def make(kind: str, seed: int, effects: dict, folder: Path) -> dict:
 
     Parameters
     ----------
-    kind : "com", "kbr", "swing", "roll" or "sgrs" of the open world, "second", or a calibration for the project's own
+    kind : one of `KINDS`: of the open world, of the second, or a calibration for the project's own
     seed : int
     effects : {name: value}
     folder : where the case is made
     """
-    if kind == "second":
+    if kind.startswith("second"):
         tests = str(Path(__file__).parents[1] / "tests")
         sys.path[:0] = [] if tests in sys.path else [tests]
-        from independent import make_event
+        from independent import gradient, make_event, ranging, taiji
 
-        return make_event(folder / "data", seed, effects=effects, window_s=(420.0, 420.0))
+        maker, lengths = {
+            "second": (make_event, {"window_s": (420.0, 420.0)}),
+            "second_kbr": (ranging.make_campaign, {}),
+            "second_swing": (taiji.make_event, {"roll_s": 0.0}),
+            "second_roll": (taiji.make_event, {"roll_s": 27500.0}),
+            "second_sgrs": (gradient.make_day, {"duration_s": 20000.0}),
+        }[kind]
+        return maker(folder / "data", seed, effects=effects, **lengths)
     if kind in OWN:
         values = {name: value for entries in effects.values() for name, value in entries.items()}
         words = [word for name, value in values.items() for word in ("--effect", f"{name}={value}")]
@@ -406,17 +461,23 @@ def _remembered(series, since, tau):
     return out / np.abs(out).max()
 
 
-def gravcal(command: str, calibration: str, data: Path, out: Path) -> dict:
+def known(kind: str, data: Path) -> dict[str, str]:
+    """Settings that an operator of a kind of cases gives to every command."""
+    return dict(word.format(data=data).split("=", 1) for word in KNOWN.get(kind, ()))
+
+
+def gravcal(command: str, kind: str, data: Path, out: Path) -> dict:
     """Document of a command on the files of a folder, {"exit", "said"} where it wrote none.
 
     Parameters
     ----------
     command : "run" or "discover"
-    calibration : name
+    kind : of the case
     data : folder of Level-1 files
     out : file for the document
     """
-    words = ["-m", "flows.cli", command, calibration, "--data", str(data), *KNOWN.get(calibration, ())]
+    words = ["-m", "flows.cli", command, CALIBRATIONS.get(kind, kind), "--data", str(data)]
+    words += [word for pair in known(kind, data).items() for word in ("--set", "=".join(pair))]
     done = subprocess.run(
         [sys.executable, *words, "--engine", "inline", "--json", str(out)], capture_output=True, text=True, check=False
     )
@@ -440,13 +501,13 @@ def folder(options) -> list[Figure]:
 def _of_folder(job):
     """Document of one command on one case, and a line on it."""
     case, out, command = Path(job[0]), Path(job[1]), job[2]
-    calibration = CALIBRATIONS[case.name.partition("-")[0]]
+    kind = case.name.partition("-")[0]
     target = out / f"{case.name}{'.run' if command == 'run' else ''}.json"
     target.unlink(missing_ok=True)
     with tempfile.TemporaryDirectory() as store:
         os.environ["GRAVCAL_PRODUCTS"] = store
         begun = time.monotonic()
-        document = gravcal(command, calibration, case, target)
+        document = gravcal(command, kind, case, target)
     named = ", ".join(one["cause"] for one in document.get("findings", ()))
     return f"{case.name} {command}: {document['status']} ({document['exit']}), {time.monotonic() - begun:.0f} s {named}"
 
@@ -469,19 +530,20 @@ def truth_of(kind: str, truth: dict, epoch: float | None = None) -> dict[str, fl
     truth : its file
     epoch : s, GPS, that the document states for phase centres that move
     """
+    calibration = CALIBRATIONS.get(kind, kind)
     kept = {name: truth[own] for name, own in ALIASES.items() if own in truth} | truth
     if kind == "com":  # of an offset that moves there from each begin on: at the middle of the manoeuvres
         middle = (truth["manoeuvres"][0]["stop"] - truth["manoeuvres"][0]["start"]) / 2
         moved = 1e6 * middle * np.array(truth["effects"].get("d_drift", np.zeros(3)))
         return dict(zip("xyz", (kept["d_um"] + moved).tolist(), strict=True))
-    if kind in ("second", "com_offset"):
+    if calibration == "com_offset":
         return dict(zip("xyz", kept["d_um"], strict=True))
-    if kind in ("kbr", "kbr_phase_centre"):
+    if calibration == "kbr_phase_centre":
         both = zip("ab", kept["c_mm"].values(), strict=True)
         found = {f"{a}_{letter}": value for letter, vector in both for a, value in zip("xyz", vector, strict=True)}
         speed, begin = _drift(kind, truth)
         return {name: value + speed.get(name, 0.0) * ((epoch or begin) - begin) for name, value in found.items()}
-    if kind in ("sgrs", "gradient_torque"):
+    if calibration == "gradient_torque":
         return {f"centre_of_pressure_{axis}": 1e3 * value for axis, value in zip("xyz", kept["cp"], strict=True)}
     vectors = {"offset": kept["p_um"], "bias": [1e9 * b for b in kept["bias"]]}  # nm s-2
     found = {f"{name}_{axis}": v for name, vector in vectors.items() for axis, v in zip("xyz", vector, strict=True)}
@@ -557,7 +619,7 @@ def _result(change, true):
 
 def study(options) -> list[Figure]:
     """Scores of a study, its cases added to a file of lines."""
-    if not OPEN.exists():
+    if options.world == "open" and not OPEN.exists():
         say(f"{OPEN} is not at hand")
         return []
     out = Path(options.out or f"build/worlds-{options.calibration}-{options.world}.jsonl")
@@ -618,13 +680,12 @@ def _place():
 
 def _judged(kind, sort, seed, place):
     """Scores of a case with the effect that was drawn for it."""
-    calibration = CALIBRATIONS.get(kind, kind)
     plain = make(kind, seed, {}, place / "plain")
     hidden, value, ratio, truth, data = "", None, 0.0, plain, place / "plain" / "data"
     if sort != "clean":
         rng = np.random.default_rng([seed, 22])
         names = sorted(n for n, e in effects_of(kind).items() if bool(e.causes) == (sort == "listed"))
-        quiet = observed_of(calibration, data)
+        quiet = observed_of(kind, data)
         for attempt in range(8):
             hidden = names[rng.integers(len(names))]
             wanted = float(np.exp(rng.uniform(*np.log(STRONG))))
@@ -634,7 +695,7 @@ def _judged(kind, sort, seed, place):
                 break
         else:
             raise ValueError("no effect of eight reaches the signal-to-noise ratio")
-    document = gravcal("discover", calibration, data, place / "found.json")
+    document = gravcal("discover", kind, data, place / "found.json")
     return {"hidden": hidden, "value": value, "ratio": ratio} | scored(kind, sort, hidden, document, truth)
 
 
@@ -648,7 +709,7 @@ def _strong(kind, seed, hidden, wanted, about):
     for attempt in range(4):
         truth = make(kind, seed, {hidden: value}, place / str(attempt))
         data = place / str(attempt) / "data"
-        changed = observed_of(CALIBRATIONS.get(kind, kind), data)
+        changed = observed_of(kind, data)
         ratio = signal_to_noise(quiet.blocks if quiet else [], rows_of(changed, quiet))
         if 0.8 * wanted < ratio < 1.25 * wanted:
             return value, ratio, truth, data
@@ -668,12 +729,12 @@ def _scaled(value, factor):
     return value * factor
 
 
-def observed_of(calibration: str, data: Path):
+def observed_of(kind: str, data: Path):
     """Observations that a search of the files of a folder sees; None where there is nothing to see.
 
     Parameters
     ----------
-    calibration : name
+    kind : of the case
     data : folder of Level-1 files
     """
     import importlib
@@ -682,9 +743,9 @@ def observed_of(calibration: str, data: Path):
     from gravcal import catalog
     from tasks.stage import read
 
+    calibration = CALIBRATIONS.get(kind, kind)
     one = calibrations.load(calibration)
-    known = dict(word.split("=", 1) for word in KNOWN.get(calibration, ()) if "=" in word)
-    source, chosen = one.source(data=data), catalog.parameters(calibration).with_settings(known)
+    source, chosen = one.source(data=data), catalog.parameters(calibration).with_settings(known(kind, data))
     products = {name: read(ref) for name, ref in one.discovery.baseline(source, chosen).items()}
     limits = chosen.for_stage("discovery")
     fixed = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed", "heldout_s")

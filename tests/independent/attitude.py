@@ -115,14 +115,14 @@ def moment_of(current, rods):
 
 
 @njit(cache=True)
-def wanted_rate_dot(q, w, reference):
-    """Angular acceleration that a slow PD controller asks for."""
+def wanted_rate_dot(q, w, reference, gains):
+    """Angular acceleration that a slow PD controller asks for; gains of angle (s-2) and rate (s-1)."""
     r, v = (reference[1], reference[2], reference[3]), (q[1], q[2], q[3])
     scalar = reference[0] * q[0] + dot(r, v)
     part = add(cross(v, r), (reference[0] * v[0], reference[0] * v[1], reference[0] * v[2]), 1.0)
     angle = add((0.0, 0.0, 0.0), add(part, r, -q[0]), 2.0 * np.sign(scalar))
     rate = add(add(w, reference[4:], -1.0), cross(angle, reference[4:]), 1.0)
-    return add((-3.6e-5 * angle[0], -3.6e-5 * angle[1], -3.6e-5 * angle[2]), rate, -1.0e-2)
+    return add((-gains[0] * angle[0], -gains[0] * angle[1], -gains[0] * angle[2]), rate, -gains[1])
 
 
 @njit(cache=True)
@@ -133,7 +133,7 @@ def steer(q, w, env, reference, dither, inertia, control):
     """
     field_b, (per_current, step_ma) = rotate(q, env[0], -1.0), control
     hold = gravity_torque(q, inertia, env[1:4])
-    wanted = add(times(inertia, wanted_rate_dot(q, w, reference)), hold, -1.0)
+    wanted = add(times(inertia, wanted_rate_dot(q, w, reference, (3.6e-5, 1.0e-2))), hold, -1.0)
     stiff = times(inertia, times(inertia, field_b))
     feasible = add(wanted, stiff, -dot(field_b, wanted) / dot(field_b, stiff))
     ideal = cross(field_b, feasible)

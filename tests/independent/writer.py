@@ -1,6 +1,8 @@
-"""RL04 text files of one day."""
+"""RL04 text files of one day, and netCDF files of missions that have no format of their own."""
 
 from pathlib import Path
+
+import xarray as xr
 
 TITLES = {
     "ACC1A": ("Level-1A Accelerometer Data", "10-Hz linear and angular acceleration measurements in AF", "1A"),
@@ -10,6 +12,7 @@ TITLES = {
     "GNI1B": ("Level-1B Intermediate GPS Navigation Data", "1-Hz trajectory states in Inertial Frame", "1B"),
     "CLK1B": ("Level-1B Clock Offset Data", "Clock offset values to convert time tags to GPS Time", "1B"),
     "TIM1B": ("Level-1B Clock Data", "Clock mappings from OBC to Receiver Time", "1B"),
+    "KBR1B": ("Level-1B K-Band Ranging Data", "biased inter-satellite ranges and two time derivatives", "1B"),
 }
 _ORBIT = "gps_time:seconds GRACEFO_id:char coord_ref:char " + " ".join(
     f"{axis}{kind}:{unit}" for kind, unit in (("pos", "m"), ("pos_err", "m"), ("vel", "m/s"), ("vel_err", "m/s"))
@@ -33,6 +36,9 @@ COLUMNS = {
     "qualflg:",
     "TIM1B": "obctime:seconds GRACEFO_id:char TS_suppid: rcvtime_intg:seconds rcvtime_frac:nanoseconds "
     "first_icu_blknr: final_icu_blknr: qualflg:",
+    "KBR1B": "gps_time:second biased_range:m range_rate:m/s range_accl:m/s2 iono_corr: lighttime_corr:m "
+    "lighttime_rate:m/s lighttime_accl:m/s2 ant_centr_corr:m ant_centr_rate:m/s ant_centr_accl:m/s2 "
+    "K_A_SNR:0.1db-Hz Ka_A_SNR:0.1db-Hz K_B_SNR:0.1db-Hz Ka_B_SNR:0.1db-Hz qualflg:",
 }
 
 
@@ -63,7 +69,7 @@ def header(product, satellite, count, first, last):
         "conventions": "CF-1.6, ACDD-1.3, ISO 8601",
         "id": f"10.5067/GFJPL-L{level}04",
         "institution": "NASA/JPL",
-        "platform": f"GRACE {satellite}",
+        "platform": f"GRACE {'C+D' if satellite == 'Y' else satellite}",
         "processing_level": level,
         "product_version": "04",
         "summary": summary,
@@ -91,7 +97,7 @@ class Writer:
         """Write everything; return paths by product."""
         self.folder.mkdir(parents=True, exist_ok=True)
         paths = {}
-        for product, rows in self.rows.items():
+        for product, rows in ((name, rows) for name, rows in self.rows.items() if rows):
             path = self.folder / f"{product}_{self.date}_{self.satellite}_04.txt"
             first, last = (row.split(maxsplit=1)[0] for row in (rows[0], rows[-1]))
             text = header(product, self.satellite, len(rows), first, last)
@@ -148,3 +154,19 @@ class Writer:
         for t, ns in zip(clocks.board_time.tolist(), clocks.board_offset_ns.tolist(), strict=True):
             whole, part = divmod((t + self.day) * 10**9 + ns, 10**9)
             self.rows["TIM1B"].append(f"{t + self.day} {self.satellite} 0 {whole} {part} -1 -1 00000100")
+
+    def ranging(self, seconds, ranging, light):
+        """KBR1B rows: (n, 3) of range, rate and acceleration, and of their light-time corrections."""
+        for t, r, c in zip((seconds + self.day).tolist(), ranging.tolist(), light.tolist(), strict=True):
+            numbers = " ".join(f"{v!r}" for v in (*r, -421420.59, *c, 0.0, 0.0, 0.0))
+            self.rows["KBR1B"].append(f"{t} {numbers} 783 769 777 762  00000000")
+
+
+def netcdf(path, mission, time, variables):
+    """One product of a day; variables: {name: (dimensions, values, unit)}; time in GPS seconds past 2000."""
+    units = {"units": "seconds since 2000-01-01 12:00:00", "calendar": "standard", "time_scale": "GPS"}
+    data = {name: (dims, values, {"units": unit}) for name, (dims, values, unit) in variables.items()}
+    attributes = {"product": Path(path).name.split("_")[0], "satellite": mission, "time_scale": "GPS"}
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    xr.Dataset(data, {"time": ("time", time, units)}, attributes).to_netcdf(path)
+    return path

@@ -1,0 +1,162 @@
+"""Ranging, Taiji-1 and S-GRS by simulators of another hand: what reader and writer of the package share shows here."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from draws import document_of
+from numpy.testing import assert_allclose
+from typer.testing import CliRunner
+
+from flows import cli
+from gravcal.store import store
+from tasks.stage import read
+
+from . import gradient, ranging, taiji
+from .rows import table
+
+DATA = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2023-06-01"
+
+
+@pytest.fixture
+def called(tmp_path, monkeypatch):
+    """Function from command, calibration and settings to its document on the files in `tmp_path`/data."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
+
+    def call(command, calibration, *settings):
+        words = [
+            command,
+            calibration,
+            "--data",
+            tmp_path / "data",
+            "--engine",
+            "inline",
+            "--json",
+            tmp_path / "out.json",
+        ]
+        words += [word for setting in settings for word in ("--set", setting)]
+        document = document_of(CliRunner().invoke(cli.app, list(map(str, words))), tmp_path / "out.json")
+        assert document["origin"] == "measured"  # headers of another hand, which say nothing
+        return document
+
+    return call
+
+
+def within(value, sigma, truth, limit=4.0):
+    """Assert that values are within so many sigma of the truth."""
+    assert np.abs((np.array(value) - truth) / sigma).max() < limit
+
+
+def checked(document):
+    """The largest value of each check of a delivered document, by name."""
+    assert document["status"] == "delivered", [check for check in document["checks"] if not check["passed"]]
+    return {check["name"]: check["value"] for check in document["checks"]}
+
+
+def only(document):
+    """The one finding of a search, tied with nothing."""
+    assert [(one["cause"], one["tied_with"]) for one in document["findings"]] == [
+        (document["findings"][0]["cause"], [])
+    ]
+    return document["findings"][0]["cause"], document["findings"][0]["parameters"]
+
+
+@pytest.mark.measured
+def test_light_time_is_that_of_the_real_file():
+    """Published: the correction of KBR1B from GNI1B of both satellites, to a nanometre."""
+    if not DATA.exists():
+        pytest.skip(f"needs {DATA}")
+    names = {letter: DATA / f"GNI1B_2023-06-01_{letter}_04.txt" for letter in "CD"}
+    rows = {letter: table({"files": names}, letter)[::5] for letter in "CD"}
+    kbr = table({"files": {"KBR1B": DATA / "KBR1B_2023-06-01_Y_04.txt"}}, "KBR1B")[: len(rows["C"])]
+    assert_allclose(kbr[:, 0], rows["C"][:, 0])
+    states = {
+        k: SimpleNamespace(position=lambda _, r=r: r[:, 3:6], velocity=lambda _, r=r: r[:, 9:12])
+        for k, r in rows.items()
+    }
+    assert_allclose(ranging.Pair.light_time(SimpleNamespace(orbit=states), kbr[:, 0]), kbr[:, 5], atol=2e-9)
+
+
+def test_the_tensor_is_the_second_derivative_and_has_no_trace():
+    """Analytic: central differences of the potential, at a place off all axes."""
+    place, matrix, h = np.array([[3.1e6, -4.2e6, 4.4e6]]), gradient.shape(gradient.FIELD), 300.0
+
+    def potential(x):
+        r = np.linalg.norm(x)
+        return gradient.earth.MU * (1 / r + gradient.earth.EQUATOR**2 * x @ matrix @ x / r**5)
+
+    steps = h * np.eye(3)
+    corners = [[1, 1], [1, -1], [-1, 1], [-1, -1]]
+    by_steps = [
+        [sum(a * b * potential(place[0] + a * u + b * v) for a, b in corners) / (4 * h**2) for u in steps]
+        for v in steps
+    ]
+    found = gradient.tensor(place, matrix)[0]
+    assert_allclose(found, by_steps, atol=2e-12)
+    assert abs(np.trace(found)) < 1e-20
+
+
+def test_both_phase_centres_come_back(tmp_path, called):
+    """Recovery: exact orbits, so that light time and filter show in range minus orbit."""
+    truth = ranging.make_campaign(tmp_path / "data", 1, orbit_error_m=0.0)
+    document = called("run", "kbr_phase_centre")
+    apart = checked(document)
+    for letter, centre in truth["phase_centre_mm"].items():
+        for kind in ("range", "range_rate", "range_acceleration"):
+            found = document["satellites"][letter][kind]["ls"]
+            within(found["phase_centre_mm"], found["sigma_mm"], centre)
+    assert apart["range against orbits, rms"] < 0.03  # mm; half of a light time left out is 0.2
+    assert apart["range rate against orbits, rms"] < 0.3  # um/s
+
+
+def test_swing_and_roll_come_back(tmp_path, called):
+    """Recovery: factors, offset and bias, the roll about -y."""
+    truth = taiji.make_event(tmp_path / "data", 1)
+    document = called("run", "inertial_sensor")
+    apart, swing, bias = checked(document), document["swing"], document["roll"]["bias"]
+    for axis, number in (("x", 0), ("z", 2)):
+        within(swing["k"][axis]["value"], swing["k"][axis]["sigma_total"], truth["k"][number])
+        within(swing["beta"][axis]["value"], swing["beta"][axis]["sigma"], truth["beta"][number])
+        held = bias["value"][number] * truth["k"][number] / swing["k"][axis]["value"]  # with the true factor
+        within(held, bias["sigma"][number], truth["bias"][number])
+    offset = swing["com_to_test_mass_um"]
+    within(offset["value"], offset["sigma"], truth["com_to_test_mass_um"])
+    within(swing["delay_s"]["value"], swing["delay_s"]["sigma"], truth["delay_s"])
+    assert apart["angular reading y over gravity torque while rolling, from one"] < 0.3
+
+
+def test_drag_and_centre_of_pressure_come_back(tmp_path, called):
+    """Recovery: a planet whose order two is ten times that of the Earth; one sensor and two."""
+    truth = gradient.make_day(tmp_path / "data", 3)
+    document = called("run", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
+    checked(document)
+    for method in ("one_sensor", "two_sensor"):
+        series = read(store.find(document["drag"][method]["series"]))
+        off = series["drag_b"].values - truth["drag"]
+        sigma = np.sqrt(np.einsum("nii->ni", series["covariance"].values))
+        within(off.mean(0), sigma.mean(0) / np.sqrt(len(off) / 50), 0.0)  # errors of the attitude last 50 s
+        assert_allclose(np.sqrt(np.mean(off**2 / sigma**2, axis=0)), 1.0, atol=0.15)
+    centre = document["centre_of_pressure_m"]
+    within(centre["value"], centre["sigma"], truth["centre_of_pressure_m"])
+
+
+def test_multipath_of_one_satellite_is_named(tmp_path, called):
+    """Recovery: with size and period."""
+    hidden = {"value": 1e-6, "satellite": "C", "axis": 2, "period": 0.02, "phase": 0.7}
+    ranging.make_campaign(tmp_path / "data", 1, {"multipath": hidden})
+    cause, found = only(called("discover", "kbr_phase_centre"))
+    assert cause == "ranging.multipath"
+    assert found["period"]["value"] == pytest.approx(0.02, rel=0.01)
+    size = np.hypot(found["yaw_a"]["value"], found["cosine_yaw_a"]["value"])
+    assert size == pytest.approx(1e-6, abs=4 * found["yaw_a"]["sigma"])
+
+
+def test_a_turned_star_tracker_is_named(tmp_path, called):
+    """Recovery: with its angles."""
+    angles = [0.05, -0.02, 0.05]
+    taiji.make_event(tmp_path / "data", 3, {"tracker_misalignment": angles}, roll_s=0.0)
+    cause, found = only(called("discover", "inertial_sensor"))
+    assert cause == "inertial_sensor.tracker_misalignment"
+    for axis, angle in zip("xyz", angles, strict=True):
+        within(found[f"angle_{axis}"]["value"], found[f"angle_{axis}"]["sigma"], angle)
