@@ -103,6 +103,12 @@ def store_folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
+def rng(request):
+    """Generator of one test, whatever ran before it; its module states the RNG_LEVEL of all its draws."""
+    return seeds.generator(request.node.name, request.module.RNG_LEVEL)
+
+
+@pytest.fixture
 def pipeline(tmp_path, monkeypatch):
     """Return a package of helper, first, second, stages and flow below tmp_path, and ways to change it."""
     name = f"fake_{tmp_path.name.replace('-', '_').lower()}"

@@ -34,13 +34,18 @@ def generator(name, level):  # noqa: ARG001 - read by `levels`
 
 
 def levels():
-    """Level of every draw of the suite, by file and purpose."""
+    """Level of every draw of the suite, by file and purpose; of a module whose tests draw from `rng`, that of all."""
     found, folder = {}, Path(__file__).parent
     for path in sorted(folder.rglob("test_*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in ("seeds.seed", "seeds.generator"):
-                name, level = node.args[0].value, eval(ast.unparse(node.args[1]), {"MISSED": MISSED, "ALARM": ALARM})  # noqa: S307 - numbers
-                found[f"{path.relative_to(folder)}: {name}"] = level
+                name, level = node.args[0].value, node.args[1]
+            elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "RNG_LEVEL":
+                name, level = "rng", node.value
+            else:
+                continue
+            given = eval(ast.unparse(level), {"MISSED": MISSED, "ALARM": ALARM})  # noqa: S307 - numbers
+            found[f"{path.relative_to(folder)}: {name}"] = given
     return found
 
 

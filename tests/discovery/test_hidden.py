@@ -1,14 +1,14 @@
 """Effects hidden in Level-1 files by the second simulator; the code under test sees files only."""
 
 import numpy as np
-import pytest
-import seeds
 from draws import ALARM, MISSED, clean, document_of, enough
 from independent import make_event
 from typer.testing import CliRunner
 
 from flows import cli
 from gravcal.store.schemas import validate
+
+RNG_LEVEL = 2e-4 + ALARM + 3 * MISSED  # of all its draws, see seeds.py
 
 #: Slug, and what the second simulator calls it; at twice the signal-to-noise ratio of the study or more.
 LISTED = {
@@ -22,12 +22,6 @@ UNLISTED = {
     "warming": ({"odd_current_squared": {"value": {"y": 1.5e-13}, "lag_s": 2.0}}, "torquer_current"),
     "spikes": ({"odd_edge_spike": {"value": {"y": 8e-9}, "decay_s": 0.7, "signed": False}}, "torquer_current"),
 }
-
-
-@pytest.fixture(scope="module")
-def rng():
-    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
-    return seeds.generator("test_hidden", 2e-4 + ALARM + 3 * MISSED)
 
 
 def discovered(folder, seed, effects, *options):

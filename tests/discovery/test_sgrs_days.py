@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import seeds
 from draws import ALARM, clean, document_of
 from typer.testing import CliRunner
 
@@ -15,6 +14,8 @@ from gravcal.store import product
 from gravcal.store.schemas import validate
 from tasks.stage import read
 
+RNG_LEVEL = ALARM + 7 * 1e-4  # of all its draws, see seeds.py
+
 HALF_DAY = {"duration_s": "43200", "step_s": "5", "field_degree": "20"}
 #: Effects that half a day shows at ten times its errors or more, the field by far the most.
 LISTED = {
@@ -25,12 +26,6 @@ LISTED = {
     "gradient.tesseral": {"cosine": 1e-4},
     "attitude.star_camera_misalignment": {"angle_z": 2e-3},
 }
-
-
-@pytest.fixture(scope="module")
-def rng():
-    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
-    return seeds.generator("test_sgrs_days", ALARM + 7 * 1e-4)
 
 
 @pytest.fixture(autouse=True)

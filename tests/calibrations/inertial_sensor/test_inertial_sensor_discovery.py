@@ -5,12 +5,13 @@ import json
 import netCDF4
 import numpy as np
 import pytest
-import seeds
 from draws import ALARM, MISSED, clean, document_of, enough
 from typer.testing import CliRunner
 
 from flows import cli, inertial_sensor
 from gravcal.store.schemas import validate
+
+RNG_LEVEL = 2e-4 + 2 * ALARM + 8 * MISSED  # of all its draws, see seeds.py
 
 #: A time within the swing of the simulated day, and the begin of a roll without a swing the day before, s GPS.
 MIDDLE, BEGIN = 706111700.0, 706104000.0
@@ -27,12 +28,6 @@ HIDDEN = {
     ("roll", STEP): lambda own: {"z": 1e-8, "time": BEGIN + 2500.0 * own.integers(1, 10) + own.uniform(600, 1900)},
     ("roll", TONE): lambda own: {"z": 1e-9, "frequency": own.uniform(0.012, 0.03)},
 }
-
-
-@pytest.fixture(scope="module")
-def rng():
-    """Generator of this module, the same in every run unless GRAVCAL_TEST_SEED says otherwise."""
-    return seeds.generator("inertial_sensor_discovery", 2e-4 + 2 * ALARM + 8 * MISSED)
 
 
 def command(word, folder, *options):
