@@ -1,64 +1,23 @@
-"""The README and the pages of docs say what is there: snippets run, commands exist, links lead somewhere."""
+"""The README and the pages of docs say what is there: snippets run, links lead somewhere; test_docs_commands types."""
 
 import contextlib
 import io
 import re
-import shlex
 import tomllib
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
-
-from flows.cli import app
-from gravcal import catalog
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+\.\d+")
-INVENTED = "grace-c-2020-03-01"  # day of the simulation; a page shows how to add it
 TOLERANCE_UM = 0.6  # half a sigma of x; what moves more deserves another README
 
 
 def blocks(page, language):
     """Fenced blocks of a page in one language."""
     return [text for found, text in BLOCK.findall(page.read_text()) if found == language]
-
-
-def command_lines():
-    """Every `gravcal ...` of the shell blocks with the page it stands on."""
-    for page in PAGES:
-        for line in "".join(blocks(page, "bash")).splitlines():
-            words = shlex.split(line, comments=True)
-            while words and "=" in words[0]:
-                words = words[1:]
-            if words and words[0] == "gravcal":
-                yield pytest.param(words[1:], id=f"{page.name}: {' '.join(words)}")
-
-
-@pytest.mark.parametrize("words", list(command_lines()))
-def test_every_command_line_exists(words):
-    """Contract: command, options, settings, events and effects of a printed line are known."""
-    from gravcal.effects import effect
-
-    command = get_command(app)
-    while hasattr(command, "commands") and words:
-        command = command.commands[words[0]]
-        words = words[1:]
-    options = {name for parameter in command.params for name in parameter.opts}
-    assert {word for word in words if word.startswith("--")} <= options
-    calibration = next((word for word in words if (ROOT / "flows" / f"{word}.py").is_file()), None)
-    for option, value in zip(words, words[1:], strict=False):
-        name, _, given = value.partition("=")
-        if option == "--set":
-            simulated = command.name == "simulate"
-            catalog.parameters(f"simulate_{calibration}" if simulated else calibration).with_settings({name: given})
-        if option == "--effect":
-            slug, _, parameter = name.rpartition(".")
-            assert parameter in [one.name for one in effect(slug).parameters]
-        if value.startswith("grace-c-") and option == calibration and value != INVENTED:
-            assert catalog.event(value).calibration == calibration
 
 
 def test_make_has_every_target_named():
