@@ -6,7 +6,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from gravcal.errors import ProductError
 from gravcal.io.readers import read, tables
@@ -29,6 +29,8 @@ def test_any_acceleration_comes_back_bit_for_bit(tmp_path, values, step, first):
     for name, expected in zip(names, values, strict=True):
         assert_array_equal(observed[name].values, expected)
     assert_array_equal(observed.rcvtime_frac, ticks % 10**6)
+    assert_array_equal(observed.time_second, START + ticks // 10**6)
+    assert_allclose(observed.time_fraction, (ticks % 10**6) / 1e6, atol=1e-15)  # s, rounding
     assert_array_equal(observed.flag.values == 0, np.isfinite(values).all(axis=0))
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import physics_references
 import pytest
 from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
 
 from gravcal.errors import GravcalError
 from gravcal.physics import dynamics, frames, kinematics
@@ -61,6 +62,20 @@ def test_rates_follow_an_integrated_motion():
     rate, rate_dot = kinematics.rates_from_attitude(time, q)
     assert_allclose(rate[2:-2], w[2:-2], atol=1e-12)
     assert_allclose(rate_dot[2:-2], wd[2:-2], atol=1e-11)
+
+
+@pytest.mark.xfail(strict=True, reason="h^2/12 (w0 x w1) has the wrong sign: turns of a body follow in its own axes")
+def test_a_rate_that_changes_its_direction_turns_as_its_differential_equation_says():
+    """Analytic: q' = q w / 2 with w = a + b t by DOP853; a step leaves out order h^5, without its w0 x w1 1e-5 rad."""
+    a, b, time = np.array([0.02, -0.01, 0.03]), np.array([-2e-3, 3e-3, 1e-3]), np.arange(0, 10.5, 0.5)
+
+    def slope(t, q):
+        s, v, w = q[0], q[1:], a + b * t
+        return np.concatenate([[-v @ w], s * w + np.cross(v, w)]) / 2
+
+    q = solve_ivp(slope, (0, 10), [1.0, 0, 0, 0], "DOP853", time, rtol=1e-12, atol=1e-14).y.T
+    reached = kinematics.attitude_from_rates(time, a + b * time[:, None], q[0])
+    assert_allclose(frames.attitude_error(q, reached), 0, atol=1e-8)
 
 
 def test_the_window_of_the_rates_has_to_fit():

@@ -53,6 +53,12 @@ def test_the_field_between_epochs_is_linear_in_the_decimal_year():
     assert_allclose(magnetic.field_e(time, position, 14) * 1e9, expected * 1e9, atol=1e-7)
 
 
+def test_a_decimal_year_is_the_share_of_its_own_days():
+    """Analytic: the middle of 366 days is 2 July 0 h, that of 365 days 2 July 12 h."""
+    middle = np.array([gps_seconds(2016, 7, 2), gps_seconds(2017, 7, 2, 12)])
+    assert_allclose(magnetic.decimal_year(middle), [2016.5, 2017.5], rtol=0, atol=1e-12)
+
+
 def plain_sum(year, position, generation):
     """The potential by scipy's Legendre functions of each degree, and its slope by central differences over 2 km."""
     from scipy.special import lpmv
