@@ -92,18 +92,16 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
     excess = [Figure(figures.power, here, POWER), Figure(figures.spectra, here, SPECTRA)]
     hidden = [unobservable_table(document), limits_table(document)]
     made = [
-        Section(
-            "The findings",
-            [findings_table(document), tied_table(document)],
-            drawings(found, document, reported),
-            [CAUSE],
-        ),
+        Section("What was found", figures=drawings(found, document, reported)),
+        Section("The cause", [findings_table(document), tied_table(document)], notes=[CAUSE]),
         Section("The result", [change_table(document), gain_table(document)], notes=[GAIN]),
         Section("What this event could not have shown", hidden, notes=not_shown(document)),
         Section("What is left", [outlier_table(document)], excess, notes=[f"{WRONG} {reported.note}".strip()]),
         Section("What was tried", [tried_table(document)]),
     ]
-    return made if document["findings"] or figures.shown(found, -1) else made[1:]
+    numbers = range(-1, len(document["findings"]))
+    drawn, named = any(figures.shown(found, number) for number in numbers), bool(document["findings"])
+    return [one for one, wanted in zip(made, (drawn, named, *[True] * 4), strict=True) if wanted]
 
 
 def drawings(found: xr.Dataset, document: dict, reported: Reported) -> list[Figure]:
