@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.special import gammaln
 
 from gravcal.errors import refuse
 from gravcal.physics.gravity_field import Field
@@ -56,8 +57,6 @@ def read_field(path: Path, highest: int | None = None) -> Field:
     if not seen[0, 0]:
         parts[0, 0, 0] = 1.0
     if head["norm"] == "unnormalized":
-        from scipy.special import gammaln
-
         n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
         ratio = gammaln(np.where(m <= n, n - m, 0) + 1) - gammaln(n + m + 1)
         parts = parts / np.where(m <= n, np.sqrt((2.0 - (m == 0)) * (2 * n + 1)) * np.exp(ratio / 2), 1.0)

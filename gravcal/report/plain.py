@@ -5,6 +5,7 @@ import math
 import re
 
 import numpy as np
+from scipy.special import chdtrc
 
 AXES = "xyz"
 EPOCH = datetime.datetime(2000, 1, 1, 12)
@@ -18,14 +19,7 @@ def number(value):
 
 def numbers(values):
     """Nested lists of an array (...) with None for what is not finite."""
-    return _finite(np.asarray(values, dtype=float).tolist())
-
-
-def _finite(plain):
-    """Nested lists of floats with None for what is not finite."""
-    if isinstance(plain, list):
-        return [_finite(item) for item in plain]
-    return plain if math.isfinite(plain) else None
+    return as_plain(np.asarray(values, dtype=float).tolist())
 
 
 def estimate(value, sigma):
@@ -72,8 +66,6 @@ def chi_square_test(chi2, dof):
     -------
     test : {"chi2", "dof", "p"}, nothing tested: null with dof 0
     """
-    from scipy.special import chdtrc
-
     chi2, dof = number(chi2), int(dof)
     if chi2 is None or dof <= 0:
         return {"chi2": None, "dof": 0, "p": None}

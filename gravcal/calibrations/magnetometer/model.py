@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks
 from gravcal.calibrations.align import QUATERNION, sorted_samples
@@ -109,8 +110,6 @@ def _usable(observed, names):
 
 def _body_field(orbit_time, position_e, sca_time, quaternion, generation):
     """Reference field and direction of the main dipole in the body: function of time."""
-    from scipy.interpolate import CubicSpline
-
     to_inertial = np.swapaxes(earth.R_ei(orbit_time), 1, 2)
     field_i = CubicSpline(orbit_time, np.matvec(to_inertial, magnetic.field_e(orbit_time, position_e, generation)))
     axis_i = CubicSpline(orbit_time, orbit_environment.dipole_axis_i(orbit_time))

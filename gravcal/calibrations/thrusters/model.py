@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import BSpline, CubicSpline
+from scipy.linalg import expm
 
 from gravcal.calibrations import checks
 from gravcal.calibrations.align import QUATERNION, sorted_samples
@@ -166,8 +168,6 @@ def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
     time : (n,) s
     knot_s : s, spacing of the knots of the cubic torque; the attitude is a spline of degree 5 on them
     """
-    from scipy.interpolate import BSpline
-
     start, stop = time[0], time[-1] + 1e-3
     count = max(int(np.ceil((stop - start) / knot_s)), 1)
     inner = np.linspace(start, stop, count + 1)
@@ -188,9 +188,6 @@ def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -
     -----
     angle' = -w x angle + dw, J dw' = -(w x J dw) - (dw x J w): equations.md M2, first order about a constant rate.
     """
-    from scipy.interpolate import CubicSpline
-    from scipy.linalg import expm
-
     lag_s = np.arange(0.0, span_s + 40.0, 10.0)  # the turn is slow: 1e-3 rad s-1
     turn = frames.cross_matrix(rate_b)
     free = np.zeros((6, 6))
