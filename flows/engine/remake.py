@@ -30,10 +30,9 @@ def _make(key, original, stages, done):
     record = store.read_record(folder)
     if record is None:
         refuse(f"product {key[:12]}", f"that its record is no longer in {original}", "it", "Run its event again.")
-    labels = record["recipe"]["inputs"]
     items = [
         _raw_file(part, label) if "path" in part else _make(part["key"], original, stages, done)
-        for part, label in zip(record["from"], labels, strict=True)
+        for part, label in store.inputs(record)
     ]
     recipe = record["recipe"]
     settings = dict(recipe["settings"]) | {"event": recipe["event"], "variant": recipe["variant"]}

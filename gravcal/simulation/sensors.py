@@ -153,8 +153,10 @@ def _drag(epochs, motion, scene, chosen):
 
 
 def _digitised(true, kind, names, satellite, chosen, rng):
-    """Reading with noise and bias, in whole steps of the converter."""
-    noise = accelerometer_noise(len(true), satellite["accelerometer_interval"], chosen, kind, rng)
+    """Reading with the noise of each axis and bias, in whole steps of the converter."""
+    shapes = [table_density(chosen.noise_frequency_hz, getattr(chosen, f"{kind}_noise_{axis}")) for axis in "xyz"]
+    drawn = [coloured(one, len(true), satellite["accelerometer_interval"], rng) for one in shapes]
+    noise = chosen.noise_scale * np.stack(drawn, axis=1)
     return quantised(true + noise + satellite[f"{names}_bias"], np.array(satellite[f"{names}_step"]))
 
 
@@ -235,13 +237,6 @@ def table_density(frequency_hz, amplitude):
     """One-sided power density, Hz -> unit^2 Hz-1, from amplitude densities at nodes, joined in log-log."""
     log_f, log_a = np.log(frequency_hz), np.log(np.maximum(amplitude, 1e-300))
     return lambda f: np.exp(2 * np.interp(np.log(f), log_f, log_a))
-
-
-def accelerometer_noise(count: int, step_s: float, chosen, kind: str, rng) -> np.ndarray:
-    """Noise of the three axes of the linear or angular channels."""
-    tables = [getattr(chosen, f"{kind}_noise_{axis}") for axis in "xyz"]
-    columns = [coloured(table_density(chosen.noise_frequency_hz, t), count, step_s, rng) for t in tables]
-    return chosen.noise_scale * np.stack(columns, axis=1)
 
 
 def star_camera_noise(count: int, chosen, rng) -> np.ndarray:
