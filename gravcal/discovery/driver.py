@@ -350,7 +350,9 @@ def _product(observed, limits, result, numbers):
     whole, given = _joined(result, given) if observed.interleaved else (result, given)
     *without, columns = given
     channels = observed.readable or observed.channels
-    places = product.clearest(whole, channels, limits.level, without)
+    ends = np.cumsum([len(result.problem.candidates[one.index].names) for one in result.findings])
+    acts = list(zip(*([bool(c.any()) for c in np.split(part, ends[:-1], axis=1)] for part in columns), strict=True))
+    places = product.clearest(whole, channels, limits.level, without, acts)
     shown = product.variables(whole, places, observed.reading, without, observed.contiguous)
     shown["found_columns"] = np.concatenate(columns)
     return product.dataset(whole, numbers, observed.channels, shown, places, observed.periods)

@@ -230,7 +230,9 @@ class Shown:
     axis: int
 
 
-def clearest(result: Result, channels: Sequence[str], level: float, without: Sequence) -> list[Shown]:
+def clearest(
+    result: Result, channels: Sequence[str], level: float, without: Sequence, acts: Sequence = ()
+) -> list[Shown]:
     """For each finding the channel, block and axis whose rows it helps most; none where it helps no curve.
 
     Where nothing was named and the baseline is not adequate, the place of the least likely band.
@@ -241,12 +243,14 @@ def clearest(result: Result, channels: Sequence[str], level: float, without: Seq
     channels : that can be shown
     level : of the search
     without : for each finding the residual (n,) of each block as the extended model without it leaves it
+    acts : for each finding whether it acts in each block; in all if empty
     """
     found = []
     for number, rest in enumerate(without):
         drops = {}
         for k, block in enumerate(result.problem.blocks):
             drop = rest[k] ** 2 - result.after.rest[k] ** 2
+            drop = drop if not acts or acts[number][k] else np.zeros_like(drop)
             for channel in (c for c in channels if np.sum(block.channel == c) >= CURVE):
                 size = np.bincount(block.axis, np.where(block.channel == channel, drop, 0.0))
                 drops[size.sum(), channel, k] = int(size.argmax())

@@ -50,6 +50,8 @@ def test_what_a_finding_helps_most_is_shown():
     without = [found.before.rest]  # there is one finding
     places = clearest(found, ("angular", "linear"), 0.005, without)
     assert places == [Shown(0, "linear", 1, 0)]
+    (first,) = clearest(found, ("angular", "linear"), 0.005, without, [(True, False)])
+    assert (first.channel, first.block) == ("linear", 0)  # of what acts nowhere else
     shown = variables(found, places, doubled, without)
     difference = {p: shown["linear_measured"] - shown[f"linear_{p}"] for p in PARTS[1:]}
     assert_allclose(difference["simulated"][:, 0], 2 * found.before.rest[1][120:], atol=1e-12)  # rounding
