@@ -213,8 +213,9 @@ def jumps(seconds):
 
 
 def sweep(low, high):
-    """Draw of axis, size, first and last frequency Hz of a chirp."""
-    return lambda rng: [int(rng.integers(3)), 1e-9, *rng.uniform(low, high, 2).tolist()]
+    """Draw of axis, size, first and last frequency Hz of a chirp, which no part of the record takes for a tone."""
+    ends = lambda rng: [float(rng.uniform(low, 2 * low)), float(rng.uniform(high / 2, high))]  # noqa: E731
+    return lambda rng: [int(rng.integers(3)), 1e-9, *ends(rng)[:: rng.choice([-1, 1])]]
 
 
 #: Effects in no list that the models of the open world do not have: `put_in` adds them to readings in their files.
@@ -416,7 +417,7 @@ def put_in(kind: str, data: Path, name: str, value, truth: dict) -> None:
     time, axis = record["time"].values, value[0] if isinstance(value, list) else 2
     with xr.open_dataset(path.with_name(path.name.replace("IS1", "ORB"))) as opened:  # of S-GRS the file itself
         place = np.stack([np.interp(time, opened["time"], one) for one in opened["position"].values.T], axis=1)
-    added = _odd_reading(name, value, time, place, record)
+    added = _odd_reading(name, value, time, place, (record, truth))
     if kind == "sgrs":
         record["linear"].values[:, 0, axis] += added
     else:
@@ -426,9 +427,9 @@ def put_in(kind: str, data: Path, name: str, value, truth: dict) -> None:
     record.to_netcdf(path)
 
 
-def _odd_reading(name, value, time, place, record):
+def _odd_reading(name, value, time, place, about):
     """What an effect of `ODD` adds to a reading, (n,) m s-2."""
-    since = time - time[0]
+    since, (record, truth) = time - time[0], about
     if name == "telegraph":
         rng = np.random.default_rng(value[3])
         edges = np.cumsum(rng.exponential(value[2], int(4 * since[-1] / value[2]) + 20))
@@ -445,7 +446,8 @@ def _odd_reading(name, value, time, place, record):
         product = (angular[0] - angular[0].mean()) * (angular[1] - angular[1].mean())
         return value * product / np.abs(product).max()
     if name == "rate_memory":  # 20 s, of the size of the rate about x
-        rate = np.cumsum(angular[0] - angular[0].mean())
+        swung = (time >= truth["start"]) & (time <= truth["start"] + 191.0)
+        rate = np.cumsum(np.where(swung, angular[0] - angular[0][swung].mean(), 0.0))
         return value * _remembered(np.abs(rate), since, 20.0)
     reading = record["V_x1"].values * 2 + record["V_x2"].values + record["V_x3"].values
     reading = reading - np.median(reading)
@@ -457,7 +459,7 @@ def _remembered(series, since, tau):
     from scipy.signal import lfilter
 
     share = (since[1] - since[0]) / tau
-    out = lfilter([share], [1, share - 1], series - series.mean())
+    out = lfilter([share], [1, share - 1], series - series[0])
     return out / np.abs(out).max()
 
 

@@ -25,6 +25,7 @@ REPORTED = {
 }
 #: Channels with a reading; what is left of an attitude wanders with the integrated noise of the voltages.
 READABLE = ("linear", observed_roll.CHANNEL)
+HARMONICS = 4  # of a smooth motion, in what follows it
 #: Epochs round that of the search at which a step is looked for again, in spacings of the search.
 NEAR = np.linspace(-1.0, 1.0, 21)
 
@@ -84,6 +85,12 @@ class InertialSensor(Observations):
     def periods(self) -> dict[float, int]:
         """Period over which readings are folded; lines are looked for at all frequencies."""
         return {self.swing.period: 0} if self.swing else {}
+
+    @functools.cached_property
+    def periods(self) -> dict[float, int]:
+        """Of the swing about each axis and of the roll: what follows the motion has power at their harmonics."""
+        roll = [2 * np.pi / abs(self.roll.rate_b[..., 1].mean())] if self.roll else []
+        return dict.fromkeys([*(self.swing.periods() if self.swing else ()), *roll], HARMONICS)
 
     @property
     def groups(self) -> list[int]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 from scipy.linalg import solve_triangular
+from scipy.signal import lfilter
 
 from gravcal.calibrations.inertial_sensor import bins, offset, scale
 from gravcal.calibrations.inertial_sensor import swing as fits
@@ -36,8 +37,11 @@ EFFECTS = (*electrodes.EFFECTS, *map(effect, OTHERS))
 #: First of the three combinations of voltages that read a channel.
 COMBINATIONS = {"linear": slice(0, 3), "angular": slice(3, 6)}
 STILL = 3.0  # an axis moves if its angular acceleration is above this many times the noise of a bin
+FEEBLE = 5.0  # times less than the largest, below which the motion about an axis has no period of its own
+FINE = 16384  # frequencies that it is looked for at, twice
 STRETCH_S = 10.0  # of the blocks, between half a period of the swing and the memory of its noise
 STEP_S = 2.0  # between epochs at which a step is looked for
+MEMORIES_S = (4.0, 12.0, 40.0)  # of the size of a rate that may warm or charge something
 MARGIN_S = 10.0  # from the ends of the record, where none is
 
 
@@ -202,6 +206,13 @@ class SwingView:
             candidates.append(step(epoch, self.cut(linear=self.linear_rows(after[:, None, None] * np.eye(3)))))
         return candidates
 
+    def periods(self) -> list[float]:
+        """Period s of the motion about each axis that moves."""
+        time, rate_dot = self.record.time, np.nan_to_num(self.record.rate_dot_b)
+        moving = rate_dot[:, rate_dot.std(axis=0) > rate_dot.std(axis=0).max() / FEEBLE]
+        power = np.abs(np.fft.rfft((moving - moving.mean(axis=0)) * np.hanning(time.size)[:, None], FINE, axis=0)) ** 2
+        return (1 / np.fft.rfftfreq(FINE, time[1] - time[0])[power.argmax(axis=0)]).tolist()
+
     def wave(self, axis: int, frequency: float) -> list[np.ndarray | None]:
         """Whitened cosine and sine (n, 2) of every block, on one axis of the linear readings."""
         time = self.record.time
@@ -221,6 +232,11 @@ class SwingView:
             rows += [(name, f"product {'xyz'[i]}{'xyz'[j]}", values[:, i] * values[:, j]) for i, j in pairs]
             rows += [(name, f"size of {a}", np.abs(values[:, i])) for i, a in enumerate("xyz")]
             rows += [(name, f"cube of {a}", values[:, i] ** 3) for i, a in enumerate("xyz")]
+        size = np.abs(np.nan_to_num(rate)) / max(np.nanmax(np.abs(rate)), 1e-30)
+        for tau in MEMORIES_S:
+            share = 1 - np.exp(-float(step_s[1, 0]) / tau)
+            kept = lfilter([share], [1, share - 1], size, axis=0)
+            rows += [("rate", f"memory of {tau:g} s of the size of {a}", kept[:, i]) for i, a in enumerate("xyz")]
         since = np.clip(about.time - self.record.time[0], 0, None)
         return rows + [("time", f"decay of {t:g} s", np.exp(-since / t)) for t in (10.0, 30.0, 90.0)]
 
