@@ -1,5 +1,7 @@
 """Parts of the inertial-sensor calibration: integration, cleaning, means, bias."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -221,3 +223,13 @@ def test_a_step_is_told_from_noise_and_noise_is_no_step(exponent):
     assert sum(noise.jump(one) is not None for one in series) <= 1
     stepped = series + 20.0 * (np.arange(1500) > 700)
     assert sum(abs((noise.jump(one) or 0) - 700) <= 2 for one in stepped) >= 38
+
+
+def test_a_turned_tracker_turns_the_tensor_of_a_roll():
+    """Analytic: a tracker turned by a small e sees T' = R(e)' T R(e); readings hold T p - T' p beyond its model."""
+    rng, angle = np.random.default_rng(47), np.array([2e-6, -1e-6, 3e-6])
+    tensor, place = rng.standard_normal((1, 4, 3, 3)), rng.standard_normal(3)
+    view = SimpleNamespace(tensor=tensor, start=np.append(np.zeros(3), place))
+    R = frames.R_bi_from_quaternion(frames.from_rotation_vector(-angle))  # of sensor from tracker components
+    expected = np.matvec(tensor - R.T @ tensor @ R, place)
+    assert_allclose(observed_roll.RollView._turned(view) @ angle, expected, atol=1e-10)  # second order
