@@ -81,11 +81,6 @@ class InertialSensor(Observations):
     interleaved = True
     readable = (*SwingView.channels, observed_roll.CHANNEL)
 
-    @property
-    def periods(self) -> dict[float, int]:
-        """Period over which readings are folded; lines are looked for at all frequencies."""
-        return {self.swing.period: 0} if self.swing else {}
-
     @functools.cached_property
     def periods(self) -> dict[float, int]:
         """Of the swing about each axis and of the roll: what follows the motion has power at their harmonics."""

@@ -263,13 +263,6 @@ class SwingView:
         middle = self.swing.middle
         return middle, fits.interpolated(record.time, angle, middle), columns.reshape(rows.shape[1], -1, 3)
 
-    @property
-    def period(self) -> float:
-        """Mean period s of the swing, from where the fastest rate changes its sign."""
-        rate = np.nan_to_num(self.record.rate_b - np.nanmean(self.record.rate_b, axis=0))
-        fastest = rate[:, np.argmax(np.sum(rate**2, axis=0))]
-        return 2 * float(np.median(np.diff(self.record.time[1:][np.diff(np.sign(fastest)) != 0])))
-
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Record of the swing without the effects of a model, so that the baseline describes what is left.
 
