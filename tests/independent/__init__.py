@@ -1,7 +1,8 @@
 """A second simulator of centre-of-mass events, for tests: own orbit, field, attitude, sensors and writer.
 
-It shares no code with the package under test. Times inside are seconds of the day of the event (GPS), vectors are SRF
-unless a name ends in `_i` (inertial) or `_e` (Earth-fixed), currents are mA, everything else is SI.
+`ranging`, `taiji` and `gradient` are those of the other calibrations. None shares code with the package under test.
+Times inside are seconds of the day of the event (GPS), vectors are SRF unless a name ends in `_i` (inertial) or `_e`
+(Earth-fixed), currents are mA, everything else is SI.
 """
 
 from . import damage
