@@ -18,8 +18,10 @@ CLEAR = 5.0  # sigma from which a direction is believed against its prior
 UNLIKELY = 12.0  # less of twice the logarithm of the evidence than the best form: a weight of a quarter of a percent
 FAR = 1e-3  # probability of so large a move by the error that is then given, if the extended model is not adequate
 WIDE, SAME = 2.0, 1e-2  # error over that before, and probability of the move by it, beyond which the move says nothing
-#: Common sizes of a cause that was named, over its prior: what is plausible is known to some orders of magnitude only.
+#: Common sizes of a cause that was named, over its prior, and their odds: an order of magnitude more is three times
+#: less likely.
 BEYOND = np.geomspace(1.0, 1e3, 13)
+ODDS = BEYOND**-0.5 / np.sum(BEYOND**-0.5)
 SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause that was not named, over its prior
 
 
@@ -154,9 +156,9 @@ def _evidence(problem, gram, index):
         known, vectors = np.linalg.eigh(gram[place, place] * np.outer(prior, prior))
         known, right = np.maximum(known, 0.0), (vectors.T @ (prior * gram[place, 0])) ** 2
         more = 1 + np.outer(BEYOND**2, known)
-        score = np.sum(BEYOND[:, None] ** 2 * right / more - np.log(more), axis=1)
+        score = np.sum(BEYOND[:, None] ** 2 * right / more - np.log(more), axis=1) + 2 * np.log(ODDS)
         best = int(np.argmax(score))
-        return float(score[best] + 2 * np.log(np.mean(np.exp((score - score[best]) / 2)))), float(BEYOND[best])
+        return float(score[best] + 2 * np.log(np.sum(np.exp((score - score[best]) / 2)))), float(BEYOND[best])
     gain, dof, _ = attribution.gained(gram, place, problem.size)
     return (gain - dof * (1 + np.log(max(gain / dof, 1.0))) if dof else 0.0), 1.0
 

@@ -375,7 +375,7 @@ def test_what_an_unknown_cause_leaves_gets_no_name():
 def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it(plausible):
     """Recovery: twins differ by five times the shared column; S/N 15 of the second is named as one of the two.
 
-    So it is if what is plausible of the second is known to be 150 times less: that excludes no cause.
+    What is plausible of the second 150 times less makes it ten times less likely, and excludes it not: 3 sigma.
     """
     rng = np.random.default_rng(41)
     blocks, candidates = made(rng)
@@ -390,9 +390,10 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it(pl
     alone = 5 * size * (plain.findings[0].cause == "case.a")
     assert abs(error - alone) < 5 * plain.sigma[1][0] + 0.1 * 5 * size
     average = delivered(plain, CHOICE, 1, widest=True)
-    assert 0.4 * 5 * size < average.sigma[1][0] < 5 * size
+    share, limit = (0.25, 4) if plausible else (0.4, 2)
+    assert share * 5 * size < average.sigma[1][0] < 5 * size
     assert average.adopted == [False]  # for one would move it by as much as the other would not
-    assert abs(average.shared[1][0] - 1.0) < 2 * average.sigma[1][0]
+    assert abs(average.shared[1][0] - 1.0) < limit * average.sigma[1][0]
 
 
 @pytest.mark.parametrize(("prior", "held"), [(1.0, (0.0, 0.1)), (1e-4, (1e-5, 1e-4))])
