@@ -35,7 +35,8 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     An extension is adopted only if it leaves no more than noise, or foretells manoeuvres left out and moves the
     calibration no further than the error it is then given. What has no mechanism, such as lines and drivers in no
     list, may not move it by more than its error before, and causes that are tied and disagree not within the error
-    that they leave. Where it is not adopted the value stays, and the move is in its error.
+    that they leave. Where it is not adopted the value stays, and the move is in its error; so does a parameter that the
+    extension leaves open, see `left_open`.
 
     Parameters
     ----------
@@ -65,6 +66,8 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     wide = alike and np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
     if wide or not (result.after.p >= choice.level or (foretold and chance > np.log(FAR))):
         adopted, kept, value = [False] * len(names), [], before
+    away = left_open(value - before, covariance, result.sigma[0])
+    value, covariance = value - away, covariance + np.outer(away, away)
     if not all(adopted):
         covariance = covariance + np.outer(whole[0] - value, whole[0] - value)
     if not names and result.before.p < choice.level:
@@ -75,6 +78,30 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
     ends = {name: (getattr(result, name)[0], after) for name, after in ends.items()}
     return replace(result, **ends, adopted=adopted, unseen={c: np.sqrt(np.diag(one)) for c, one in unseen.items()})
+
+
+def left_open(move: np.ndarray, covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Parts (p,) of a move that say nothing: of parameters left open, and of others what goes with these.
+
+    A parameter is left open if its error grows beyond twice that before and its move is within it. It keeps its value,
+    one after the other, and the rest have theirs beside it (Gaussian conditional mean).
+
+    Parameters
+    ----------
+    move : (p,) of the parameters; covariance : (p, p) after it; sigma : (p,) before it
+    """
+    kept, rest, left = [], move, covariance
+    while True:
+        error = np.sqrt(np.maximum(np.diag(left), 1e-300))
+        chance = chi2_tail.log_tail(np.square(rest / error), np.ones(move.size))
+        wide = (np.sqrt(np.diag(covariance)) > WIDE * sigma) & (chance > np.log(SAME)) & (rest != 0)
+        wide[kept] = False
+        if not wide.any():
+            return move - rest
+        kept.append(int(np.argmax(np.where(wide, chance, -np.inf))))
+        share = covariance[:, kept] @ inverse_of(covariance[np.ix_(kept, kept)])
+        rest, left = move - share @ move[kept], covariance - share @ covariance[kept]
+        rest[kept] = 0.0
 
 
 def _averaged(result, used, widest):

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.driver import Limits, discover
 from gravcal.discovery.limits import detection_limits
-from gravcal.discovery.model_average import _held, delivered
+from gravcal.discovery.model_average import _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepare
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, merged, pruned, search
@@ -412,6 +412,15 @@ def test_an_unseen_direction_costs_what_the_seen_ones_leave_possible(prior, held
     assert result.unseen["case.b"][0] < 0.1 * held[1]
     added = result.covariance[1][0, 0] - result.covariance[0][0, 0]
     assert np.isclose(added, sum(one[0] ** 2 for one in result.unseen.values()), rtol=1e-6, atol=1e-15)
+
+
+def test_a_parameter_that_an_extension_leaves_open_keeps_its_value_and_others_have_theirs_beside_it():
+    """Analytic: the second of two with correlation -0.93 moves by five of its sigma given the first, which stays."""
+    covariance = np.array([[165.0**2, -0.93 * 165 * 13], [-0.93 * 165 * 13, 13.0**2]])
+    rest = np.array([10.0, -24.0]) - left_open(np.array([10.0, -24.0]), covariance, np.array([7.0, 3.0]))
+    np.testing.assert_allclose(rest, [0.0, -24.0 + 0.93 * 13 / 165 * 10], rtol=1e-9)
+    for move, sigma in (([600.0, -60.0], [7.0, 3.0]), ([10.0, -24.0], [100.0, 7.0])):  # seen, and not wider
+        assert not left_open(np.array(move), covariance, np.array(sigma)).any()
 
 
 def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay_as_they_are():

@@ -44,6 +44,7 @@ class Manoeuvre:
     noise : {channel: noise model of each axis}, shared by all manoeuvres, may be completed later
     context : Context at the accelerometer epochs
     offset : (3,) m, present estimate
+    drift_degree : of the polynomial that stands for the drift of the linear reading
     magnetometer : (time, difference, valid) at 1 Hz
     orbit : (time, position_i) s, m, of the whole record
     memory : contexts at other epochs and signals, made once
@@ -62,6 +63,7 @@ class Manoeuvre:
     noise: dict[str, list[NoiseModel]]
     context: Context
     offset: np.ndarray
+    drift_degree: int
     magnetometer: tuple
     orbit: tuple
     memory: dict = field(default_factory=dict)
@@ -135,7 +137,8 @@ def manoeuvres(aligned: xr.Dataset, field_: xr.Dataset, smoothed: xr.Dataset, of
     aligned, field_, smoothed : Dataset, "com_offset.align", "com_offset.field", "com_offset.attitude"
     offset : (3,) m, present estimate
     noise : {channel: noise model of each axis}, may be completed later
-    settings : inertia, dipole_per_current, mass, dynamics, torque_degree, integration_step_s, low-pass of the solution
+    settings : inertia, dipole_per_current, mass, dynamics, torque_degree, integration_step_s, linear_drift_degree,
+        low-pass of the solution
     """
     per_current = np.asarray(settings["dipole_per_current"])
     found = motion.windows(aligned, field_, settings["inertia"], per_current, settings["dynamics"] == "full")
@@ -191,7 +194,8 @@ def _manoeuvre(products, index, window, estimates, settings):
     context = replace(context, linear_b=catalogue()["accelerometer.offset"].contribution(context, offset))
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
     about = sensitivity[:, :, :6], local, sensitivity[:, :3, 9:12], shift
-    return Manoeuvre(index, window, time, true, rows, operator, *about, noise, context, offset, sampled, orbit)
+    now = context, offset, settings["linear_drift_degree"], sampled, orbit
+    return Manoeuvre(index, window, time, true, rows, operator, *about, noise, *now)
 
 
 def offset_of(solved: xr.Dataset) -> np.ndarray:

@@ -20,6 +20,7 @@ from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, attitude_at, fi
 from gravcal.effects import Context, catalogue, effect
 from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
+from gravcal.estimation import least_squares
 from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape, Wave, Wider
 from gravcal.physics import frames
 
@@ -541,7 +542,12 @@ def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
 
 
 def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
-    """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}."""
+    """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}.
+
+    Of an effect in no list without the drift of its linear reading, which the search leaves free: a decay by 80 s is
+    known to a thousandth of what it is beside such a drift, and the solution, whose drift has a lower degree, would
+    take the rest for an offset.
+    """
     if "frequency" in entry.parameters and entry.cause in TONES.values():
         known = [w for w in entry.waves if abs(w.start - one.time[0]) < 5.0]
         if not known:  # the phase is not known here
@@ -556,7 +562,11 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
             constants, channel = [entry.values[name] for name in law.names], entry.form.split()[0]
             forms = [_of_law(law, constants, channel, entry.cause.partition(":")[2])]
         sizes = [np.array([entry.values.get(name, 0.0) for name in form.names]) for form in forms[:1]]
-        return {c: v @ size for form, size in zip(forms, sizes, strict=False) for c, v in form.signal(one).items()}
+        added = {c: v @ size for form, size in zip(forms, sizes, strict=False) for c, v in form.signal(one).items()}
+        if "linear" in added:
+            drift = least_squares.polynomial(one.time, one.drift_degree, *one.time[[0, -1]])
+            added["linear"] = least_squares.without(drift, added["linear"])
+        return added
     known = effect(entry.cause)
     if known.slug == lag.CAUSE:
         return lag.contribution(one, entry)
