@@ -102,7 +102,7 @@ MUTANTS = (
     ("discovery/attribution.py", "return whole - float(part @ part)", "return whole", f"{ROUNDS} -k looks_the_same"),
     ("discovery/attribution.py", "value > ROUNDING *", "value > 0 *", f"{ROUNDS} -k rounding"),
     ("discovery/scan.py", "return np.sum(part**2, axis=1)", "return np.sum(abs(part), axis=1)", SCAN),
-    ("discovery/adequacy.py", "least[1:] <= least[0]", "least[1:] >= least[0]", f"{ROUNDS} -k looks_the_same"),
+    ("discovery/adequacy.py", "least[1:] <= least[0]", "least[1:] >= least[0]", f"{ROUNDS} -k line_is_found"),
     ("discovery/problem.py", "np.arange(block.time.size) % 2 == 0", "block.time < 0", f"{ROUNDS} -k few_numbers"),
     ("discovery/model_average.py", "log(width) + gain / width", "log(width) - gain / width", f"{ROUNDS} -k any_form"),
     ("discovery/rounds.py", "2 * np.sqrt(tie * apart) - apart", "-apart", f"{ROUNDS} -k chance_lets"),
