@@ -115,6 +115,9 @@ class Calibration:
     trims: bool = False  #: True if a time line shows the mass trims of its satellite
     band: float | None = None  #: limit that a time line draws about zero, or None
     design: str | None = None  #: name of the design of an event found in data, None if it has none
+    library: Callable | None = None  #: limits of a design -> manoeuvres to choose from, as tables of one
+    information: Callable | None = None  #: products of `Discovery` -> (k, p, p) SI of each manoeuvre, beside `library`
+    truth: Callable | None = None  #: truth of a simulation -> true values of `result`, needed beside `library`
     schema: Path | None = None  #: JSON Schema of the result document, None if it ships with gravcal under the name
     catalogue: Path | None = None  #: folder with settings, published values and events, None if they ship with gravcal
     discovery: Discovery | None = None

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
+
 from flows.calibration import Calibration, Discovery, of_one_satellite
 from flows.engine import flow, models
 from gravcal import catalog
 from gravcal.store import results
 from tasks import com_offset, common
 
+SIMULATION = "gravcal.simulation.com_offset"
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 TORQUERS = ("inertia", "dipole_per_current")
 TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
@@ -146,12 +149,15 @@ CALIBRATION = Calibration(
     flow=calibrate,
     detect=detect,
     manoeuvres=manoeuvres,
-    simulation=of_one_satellite("gravcal.simulation.com_offset"),
+    simulation=of_one_satellite(SIMULATION),
     products=com_offset.KINDS,
     result=values,
     printed={"history": results.printed_vector("µm")},
     trims=True,
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",
+    library=lambda limits: importlib.import_module(SIMULATION).library(limits),
+    information=lambda products: products["solve"]["information"].values,
+    truth=lambda truth: truth["offset_um"],
     discovery=DISCOVERY,
 )

@@ -157,6 +157,34 @@ def discovery(document, files, json_path):
         say(str(path))
 
 
+def design(document, out, json_path):
+    """Document of a design, or its manoeuvres, and its errors and odds beside those of the published session."""
+    if not delivered(document, json_path):
+        return
+    where = lambda one: "{:.0f} to {:.0f}".format(*one["latitude_deg"])  # noqa: E731
+    rows = [
+        [m["count"], m["kind"], m["rod"], where(m), m["duration_s"], m["current_ma"]] for m in document["manoeuvres"]
+    ]
+    table(["count", "kind", "rod", "latitude (deg)", "length (s)", "current (mA)"], rows)
+    new, old, achieved = document["design"], document["published"], document.get("verified")
+    heads = [f"sigma ({new['unit']}, noise alone)", "design", f"published, {document['published_minutes']:.0f} min"]
+    rows = [[name, f"{new['sigma'][name]:.2f}", f"{old['sigma'][name]:.2f}"] for name in new["sigma"]]
+    if achieved:
+        heads += [f"achieved in {achieved['flights']} flights", "rms error"]
+        pairs = zip(rows, achieved["sigma"], achieved["error_rms"], strict=True)
+        rows = [[*row, f"{sigma:.2f}", f"{error:.2f}"] for row, sigma, error in pairs]
+    table(heads, rows)
+    say(f"trace of the covariance: {100 * (1 - new['trace'] / old['trace']):.0f} % below the published session")
+    rows = [
+        [" and ".join(a["causes"]), f"{a['chi2']:.3g}", f"{a['odds']:.0%}", f"{b['chi2']:.3g}", f"{b['odds']:.0%}"]
+        for a, b in zip(new["separated"], old["separated"], strict=True)
+    ]
+    if rows:
+        table(["told apart", "chi2, design", "odds", "chi2, published", "odds"], rows)
+    if out:
+        say(f"{out / 'plan.toml'}; fly it with gravcal simulate {document['calibration']} --design {out / 'plan.toml'}")
+
+
 def table(heads, rows):
     """Table in plain columns, each as wide as its widest entry, numbers to the right; in colour on a terminal."""
     cells = [heads, *[[str(cell) for cell in row] for row in rows]]

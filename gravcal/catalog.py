@@ -37,7 +37,7 @@ OPTIONAL = ("end_date", "date_as_printed", "note", "printed", "sha256", "origin"
 STATUS = ("printed", "corrected", "unknown")
 ORIGINS = ("measured", "simulated")
 FOUND = ("kind", "start", "stop")
-DESIGN = ("calibration", "source", "products", "manoeuvre")
+DESIGN = ("calibration", "source", "manoeuvre")
 DESIGNED = ("kind", "count", "duration_s", "period_s")
 SUFFIXES = {"GRACE": "dat", "GRACE-FO": "txt"}
 PAIRS = {"GRACE": ("AB", "X"), "GRACE-FO": ("CD", "Y")}
@@ -102,6 +102,16 @@ class Designed:
     duration_s: float
     period_s: float
     facts: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Design:
+    """Manoeuvres of a session as planned, and the Level-1 products {mission: {whose: names}} that they need."""
+
+    calibration: str
+    source: str
+    manoeuvres: tuple[Designed, ...]
+    products: Mapping[str, Mapping]
 
 
 @dataclass(frozen=True)
@@ -228,16 +238,8 @@ def event(name):
     if (status == "unknown") != (date is None):
         _wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
     end_date = _date(content, "end_date", path) or date
-    design_path, design = read("designs", content["design"])
-    _require(design, DESIGN, design_path)
-    for table in design["manoeuvre"]:
-        if missing := [key for key in DESIGNED if key not in table]:
-            _wrong(design_path, "manoeuvre", sorted(table), f"also {', '.join(missing)}", "Add the key.")
+    flown = design(content["design"])
     members = tuple(satellite(member) for member in content["satellites"])
-    designed = (
-        ([table[key] for key in DESIGNED], {key: item for key, item in table.items() if key not in DESIGNED})
-        for table in design["manoeuvre"]
-    )
     return Event(
         name=name,
         calibration=content["calibration"],
@@ -249,12 +251,25 @@ def event(name):
         date_as_printed=_date(content, "date_as_printed", path),
         source=content["source"],
         note=content.get("note", ""),
-        designed=tuple(Designed(*planned, facts=facts) for planned, facts in designed),
+        designed=flown.manoeuvres,
         printed=tuple(content.get("printed", [])),
         found=tuple(_found(table, path) for table in content["found"]),
-        raw_files=() if date is None else _raw_files(content, design, members, (date, end_date), path),
+        raw_files=() if date is None else _raw_files(content, flown.products, members, (date, end_date), path),
         origin=_origin(path, content),
     )
+
+
+def design(name):
+    """Design of the catalogue by name, or of a file by its path (a name that ends with .toml)."""
+    path, content = read_file(Path(name)) if str(name).endswith(".toml") else read("designs", name)
+    _require(content, DESIGN, path, ("products",))
+    made = []
+    for table in content["manoeuvre"]:
+        if missing := [key for key in DESIGNED if key not in table]:
+            _wrong(path, "manoeuvre", sorted(table), f"also {', '.join(missing)}", "Add the key.")
+        facts = {key: item for key, item in table.items() if key not in DESIGNED}
+        made.append(Designed(*(table[key] for key in DESIGNED), facts=facts))
+    return Design(content["calibration"], content["source"], tuple(made), content.get("products", {}))
 
 
 def event_origin(name):
@@ -299,7 +314,7 @@ def _found(table, path):
     return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]), table.get("satellite", ""))
 
 
-def _raw_files(content, design, members, span, path):
+def _raw_files(content, designed, members, span, path):
     """Every Level-1 file the event needs, day by day; ranging needs both satellites and the pair's own."""
     digests = content.get("sha256", {})
     for name, digest in digests.items():
@@ -308,7 +323,7 @@ def _raw_files(content, design, members, span, path):
     needed = {}  # in the order of the design, each once
     for member in members:
         pair, both = PAIRS.get(member.mission, (member.letter, ""))
-        products = design["products"].get(member.mission, {})
+        products = designed.get(member.mission, {})
         for kind, letters in (("own", member.letter), ("pair", pair), ("ranging", both)):
             needed |= {(product, letter): None for product in products.get(kind, []) for letter in letters}
     release, suffix, raw = content["release"], SUFFIXES.get(members[0].mission, "nc"), []
@@ -630,7 +645,13 @@ def find(kind, name, suffix=".toml"):
 
 def read(kind, name):
     """Path of one TOML entry, for messages, and its content as a dict; what is wrong with it is said with the line."""
-    path = find(kind, name)
+    return read_file(find(kind, name))
+
+
+def read_file(path):
+    """The same of a file anywhere."""
+    if not path.is_file():
+        refuse(path, "no file", "a TOML file", "Correct the path.", CatalogError)
     try:
         return path, _loads(path.read_text(encoding="utf-8"))
     except UnicodeDecodeError as error:

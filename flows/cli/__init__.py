@@ -53,6 +53,7 @@ gravcal plan com_offset EVENT --set lowpass_hz=0.3    what would be made again, 
 gravcal run com_offset EVENT --as NAME                a what-if beside the delivery; settings, compare, promote
 gravcal campaign com_offset --data DIR                every event of a folder, in parallel
 gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
+gravcal design com_offset --satellite C --date DAY    the manoeuvres of the next session
 gravcal report EVENT                                  where the report is
 gravcal browse                                        events, plots, comparisons and reports in a web browser
 gravcal products                                      what lies in the store (GRAVCAL_PRODUCTS)
@@ -61,6 +62,11 @@ DEFAULT = "com_offset"  # calibration of demo and serve
 LAST = "event whose last report is wanted"
 SHOWN = "also from which size on each effect of the catalogue would have been named in this event"
 PAGE = "copy of the page"
+FLOWN = "design of the catalogue, or plan.toml of gravcal design, that is flown"
+APART = "causes that the session is to tell apart (gravcal effects)"
+BUDGET = "of manoeuvres in all, without: as many as the published session"
+CONSTRAINTS = "TOML with rods, latitude_deg, duration_s, current_ma, spacing_s, most, probability"
+VERIFY = "flights of the design that are simulated and calibrated, to compare errors with those predicted"
 WHAT = f"{KINDS}, or printed numbers: {STUDY.name}"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
 SERVED = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
@@ -195,13 +201,37 @@ def simulate(
     truth: Annotated[Path | None, typer.Option("--truth", metavar="FILE", help="where to write the truth")] = None,
     effect: Effects = None,
     settings: Settings = None,
+    planned: Annotated[str | None, typer.Option("--design", metavar="NAME|FILE", help=FLOWN)] = None,
     json: Json = None,
 ) -> None:
     """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
+    settings = [*(settings or []), *([f"design={planned}"] if planned else [])]
     command.simulate(calibration, out, (seed, truth), effect, settings)
     files = sorted(str(path) for path in out.iterdir() if path.is_file())
     if output.delivered({"calibration": calibration, "folder": str(out), "seed": seed, "files": files}, json):
         output.say(f"Level-1 files of an invented event in {out}" + (f", truth in {truth}" if truth else ""))
+
+
+@app.command()
+def design(
+    calibration: Calibration,
+    satellite: Annotated[str, typer.Option("--satellite", metavar=LETTERS)] = ...,
+    date: Date = ...,
+    separate: Annotated[str, typer.Option("--separate", metavar="CAUSE,CAUSE", help=APART)] = "",
+    budget: Annotated[float | None, typer.Option("--budget", metavar="MINUTES", help=BUDGET)] = None,
+    constraints: Annotated[Path | None, typer.Option("--constraints", metavar="FILE", help=CONSTRAINTS)] = None,
+    verify: Annotated[int, typer.Option("--verify", metavar="N", min=0, help=VERIFY)] = 0,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="plan.toml and design.json")] = None,
+    json: Json = None,
+) -> None:
+    """Propose the manoeuvres of the next session: those that make the result best known and causes separable."""
+    from flows import design
+
+    command.check_satellite(calibration, satellite, command.record(calibration).satellites)
+    causes = [one.strip() for one in separate.split(",") if one.strip()]
+    limits = design.constraints(constraints)
+    wanted = {"causes": causes, "minutes": budget, "limits": limits, "verify": verify, "out": out}
+    output.design(design.designed(calibration, satellite, date, **wanted, say=output.note), out, json)
 
 
 @app.command()

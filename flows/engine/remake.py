@@ -17,7 +17,7 @@ def remake(entry):
     engine.single_threaded()
     with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
         original = location.folder()
-        with _other_store(folder), engine.one_thread():
+        with other_store(folder), engine.one_thread():
             made = _make(entry.ref.key, original, stages, {})
     return {"product": entry.ref.name, "equal": made.digest == entry.record["digest"], "stages": stages}
 
@@ -68,7 +68,7 @@ def _raw_file(part, label):
 
 
 @contextlib.contextmanager
-def _other_store(folder):
+def other_store(folder):
     """Let everything inside use another store."""
     before = os.environ.get("GRAVCAL_PRODUCTS")
     os.environ["GRAVCAL_PRODUCTS"] = folder

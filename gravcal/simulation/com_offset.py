@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gravcal import catalog
 from gravcal.effects import effect
+from gravcal.errors import CatalogError, refuse
 from gravcal.physics import constants, dynamics, earth, frames, gravity
 from gravcal.simulation import added as contributed
 from gravcal.simulation import flight, of_channels, sensors, within
@@ -28,11 +30,45 @@ RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
 
 
 @dataclass(frozen=True)
+class Planned:
+    """A manoeuvre before it has a time."""
+
+    kind: str  #: "pitch", "roll" or "yaw"
+    name: str  #: of its area
+    area: Mapping  #: bounds of its middle, degrees
+    rod: int  #: 0, 1, 2 for x, y, z
+    duration: float  #: s
+    share: float  #: of the full scale of the rod's current
+    item: int  #: number of its table in the design
+
+
+def plan(chosen, full_scale: float) -> list[Planned]:
+    """Manoeuvres of the settings, or of their design; full_scale in mA."""
+    if not chosen.design:
+        usual = chosen.manoeuvre_s, chosen.manoeuvre_current_share
+        return [
+            Planned(k.split("_")[0], k, AREAS[k], RODS[k], *usual, list(AREAS).index(k)) for k in chosen.manoeuvres if k
+        ]
+    made = []
+    for item, one in enumerate(catalog.design(chosen.design).manoeuvres):
+        if one.period_s != chosen.manoeuvre_period_s or one.facts.get("rod") not in ("x", "y", "z"):
+            found = f"a {one.kind} of {one.period_s} s with rod {one.facts.get('rod')!r}"
+            expected = f"one of {chosen.manoeuvre_period_s} s, as manoeuvre_period_s has it, with rod x, y or z"
+            refuse(f"design {chosen.design}", found, expected, "Correct the design.", CatalogError)
+        area = dict(zip(("lat_min", "lat_max"), one.facts["latitude_deg"], strict=True))
+        area |= dict(zip(("lon_min", "lon_max"), one.facts.get("longitude_deg", ()), strict=False))
+        share = one.facts.get("current_ma", full_scale) / full_scale
+        name = "{}_{:.0f}_{:.0f}".format(one.kind, *one.facts["latitude_deg"])
+        made += [Planned(one.kind, name, area, "xyz".index(one.facts["rod"]), one.duration_s, share, item)] * one.count
+    return made
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything drawn from the seed before the satellite flies."""
 
     orbit: object  #: (n,) s -> (n, 6) m, m s-1
-    kinds: tuple[str, ...]  #: names of the manoeuvres, in order of time
+    planned: tuple[Planned, ...]  #: manoeuvres in order of time
     #: start, stop: (k,) s, first and last edge
     start: np.ndarray
     stop: np.ndarray
@@ -48,18 +84,18 @@ class Scene:
 
 def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     """Orbit, manoeuvre times and true values."""
-    kinds = tuple(k for k in chosen.manoeuvres if k)
+    planned = plan(chosen, float(satellite["torquer_full_scale"]))
     for _ in range(200):
         path = flight.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng)
-        start = _schedule(path, kinds, chosen, day)
+        start = _schedule(path, planned, chosen, day)
         if start is not None:
             break
     else:
         raise ValueError("no orbit of 200 passes all areas; lower manoeuvre_spacing_s")
     start = start + rng.uniform(-0.5, 0.5, start.size)
     order = np.argsort(start)
-    start, kinds = start[order], tuple(kinds[i] for i in order)
-    stop = start + chosen.manoeuvre_s
+    start, planned = start[order], tuple(planned[i] for i in order)
+    stop = start + np.array([one.duration for one in planned])
     offset = (np.array(chosen.offset_um) + chosen.offset_scatter_um * rng.standard_normal(3)) * 1e-6
     bias = chosen.magnetometer_bias_t * rng.standard_normal(3)
     # inertia and dipole per current of the catalogue, or drawn from its prior
@@ -68,7 +104,7 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     dipole_sigma = np.array(satellite["dipole_per_current_sigma"])
     return Scene(
         orbit=path,
-        kinds=kinds,
+        planned=planned,
         start=start,
         stop=stop,
         spans=_spans(start, stop, chosen, day),
@@ -82,14 +118,14 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     )
 
 
-def _schedule(path, kinds, chosen, day):
+def _schedule(path, planned, chosen, day):
     """Start times in the areas, or None."""
     time = np.arange(day + 600, day + constants.DAY - 1200, 10.0)
     position_e = np.matvec(earth.R_ei(time), path(time)[:, :3])
     latitude = np.arcsin(position_e[:, 2] / np.linalg.norm(position_e, axis=1))
     longitude = np.arctan2(position_e[:, 1], position_e[:, 0])
-    starts = [flight.passes(time, latitude, longitude, AREAS[k], chosen.manoeuvre_s) for k in kinds]
-    latest = day + constants.DAY - chosen.quiet_s - chosen.manoeuvre_s - 10
+    starts = [flight.passes(time, latitude, longitude, one.area, one.duration) for one in planned]
+    latest = day + constants.DAY - chosen.quiet_s - max((one.duration for one in planned), default=0.0) - 10
     return flight.schedule(starts, chosen.manoeuvre_spacing_s, day + chosen.quiet_s + 10, latest)
 
 
@@ -124,8 +160,8 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
         "inertia_kg_m2": scene.inertia_b.tolist(),
         "dipole_per_current_a_m2_ma": scene.dipole_per_current.tolist(),
         "manoeuvres": [
-            {"kind": kind.split("_")[0], "area": kind, "start": float(a), "stop": float(b)}
-            for kind, a, b in zip(scene.kinds, scene.start, scene.stop, strict=True)
+            {"kind": one.kind, "area": one.name, "item": one.item, "start": float(a), "stop": float(b)}
+            for one, a, b in zip(scene.planned, scene.start, scene.stop, strict=True)
         ],
         "effects": {slug: dict(given) for slug, given in effects.items()},
         "noise_scale": chosen.noise_scale,
@@ -176,13 +212,12 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
     bound = np.unique(np.concatenate(wanted))
     bound = bound[np.concatenate([[True], np.diff(bound) > 1e-7])]
     begin = bound[:-1]
-    amplitude = chosen.manoeuvre_current_share * satellite["torquer_full_scale"]
     dipole, wave = np.zeros((begin.size, 3)), np.zeros(begin.size, dtype=bool)
-    for kind, a, b in zip(scene.kinds, scene.start, scene.stop, strict=True):
+    for one, a, b in zip(scene.planned, scene.start, scene.stop, strict=True):
         inside = (begin >= a - 1e-7) & (begin < b - 1e-7)
         phase = np.floor((begin[inside] - a + 1e-7) / half).astype(int)
-        rod = RODS[kind]
-        dipole[inside, rod] = np.where(phase % 2 == 0, 1, -1) * amplitude * scene.dipole_per_current[rod]
+        amplitude = one.share * satellite["torquer_full_scale"] * scene.dipole_per_current[one.rod]
+        dipole[inside, one.rod] = np.where(phase % 2 == 0, 1, -1) * amplitude
         wave |= inside
     updates = np.isin(begin, control)
     return flight.Steps(bound, updates, wave, dipole)
@@ -224,3 +259,21 @@ def _motion(steps, around, scene, states, control, added):
         field_b=field_b,
         command_b=rods,
     )
+
+
+def library(limits: Mapping) -> list[dict]:
+    """Manoeuvres that may be flown within some limits, as tables of a design: every rod where it turns the satellite.
+
+    limits : duration_s, period_s, current_ma, rods, latitude_deg as of `gravcal design --constraints`
+    """
+    made, (south, north) = [], limits["latitude_deg"]
+    for middle in range(-75, 90, 15):
+        if not south <= middle - 5 <= middle + 5 <= north:
+            continue
+        # a rod along the field makes no torque: it points north at the equator, down at the poles
+        useful = {"x": abs(middle) >= 30, "y": True, "z": abs(middle) <= 60}
+        for rod in (one for one in limits["rods"] if useful[one]):
+            kind = "pitch" if rod != "y" else "roll" if abs(middle) >= 45 else "yaw"
+            fixed = {name: limits[name] for name in ("duration_s", "period_s", "current_ma")}
+            made.append({"kind": kind, **fixed, "rod": rod, "latitude_deg": [middle - 5.0, middle + 5.0]})
+    return made

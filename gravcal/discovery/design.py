@@ -1,0 +1,171 @@
+"""Which manoeuvres to fly: those of a flown library that make a calibration best known and causes separable.
+
+Manoeuvres share nothing but the global parameters, so that what they tell adds: N = sum n_i N_i, with N_i the products
+of the whitened columns of manoeuvre i, its own columns projected out. The design of a given number of manoeuvres with
+the least trace of the covariance of the parameters (A-optimal) is found by exchanges (Fedorov 1972, Theory of Optimal
+Experiments). What is not known beforehand, such as the orbit, is drawn: a design is judged by its mean over flights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from gravcal.discovery import attribution
+from gravcal.discovery.problem import prepare
+from gravcal.errors import refuse
+from gravcal.estimation.records import Observations, slug_of
+
+#: Share of the information of the whole library that stands in for directions that a design does not see.
+LOOSE = 1e-9
+#: Weight of a pair of causes that is not separated, beside the logarithm of the trace.
+INSISTENCE = 10.0
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What the manoeuvres of one flight tell.
+
+    Attributes
+    ----------
+    information : (k, p, p) of each on the parameters of the calibration as it is estimated
+    gram : (k, m, m) products of the whitened columns that discovery sees, own ones projected out: parameters, causes
+    item : (k,) number of the manoeuvre in the list of what was planned
+    scale : (p,) factor to the reported unit
+    causes : {slug: slice of its columns}; prior : {slug: plausible sizes}
+    size : (m,) norm of the columns, to which what is seen is compared
+    """
+
+    information: np.ndarray
+    gram: np.ndarray
+    item: np.ndarray
+    scale: np.ndarray
+    causes: dict[str, slice]
+    prior: dict[str, np.ndarray]
+    size: np.ndarray
+
+
+def flown(observed: Observations, information, times: Sequence, items: Sequence[int], causes=()) -> Flown:
+    """What each manoeuvre of a flight tells of the parameters and of some causes.
+
+    Parameters
+    ----------
+    observed : Observations, the blocks of the manoeuvres first, in order of time
+    information : (k, p, p) of each manoeuvre as the calibration estimates it, in the same order
+    times : begin and end, GPS s, of each manoeuvre that was flown; items : number of each in the plan
+    causes : slugs of the catalogue
+    """
+    every = {slug_of(one.cause): one for one in sorted(observed.candidates, key=lambda one: len(one.names))}
+    for slug in causes:
+        if slug not in every or not len(every[slug].prior):
+            known = ", ".join(sorted(name for name, one in every.items() if len(one.prior)))
+            refuse(
+                f"cause {slug}", f"that {observed.name} does not look for it", f"one of {known}", "Correct the name."
+            )
+    problem = prepare(observed.blocks, [every[slug] for slug in causes])
+    middles = [float(np.mean(block.time)) for block in observed.blocks[: len(information)]]
+    found = [
+        (k, item)
+        for k, middle in enumerate(middles)
+        for item, (begin, end) in zip(items, times, strict=True)
+        if begin <= middle <= end
+    ]
+    used, numbers = np.array(found, dtype=int).reshape(-1, 2).T
+    width = len(observed.parameters)
+    wide = 1 + observed.blocks[0].global_columns.shape[1]
+    kept = np.concatenate([np.arange(1, 1 + width), np.arange(wide, problem.gram.shape[1])])
+    moved = [slice(place.start - wide + width, place.stop - wide + width) for place in problem.places]
+    return Flown(
+        np.asarray(information)[used],
+        problem.gram[np.ix_(used, kept, kept)],
+        numbers,
+        np.asarray(observed.scale, dtype=float),
+        dict(zip(causes, moved, strict=True)),
+        {slug: np.asarray(every[slug].prior, dtype=float) for slug in causes},
+        problem.size[kept],
+    )
+
+
+def weight(flight: Flown, counts: np.ndarray) -> np.ndarray:
+    """Weight (k,) of each flown manoeuvre in a design with so many (n,) of each; those flown twice share theirs."""
+    return (counts / np.maximum(np.bincount(flight.item, minlength=counts.size), 1))[flight.item]
+
+
+def covariance(flight: Flown, counts: np.ndarray) -> np.ndarray:
+    """Covariance (p, p) of the parameters in the reported unit, from the noise alone."""
+    loose = LOOSE * np.diag(np.diag(flight.information.sum(axis=0)))
+    information = np.tensordot(weight(flight, counts), flight.information, axes=1)
+    return np.outer(flight.scale, flight.scale) * np.linalg.inv(information + loose)
+
+
+def separation(flight: Flown, counts: np.ndarray, true: str, fitted: str) -> float:
+    """Expected chi-square that is left where one cause acts at its plausible size and another is fitted."""
+    gram = np.zeros((1 + flight.size.size,) * 2)  # the first row is that of observed values, none here
+    gram[1:, 1:] = np.tensordot(weight(flight, counts), flight.gram, axes=1)
+    gram = attribution.projected(gram, np.arange(1, 1 + flight.scale.size))
+    size = np.append(0.0, flight.size)
+    place, other = (slice(flight.causes[n].start + 1, flight.causes[n].stop + 1) for n in (true, fitted))
+    each = np.diag(flight.prior[true])
+    return sum(max(attribution.misfit(gram, place, value, other, size), 0.0) for value in each)
+
+
+def odds(chi2: float, tied: float) -> float:
+    """Probability that two causes are told apart, from their expected chi-square and that below which they are tied.
+
+    The log-likelihood ratio of the true to the other one has mean chi2 and variance 4 chi2.
+    """
+    return float(norm.sf(tied, chi2, 2 * np.sqrt(chi2))) if chi2 > 0 else 0.0
+
+
+def needed(probability: float, tied: float) -> float:
+    """Expected chi-square that tells two causes apart with a probability."""
+    quantile = norm.ppf(probability)
+    return float((quantile + np.sqrt(quantile**2 + tied)) ** 2)
+
+
+def judged(flights: Sequence[Flown], counts: np.ndarray, pairs: Sequence[tuple[str, str]] = ()):
+    """Covariance (p, p), mean over the flights, and {pair: least expected chi-square either way}, mean over them."""
+    spread = np.mean([covariance(one, counts) for one in flights], axis=0)
+    apart = {
+        (a, b): np.mean([min(separation(one, counts, *p) for p in ((a, b), (b, a))) for one in flights])
+        for a, b in pairs
+    }
+    return spread, apart
+
+
+def chosen(flights: Sequence[Flown], count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0) -> np.ndarray:
+    """Number (n,) of each manoeuvre in the best design found, of a library of n.
+
+    Parameters
+    ----------
+    flights : of the same library
+    count : manoeuvres of the design
+    allowed : (n,) how many of each there may be
+    pairs : of causes that are to be told apart
+    chi2 : expected chi-square that each pair is to reach
+    """
+
+    def loss(counts):
+        spread, apart = judged(flights, counts, pairs)
+        short = sum(max(np.log(chi2 / max(found, 1e-6)), 0.0) for found in apart.values())
+        return np.log(np.trace(spread)) + INSISTENCE * short
+
+    def best(options):
+        return min(options, key=loss, default=None)
+
+    counts = np.zeros(allowed.size, dtype=int)
+    step = np.eye(allowed.size, dtype=int)
+    for _ in range(count):
+        added = best([counts + one for one in step if np.all(counts + one <= allowed)])
+        if added is None:
+            refuse("design", f"room for {int(allowed.sum())} manoeuvres", f"room for {count}", "Loosen a constraint.")
+        counts = added
+    while True:
+        moved = [counts - step[i] + one for i in np.flatnonzero(counts) for one in step]
+        moved = best([one for one in moved if np.all(one <= allowed)])
+        if loss(moved) >= loss(counts) - 1e-9:
+            return counts
+        counts = moved

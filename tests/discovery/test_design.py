@@ -1,0 +1,95 @@
+"""Design of a session: the best of all by brute force, causes told apart, limits, and a flown library."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from flows import design as flow
+from gravcal import catalog
+from gravcal.discovery import design
+from gravcal.errors import GravcalError
+
+
+def flight(information, columns=None, prior=1.0):
+    """Flight of manoeuvres with given information (k, 3, 3) and whitened columns (k, n, 2) of two causes."""
+    k = len(information)
+    gram = np.zeros((k, 5, 5))
+    gram[:, :3, :3] = information
+    if columns is not None:
+        gram[:, 3:, 3:] = np.swapaxes(columns, 1, 2) @ columns
+    causes, sizes = {"a": slice(3, 4), "b": slice(4, 5)}, {"a": np.array([prior]), "b": np.array([prior])}
+    size = np.sqrt(np.diag(gram.sum(axis=0)))
+    return design.Flown(np.array(information), gram, np.arange(k), np.ones(3), causes, sizes, size)
+
+
+def test_exchanges_find_the_design_of_least_trace():
+    """Against all designs of a small library."""
+    rng = np.random.default_rng(5)
+    for _ in range(10):
+        roots = rng.standard_normal((6, 3, 2)) * rng.uniform(0.3, 3, (6, 3, 1))
+        one = flight([root @ root.T for root in roots])
+        found = design.chosen([one], 4, np.full(6, 3))
+        every = [np.bincount(c, minlength=6) for c in itertools.combinations_with_replacement(range(6), 4)]
+        traces = [np.trace(design.covariance(one, counts)) for counts in every if counts.max() <= 3]
+    assert np.trace(design.covariance(one, found)) == pytest.approx(min(traces), rel=0.02)
+
+
+def test_covariance_is_that_of_least_squares():
+    """Of the manoeuvres as rows."""
+    rng = np.random.default_rng(6)
+    columns = rng.standard_normal((2, 40, 3))
+    one = flight(np.swapaxes(columns, 1, 2) @ columns)
+    whole = np.concatenate([columns[0], columns[0], columns[1]])  # the first manoeuvre twice
+    expected = np.linalg.inv(whole.T @ whole)
+    assert np.allclose(design.covariance(one, np.array([2, 1])), expected, rtol=1e-6)
+
+
+def test_a_pair_that_one_manoeuvre_leaves_tied_is_told_apart_by_another():
+    """The best errors alone would never fly it."""
+    alike, different = np.array([[3.0, 3.0], [0.0, 0.0]]), np.array([[1.5, 0.0], [0.0, 1.5]])
+    one = flight([4 * np.eye(3), np.eye(3)], np.array([alike, different]))
+    assert design.chosen([one], 3, np.full(2, 9)).tolist() == [3, 0]
+    needed = design.needed(0.9, 2.0)
+    counts = design.chosen([one], 6, np.full(2, 9), [("a", "b")], needed)
+    apart = design.judged([one], counts, [("a", "b")])[1][("a", "b")]
+    assert counts[1] > 0
+    assert apart >= needed
+    # fitted by hand: what is left of one cause beside the other
+    rows = np.concatenate([alike] * counts[0] + [different] * counts[1])
+    left = rows[:, 0] - rows[:, 1] * (rows[:, 0] @ rows[:, 1]) / (rows[:, 1] @ rows[:, 1])
+    assert apart == pytest.approx(left @ left)
+
+
+def test_odds_are_those_of_drawn_likelihood_ratios():
+    """At, below and above the limit."""
+    rng, tied = np.random.default_rng(7), 9.0
+    for chi2 in (6.0, 20.0, 40.0):
+        ratios = chi2 + 2 * np.sqrt(chi2) * rng.standard_normal(40000)
+        assert design.odds(chi2, tied) == pytest.approx(np.mean(ratios > tied), abs=0.01)
+    assert design.odds(design.needed(0.9, tied), tied) == pytest.approx(0.9)
+    assert design.odds(0.0, tied) == 0.0
+
+
+def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_path):
+    """Both say what there is."""
+    path = tmp_path / "limits.toml"
+    path.write_text("rod = ['x']\n")
+    with pytest.raises(GravcalError, match="rods"):
+        flow.constraints(path)
+    with pytest.raises(GravcalError, match="com_offset"):
+        flow.designed("kbr_phase_centre", "CD", "2026-03-01")
+
+
+def test_a_small_library_gives_a_plan_that_is_flown(tmp_path):
+    """Predicted errors are those that a flight achieves."""
+    limits = flow.constraints() | {"rods": ["x", "y"], "latitude_deg": [50.0, 80.0]}
+    made = flow.designed("com_offset", "C", "2026-03-01", minutes=9.0, limits=limits, verify=1, out=tmp_path)
+    plan = catalog.design(str(tmp_path / "plan.toml"))
+    assert sum(one.count for one in plan.manoeuvres) == 3
+    assert {one.facts["rod"] for one in plan.manoeuvres} == {"x", "y"}  # x alone leaves y open
+    assert json.loads((tmp_path / "design.json").read_text()) == made
+    predicted = np.array(list(made["design"]["sigma"].values()))
+    assert np.array(made["verified"]["sigma"]) == pytest.approx(predicted, rel=0.35)  # another orbit
+    assert np.all(np.abs(made["verified"]["error_rms"]) < 4 * np.array(made["verified"]["sigma"]) + 10)
