@@ -160,3 +160,13 @@ def test_a_turned_star_tracker_is_named(tmp_path, called):
     assert cause == "inertial_sensor.tracker_misalignment"
     for axis, angle in zip("xyz", angles, strict=True):
         within(found[f"angle_{axis}"]["value"], found[f"angle_{axis}"]["sigma"], angle)
+
+
+def test_a_residual_dipole_is_named(tmp_path, called):
+    """Recovery: with its size; five revolutions, in fewer it passes for noise of the torque."""
+    gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0)
+    document = called("discover", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
+    (found,) = [one for one in document["findings"] if one["cause"] == "torque.residual_dipole"]
+    assert not found["tied_with"]
+    for axis, size in zip("xyz", (1.0, 0.0, 1.0), strict=True):
+        within(found["parameters"][axis]["value"], found["parameters"][axis]["sigma"], size)
