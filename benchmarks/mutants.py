@@ -51,7 +51,7 @@ MUTANTS = (
     ("physics/frames.py", "y = np.cross(velocity, position)", "y = np.cross(position, velocity)", PARTS),
     ("physics/kinematics.py", "2 * coefficients[:, 2]", "coefficients[:, 2]", MOTION),
     ("physics/kinematics.py", "(axis + 1) % 3, (axis + 2) % 3", "(axis + 2) % 3, (axis + 1) % 3", MOTION),
-    ("physics/kinematics.py", "step**2 / 12 *", "step**2 / 6 *", MOTION),
+    ("physics/kinematics.py", "+ step**2 / 12 *", "- step**2 / 12 *", MOTION),
     ("physics/kinematics.py", "return R_bi @ running_integral", "return running_integral", PARTS),
     ("physics/sensing.py", "cross_matrix(rate_b) @ cross_matrix(rate_b)", "cross_matrix(rate_b)", SENSING),
     ("physics/sensing.py", "rate_dot_b) - check_shape", "rate_dot_b) + check_shape", SENSING),

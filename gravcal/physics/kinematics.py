@@ -100,11 +100,11 @@ def attitude_from_rates(time: np.ndarray, rate_b: np.ndarray, start: np.ndarray)
 
     Notes
     -----
-    dq/dt = q w / 2; each step turns by h (w0 + w1)/2 - h^2/12 (w0 x w1), the Magnus expansion for linear rates;
+    dq/dt = q w / 2; each step turns by h (w0 + w1)/2 + h^2/12 (w0 x w1), the Magnus expansion for linear rates;
     the product of all steps is formed pairwise.
     """
     step = np.diff(time)[:, None]
-    turn = step / 2 * (rate_b[:-1] + rate_b[1:]) - step**2 / 12 * np.cross(rate_b[:-1], rate_b[1:])
+    turn = step / 2 * (rate_b[:-1] + rate_b[1:]) + step**2 / 12 * np.cross(rate_b[:-1], rate_b[1:])
     product = np.concatenate([np.asarray(start, dtype=float)[None], from_rotation_vector(turn)])
     reach = 1
     while reach < product.shape[0]:
