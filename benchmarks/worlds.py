@@ -51,7 +51,7 @@ KINDS = {
     ("second", "gradient_torque"): ("second_sgrs",),
 } | {("own", name): (name,) for name in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque")}
 #: What an operator of these kinds of cases knows and gives to every command.
-KNOWN = dict.fromkeys(("taiji", "swing", "roll"), ("arm_x_mm=8", "k_y=3e-4"))
+KNOWN = dict.fromkeys(("swing", "roll"), ("arm_x_mm=8", "k_y=3e-4"))
 KNOWN |= {"sgrs": (f"field={FIELD}",), "second_sgrs": ("field={data}/../field.gfc",)}
 STRONG = (15.0, 40.0)  # signal-to-noise ratios that are hidden, log-uniform
 LARGEST = 200.0  # times the first guess of a size; what needs more is not seen by these records

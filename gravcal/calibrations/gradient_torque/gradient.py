@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from gravcal.calibrations.building import build
 from gravcal.calibrations.gradient_torque import attitude, laws
 from gravcal.calibrations.gradient_torque.schemas import FIELD, GRADIENT, TORQUE, TRUTH
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.physics import earth, gravity, gravity_field
 
 METHODS = ("one_sensor", "two_sensor")
@@ -180,6 +180,9 @@ def torque(
     R_oi = attitude.orbit_frame(position[every], observed["velocity"].values[every])
     R_be = attitude.R_bo(modelled["angle"].values[-1][every]) @ R_oi @ np.swapaxes(R_ei, 1, 2)
     position_e, known = np.matvec(R_ei, position[every]), field_of(stored)
+    if known.degree < highest_degree:
+        remedy = f"Give highest_degree={known.degree}, or a field that goes further."
+        refuse(known.name or "field", f"degree {known.degree}", f"at least highest_degree {highest_degree}", remedy)
     degrees = np.arange(lowest_degree, highest_degree + 1)
     test_mass, body = laws.box_inertia(satellite, elongation), np.array(satellite["inertia"])
     relative, own = np.zeros((2, degrees.size, len(position_e), 3))

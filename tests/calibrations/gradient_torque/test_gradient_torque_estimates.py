@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline
 
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import attitude, estimate, gradient
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, ProductError
 from gravcal.physics import gravity_field
 from gravcal.physics.sensing import offset_tensor
 
@@ -187,6 +187,9 @@ def test_degree_one_is_empty_and_a_cube_has_no_part():
     zonals = gravity_field.Field(field.gm, field.radius, cosine, 0 * field.sine[:9, :9])
     whole = gravity_field.gradient_e(gravity_field.truncated(zonals, 2, 8), position)
     assert_allclose(sum(parts), whole, rtol=0, atol=1e-21)
+    beyond = chosen.for_stage("torque") | {"highest_degree": field.degree + 1}
+    with pytest.raises(ProductError, match=f"highest_degree={field.degree}"):
+        gradient.torque(modelled, observed(columns), STORED, satellite=SATELLITE, **beyond)
 
 
 def test_a_sine_shows_its_amplitude():
