@@ -29,7 +29,7 @@ LIMITS = {
     "most": (99, "manoeuvres with one rod in one belt of latitude"),
     "probability": (0.9, "with which a pair of causes is to be told apart"),
 }
-FLIGHTS = 2  # of the library, with other orbits and times
+FLIGHTS = 3  # of the library that a design is chosen by, with other orbits and times, and as many that it is judged by
 
 
 def constraints(path=None):
@@ -72,12 +72,16 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
         place = Place(one, Path(folder), satellite, date, limits, chosen)
         flights, published = [], []
-        for seed in range(1, FLIGHTS + 1):
-            say(f"flight {seed} of {FLIGHTS}: {len(tables)} manoeuvres to choose from, and the published session")
+        for seed in range(1, 2 * FLIGHTS + 1):
+            say(f"flight {seed} of {2 * FLIGHTS}: {len(tables)} manoeuvres to choose from")
             flights.append(place.flown(f"library-{seed}", tables, seed, causes))
-            published.append(place.flown(f"session-{seed}", one.design, seed, causes))
+            if seed > FLIGHTS:
+                published.append(place.flown(f"session-{seed}", one.design, seed, causes))
         allowed = np.full(len(tables), int(limits["most"]))
-        counts = design.chosen(flights, count, allowed, pairs, design.needed(limits["probability"], tied))
+        wanted = design.needed(limits["probability"], tied)
+        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted)
+        found = design.judged(design.pooled(flights[FLIGHTS:]), counts, pairs)
+        before = design.judged(design.pooled(published), np.array([m.count for m in session.manoeuvres]), pairs)
         plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
         document = {
             "calibration": name,
@@ -86,10 +90,8 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
             "minutes": count * limits["duration_s"] / 60,
             "constraints": limits,
             "manoeuvres": plan,
-            "design": _judged(place, design.judged(flights, counts, pairs), tied),
-            "published": _judged(
-                place, design.judged(published, np.array([m.count for m in session.manoeuvres]), pairs), tied
-            ),
+            "design": _judged(place, found, tied),
+            "published": _judged(place, before, tied),
             "published_minutes": usual,
         }
         if verify:

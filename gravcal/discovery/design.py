@@ -3,13 +3,14 @@
 Manoeuvres share nothing but the global parameters, so that what they tell adds: N = sum n_i N_i, with N_i the products
 of the whitened columns of manoeuvre i, its own columns projected out. The design of a given number of manoeuvres with
 the least trace of the covariance of the parameters (A-optimal) is found by exchanges (Fedorov 1972, Theory of Optimal
-Experiments). What is not known beforehand, such as the orbit, is drawn: a design is judged by its mean over flights.
+Experiments). What is not known beforehand, such as the orbit, is drawn: several flights are pooled. A design is chosen
+by some and judged by others, for the best of many is never as good again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -126,22 +127,26 @@ def needed(probability: float, tied: float) -> float:
     return float((quantile + np.sqrt(quantile**2 + tied)) ** 2)
 
 
-def judged(flights: Sequence[Flown], counts: np.ndarray, pairs: Sequence[tuple[str, str]] = ()):
-    """Covariance (p, p), mean over the flights, and {pair: least expected chi-square either way}, mean over them."""
-    spread = np.mean([covariance(one, counts) for one in flights], axis=0)
-    apart = {
-        (a, b): np.mean([min(separation(one, counts, *p) for p in ((a, b), (b, a))) for one in flights])
-        for a, b in pairs
-    }
-    return spread, apart
+def pooled(flights: Sequence[Flown]) -> Flown:
+    """All flights of a library as one, in which each manoeuvre tells their mean."""
+    first = flights[0]
+    join = lambda name: np.concatenate([getattr(one, name) for one in flights])  # noqa: E731
+    size = np.sqrt(sum(one.size**2 for one in flights))
+    return replace(first, information=join("information"), gram=join("gram"), item=join("item"), size=size)
 
 
-def chosen(flights: Sequence[Flown], count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0) -> np.ndarray:
+def judged(flight: Flown, counts: np.ndarray, pairs: Sequence[tuple[str, str]] = ()):
+    """Covariance (p, p) of a design, and {pair: least expected chi-square either way}."""
+    apart = {(a, b): min(separation(flight, counts, *p) for p in ((a, b), (b, a))) for a, b in pairs}
+    return covariance(flight, counts), apart
+
+
+def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0) -> np.ndarray:
     """Number (n,) of each manoeuvre in the best design found, of a library of n.
 
     Parameters
     ----------
-    flights : of the same library
+    flight : of the library
     count : manoeuvres of the design
     allowed : (n,) how many of each there may be
     pairs : of causes that are to be told apart
@@ -149,7 +154,7 @@ def chosen(flights: Sequence[Flown], count: int, allowed: np.ndarray, pairs=(), 
     """
 
     def loss(counts):
-        spread, apart = judged(flights, counts, pairs)
+        spread, apart = judged(flight, counts, pairs)
         short = sum(max(np.log(chi2 / max(found, 1e-6)), 0.0) for found in apart.values())
         return np.log(np.trace(spread)) + INSISTENCE * short
 

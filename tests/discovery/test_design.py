@@ -30,7 +30,7 @@ def test_exchanges_find_the_design_of_least_trace():
     for _ in range(10):
         roots = rng.standard_normal((6, 3, 2)) * rng.uniform(0.3, 3, (6, 3, 1))
         one = flight([root @ root.T for root in roots])
-        found = design.chosen([one], 4, np.full(6, 3))
+        found = design.chosen(one, 4, np.full(6, 3))
         every = [np.bincount(c, minlength=6) for c in itertools.combinations_with_replacement(range(6), 4)]
         traces = [np.trace(design.covariance(one, counts)) for counts in every if counts.max() <= 3]
     assert np.trace(design.covariance(one, found)) == pytest.approx(min(traces), rel=0.02)
@@ -50,10 +50,10 @@ def test_a_pair_that_one_manoeuvre_leaves_tied_is_told_apart_by_another():
     """The best errors alone would never fly it."""
     alike, different = np.array([[3.0, 3.0], [0.0, 0.0]]), np.array([[1.5, 0.0], [0.0, 1.5]])
     one = flight([4 * np.eye(3), np.eye(3)], np.array([alike, different]))
-    assert design.chosen([one], 3, np.full(2, 9)).tolist() == [3, 0]
+    assert design.chosen(one, 3, np.full(2, 9)).tolist() == [3, 0]
     needed = design.needed(0.9, 2.0)
-    counts = design.chosen([one], 6, np.full(2, 9), [("a", "b")], needed)
-    apart = design.judged([one], counts, [("a", "b")])[1][("a", "b")]
+    counts = design.chosen(one, 6, np.full(2, 9), [("a", "b")], needed)
+    apart = design.judged(one, counts, [("a", "b")])[1][("a", "b")]
     assert counts[1] > 0
     assert apart >= needed
     # fitted by hand: what is left of one cause beside the other
