@@ -34,25 +34,15 @@ PULSE = -0.3
 
 @dataclass(frozen=True)
 class Test:
-    """Outcome.
+    """Outcome."""
 
-    Attributes
-    ----------
-    p : probability of so small a minimum on clean data; quiet : of so little power in any channel and band
-    rows : {"block", "channel", "band", "ratio", "p"}, power against expected noise
-    scans : list of Scan of the residual
-    rest : (n,) residual of each block
-    excess : the most unlikely of `scan.excess`, None where nothing is long enough; excess_p : probability of one so
-        unlikely on clean data
-    """
-
-    p: float
-    rows: list[dict]
-    scans: list[scan.Scan]
-    rest: list[np.ndarray]
-    quiet: float = 1.0
-    excess: scan.Excess | None = None
-    excess_p: float = 1.0
+    p: float  #: probability of so small a minimum on clean data
+    rows: list[dict]  #: {"block", "channel", "band", "ratio", "p"}, power against expected noise
+    scans: list[scan.Scan]  #: list of Scan of the residual
+    rest: list[np.ndarray]  #: (n,) residual of each block
+    quiet: float = 1.0  #: of so little power in any channel and band
+    excess: scan.Excess | None = None  #: the most unlikely of `scan.excess`, None where nothing is long enough
+    excess_p: float = 1.0  #: probability of one so unlikely on clean data
 
     def adequate(self, level: float) -> bool:
         """Whether the residual is noise at a family-wise level."""

@@ -21,22 +21,15 @@ UNSEEN_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Ratio:
-    """Generalised likelihood ratio of one candidate.
+    """Generalised likelihood ratio of one candidate."""
 
-    Attributes
-    ----------
-    gain : reduction of chi-square; dof : independent parameters
-    log_p : natural logarithm of the probability of a larger gain by chance
-    value, covariance : (q,), (q, q) of its parameters
-    determined : (q,) whether the data fix a parameter by itself
-    """
-
-    gain: float
-    dof: int
-    log_p: float
+    gain: float  #: reduction of chi-square
+    dof: int  #: independent parameters
+    log_p: float  #: natural logarithm of the probability of a larger gain by chance
+    #: value, covariance: (q,), (q, q) of its parameters
     value: np.ndarray
     covariance: np.ndarray
-    determined: np.ndarray
+    determined: np.ndarray  #: (q,) whether the data fix a parameter by itself
 
 
 def projected(gram: np.ndarray, baseline: np.ndarray) -> np.ndarray:

@@ -28,25 +28,16 @@ INSISTENCE = 10.0
 
 @dataclass(frozen=True)
 class Flown:
-    """What the manoeuvres of one flight tell.
+    """What the manoeuvres of one flight tell."""
 
-    Attributes
-    ----------
-    information : (k, p, p) of each on the parameters of the calibration as it is estimated
-    gram : (k, m, m) products of the whitened columns that discovery sees, own ones projected out: parameters, causes
-    item : (k,) number of the manoeuvre in the list of what was planned
-    scale : (p,) factor to the reported unit
-    causes : {slug: slice of its columns}; prior : {slug: plausible sizes}
-    size : (m,) norm of the columns, to which what is seen is compared
-    """
-
-    information: np.ndarray
+    information: np.ndarray  #: (k, p, p) of each on the parameters of the calibration as it is estimated
+    #: (k, m, m) products of the whitened columns that discovery sees, own ones projected out: parameters, causes
     gram: np.ndarray
-    item: np.ndarray
-    scale: np.ndarray
-    causes: dict[str, slice]
-    prior: dict[str, np.ndarray]
-    size: np.ndarray
+    item: np.ndarray  #: (k,) number of the manoeuvre in the list of what was planned
+    scale: np.ndarray  #: (p,) factor to the reported unit
+    causes: dict[str, slice]  #: {slug: slice of its columns}
+    prior: dict[str, np.ndarray]  #: {slug: plausible sizes}
+    size: np.ndarray  #: (m,) norm of the columns, to which what is seen is compared
 
 
 def flown(observed: Observations, information, times: Sequence, items: Sequence[int], causes=()) -> Flown:

@@ -412,15 +412,10 @@ FINE = np.arange(-1.0, 1.01, 1 / 16)
 
 @dataclass(frozen=True)
 class Line:
-    """A line with its frequency.
+    """A line with its frequency."""
 
-    Attributes
-    ----------
-    candidate : Candidate; its parameters have the unit of the channel
-    frequency, sigma : Hz
-    """
-
-    candidate: Candidate
+    candidate: Candidate  #: Candidate; its parameters have the unit of the channel
+    #: frequency, sigma: Hz
     frequency: float
     sigma: float
 

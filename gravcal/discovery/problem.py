@@ -56,40 +56,23 @@ LEAST = 0.03
 
 @dataclass(frozen=True)
 class Part:
-    """Columns that are not zero in a group of rows.
+    """Columns that are not zero in a group of rows."""
 
-    Attributes
-    ----------
-    rows : slice
-    index : (k,) of the columns
-    values : (n, k) their rows
-    """
-
-    rows: slice
-    index: np.ndarray
-    values: np.ndarray
+    rows: slice  #: slice
+    index: np.ndarray  #: (k,) of the columns
+    values: np.ndarray  #: (n, k) their rows
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a block.
+    """Columns of a block."""
 
-    Attributes
-    ----------
-    count : number of columns
-    groups : slices of rows, one a channel
-    parts : list of Part
-    basis : (n, r) orthonormal basis of the block's own columns
-    inside : (r, m) products of basis and columns
-    memory : choices of columns without own columns, made once
-    """
-
-    count: int
-    groups: list[slice]
-    parts: list[Part]
-    basis: np.ndarray
-    inside: np.ndarray
-    memory: dict = field(default_factory=dict)
+    count: int  #: number of columns
+    groups: list[slice]  #: slices of rows, one a channel
+    parts: list[Part]  #: list of Part
+    basis: np.ndarray  #: (n, r) orthonormal basis of the block's own columns
+    inside: np.ndarray  #: (r, m) products of basis and columns
+    memory: dict = field(default_factory=dict)  #: choices of columns without own columns, made once
 
     def of(self, wanted: np.ndarray) -> np.ndarray:
         """Some columns (n, w), own columns projected out."""

@@ -17,100 +17,71 @@ from gravcal.estimation.records import Block, Candidate, slug_of
 
 @dataclass(frozen=True)
 class Choice:
-    """Settings of a search.
+    """Settings of a search."""
 
-    Attributes
-    ----------
-    level : family-wise level
-    tie : expected chi-square below which two causes are tied
-    rounds : at most
-    step_cause : slug of a step; tone_causes : {channel: slug}
-    segment_s : s, stretch of time that is left out for causes of a single block
-    quiet : {channel: quiet samples an axis that its noise was measured from}
-    order : {channel: coefficients of its noise model}, as `drawn_noise` takes them
-    periods : {s: highest harmonic} of the manoeuvre and of the orbit, at which no line is offered
-    excess : True to name power beyond noise that nothing else takes
-    """
-
-    level: float
-    tie: float
-    rounds: int
-    step_cause: str
-    tone_causes: dict[str, str]
-    segment_s: float = 15.0
+    level: float  #: family-wise level
+    tie: float  #: expected chi-square below which two causes are tied
+    rounds: int  #: at most
+    step_cause: str  #: slug of a step
+    tone_causes: dict[str, str]  #: {channel: slug}
+    segment_s: float = 15.0  #: s, stretch of time that is left out for causes of a single block
+    #: {channel: quiet samples an axis that its noise was measured from}
     quiet: Mapping[str, float] = field(default_factory=dict)
+    #: {channel: coefficients of its noise model}, as `drawn_noise` takes them
     order: Mapping[str, int] = field(default_factory=dict)
+    #: {s: highest harmonic} of the manoeuvre and of the orbit, at which no line is offered
     periods: Mapping[float, int] = field(default_factory=dict)
-    excess: bool = True
+    excess: bool = True  #: True to name power beyond noise that nothing else takes
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One accepted cause.
+    """One accepted cause."""
 
-    Attributes
-    ----------
-    cause, form, tied : name, shape, causes of the catalogue that fit as well
-    names, units, value, sigma : parameters of the cause, NaN where the data do not determine one
-    index : of the candidate in the baseline, whose form may have fewer parameters
-    gain, dof : of the likelihood ratio with all other findings in the baseline
-    significance : probability corrected for everything that was tried
-    heldout : twice the log likelihood gained on data left out; kind : "manoeuvres" or "blocks"
-    at, at_sigma : epoch s or frequency Hz of a step or a line
-    separation : of `attribution.separation`, for each tied cause
-    imitators : {"cause", "form", "expected_chi2"} of drivers in no list that a listed cause cannot be told from
-    """
-
+    #: cause, form, tied: name, shape, causes of the catalogue that fit as well
     cause: str
     form: str
     tied: list[str]
+    #: names, units, value, sigma: parameters of the cause, NaN where the data do not determine one
     names: list[str]
     units: list[str]
     value: np.ndarray
     sigma: np.ndarray
-    index: int
+    index: int  #: of the candidate in the baseline, whose form may have fewer parameters
+    #: gain, dof: of the likelihood ratio with all other findings in the baseline
     gain: float
     dof: int
-    significance: float
-    heldout: float
-    kind: str
+    significance: float  #: probability corrected for everything that was tried
+    heldout: float  #: twice the log likelihood gained on data left out
+    kind: str  #: "manoeuvres" or "blocks"
+    #: at, at_sigma: epoch s or frequency Hz of a step or a line
     at: float = np.nan
     at_sigma: float = np.nan
-    separation: list = field(default_factory=list)
+    separation: list = field(default_factory=list)  #: of `attribution.separation`, for each tied cause
+    #: {"cause", "form", "expected_chi2"} of drivers in no list that a listed cause cannot be told from
     imitators: list = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a search found.
+    """What a search found."""
 
-    Attributes
-    ----------
-    findings : list of Finding
-    before, after : adequacy of the baseline and of the extended model
-    chi2 : before, after; dof
-    shared, sigma : (p,) corrections of the shared parameters before, after, and their errors
-    covariance : (p, p) before, after
-    problem : Problem, with everything accepted; baseline : (p,) indices of columns of the extended model
-    first : list of Trial of the first round, best first
-    adopted : whether each finding is in the calibration that is delivered
-    outliers : of `adequacy.without_outliers`, left out before the search
-    unseen : {cause not named: (p,) what its directions that the data do not see add to the error after, rms}
-    """
-
-    findings: list[Finding]
+    findings: list[Finding]  #: list of Finding
+    #: before, after: adequacy of the baseline and of the extended model
     before: adequacy.Test
     after: adequacy.Test
-    chi2: tuple[float, float]
+    chi2: tuple[float, float]  #: before, after; dof
     dof: int
+    #: shared, sigma: (p,) corrections of the shared parameters before, after, and their errors
     shared: tuple[np.ndarray, np.ndarray]
     sigma: tuple[np.ndarray, np.ndarray]
-    covariance: tuple[np.ndarray, np.ndarray]
-    problem: Problem
-    baseline: np.ndarray
-    first: list[trials.Trial]
-    adopted: list[bool] = field(default_factory=list)
-    outliers: list[dict] = field(default_factory=list)
+    covariance: tuple[np.ndarray, np.ndarray]  #: (p, p) before, after
+    problem: Problem  #: Problem, with everything accepted
+    baseline: np.ndarray  #: (p,) indices of columns of the extended model
+    first: list[trials.Trial]  #: list of Trial of the first round, best first
+    adopted: list[bool] = field(default_factory=list)  #: whether each finding is in the calibration that is delivered
+    outliers: list[dict] = field(default_factory=list)  #: of `adequacy.without_outliers`, left out before the search
+    #: {cause not named: (p,) what its directions that the data do not see add to the error after, rms}
     unseen: dict[str, np.ndarray] = field(default_factory=dict)
 
 

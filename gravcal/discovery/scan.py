@@ -17,24 +17,14 @@ from gravcal.estimation.records import Block
 
 @dataclass(frozen=True)
 class Scan:
-    """Gains of many shapes in one channel.
+    """Gains of many shapes in one channel."""
 
-    Attributes
-    ----------
-    kind : "step" or "line"
-    channel : name
-    place : (k,) block of each step, or axis of each line, -1 for all three
-    at : (k,) epoch s, or frequency Hz
-    gain : (k, d) reduction of chi-square for each column of the residual
-    dof : (k,) parameters
-    """
-
-    kind: str
-    channel: str
-    place: np.ndarray
-    at: np.ndarray
-    gain: np.ndarray
-    dof: np.ndarray
+    kind: str  #: "step" or "line"
+    channel: str  #: name
+    place: np.ndarray  #: (k,) block of each step, or axis of each line, -1 for all three
+    at: np.ndarray  #: (k,) epoch s, or frequency Hz
+    gain: np.ndarray  #: (k, d) reduction of chi-square for each column of the residual
+    dof: np.ndarray  #: (k,) parameters
 
 
 def looked_at(problem: Problem, channels) -> None:
@@ -246,27 +236,18 @@ FEWEST = 4.0  # degrees of freedom that the model leaves of a tile, to be looked
 
 @dataclass(frozen=True)
 class Excess:
-    """The most unusual place of a channel in time and frequency.
+    """The most unusual place of a channel in time and frequency."""
 
-    Attributes
-    ----------
-    kind : "tile", "slow" or "chirp"
-    channel : name
-    axis, block : index, -1 for all axes, all blocks
-    span : (2,) s from the first row of the block
-    band : (2,) Hz; of a chirp where it begins and where it ends
-    log_p : (d,) log of the probability of so unusual a place, corrected for how many there are, of each residual
-    score : power less twice its degrees of freedom, to choose among several
-    """
-
-    kind: str
-    channel: str
+    kind: str  #: "tile", "slow" or "chirp"
+    channel: str  #: name
+    #: axis, block: index, -1 for all axes, all blocks
     axis: int
     block: int
-    span: tuple[float, float]
-    band: tuple[float, float]
+    span: tuple[float, float]  #: (2,) s from the first row of the block
+    band: tuple[float, float]  #: (2,) Hz; of a chirp where it begins and where it ends
+    #: (d,) log of the probability of so unusual a place, corrected for how many there are, of each residual
     log_p: np.ndarray
-    score: float
+    score: float  #: power less twice its degrees of freedom, to choose among several
 
 
 def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Excess]:

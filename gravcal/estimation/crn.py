@@ -15,20 +15,13 @@ from gravcal.estimation.resampling import Resampler
 
 @dataclass(frozen=True)
 class Crn:
-    """Constants of the filter; the defaults are those of KBR1B.
+    """Constants of the filter; the defaults are those of KBR1B."""
 
-    window_s : s, length of the filter
-    bandwidth_hz : Hz, target pass band
-    convolutions : 1, of the rectangular window with itself
-    exact_hz : Hz, where the gain of the low-pass is exactly one
-    raw_hz : Hz, rate of the samples that the original works on
-    """
-
-    window_s: float = 70.7
-    bandwidth_hz: float = 0.1
-    convolutions: int = 7
-    exact_hz: float = 0.37e-3
-    raw_hz: float = 10.0
+    window_s: float = 70.7  #: s, length of the filter
+    bandwidth_hz: float = 0.1  #: Hz, target pass band
+    convolutions: int = 7  #: 1, of the rectangular window with itself
+    exact_hz: float = 0.37e-3  #: Hz, where the gain of the low-pass is exactly one
+    raw_hz: float = 10.0  #: Hz, rate of the samples that the original works on
 
 
 @lru_cache(maxsize=32)

@@ -17,28 +17,19 @@ ROUNDING = 1e-9  # of a column's length that the nuisance columns leave of one t
 
 @dataclass(frozen=True)
 class Estimate:
-    """Values with their covariance, and how well they describe the observations.
+    """Values with their covariance, and how well they describe the observations."""
 
-    Attributes
-    ----------
-    names : of the parameters
-    unit : of all of them, or one each divided by commas
-    value : (p,), NaN where the observations do not determine it
-    covariance : (p, p) unit squared, NaN there
-    chi2, dof : of the residual, noise as measured
-    information, right : (p, p) and (p,), normal equations with all nuisance parameters eliminated; they add up
-    residual : (n, m) 1, whitened residual of each series, zero where no sample was used
-    """
-
-    names: tuple[str, ...]
-    unit: str
-    value: np.ndarray
-    covariance: np.ndarray
+    names: tuple[str, ...]  #: of the parameters
+    unit: str  #: of all of them, or one each divided by commas
+    value: np.ndarray  #: (p,), NaN where the observations do not determine it
+    covariance: np.ndarray  #: (p, p) unit squared, NaN there
+    #: chi2, dof: of the residual, noise as measured
     chi2: float
     dof: int
+    #: information, right: (p, p) and (p,), normal equations with all nuisance parameters eliminated; they add up
     information: np.ndarray
     right: np.ndarray
-    residual: np.ndarray
+    residual: np.ndarray  #: (n, m) 1, whitened residual of each series, zero where no sample was used
 
     @property
     def sigma(self) -> np.ndarray:

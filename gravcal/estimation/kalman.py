@@ -10,16 +10,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Filtered:
-    """Estimates as they develop.
+    """Estimates as they develop."""
 
-    value : (n, p) after each observation
-    sigma : (n, p) square root of the diagonal of the covariance
-    covariance : (p, p) at the end
-    """
-
-    value: np.ndarray
-    sigma: np.ndarray
-    covariance: np.ndarray
+    value: np.ndarray  #: (n, p) after each observation
+    sigma: np.ndarray  #: (n, p) square root of the diagonal of the covariance
+    covariance: np.ndarray  #: (p, p) at the end
 
 
 def filter_constants(

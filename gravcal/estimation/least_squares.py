@@ -13,15 +13,11 @@ class Score:
 
     With Z = A this is least squares. With a noisy design A and instruments Z that share its signal but not its noise
     the estimate is not attenuated.
-
-    right : (p,) Z'y
-    normal : (p, p) Z'A
-    information : (p, p) Z'Z, covariance of Z'y for unit-variance noise
     """
 
-    right: np.ndarray
-    normal: np.ndarray
-    information: np.ndarray
+    right: np.ndarray  #: (p,) Z'y
+    normal: np.ndarray  #: (p, p) Z'A
+    information: np.ndarray  #: (p, p) Z'Z, covariance of Z'y for unit-variance noise
 
     @property
     def value(self) -> np.ndarray:
@@ -98,17 +94,12 @@ def covariance_of_moves(value: np.ndarray, moved: list[np.ndarray]) -> np.ndarra
 
 @dataclass(frozen=True)
 class Combination:
-    """Joint solution of several blocks.
+    """Joint solution of several blocks."""
 
-    value : (p,)
-    covariance : (p, p) of noise and of the errors of single blocks
-    shift : (m, p) change of the value by one standard deviation of each shared error
-    chi2, dof : disagreement of the blocks with the joint value, shared errors free within their prior
-    """
-
-    value: np.ndarray
-    covariance: np.ndarray
-    shift: np.ndarray
+    value: np.ndarray  #: (p,)
+    covariance: np.ndarray  #: (p, p) of noise and of the errors of single blocks
+    shift: np.ndarray  #: (m, p) change of the value by one standard deviation of each shared error
+    #: chi2, dof: disagreement of the blocks with the joint value, shared errors free within their prior
     chi2: float
     dof: int
 

@@ -18,18 +18,11 @@ PIECE = 32  # rows that are whitened by one product of matrices, which needs no 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Autoregressive noise of evenly spaced samples.
+    """Autoregressive noise of evenly spaced samples."""
 
-    Attributes
-    ----------
-    reflection : (p,) 1, reflection coefficients, each of magnitude below one
-    variance : (p + 1,) squared unit, prediction-error variance of the orders 0..p
-    step_s : s, spacing of the samples
-    """
-
-    reflection: np.ndarray
-    variance: np.ndarray
-    step_s: float
+    reflection: np.ndarray  #: (p,) 1, reflection coefficients, each of magnitude below one
+    variance: np.ndarray  #: (p + 1,) squared unit, prediction-error variance of the orders 0..p
+    step_s: float  #: s, spacing of the samples
 
     @functools.cached_property
     def coefficients(self) -> np.ndarray:
@@ -206,18 +199,11 @@ SCORINGS = 60
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Density of noise, its logarithm straight between knots over the logarithm of the frequency, held beyond them.
+    """Density of noise, its logarithm straight between knots over the logarithm of the frequency, held beyond them."""
 
-    Attributes
-    ----------
-    knot_hz : (k,) Hz
-    log_density : (k,) natural logarithm of the one-sided density, squared unit per Hz
-    covariance : (k, k) of these
-    """
-
-    knot_hz: np.ndarray
-    log_density: np.ndarray
-    covariance: np.ndarray
+    knot_hz: np.ndarray  #: (k,) Hz
+    log_density: np.ndarray  #: (k,) natural logarithm of the one-sided density, squared unit per Hz
+    covariance: np.ndarray  #: (k, k) of these
 
     def density(self, frequency_hz: np.ndarray, sigmas: float = 0.0) -> np.ndarray:
         """One-sided density (m,), squared unit per Hz, at frequencies (m,) Hz; so many standard deviations above."""

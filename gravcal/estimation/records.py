@@ -12,53 +12,41 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Block:
-    """Whitened observations that share nothing but the global parameters with other blocks.
+    """Whitened observations that share nothing but the global parameters with other blocks."""
 
-    label : what it is
-    observed : (n,) 1, residual of the baseline, noise of unit variance
-    global_columns : (n, p) of parameters common to all blocks, those of the calibration first
-    local_columns : (n, k) of parameters of this block alone
-    channel, axis, time : (n,) of each row
-    steps : {epoch s: (n, q)} columns of something that happens once in this block, at an epoch
-    """
-
-    label: str
-    observed: np.ndarray
-    global_columns: np.ndarray
-    local_columns: np.ndarray
+    label: str  #: what it is
+    observed: np.ndarray  #: (n,) 1, residual of the baseline, noise of unit variance
+    global_columns: np.ndarray  #: (n, p) of parameters common to all blocks, those of the calibration first
+    local_columns: np.ndarray  #: (n, k) of parameters of this block alone
+    #: channel, axis, time: (n,) of each row
     channel: np.ndarray
     axis: np.ndarray
     time: np.ndarray
+    #: {epoch s: (n, q)} columns of something that happens once in this block, at an epoch
     steps: dict[float, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a cause depends on otherwise than linearly, all positive.
+    """What a cause depends on otherwise than linearly, all positive."""
 
-    names, units : (s,)
-    value : (s,) of the columns
-    columns : function of (s,) values -> one (n, q) or None a block; with `inside`, of these numbers as well
-    tried : (t, s) values to begin a refinement from; lower, upper : (s,) bounds
-    inside : function of (s,) values, the residual and the basis of the local columns of each block -> (b,) a number a
-        block that nothing else shares, where it fits best; None without
-    sized : True if the first of the values is the size of the cause itself
-    covariance : (s, s) once it is refined, None before; chosen : (b,) of `inside` then
-    words : of the form, before the values
-    """
-
+    #: names, units: (s,)
     names: tuple[str, ...]
     units: tuple[str, ...]
-    value: np.ndarray
+    value: np.ndarray  #: (s,) of the columns
+    #: function of (s,) values -> one (n, q) or None a block; with `inside`, of these numbers as well
     columns: Callable[..., list[np.ndarray | None]]
-    tried: np.ndarray
+    tried: np.ndarray  #: (t, s) values to begin a refinement from
+    #: lower, upper: (s,) bounds
     lower: np.ndarray
     upper: np.ndarray
+    #: function of (s,) values, the residual and the basis of the local columns of each block -> (b,) a number a block
+    #: that nothing else shares, where it fits best; None without
     inside: Callable[..., np.ndarray] | None = None
-    sized: bool = False
-    covariance: np.ndarray | None = None
-    chosen: np.ndarray | None = None
-    words: str = ""
+    sized: bool = False  #: True if the first of the values is the size of the cause itself
+    covariance: np.ndarray | None = None  #: (s, s) once it is refined, None before
+    chosen: np.ndarray | None = None  #: (b,) of `inside` then
+    words: str = ""  #: of the form, before the values
 
 
 @dataclass(frozen=True)
@@ -75,34 +63,23 @@ class Wider:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A cause with its columns in every block.
+    """A cause with its columns in every block."""
 
-    cause : slug, or "unknown:<driver channel>"; while an epoch is searched for "slug@epoch", see `at_epoch`
-    form : which of several shapes of the cause
-    names, units : (q,) parameters
-    columns : one (n, q) or None a block
-    prior : (q,) plausible sizes, none if empty
-    at, at_sigma : epoch s of a step, frequency Hz of a line, and its error
-    shape : what it depends on otherwise than linearly, None for most
-    spread : (q, q) covariance of the parameters by the error of the shape, None without
-    apart : True if several forms may act at once, as lines of several frequencies do
-    wider : Wider, candidates that are tried where this one comes near; None without
-    of_frame : True if it turns the frame that the result is given in: its error is none of the result's
-    """
-
-    cause: str
-    form: str
+    cause: str  #: slug, or "unknown:<driver channel>"; while an epoch is searched for "slug@epoch", see `at_epoch`
+    form: str  #: which of several shapes of the cause
+    #: names, units: (q,) parameters
     names: list[str]
     units: list[str]
-    columns: list[np.ndarray | None]
-    prior: list[float] = field(default_factory=list)
+    columns: list[np.ndarray | None]  #: one (n, q) or None a block
+    prior: list[float] = field(default_factory=list)  #: (q,) plausible sizes, none if empty
+    #: at, at_sigma: epoch s of a step, frequency Hz of a line, and its error
     at: float = np.nan
     at_sigma: float = np.nan
-    shape: Shape | None = None
-    spread: np.ndarray | None = None
-    apart: bool = False
-    wider: Wider | None = None
-    of_frame: bool = False
+    shape: Shape | None = None  #: what it depends on otherwise than linearly, None for most
+    spread: np.ndarray | None = None  #: (q, q) covariance of the parameters by the error of the shape, None without
+    apart: bool = False  #: True if several forms may act at once, as lines of several frequencies do
+    wider: Wider | None = None  #: Wider, candidates that are tried where this one comes near; None without
+    of_frame: bool = False  #: True if it turns the frame that the result is given in: its error is none of the result's
 
     @property
     def listed(self) -> bool:
@@ -219,49 +196,37 @@ class LineSearch:
 
 @dataclass(frozen=True)
 class Bias:
-    """What a parameter of an effect, at its plausible size, does to a result that the parameters are not.
+    """What a parameter of an effect, at its plausible size, does to a result that the parameters are not."""
 
-    cause, parameter : names; prior : plausible size
-    name : field of the document, such as "drag_bias_m_s2"
-    rms : (3,) of the result; in_sigma : over the error of the result
-    """
-
+    #: cause, parameter: names
     cause: str
     parameter: str
-    prior: float
-    name: str
-    rms: np.ndarray
-    in_sigma: float
+    prior: float  #: plausible size
+    name: str  #: field of the document, such as "drag_bias_m_s2"
+    rms: np.ndarray  #: (3,) of the result
+    in_sigma: float  #: over the error of the result
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A cause as it was fitted.
+    """A cause as it was fitted."""
 
-    candidate : Candidate, with its shape as refined
-    value, sigma : (q,) of its parameters, NaN where not determined
-    rest : (n,) a block, residual of the extended model
-    bases : (n, r) a block, orthonormal basis of the local columns
-    """
-
-    candidate: Candidate
+    candidate: Candidate  #: Candidate, with its shape as refined
+    #: value, sigma: (q,) of its parameters, NaN where not determined
     value: np.ndarray
     sigma: np.ndarray
-    rest: list[np.ndarray]
-    bases: list[np.ndarray]
+    rest: list[np.ndarray]  #: (n,) a block, residual of the extended model
+    bases: list[np.ndarray]  #: (n, r) a block, orthonormal basis of the local columns
 
 
 @dataclass(frozen=True)
 class Reported:
-    """What a calibration says of its result and readings beside a discovery, `REPORT` of the module of `observe`.
+    """What a calibration says of its result and readings beside a discovery, `REPORT` of the module of `observe`."""
 
-    result : combined product -> name of the variant, parameters (p,) and covariance (p, p) in the reported unit
-    note : how the records are looked at, for the page
-    readings : {channel: what its reading is}, for the caption of the figure
-    """
-
+    #: combined product -> name of the variant, parameters (p,) and covariance (p, p) in the reported unit
     result: Callable[[Any], tuple[str, np.ndarray, np.ndarray]] | None = None
-    note: str = ""
+    note: str = ""  #: how the records are looked at, for the page
+    #: {channel: what its reading is}, for the caption of the figure
     readings: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -15,18 +15,12 @@ INTERVALS = 16384
 
 @dataclass(frozen=True)
 class Resampler:
-    """Banded linear operator from input samples to output epochs.
+    """Banded linear operator from input samples to output epochs."""
 
-    time : (m,) s, output epochs
-    start : (m,) int, first input sample used by each output
-    weights : (m, k) 1, weights of the k inputs from `start` on, summing to one
-    valid : (m,) bool, no missing or flagged input inside the support
-    """
-
-    time: np.ndarray
-    start: np.ndarray
-    weights: np.ndarray
-    valid: np.ndarray
+    time: np.ndarray  #: (m,) s, output epochs
+    start: np.ndarray  #: (m,) int, first input sample used by each output
+    weights: np.ndarray  #: (m, k) 1, weights of the k inputs from `start` on, summing to one
+    valid: np.ndarray  #: (m,) bool, no missing or flagged input inside the support
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
         """Samples (n, ...) at the input epochs through the operator, (m, ...) in the same unit; NaN where not valid."""

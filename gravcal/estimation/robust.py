@@ -11,20 +11,13 @@ from gravcal.estimation.least_squares import stable_inverse
 
 @dataclass(frozen=True)
 class RobustEstimate:
-    """Solution with down-weighted outliers.
+    """Solution with down-weighted outliers."""
 
-    value : (p,)
-    information : (p, p) inverse covariance
-    weight : (n,) of every observation, 0 to 1
-    scale : robust standard deviation of the residuals
-    formal_factor : formal sigma of the weighted normal equations over the honest sigma
-    """
-
-    value: np.ndarray
-    information: np.ndarray
-    weight: np.ndarray
-    scale: float
-    formal_factor: float
+    value: np.ndarray  #: (p,)
+    information: np.ndarray  #: (p, p) inverse covariance
+    weight: np.ndarray  #: (n,) of every observation, 0 to 1
+    scale: float  #: robust standard deviation of the residuals
+    formal_factor: float  #: formal sigma of the weighted normal equations over the honest sigma
 
 
 def igg3_weights(normalised: np.ndarray, k0: float, k1: float) -> np.ndarray:

@@ -37,42 +37,24 @@ LOOSE_TORQUE = 1e-3  # N m, above any torque of the environment: a prior that ke
 
 @dataclass(frozen=True)
 class Choice:
-    """What is estimated beside the start attitude and rate.
+    """What is estimated beside the start attitude and rate."""
 
-    Attributes
-    ----------
-    torque_degree : degree of a slowly varying torque, -1 for none
-    scale_sigma : prior of the torque scale per axis; 0 holds it at the catalogue
-    shift_sigma : s, prior of the common edge shift; 0 holds it
-    step_s : s, longest integration step
-    iterations : at most
-    """
-
-    torque_degree: int
-    scale_sigma: float
-    shift_sigma: float
-    step_s: float
-    iterations: int
+    torque_degree: int  #: degree of a slowly varying torque, -1 for none
+    scale_sigma: float  #: prior of the torque scale per axis; 0 holds it at the catalogue
+    shift_sigma: float  #: s, prior of the common edge shift; 0 holds it
+    step_s: float  #: s, longest integration step
+    iterations: int  #: at most
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of one arc.
-
-    Attributes
-    ----------
-    solution : Solution
-    residual : (n, 3) rad, star camera minus model, in the body
-    design : (n, 3, p) rad, columns of the last step
-    covariance : (p, p) of the unknowns `names`
-    names : (p,)
-    """
+    """Result of one arc."""
 
     solution: Solution
-    residual: np.ndarray
-    design: np.ndarray
-    covariance: np.ndarray
-    names: tuple[str, ...]
+    residual: np.ndarray  #: (n, 3) rad, star camera minus model, in the body
+    design: np.ndarray  #: (n, 3, p) rad, columns of the last step
+    covariance: np.ndarray  #: (p, p) of the unknowns `names`
+    names: tuple[str, ...]  #: (p,)
 
 
 def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
@@ -366,22 +348,16 @@ def _whitened(residual, design, good, noise):
 
 @dataclass(frozen=True)
 class WaveFit:
-    """Square wave seen in a measured angular acceleration.
+    """Square wave seen in a measured angular acceleration."""
 
-    Attributes
-    ----------
-    shift, shift_sigma : s, by which the wave appears later than assumed
-    scale, scale_sigma : (3,) measured over modelled, sigma infinite for an axis that is not turned
-    residual : (n, 3) rad s-2, resampled, drift removed
-    momentary : readings are those at their epochs, not means over the sampling interval
-    """
-
+    #: shift, shift_sigma: s, by which the wave appears later than assumed
     shift: float
     shift_sigma: float
+    #: scale, scale_sigma: (3,) measured over modelled, sigma infinite for an axis that is not turned
     scale: np.ndarray
     scale_sigma: np.ndarray
-    residual: np.ndarray
-    momentary: bool
+    residual: np.ndarray  #: (n, 3) rad s-2, resampled, drift removed
+    momentary: bool  #: readings are those at their epochs, not means over the sampling interval
 
 
 def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degree: int, between=None) -> WaveFit:

@@ -15,19 +15,13 @@ from gravcal.estimation.timing import normalised
 
 @dataclass(frozen=True)
 class Wave:
-    """One square wave of one rod.
+    """One square wave of one rod."""
 
-    Attributes
-    ----------
-    rod : 0, 1, 2 for x, y, z
-    lower, upper : (m + 1,) s, last sample before and first sample after each edge
-    level : (m,) mA, mean current of each half period
-    """
-
-    rod: int
+    rod: int  #: 0, 1, 2 for x, y, z
+    #: lower, upper: (m + 1,) s, last sample before and first sample after each edge
     lower: np.ndarray
     upper: np.ndarray
-    level: np.ndarray
+    level: np.ndarray  #: (m,) mA, mean current of each half period
 
 
 def plateaus(time: np.ndarray, current: np.ndarray, threshold: float, longest_step: float) -> list[tuple]:

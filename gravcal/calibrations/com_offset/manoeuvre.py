@@ -29,44 +29,26 @@ STEP_S = 1.0
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """Manoeuvre as arrays, with what turns a signal into whitened rows.
+    """Manoeuvre as arrays, with what turns a signal into whitened rows."""
 
-    Attributes
-    ----------
-    index : of the manoeuvre; window : its observations and torques
-    time : (n,) s, accelerometer epochs; true : (n,) s, the same less the shift of the accelerometer
-    rows : indices of these epochs in the aligned product
-    operator : low-pass and resampling of the accelerometer
-    transition : (k, 6, 6) of angle and rate from the origin, at the epochs of the window
-    local_attitude : (k, 3, p) rad, start angle, rate, slow torque and edge shift
-    scale_attitude : (k, 3, 3) rad, torque scale
-    shift : s, edges seen by the star camera
-    noise : {channel: noise model of each axis}, shared by all manoeuvres, may be completed later
-    context : Context at the accelerometer epochs
-    offset : (3,) m, present estimate
-    drift_degree : of the polynomial that stands for the drift of the linear reading
-    magnetometer : (time, difference, valid) at 1 Hz
-    orbit : (time, position_i) s, m, of the whole record
-    memory : contexts at other epochs and signals, made once
-    """
-
-    index: int
-    window: motion.Window
-    time: np.ndarray
-    true: np.ndarray
-    rows: np.ndarray
-    operator: Resampler
-    transition: np.ndarray
-    local_attitude: np.ndarray
-    scale_attitude: np.ndarray
-    shift: float
+    index: int  #: of the manoeuvre
+    window: motion.Window  #: its observations and torques
+    time: np.ndarray  #: (n,) s, accelerometer epochs
+    true: np.ndarray  #: (n,) s, the same less the shift of the accelerometer
+    rows: np.ndarray  #: indices of these epochs in the aligned product
+    operator: Resampler  #: low-pass and resampling of the accelerometer
+    transition: np.ndarray  #: (k, 6, 6) of angle and rate from the origin, at the epochs of the window
+    local_attitude: np.ndarray  #: (k, 3, p) rad, start angle, rate, slow torque and edge shift
+    scale_attitude: np.ndarray  #: (k, 3, 3) rad, torque scale
+    shift: float  #: s, edges seen by the star camera
+    #: {channel: noise model of each axis}, shared by all manoeuvres, may be completed later
     noise: dict[str, list[NoiseModel]]
-    context: Context
-    offset: np.ndarray
-    drift_degree: int
-    magnetometer: tuple
-    orbit: tuple
-    memory: dict = field(default_factory=dict)
+    context: Context  #: Context at the accelerometer epochs
+    offset: np.ndarray  #: (3,) m, present estimate
+    drift_degree: int  #: of the polynomial that stands for the drift of the linear reading
+    magnetometer: tuple  #: (time, difference, valid) at 1 Hz
+    orbit: tuple  #: (time, position_i) s, m, of the whole record
+    memory: dict = field(default_factory=dict)  #: contexts at other epochs and signals, made once
 
     @property
     def arc(self) -> motion.Arc:

@@ -15,42 +15,27 @@ from gravcal.physics import dynamics, frames, gravity
 
 @dataclass(frozen=True)
 class Arc:
-    """What turns the satellite during one manoeuvre.
+    """What turns the satellite during one manoeuvre."""
 
-    Attributes
-    ----------
-    origin, stop : s, epoch of the state and end of the arc
-    edges : (m + 1,) s; dipole_b : (m, 3) A m2, constant between them
-    field_time : (k,) s; field_i : (k, 3) T; gradient_i : (k, 3, 3) s-2 or None
-    inertia : (3, 3) kg m2
-    """
-
+    #: origin, stop: s, epoch of the state and end of the arc
     origin: float
     stop: float
-    edges: np.ndarray
-    dipole_b: np.ndarray
-    field_time: np.ndarray
-    field_i: np.ndarray
-    gradient_i: np.ndarray | None
-    inertia: np.ndarray
+    edges: np.ndarray  #: (m + 1,) s
+    dipole_b: np.ndarray  #: (m, 3) A m2, constant between them
+    field_time: np.ndarray  #: (k,) s
+    field_i: np.ndarray  #: (k, 3) T
+    gradient_i: np.ndarray | None  #: (k, 3, 3) s-2 or None
+    inertia: np.ndarray  #: (3, 3) kg m2
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Motion of an arc.
+    """Motion of an arc."""
 
-    Attributes
-    ----------
-    state : dynamics.State at the origin
-    torque_coefficients : (d + 1, 3) N m, Legendre polynomials over the arc
-    scale_b : (3,) factor of the magnetic torque
-    shift : s, all edges later by
-    """
-
-    state: dynamics.State
-    torque_coefficients: np.ndarray
-    scale_b: np.ndarray
-    shift: float
+    state: dynamics.State  #: dynamics.State at the origin
+    torque_coefficients: np.ndarray  #: (d + 1, 3) N m, Legendre polynomials over the arc
+    scale_b: np.ndarray  #: (3,) factor of the magnetic torque
+    shift: float  #: s, all edges later by
 
 
 def dipole_history(edges, level, rod, time, current, per_current):
@@ -154,19 +139,12 @@ class Propagator:
     """Attitude after small angular accelerations, by variation of constants, with its quadrature made once.
 
     x(t) = Phi(t) int Phi(s)^-1 (0; b(s)) ds; CoM paper eqs. 21-25 with a source.
-
-    Attributes
-    ----------
-    transition : (n, 6, 6) of angle and rate from the origin
-    at : (4 s,) s, nodes of the quadrature, four in each of s intervals without a jump
-    weights : (4 s, 6, 3) s, inverse of the transition at the nodes, times the weight of each
-    index : (n,) intervals before each epoch
     """
 
-    transition: np.ndarray
-    at: np.ndarray
-    weights: np.ndarray
-    index: np.ndarray
+    transition: np.ndarray  #: (n, 6, 6) of angle and rate from the origin
+    at: np.ndarray  #: (4 s,) s, nodes of the quadrature, four in each of s intervals without a jump
+    weights: np.ndarray  #: (4 s, 6, 3) s, inverse of the transition at the nodes, times the weight of each
+    index: np.ndarray  #: (n,) intervals before each epoch
 
     def __call__(self, basis) -> np.ndarray:
         """Response (n, 3, p) rad to `basis`, (m,) s -> (m, p, 3) rad s-2, smooth between the breaks."""
@@ -224,23 +202,15 @@ def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
 
 @dataclass(frozen=True)
 class Window:
-    """Observations of one manoeuvre.
+    """Observations of one manoeuvre."""
 
-    Attributes
-    ----------
-    arc : Arc
-    rod : excited torquer, -1 if none
-    time : (n,) s, star-camera grid with the origin in front; quaternion : (n, 4); good : (n,) bool
-    acc : slice of the accelerometer samples inside the arc
-    lower, upper : s, interval of the first edge
-    """
-
-    arc: Arc
-    rod: int
-    time: np.ndarray
-    quaternion: np.ndarray
-    good: np.ndarray
-    acc: slice
+    arc: Arc  #: Arc
+    rod: int  #: excited torquer, -1 if none
+    time: np.ndarray  #: (n,) s, star-camera grid with the origin in front
+    quaternion: np.ndarray  #: (n, 4)
+    good: np.ndarray  #: (n,) bool
+    acc: slice  #: slice of the accelerometer samples inside the arc
+    #: lower, upper: s, interval of the first edge
     lower: float
     upper: float
 

@@ -38,24 +38,16 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | None:
 
 @dataclass(frozen=True)
 class ComOffset(Observations):
-    """Observations; noise, blocks and candidates are made when they are asked for.
+    """Observations; noise, blocks and candidates are made when they are asked for."""
 
-    Attributes
-    ----------
-    aligned, field, smoothed : Dataset, "com_offset.align", "com_offset.field", "com_offset.attitude"
-    start : (3,) m, offset of all manoeuvres together
-    views : one a manoeuvre
-    noise : {channel: noise model of each axis}, of all views
-    settings : of `observe`
-    """
-
+    #: aligned, field, smoothed: Dataset, "com_offset.align", "com_offset.field", "com_offset.attitude"
     aligned: xr.Dataset
     field: xr.Dataset
     smoothed: xr.Dataset
-    start: np.ndarray
-    views: list[Manoeuvre]
-    noise: dict
-    settings: Mapping
+    start: np.ndarray  #: (3,) m, offset of all manoeuvres together
+    views: list[Manoeuvre]  #: one a manoeuvre
+    noise: dict  #: {channel: noise model of each axis}, of all views
+    settings: Mapping  #: of `observe`
 
     name = "com_offset"
     channels = manoeuvre.CHANNELS

@@ -119,18 +119,12 @@ def body_rates(angle, angle_dot, angle_ddot, rate_o, rate_dot_o):
 
 @dataclass(frozen=True)
 class Basis:
-    """Splines of degree five with even knots, at the epochs.
+    """Splines of degree five with even knots, at the epochs."""
 
-    values : (3, n, 6) active splines and their first and second derivatives
-    start : (n,) index of the first active spline
-    order : (n,) number of an epoch within its knot interval
-    count : number of splines
-    """
-
-    values: np.ndarray
-    start: np.ndarray
-    order: np.ndarray
-    count: int
+    values: np.ndarray  #: (3, n, 6) active splines and their first and second derivatives
+    start: np.ndarray  #: (n,) index of the first active spline
+    order: np.ndarray  #: (n,) number of an epoch within its knot interval
+    count: int  #: number of splines
 
 
 def basis(time, knot_step):

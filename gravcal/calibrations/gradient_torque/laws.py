@@ -170,34 +170,28 @@ def _inverse(quaternion):
 
 @dataclass(frozen=True)
 class Sensor:
-    """One sensor on a satellite.
+    """One sensor on a satellite."""
 
-    inertia, test_mass_inertia : (3, 3) kg m2
-    mass : kg
-    place, pressure : (3,) m, test mass and centre of pressure from the CoM
-    """
-
+    #: inertia, test_mass_inertia: (3, 3) kg m2
     inertia: np.ndarray
     test_mass_inertia: np.ndarray
-    mass: float
+    mass: float  #: kg
+    #: place, pressure: (3,) m, test mass and centre of pressure from the CoM
     place: np.ndarray
     pressure: np.ndarray
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A few epochs and how well they are known.
+    """A few epochs and how well they are known."""
 
-    rate_b, rate_dot_b, drag_b : (n, 3) rad s-1, rad s-2, m s-2
-    gradient_b : (n, 3, 3) s-2
-    sigma : standard deviations of linear (3,) m s-2 and angular (3,) rad s-2 readings, place (3,) m, gradient s-2,
-        angular acceleration "motion" rad s-2, centre of pressure (3,) m, change of the torque from epoch to epoch N m
-    """
-
+    #: rate_b, rate_dot_b, drag_b: (n, 3) rad s-1, rad s-2, m s-2
     rate_b: np.ndarray
     rate_dot_b: np.ndarray
     drag_b: np.ndarray
-    gradient_b: np.ndarray
+    gradient_b: np.ndarray  #: (n, 3, 3) s-2
+    #: standard deviations of linear (3,) m s-2 and angular (3,) rad s-2 readings, place (3,) m, gradient s-2, angular
+    #: acceleration "motion" rad s-2, centre of pressure (3,) m, change of the torque from epoch to epoch N m
     sigma: dict[str, np.ndarray | float]
 
 

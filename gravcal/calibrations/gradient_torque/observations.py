@@ -365,26 +365,15 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
 
 @dataclass(frozen=True)
 class GradientTorque(Observations):
-    """Observations of a day.
+    """Observations of a day."""
 
-    Attributes
-    ----------
-    record : Dataset, "ingest"
-    about : Context of its epochs
-    made : {channel: Channel} of those that it has
-    prior : (k, 1 + GLOBAL) what is known of the global parameters beforehand, over its standard deviation
-    start : (3,) m, centre of pressure
-    drag_sigma : m s-2, of the drag, rms
-    settings : of `observe`
-    """
-
-    record: xr.Dataset
-    about: Context
-    made: Mapping[str, Channel]
-    prior: np.ndarray
-    start: np.ndarray
-    drag_sigma: float
-    settings: Mapping
+    record: xr.Dataset  #: Dataset, "ingest"
+    about: Context  #: Context of its epochs
+    made: Mapping[str, Channel]  #: {channel: Channel} of those that it has
+    prior: np.ndarray  #: (k, 1 + GLOBAL) what is known of the global parameters beforehand, over its standard deviation
+    start: np.ndarray  #: (3,) m, centre of pressure
+    drag_sigma: float  #: m s-2, of the drag, rms
+    settings: Mapping  #: of `observe`
 
     name = "gradient_torque"
     channels = CHANNELS

@@ -42,23 +42,17 @@ SETTLING_S = (100.0, 300.0, 900.0)
 
 @dataclass(frozen=True)
 class Signal:
-    """What a cause adds to the range.
+    """What a cause adds to the range."""
 
-    Attributes
-    ----------
-    cause, form : slug or "unknown:<driver channel>"; which of its shapes
-    names, units, prior : of the parameters; prior empty for a regressor
-    columns : (n, q) m per unit of each parameter, on whole seconds
-    period : rad, of a ripple with the angles, of which the columns are those of both satellites
-    """
-
+    #: cause, form: slug or "unknown:<driver channel>"; which of its shapes
     cause: str
     form: str
+    #: names, units, prior: of the parameters; prior empty for a regressor
     names: list[str]
     units: list[str]
     prior: list[float]
-    columns: np.ndarray
-    period: float = np.nan
+    columns: np.ndarray  #: (n, q) m per unit of each parameter, on whole seconds
+    period: float = np.nan  #: rad, of a ripple with the angles, of which the columns are those of both satellites
 
 
 def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Context:

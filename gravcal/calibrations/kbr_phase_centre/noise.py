@@ -285,18 +285,12 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Sp
 
 @dataclass(frozen=True)
 class Lags:
-    """Covariances by lag of the noise of range, range rate or range acceleration.
+    """Covariances by lag of the noise of range, range rate or range acceleration."""
 
-    Attributes
-    ----------
-    ranging : (n,) of ranging and orbit
-    pointing : {(a, b): (2 n - 1,)} between derivatives a and b of the pointing noise, lags -(n - 1) .. n - 1
-    derivative : 0, 1 or 2
-    """
-
-    ranging: np.ndarray
+    ranging: np.ndarray  #: (n,) of ranging and orbit
+    #: {(a, b): (2 n - 1,)} between derivatives a and b of the pointing noise, lags -(n - 1) .. n - 1
     pointing: dict[tuple[int, int], np.ndarray]
-    derivative: int
+    derivative: int  #: 0, 1 or 2
 
 
 def lags(measured: xr.Dataset, derivative: int, count: int, highest_hz: float = np.inf) -> Lags:

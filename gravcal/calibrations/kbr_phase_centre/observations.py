@@ -62,23 +62,15 @@ FINE_S = np.arange(-40.0, 41.0, 2.0)
 
 @dataclass(frozen=True)
 class Half:
-    """Half of a sub-manoeuvre.
+    """Half of a sub-manoeuvre."""
 
-    Attributes
-    ----------
-    manoeuvre, label : number; satellite, sign and axis, half
-    rows : places in the observations of all halves, one after the other
-    time : (n,) s
-    slow : (n, k) columns of slow orbit error and biases, not whitened
-    stretch : noise.Stretch, its epochs and levers
-    """
-
+    #: manoeuvre, label: number; satellite, sign and axis, half
     manoeuvre: int
     label: str
-    rows: slice
-    time: np.ndarray
-    slow: np.ndarray
-    stretch: noise.Stretch
+    rows: slice  #: places in the observations of all halves, one after the other
+    time: np.ndarray  #: (n,) s
+    slow: np.ndarray  #: (n, k) columns of slow orbit error and biases, not whitened
+    stretch: noise.Stretch  #: noise.Stretch, its epochs and levers
 
     def feels(self, epoch: float) -> bool:
         """True if the filter carries a break at an epoch into this half."""
@@ -171,29 +163,19 @@ def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> x
 
 @dataclass(frozen=True)
 class Ranging(Observations):
-    """Observations of a campaign; signals, noise, blocks and candidates are made when they are asked for.
+    """Observations of a campaign; signals, noise, blocks and candidates are made when they are asked for."""
 
-    Attributes
-    ----------
-    aligned, measured : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.noise"
-    context : Context on whole seconds
-    filter_ : of the ranging; good : (n,) bool, seconds that it may use; through : from whole seconds to the rows
-    halves : list of Half
-    residual : (m,) m, ranging less orbit less the phase centres of the solution, each half less its mean
-    column : (m, 6) 1, of the phase centres
-    start : (6,) m, phase centres of the solution
-    """
-
+    #: aligned, measured: Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.noise"
     aligned: xr.Dataset
     measured: xr.Dataset
-    context: Context
-    filter_: crn.Crn
-    good: np.ndarray
-    through: Resampler
-    halves: list[Half]
-    residual: np.ndarray
-    column: np.ndarray
-    start: np.ndarray
+    context: Context  #: Context on whole seconds
+    filter_: crn.Crn  #: of the ranging
+    good: np.ndarray  #: (n,) bool, seconds that it may use
+    through: Resampler  #: from whole seconds to the rows
+    halves: list[Half]  #: list of Half
+    residual: np.ndarray  #: (m,) m, ranging less orbit less the phase centres of the solution, each half less its mean
+    column: np.ndarray  #: (m, 6) 1, of the phase centres
+    start: np.ndarray  #: (6,) m, phase centres of the solution
 
     name = "kbr_phase_centre"
     channels = ("range",)

@@ -16,20 +16,16 @@ from gravcal.physics.constants import DAY
 
 @dataclass(frozen=True)
 class Wiggle:
-    """One sub-manoeuvre.
+    """One sub-manoeuvre."""
 
-    Attributes
-    ----------
-    satellite_index, axis_index, sign : 0 or 1; 0 pitch, 1 yaw; of the offset, 0 without one
-    start, stop : s, first and last slew
-    offset, amplitude : rad, mean angle and amplitude of the wave
-    """
-
+    #: satellite_index, axis_index, sign: 0 or 1; 0 pitch, 1 yaw; of the offset, 0 without one
     satellite_index: int
     axis_index: int
     sign: int
+    #: start, stop: s, first and last slew
     start: float
     stop: float
+    #: offset, amplitude: rad, mean angle and amplitude of the wave
     offset: float
     amplitude: float
 

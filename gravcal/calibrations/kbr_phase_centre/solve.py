@@ -27,20 +27,12 @@ STACKED = (
 
 @dataclass(frozen=True)
 class Arc:
-    """One manoeuvre after whitening and projection.
+    """One manoeuvre after whitening and projection."""
 
-    Attributes
-    ----------
-    index : (n,) places in the observations
-    observed : (n,) whitened, nuisance projected out
-    column : (n, 6) the same
-    basis : (n, k) orthonormal, whitened nuisance
-    """
-
-    index: np.ndarray
-    observed: np.ndarray
-    column: np.ndarray
-    basis: np.ndarray
+    index: np.ndarray  #: (n,) places in the observations
+    observed: np.ndarray  #: (n,) whitened, nuisance projected out
+    column: np.ndarray  #: (n, 6) the same
+    basis: np.ndarray  #: (n, k) orthonormal, whitened nuisance
 
 
 def solve(
