@@ -140,7 +140,7 @@ def verdict(numbers: dict) -> str:
     ----------
     numbers : result document of a discovery
     """
-    if numbers.get("status") == "no_manoeuvre":
+    if "findings" not in numbers:
         return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
     found, before, level = numbers["findings"], numbers["p_before"], numbers["level"]
     if not found and before < level:
