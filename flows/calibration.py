@@ -42,6 +42,13 @@ class Discovery:
     #: (source, chosen, records) -> product with the result of the calibration from such records
     result: Callable | None = None
 
+    @staticmethod
+    def chosen_for(chosen) -> tuple[dict, dict]:
+        """Settings of the stage "discovery": those of ``observe``, and those of the search itself."""
+        limits = chosen.for_stage("discovery")
+        limits["segment_s"] = limits.pop("heldout_s", None) or limits["segment_s"]
+        return {name: limits.pop(name) for name in set(limits) - set(discovery.LIMITS)}, limits
+
     def read(self, source, chosen):
         """Product that a model changes, without the effects of the model that is given."""
         found = self.records and self.records(source, chosen)

@@ -1,6 +1,5 @@
 """Design of the next session: the manoeuvres that tell most, from the information of all that may be flown."""
 
-import importlib
 import json
 import tempfile
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from flows import calibration as calibrations
+from flows import output
 from flows.engine.remake import other_store
 from gravcal import catalog
 from gravcal.discovery import design
@@ -89,8 +89,8 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
             "minutes": count * limits["duration_s"] / 60,
             "constraints": limits,
             "manoeuvres": plan,
-            "design": _judged(place, found, tied),
-            "published": _judged(place, before, tied),
+            "design": _judged(flights[-1], found, tied),
+            "published": _judged(flights[-1], before, tied),
             "published_minutes": usual,
         }
         if verify:
@@ -98,7 +98,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     if out:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "plan.toml").write_text(plan_text(name, plan, f"gravcal design, {satellite} {date}"))
-        (Path(out) / "design.json").write_text(json.dumps(document, indent=1) + "\n")
+        output.write_json(document, Path(out) / "design.json")
     return document
 
 
@@ -115,7 +115,7 @@ class Place:
 
     def __init__(self, one, folder, satellite, date, limits, chosen):
         self.one, self.folder, self.satellite, self.date = one, folder, satellite, date
-        self.limits, self.chosen, self.parameters, self.unit = limits, chosen, (), ""
+        self.limits, self.chosen = limits, chosen
 
     def flight(self, label, plan, seed):
         """Source and truth of a simulated flight of a plan: tables, or the name of a design."""
@@ -133,11 +133,9 @@ class Place:
         source, truth = self.flight(label, plan, seed)
         looked = self.one.discovery
         products = looked.baseline(source, self.chosen)
-        own = looked.settings(source, self.chosen) | self.chosen.for_stage("discovery")
-        settings = {n: v for n, v in own.items() if n not in (*discovery.LIMITS, "heldout_s")}
         datasets = {name: read(ref) for name, ref in products.items()}
-        observed = importlib.import_module(looked.observations).observe(datasets, **settings)
-        self.parameters, self.unit = observed.parameters, observed.unit
+        settings = looked.settings(source, self.chosen) | looked.chosen_for(self.chosen)[0]
+        observed = discovery.observations_of(datasets.values(), looked.observations, datasets, settings)
         times = [(m["start"], m["stop"]) for m in truth["manoeuvres"]]
         return design.flown(
             observed, self.one.information(datasets), times, [m["item"] for m in truth["manoeuvres"]], causes
@@ -161,9 +159,9 @@ class Place:
         }
 
 
-def _judged(place, found, tied):
+def _judged(flight, found, tied):
     """Errors and odds of a design."""
     spread, apart = found
-    sigma = dict(zip(place.parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
+    sigma = dict(zip(flight.parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
     odds = [{"causes": list(pair), "chi2": float(c), "odds": design.odds(c, tied)} for pair, c in apart.items()]
-    return {"sigma": sigma, "unit": place.unit, "trace": float(np.trace(spread)), "separated": odds}
+    return {"sigma": sigma, "unit": flight.unit, "trace": float(np.trace(spread)), "separated": odds}

@@ -43,11 +43,9 @@ def _discover(one: Calibration | Study, shown: bool, source, chosen):
     records = looked.read(source, chosen)
     products = looked.built(source, chosen, records)
     settings = looked.settings(source, chosen)
-    limits = chosen.for_stage("discovery")
-    limits["segment_s"] = limits.pop("heldout_s", None) or limits["segment_s"]
-    own = settings | {name: limits.pop(name) for name in set(limits) - set(discovery.LIMITS)}
+    own, limits = looked.chosen_for(chosen)
     fixed = {"observations": looked.observations, "names": list(products)}
-    searched = fixed | {"calibration": one.name, "settings": own} | limits | event
+    searched = fixed | {"calibration": one.name, "settings": settings | own} | limits | event
     extended = fixed | {"records": records.kind if records else "", "settings": settings} | event
     seen = [*products.values()]
     if looked.twice:

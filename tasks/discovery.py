@@ -28,14 +28,14 @@ LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=13, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
-    found = driver.discover(_observed(products, observations, names, settings), _limits(limits))
+    found = driver.discover(observations_of(products, observations, names, settings), _limits(limits))
     return found.assign_attrs(records=product.digest_as_read(products[0]) if products else "")
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=13, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
-    observed = _observed(products, observations, names, settings)
+    observed = observations_of(products, observations, names, settings)
     found = driver.discover_again(observed, _limits(limits), first, _model(first))
     return found.assign_attrs(records=first.attrs["records"])
 
@@ -53,13 +53,13 @@ def limits(found, *products, calibration, observations, names, settings, **limit
     """
     given = products[-len(names) :] if "rebuilt" in found.attrs else products[: len(names)]
     say = lambda text: sys.stderr.write(f"{text}\n")  # noqa: E731
-    return driver.with_limits(found, _observed(given, observations, names, settings), _limits(limits), say)
+    return driver.with_limits(found, observations_of(given, observations, names, settings), _limits(limits), say)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
 def extend(*products, records, observations, names, model, settings):
     """Records without the effects of an extended model."""
-    observed, given = _observed(products, observations, names, settings), entries(json.loads(model))
+    observed, given = observations_of(products, observations, names, settings), entries(json.loads(model))
     driver.check_causes(observed, given)
     return _without(observed, products, records, names, given)
 
@@ -68,7 +68,7 @@ def extend(*products, records, observations, names, model, settings):
 def extend_by(found, *products, records, observations, names, settings, tentative):
     """Records without what was found in them; what is not adopted is taken out tentatively only."""
     model = _model(found, tentative)
-    return _without(_observed(products, observations, names, settings), products, records, names, model)
+    return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
 @stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=5, also=["{observations}"])
@@ -79,7 +79,7 @@ def report(found, *combined, calibration, observations, event, satellite, settin
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
-def _observed(products, observations, names, settings):
+def observations_of(products, observations, names, settings):
     """Observations of the products by their names; None where they hold none."""
     return importlib.import_module(observations).observe(dict(zip(names, products, strict=True)), **settings)
 

@@ -34,7 +34,9 @@ class Flown:
     #: (k, m, m) products of the whitened columns that discovery sees, own ones projected out: parameters, causes
     gram: np.ndarray
     item: np.ndarray  #: (k,) number of the manoeuvre in the list of what was planned
-    scale: np.ndarray  #: (p,) factor to the reported unit
+    parameters: Sequence[str]  #: (p,) names of those of the calibration
+    unit: str  #: of these, as reported
+    scale: np.ndarray  #: (p,) factor to that unit
     causes: dict[str, slice]  #: {slug: slice of its columns}
     prior: dict[str, np.ndarray]  #: {slug: plausible sizes}
     size: np.ndarray  #: (m,) norm of the columns, to which what is seen is compared
@@ -74,6 +76,8 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
         np.asarray(information)[used],
         problem.gram[np.ix_(used, kept, kept)],
         numbers,
+        observed.parameters,
+        observed.unit,
         np.asarray(observed.scale, dtype=float),
         dict(zip(causes, moved, strict=True)),
         {slug: np.asarray(every[slug].prior, dtype=float) for slug in causes},

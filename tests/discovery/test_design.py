@@ -21,7 +21,7 @@ def flight(information, columns=None, prior=1.0):
         gram[:, 3:, 3:] = np.swapaxes(columns, 1, 2) @ columns
     causes, sizes = {"a": slice(3, 4), "b": slice(4, 5)}, {"a": np.array([prior]), "b": np.array([prior])}
     size = np.sqrt(np.diag(gram.sum(axis=0)))
-    return design.Flown(np.array(information), gram, np.arange(k), np.ones(3), causes, sizes, size)
+    return design.Flown(np.array(information), gram, np.arange(k), "xyz", "um", np.ones(3), causes, sizes, size)
 
 
 def test_exchanges_find_the_design_of_least_trace():
