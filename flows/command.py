@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import functools
 import json
 import shutil
 from datetime import date, timedelta
@@ -146,15 +147,33 @@ def discover(calibration, source, chosen, engine_name, limits=False):
     return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
 
 
-def plan(calibration, source, chosen):
-    """Steps of the plan for one event."""
-    return engine.plan(record(calibration).flow, source, chosen)[0]
+def plan(calibration, sources, chosen):
+    """Steps of the plan for some events, each a dict: event, stage, action, reasons, seconds as of the last time."""
+    usual = functools.cache(history.usual_seconds)
+    steps = [step for source in sources for step in engine.plan(record(calibration).flow, source, chosen)[0]]
+    rows = []
+    for one in steps:
+        never = one.reasons == ("never made",)
+        took = None if one.action == "reuse" else usual(one.stage, None if never else one.event)
+        row = {"event": one.event, "stage": one.stage, "action": one.action, "reasons": list(one.reasons)}
+        rows.append(row | {"seconds": took})
+    return rows
 
 
 def sources(calibration, event, data, satellite, date):
-    """The source given, or those of all events of the store that say where their files were."""
+    """The source given, those of a folder of many days, or of all events of the store whose files are known."""
+    from flows import campaign
+
     if event is not None or data is not None:
-        return [source(calibration, event, data, satellite, date)]
+        try:
+            return [source(calibration, event, data, satellite, date)]
+        except ProductError:
+            if date is not None or data is None or not data.is_dir() or len(record(calibration).days(data)) < 2:
+                raise
+        found = campaign.sources(calibration, satellite, data)
+        for one in (one for one in found if isinstance(one, campaign.Refused)):
+            engine.warn(f"{one.event} left out: {one.error}")
+        return [one for one in found if not isinstance(one, campaign.Refused)]
     one, made = record(calibration), []
     found = history.level_one_folders(calibration)
     if not found:
@@ -235,6 +254,16 @@ def report_files(event, out, name=None):
         return files
     out.mkdir(parents=True, exist_ok=True)
     return [shutil.copy(path, out / path.name) for path in files]
+
+
+def reached(calibration, setting):
+    """Stages that another value of a setting makes again, those of the newest event of the store; [] where none is."""
+    found = housekeeping.entries(configuration=location.OPERATIONAL)
+    newest = max((one for one in found if one.ref.kind.startswith(f"{calibration}.")),
+                 key=lambda one: one.record["made"], default=None)  # fmt: skip
+    own = [one for one in found if newest and one.ref.event == newest.ref.event]
+    again = history.remade(own, setting)
+    return list(dict.fromkeys(one.ref.kind for one in own if one.ref.key in again))
 
 
 def compare(calibration, first, second, satellite=None):

@@ -14,6 +14,7 @@ from gravcal.report.documents import foreword
 from gravcal.store import location, memory
 
 AXES = "xyz"
+REASONS, SHOWN = 2, 4  # of a stage that a plan shows, and stages that one of them names
 COLOURS = {
     "run": "yellow",
     "may run": "yellow",
@@ -89,27 +90,72 @@ def result(document, ref, json_path, truth=None):
             say(f"{path.suffix.lstrip('.').upper():5} {path}")
 
 
-def plan(steps, json_path):
-    """Table of a plan: what is reused, what runs, and why."""
-    document = [
-        {"event": step.event, "stage": step.stage, "action": step.action, "reasons": list(step.reasons)}
-        for step in steps
-    ]
-    if delivered(document, json_path):
-        table(["event", "stage", "action", "why"], [[s.event, s.stage, s.action, "; ".join(s.reasons)] for s in steps])
-        counts = {action: sum(step.action == action for step in steps) for action in ("reuse", "run", "may run")}
-        say(", ".join(f"{action}: {count}" for action, count in counts.items()))
+def plan(steps, json_path, every=False):
+    """Table of a plan: by stage what is made again, how long it takes and why; every product by itself if wanted."""
+    if not delivered(steps, json_path):
+        return
+    if every:
+        rows = [[s["event"], s["stage"], s["action"], took(s["seconds"]), "; ".join(s["reasons"])] for s in steps]
+        table(["event", "stage", "action", "about", "why"], rows)
+    groups = {}
+    for step in [] if every else steps:
+        if step["action"] != "reuse":
+            groups.setdefault((".".join(step["stage"].split(".")[:2]), step["action"]), []).append(step)
+    rows = []
+    for (stage, action), own in groups.items():
+        times = [step["seconds"] for step in own if step["seconds"] is not None]
+        why = list(dict.fromkeys(_after(reason) for step in own for reason in step["reasons"]))
+        more = f"; and {len(why) - REASONS} more" if len(why) > REASONS else ""
+        count = len({step["event"] for step in own})
+        rows.append(
+            [stage, count, len(own), action, took(sum(times) if times else None), "; ".join(why[:REASONS]) + more]
+        )
+    if rows:
+        table(["stage", "events", "products", "action", "about", "why"], rows)
+    counts = {action: sum(step["action"] == action for step in steps) for action in ("reuse", "run", "may run")}
+    made = [step["seconds"] for step in steps if step["action"] != "reuse"]
+    time_ = took(sum(one for one in made if one is not None)) if set(made) - {None} else ""
+    unknown = sum(one is None for one in made)
+    told = f"; about {time_} of processor time" if time_ else ""
+    told += f"{',' if told else ';'} {unknown} not known yet" if unknown else ""
+    hint = "" if every or not counts["reuse"] else " (--all shows what is reused)"
+    say(", ".join(f"{action}: {count}" for action, count in counts.items()) + told + hint)
+
+
+def _after(reason):
+    """A reason, the products that a stage waits for by their stages."""
+    word, _, names = reason.partition("after ")
+    if word or not names:
+        return reason
+    stages = list(dict.fromkeys(".".join(name.split(".")[1:2]) for name in names.split(", ")))
+    return f"after {', '.join(stages[:SHOWN])}{', ...' if len(stages) > SHOWN else ''}"
+
+
+def took(seconds):
+    """A length of time in words; "?" where it is not known."""
+    if seconds is None:
+        return "?"
+    return (
+        f"{seconds:.2g} s"
+        if seconds < 99.5
+        else f"{seconds / 60:.0f} min"
+        if seconds < 7200
+        else f"{seconds / 3600:.1f} h"
+    )
 
 
 def manoeuvres(document, json_path):
     """Document, or table of the manoeuvres found."""
+    from gravcal.report.plain import gps_text
+
     if not delivered(document, json_path):
         return
     rows = [
-        [f"{one.get('satellite', '')} {one['kind']}".strip(), f"{one['start']:.3f}", f"{one['stop']:.3f}"]
+        [f"{one.get('satellite', '')} {one['kind']}".strip(), gps_text(one["start"], 3), gps_text(one["stop"], 3)]
+        + [f"{one['start']:.3f}", f"{one['stop']:.3f}"]
         for one in document["manoeuvres"]
     ]
-    table(["kind", "start (GPS s)", "stop (GPS s)"], rows)
+    table(["kind", "start (GPS time)", "stop (GPS time)", "start (GPS s)", "stop (GPS s)"], rows)
     say(f"{foreword(document.get('origin', 'measured'))}{len(rows)} manoeuvre(s)")
 
 

@@ -6,6 +6,7 @@ is asked of its record (`flows.calibration`).
 
 import contextlib
 import datetime
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -127,13 +128,14 @@ def plan(
     settings: Settings = None,
     model: Model = None,
     as_: As = None,
+    every: Annotated[bool, typer.Option("--all", help="each product, also those that are reused")] = False,
     json: Json = None,
     remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
 ) -> None:
-    """Say what a run would reuse, what it would make, and why; without EVENT or folder for all events of the store."""
+    """Say what a run or campaign would make again, why and how long; without EVENT or folder for all of the store."""
     chosen = command.chosen(calibration, settings, model, as_)
     sources = command.sources(calibration, event, data, satellite, date)
-    output.plan([step for source in sources for step in command.plan(calibration, source, chosen)], json)
+    output.plan(command.plan(calibration, sources, chosen), json, every)
 
 
 @app.command()
@@ -206,10 +208,17 @@ def simulate(
 ) -> None:
     """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
     settings = [*(settings or []), *([f"design={planned}"] if planned else [])]
-    command.simulate(calibration, out, (seed, truth), effect, settings)
+    made = command.simulate(calibration, out, (seed, truth), effect, settings)
     files = sorted(str(path) for path in out.iterdir() if path.is_file())
-    if output.delivered({"calibration": calibration, "folder": str(out), "seed": seed, "files": files}, json):
-        output.say(f"Level-1 files of an invented event in {out}" + (f", truth in {truth}" if truth else ""))
+    whose = {name: made[name] for name in ("satellite", "date") if made.get(name)}
+    run = shlex.join(["gravcal", "run", calibration, "--data", str(out), *(f"--{n}={v}" for n, v in whose.items())])
+    document = {"calibration": calibration, "folder": str(out), "seed": seed, "files": files, "run": run}
+    if output.delivered(document, json):
+        kinds = ", ".join(dict.fromkeys(Path(one).name.partition("_")[0] for one in files))
+        size = sum(Path(one).stat().st_size for one in files) / 1e6
+        said = f"{len(files)} Level-1 files of an invented event ({' '.join(whose.values())}) in {out}, {size:.1f} MB"
+        output.say(f"{said}: {kinds}" + (f"\ntruth in {truth}; no run reads it" if truth else ""))
+        output.say(f"calibrate: {run}")
 
 
 @app.command()

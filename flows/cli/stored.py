@@ -206,7 +206,7 @@ def settings(
     forget: Annotated[bool, typer.Option("--forget", help="remove this experiment and its links")] = False,
     json: Json = None,
 ) -> None:
-    """Show parameters with value, unit and reason, and the configurations that were run."""
+    """Show parameters with value, unit, the stages they reach and reason, and the configurations that were run."""
     if calibration is None:
         found = {one: configurations.operational(one) for one in command.known()}
         if output.delivered(found, json):
@@ -285,12 +285,14 @@ def _document(calibration, name):
         shown = {name: configurations.settings_of(calibration, name)}
         used = plain.with_settings(shown[name])
         names = list(shown[name])
-    parts = ("unit", "minimum", "maximum", "allowed", "reason")
+    parts = ("unit", "minimum", "maximum", "allowed", "reason", "stages")
     entries = {
         n: {"value": used.entry(n).value, "catalogue": plain.entry(n).value}
         | {part: getattr(plain.entry(n), part) for part in parts}
         for n in names
     }
+    if name in entries:
+        entries[name]["reaches"] = command.reached(calibration, name)
     head = {"calibration": calibration, "operational": configurations.operational(calibration)}
     return head | {"promotions": configurations.promotions(calibration), "parameters": entries, "configurations": shown}
 
@@ -298,9 +300,13 @@ def _document(calibration, name):
 def _say(document):
     """Tables of parameters and configurations."""
     mark = lambda one: "" if one["value"] == one["catalogue"] else f"catalogue: {one['catalogue']}"  # noqa: E731
-    rows = [[n, _short(e["value"]), e["unit"] or "", mark(e), e["reason"]] for n, e in document["parameters"].items()]
+    rows = [[n, _short(e["value"]), e["unit"] or "", mark(e), ", ".join(e["stages"]), e["reason"]]
+            for n, e in document["parameters"].items()]  # fmt: skip
     if rows:
-        output.table(["parameter", "value", "unit", "", "reason"], rows)
+        output.table(["parameter", "value", "unit", "", "stages", "reason"], rows)
+    for one in document["parameters"].values():
+        if one.get("reaches"):
+            output.say(f"another value makes again: {', '.join(one['reaches'])}")
     output.say(f"operational: {_promoted(document['operational'])}")
     rows = [[name, ", ".join(configurations.said(given))] for name, given in document["configurations"].items()]
     if rows:

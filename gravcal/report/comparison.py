@@ -9,6 +9,7 @@ add is common. Where the two variances agree to 1 % nothing can be said of the d
 import math
 
 from gravcal.report import pages
+from gravcal.store import results
 from gravcal.store.schemas import VERSION
 
 ASSUMPTION = (
@@ -127,6 +128,4 @@ def _passed(document):
 
 def _pair(value, sigma):
     """Value with its error."""
-    if value is None:
-        return "undetermined"
-    return f"{value:.5g}" if sigma is None else f"{value:.5g} +- {sigma:.2g}"
+    return "undetermined" if value is None else results.rounded(value, sigma)

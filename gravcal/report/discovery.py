@@ -134,10 +134,11 @@ def _named(one):
 def outlier_table(numbers: dict) -> Table | None:
     """Isolated samples that were left out before the search."""
     rows = [
-        [one["block"], f"{one['channel']} {one['axis']}", f"{one['time']:.1f}", signed(one["sigma"], 0)]
+        [one["block"], f"{one['channel']} {one['axis']}", gps_text(one["time"], 1), f"{one['time']:.1f}"]
+        + [signed(one["sigma"], 0)]
         for one in numbers.get("outliers", [])
     ]
-    heads = ["block", "channel", "epoch, GPS s", "residual over its error"]
+    heads = ["block", "channel", "epoch, GPS time", "GPS s", "residual over its error"]
     caption = "Single samples that neither noise nor a listed effect explains, left out before the search."
     return Table(caption, heads, rows, words=(0, 1)) if rows else None
 

@@ -11,6 +11,7 @@ import contextlib
 import datetime
 import importlib
 import os
+import statistics
 import time
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from gravcal.store import keys, location, store
 ABSENT = "(absent)"
 REMAKE = "GRAVCAL_REMAKE_VERSIONS"  # "1": products that other versions of these made are made again
 NUMERICAL = ("numpy", "scipy", "numba")
+SEEN = 25  # events whose times say what a stage takes
 AUXILIARY = ("GFC", "TRUTH")  # files that are read beside the Level-1 files of an event
 
 
@@ -61,6 +63,29 @@ def compared(old_record, new_record, otherwise=("event or variant",)):
         if name in before and item["digest"] is not None and item["digest"] != before[name]["digest"]:
             reasons.append(f"input file {name} changed" if "file" in item else f"input {name} changed")
     return reasons + changed(old_record, new_record) or list(otherwise)
+
+
+def usual_seconds(stage, event=None):
+    """Seconds that a stage took for an event, the least of its configurations: a first one compiles kernels.
+
+    Without an event, or where it has none, the median over others; None where the stage never ran.
+    """
+    own = [*store.links(f"{event}/{stage}"), *store.links(f"{event}/as/*/{stage}")] if event else []
+    found = [store.read_record(folder) for _, folder in own or store.links(f"*/{stage}")[-SEEN:]]
+    return (min if own else statistics.median)([one["seconds"] for one in found if one] or [None])
+
+
+def remade(entries, setting):
+    """Keys of those products that another value of a setting makes again: it enters them, or what they are made of."""
+    found = {one.ref.key for one in entries if _takes(one.record["recipe"]["settings"], setting)}
+    while more := {one.ref.key for one in entries if found & {p.get("key") for p in one.record["from"]}} - found:
+        found |= more
+    return found
+
+
+def _takes(settings, name):
+    """Whether settings, also those handed on as a table, hold a name."""
+    return name in settings or any(isinstance(one, dict) and _takes(one, name) for one in settings.values())
 
 
 def changed(old_record, new_record):

@@ -32,11 +32,11 @@ def text(known):
     parts = []
     for one, following in itertools.zip_longest(said, said[1:]):
         unit = "" if one.unit == "1" or (following and following.unit == one.unit) else f" {one.unit}"
-        parts.append(f"{one.label} {_rounded(one.value, one.sigma_total or one.sigma)}{unit}")
+        parts.append(f"{one.label} {rounded(one.value, one.sigma_total or one.sigma)}{unit}")
     return ", ".join(parts)
 
 
-def _rounded(value, sigma):
+def rounded(value, sigma):
     """Value with two digits of its error."""
     if not sigma:
         return f"{value:.3g}"

@@ -137,6 +137,16 @@ def test_simulate_passes_what_was_said(fakecal):
     assert gravcal("simulate", "fakecal", "--out", out, "--effect", "a.b=many") == 2
 
 
+def test_simulate_says_what_it_wrote_and_the_command_that_calibrates_it(fakecal, capsys):
+    """Contract: files, whose, size; the command as it is typed, a folder with a blank in quotation marks."""
+    out = fakecal / "a day"
+    assert gravcal("simulate", "fakecal", "--out", out, "--truth", fakecal / "t.json") == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == f"1 Level-1 files of an invented event (C 2020-02-01) in {out}, 0.0 MB: said.json"
+    assert said[1] == f"truth in {fakecal / 't.json'}; no run reads it"
+    assert said[2] == f"calibrate: gravcal run fakecal --data '{out}' --satellite=C --date=2020-02-01"
+
+
 def test_an_unforeseen_error_leaves_its_trace_in_a_file(fakecal, monkeypatch, capsys, store_folder):
     """Contract: no trace on the screen."""
     from flows import command

@@ -13,7 +13,7 @@ from typer.main import get_command
 
 from flows import cli, output
 from flows.cli import options
-from gravcal.store import configurations
+from gravcal.store import configurations, results
 
 GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
 WITHOUT_DOCUMENT = {"browse", "serve"}  # they go on until they are ended
@@ -187,3 +187,19 @@ def test_problems_come_as_json(pipeline):
     pipeline.run()
     assert json.loads(piped(("products", "verify", "--json", "-")))["problems"] == []
     assert json.loads(piped(("products", "prune", "--json", "-"))) == []
+
+
+def test_manoeuvres_are_said_in_calendar_time_beside_gps_seconds(capsys):
+    """Contract: both of both ends, to a millisecond."""
+    found = {"satellite": "C", "kind": "pitch", "start": 633830400.0, "stop": 633830580.5}
+    output.manoeuvres({"event": "grace-c-2020-02-01", "manoeuvres": [found]}, None)
+    heads, row, _ = capsys.readouterr().out.splitlines()
+    assert "start (GPS time)" in heads
+    assert row.split() == ["C", "pitch", "2020-02-01", "12:00:00.000", "2020-02-01", "12:03:00.500",
+                           "633830400.000", "633830580.500"]  # fmt: skip
+
+
+def test_a_value_has_two_digits_of_its_error():
+    """Contract: in campaigns, comparisons and pages alike."""
+    assert results.rounded(-5.4321, 2.1049) == "-5.4 +- 2.1"
+    assert results.rounded(-87.7012, 0.4849) == "-87.70 +- 0.48"

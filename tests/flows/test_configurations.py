@@ -13,7 +13,7 @@ from flows import command, engine
 from flows.engine import through_prefect
 from gravcal import catalog
 from gravcal.errors import CatalogError
-from gravcal.store import configurations, history, housekeeping, location
+from gravcal.store import configurations, history, housekeeping, location, store
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
 
@@ -165,6 +165,42 @@ def test_a_plan_compares_with_the_same_configuration(run, fakecal, capsys):
     assert plan("--as", "mine")[1] == ["input " + start(fakecal) + " changed"]
 
 
+def test_a_plan_shows_by_stage_what_is_made_again_and_for_how_long(run, fakecal, capsys):
+    """Contract: nothing that is reused unless wanted; time as of the last run, of other events for a new one."""
+    run()
+    for entry in housekeeping.entries():
+        took = {"seconds": 30.0 if entry.ref.stage.endswith("scale.one") else 4.0}
+        (entry.ref.folder / "meta.json").write_bytes(store.sealed(entry.record | took))
+    capsys.readouterr()
+    assert gravcal("plan", "fakecal", "--data", fakecal, "--set", "gain=5") == 0
+    heads, row, said = capsys.readouterr().out.splitlines()
+    assert row.split()[1:6] == ["1", "1", "run", "30", "s"]
+    assert row.endswith("gain: 2.0 -> 5.0")
+    assert said == "reuse: 1, run: 1, may run: 0; about 30 s of processor time (--all shows what is reused)"
+    assert gravcal("plan", "fakecal", "--data", fakecal, "--set", "gain=5", "--all") == 0
+    assert "reuse " in capsys.readouterr().out
+    assert gravcal("plan", "fakecal", "--data", fakecal) == 0
+    assert capsys.readouterr().out == "reuse: 2, run: 0, may run: 0 (--all shows what is reused)\n"
+    (fakecal / "7").mkdir()
+    (fakecal / "7" / "MAG1B_2020-02-01_C_04.txt").write_text("other")
+    assert gravcal("plan", "fakecal", "--data", fakecal / "7") == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "reuse: 0, run: 2, may run: 0; about 34 s of processor time"
+
+
+def test_a_plan_takes_the_folder_of_many_days_that_a_campaign_takes(tmp_path, capsys, monkeypatch):
+    """Contract: one line a stage for all days; a single day is named by --date as before."""
+    for day in ("2020-02-01", "2020-02-02"):
+        (tmp_path / f"MAG1B_{day}_C_04.txt").write_text("")
+    planned = []
+    monkeypatch.setattr(command.engine, "plan", lambda _, source, __: (planned.append(source.event), [[]])[1])
+    assert gravcal("plan", "magnetometer", "--data", tmp_path) == 0
+    assert planned == ["grace-c-2020-02-01", "grace-c-2020-02-02"]
+    assert gravcal("plan", "magnetometer", "--data", tmp_path, "--date", "2020-02-02") == 0
+    assert planned[2:] == ["grace-c-2020-02-02"]
+    assert gravcal("run", "magnetometer", "--data", tmp_path) == 1
+    capsys.readouterr()
+
+
 def start(fakecal):
     """Kind of the first stage."""
     return next(entry.ref.kind for entry in housekeeping.entries() if entry.ref.kind.endswith("start"))
@@ -283,6 +319,7 @@ def test_settings_say_what_they_are_and_what_was_tried(run, capsys):
     assert "invented" in capsys.readouterr().out
     assert gravcal("settings", "fakecal", "gain") == 0
     assert "invented" in capsys.readouterr().out
+    assert gain["stages"] == ["scale"]
     assert gravcal("settings", "fakecal", "mine") == 0
     assert "3.0" in capsys.readouterr().out
     assert gravcal("settings", "fakecal", "nothing") == 1
