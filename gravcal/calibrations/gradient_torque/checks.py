@@ -64,8 +64,10 @@ def inputs(modelled: xr.Dataset, observed: xr.Dataset, *, satellite: Mapping, **
         linear = modelled["linear_b"].values
         model = -offset_tensor(rate_b, rate_dot_b, modelled["gradient_b"].values) @ (places[0] - places[1])
         apart, sigma = linear[:, 0] - linear[:, 1], np.array(satellite["linear_noise_density"]) / np.sqrt(step)
-        rest = np.sqrt(np.nanmean((apart - model) ** 2, axis=0)).max()
-        tests.append(at_most("linear readings apart, not modelled", rest, limits["apart_limit_m_s2"], "m s-2"))
+        rest = apart - model
+        rms, jump = np.sqrt(np.nanmean(rest**2, axis=0)).max(), np.nanmax(np.abs(np.diff(rest, axis=0)))
+        tests.append(at_most("linear readings apart, not modelled", rms, limits["apart_limit_m_s2"], "m s-2"))
+        tests.append(at_most("jump of linear readings apart", jump, limits["apart_jump_limit_m_s2"], "m s-2"))
         determined = model.std(axis=0) > DIFFERENCE * sigma
         if determined.any():
             factor = _from_one(model, apart)[determined].max()
