@@ -19,7 +19,7 @@ from gravcal.store import configurations, history, housekeeping, location, memor
 from gravcal.store.schemas import VERSION
 from tasks.stage import lazy
 
-comparison = lazy("gravcal.report.comparison")
+comparison, vcm = lazy("gravcal.report.comparison"), lazy("gravcal.io.vcm")
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
 
@@ -304,6 +304,42 @@ def events(calibration=None):
             date = str(event.date) if event.date else "unknown"
             rows.append({"event": event.name, "calibration": event.calibration, "date": date, "files": files})
     return rows
+
+
+def sequence(path, *, save=False):
+    """Events made of the CMCAL and KBRCAL lines of a sequence-of-events file, and the vectors that hold at its end.
+
+    A day of a satellite is one event. What the catalogue knows already is not saved; events without begin or end,
+    and those of satellites that the calibration cannot take, are said and not made.
+    """
+    entries, rows, made = vcm.read_sequence(path), [], {}
+    for one in vcm.sessions(entries):
+        bounds = [bound for bound in (one.start, one.stop) if bound is not None]
+        days = [date(2000, 1, 1) + timedelta(days=int((bound + 43200) // 86400)) for bound in bounds]
+        name = f"{catalog.satellite(one.satellite).name}-{days[0]}"
+        row = vars(one) | {"event": name, "state": "new"}
+        if one.start is None or one.stop is None:
+            row["state"] = "no begin" if one.start is None else "no end"
+        elif not any(one.satellite in letters for letters in record(one.calibration).satellites):
+            row["state"] = f"{one.calibration} takes no {one.satellite}"
+        elif name in catalog.names("events"):
+            row["state"] = "in the catalogue"
+        else:
+            made.setdefault((one.calibration, name), []).append((row, days))
+        rows.append(row)
+    for (calibration, name), found in made.items() if save else ():
+        design, letter = record(calibration).design, found[0][0]["satellite"]
+        design = f"{design}_grace" if letter in "AB" and f"{design}_grace" in catalog.names("designs") else design
+        bounds = ", ".join(f"{row['start']:.0f} to {row['stop']:.0f}" for row, _ in found)
+        text = catalog.event_text(
+            calibration, design, (letter,), found[0][1][0], [], {},
+            source=f"sequence-of-events file, GPS seconds {bounds}", last=max(days[-1] for _, days in found),
+        )  # fmt: skip
+        catalog.save_event(name, text)
+        for row, _ in found:
+            row["state"] = "saved"
+    ends = [vcm.in_force(entries, name, letter, float("inf")) for name in ("VCM", "VKB") for letter in "ABCD"]
+    return {"events": rows, "in_force": [vars(one) for one in ends if one]}
 
 
 def status_of(error):

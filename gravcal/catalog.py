@@ -334,16 +334,21 @@ def _raw_files(content, designed, members, span, path):
     return tuple(raw)
 
 
-def event_text(calibration, design, satellites, date, found, sha256, origin="measured"):
-    """TOML text of an event found in data: manoeuvres with kind, start, stop (GPS s), SHA-256 by name of the file."""
+def event_text(calibration, design, satellites, date, found, sha256, origin="measured", source="", last=None):
+    """TOML text of an event found in data: manoeuvres with kind, start, stop (GPS s), SHA-256 by name of the file.
+
+    An event found elsewhere names its source; ``last`` is its last day if there are several.
+    """
     members = [satellite(name) for name in satellites]
     names = ", ".join(f'"{member.name}"' for member in members)
+    found_in = f"found in the {'' if origin == 'measured' else f'{origin} '}Level-1 files below"
     lines = [
         f'calibration = "{calibration}"',
         f"satellites = [{names}]",
         f"date = {date.isoformat()}",
+        *([f"end_date = {last.isoformat()}"] if last and last > date else []),
         'date_status = "printed"',
-        f'source = "found in the {"" if origin == "measured" else f"{origin} "}Level-1 files below"',
+        f"source = {json.dumps(source or found_in)}",
         f'design = "{design}"',
         f'release = "{RELEASES.get(members[0].mission, "01")}"',
         *([] if found else ["found = []"]),

@@ -71,6 +71,7 @@ VERIFY = "flights of the design that are simulated and calibrated, to compare er
 WHAT = f"{KINDS}, or printed numbers: {STUDY.name}"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
 SERVED = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
+PART = "noLRI, LRI, ACX, ACX2, MAG (magnetometer as calibrated by GFZ), SOE (sequence of events)"
 HOST = "address to listen on; the token in the address printed is asked for everywhere"
 PRUNE = "after a run by the clock remove what nothing refers to and is older"
 QUOTA = "and of the rest the oldest, until the store has less"
@@ -330,9 +331,12 @@ def fetch(
     place: Annotated[
         str, typer.Option("--from", metavar="podaac|isdc|URL", help="isdc needs no login, podaac that of Earthdata")
     ] = "isdc",
+    part: Annotated[str, typer.Option("--part", metavar="PART,PART", help=PART)] = "noLRI",
+    release: Annotated[str | None, typer.Option("--release", metavar="02|03|04|0201", help="of a day")] = None,
+    dry: Annotated[bool, typer.Option("--dry-run", help="only print the addresses, and where they were read")] = False,
     json: Annotated[Path | None, json_option("list")] = None,
 ) -> None:
-    """Fetch the daily Level-1 archives of an event or day; what broke off is resumed, what is there is kept."""
+    """Fetch the daily archives of an event or day; what broke off is resumed, what is there is kept."""
     from gravcal import catalog
     from gravcal.io import fetch as fetching
 
@@ -341,7 +345,15 @@ def fetch(
     if not event and satellite not in ("A", "B", "AB", "C", "D", "CD"):
         raise typer.BadParameter(f"--satellite {satellite}: expected A, B, AB, C, D or CD")
     day = None if event else datetime.date.fromisoformat(date)
-    archives = fetching.of_event(catalog.event(event)) if event else fetching.of_day(satellite, day)
+    if event:
+        archives = fetching.of_event(catalog.event(event))
+    else:
+        archives = fetching.of_day(satellite, day, part.split(","), release)
+    if dry:
+        rows = [{"address": fetching.addresses(one, place)[0], "read": one.layout["read"]} for one in archives]
+        if output.delivered(rows, json):
+            output.say("\n".join(f"{row['address']}\n    {row['read']}" for row in rows))
+        return
     with output.bytes_progress() as listener:
         output.note(f"asking {place.rpartition('@')[2]} for {len(archives)} archive(s), from {archives[0].name} on")
         fetched = fetching.fetch(archives, out, place, listener, fetching.Patience(tell=output.note))

@@ -192,6 +192,7 @@ def _history_rows(node, depth, seen, settings):
         yield from _history_rows(inner, depth + 1, seen, settings)
 
 
+SEQUENCE = "sequence-of-events file (TN-01): its centre-of-mass and ranging calibrations as events"
 COMPARED = "operational, catalogue, or an experiment"
 NAMED = "experiment, or catalogue"
 SHOWN = "parameter or configuration"
@@ -266,8 +267,22 @@ def compare(
         output.say(str(out))
 
 
-def events(calibration: Some = None, json: Json = None) -> None:
-    """List the events of the catalogue, and whether their files are at hand in GRAVCAL_DATA."""
+def events(
+    calibration: Some = None,
+    sequence: Annotated[Path | None, typer.Option("--from", metavar="FILE", help=SEQUENCE)] = None,
+    save: Annotated[bool, typer.Option("--save", help="of --from: into your own catalogue, GRAVCAL_CATALOG")] = False,
+    json: Json = None,
+) -> None:
+    """List the events of the catalogue and whether their files are at hand in GRAVCAL_DATA, or those of a file."""
+    if sequence is not None:
+        document = command.sequence(sequence, save=save)
+        if output.delivered(document, json):
+            names = ("event", "calibration", "start", "stop", "state", "comment")
+            output.table(names, [[row[name] for name in names] for row in document["events"]])
+            names = ("name", "satellite", "time", "values", "comment")
+            output.say("in force at the end of the file")
+            output.table(names, [[row[name] for name in names] for row in document["in_force"]])
+        return
     rows = command.events(calibration)
     if output.delivered(rows, json):
         names = ("event", "calibration", "date", "files")

@@ -16,6 +16,7 @@ import os
 import re
 import tarfile
 import time
+import tomllib
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,6 +38,9 @@ MISSIONS = {"A": "grace", "B": "grace", "X": "grace", "C": "gracefo", "D": "grac
 RELEASES = {"grace": "02", "gracefo": "04"}
 RANGING_LASER = ("LRI1A", "LRI1B", "LLK1A", "LLK1B", "LHK1A", "LHK1B", "LLT1A", "LSM1A", "LSM1B")
 TRANSPLANTS = ("ACH1A", "ACH1B")
+PARTS = ("noLRI", "LRI", "ACX", "ACX2", "MAG", "SOE")  # of what `of_day` finds
+MAGNETOMETER = "0201"  # release of GFZ's calibration
+CDF = (b"\xcd\xf3\x00\x01", b"\xcd\xf2\x60\x02")  # first bytes of a CDF, version 3 and 2.6
 EARTHDATA = ("https", "urs.earthdata.nasa.gov", 443)  # scheme, host, port: what credentials belong to
 TOKENS = ("https", "archive.podaac.earthdata.nasa.gov", 443)
 PORTS = {"http": 80, "https": 443}
@@ -65,11 +69,18 @@ class Archive:
     digests: tuple[tuple[str, str], ...] = ()
 
     @property
+    def layout(self) -> dict:
+        """Name, folders and source of its kind of files, of `archives.toml`, filled in."""
+        known = _layouts()
+        kind = f"{self.mission}-{self.level}"
+        words = {name: getattr(self, name) for name in ("level", "date", "release", "part")}
+        words |= {"day": f"{self.date:%Y%m%d}", "year": self.date.year}
+        return {key: text.format(**words) for key, text in known[kind if kind in known else self.mission].items()}
+
+    @property
     def name(self) -> str:
         """Name of the file."""
-        if self.mission == "grace":
-            return f"grace_{self.level}_{self.date}_{self.release}.tar.gz"
-        return f"gracefo_{self.level}_{self.date}_RL{self.release}.ascii.{self.part}.tgz"
+        return self.layout["file"]
 
 
 @dataclass(frozen=True)
@@ -121,11 +132,33 @@ def of_event(event):
     return [Archive(a.mission, a.level, a.date, a.release, a.part, tuple(known)) for a, known in digests.items()]
 
 
-def of_day(satellite, date):
-    """Archives of one day of one satellite by its letter: Levels 1A and 1B of GRACE-FO, Level 1B of GRACE."""
-    mission = _mission(satellite[:1])
-    levels = ("1A", "1B") if mission == "gracefo" else ("1B",)
-    return [Archive(mission, level, date, RELEASES[mission]) for level in levels]
+def of_day(satellite, date, parts=("noLRI",), release=None):
+    """Archives of one day of a satellite or pair by letter.
+
+    Parts of GRACE-FO: "noLRI" and "LRI" (Levels 1A and 1B), transplants "ACX" and "ACX2" (Level 1B), "MAG" (GFZ's
+    calibrated magnetometer); of both missions "SOE" (sequence of events). GRACE has Level 1B without parts.
+    """
+    mission, found = _mission(satellite[:1]), []
+    for part in parts:
+        if part not in PARTS or mission == "grace" and part not in ("noLRI", "SOE"):
+            known = PARTS if mission == "gracefo" else ("noLRI", "SOE")
+            refuse(
+                f"{mission}: part {part}", "no such archive", f"one of {', '.join(known)}", "Name one.", CatalogError
+            )
+        if part == "SOE":
+            found.append(Archive(mission, part, date, "", ""))
+        elif part == "MAG":
+            found += [Archive(mission, part, date, release or MAGNETOMETER, str("CD".index(n) + 1)) for n in satellite]
+        else:
+            levels = ("1A", "1B") if mission == "gracefo" and "LRI" in part else ("1B",)
+            found += [Archive(mission, level, date, release or RELEASES[mission], part) for level in levels]
+    return found
+
+
+@functools.cache
+def _layouts():
+    """Where the archives keep which files."""
+    return tomllib.loads(Path(__file__).with_name("archives.toml").read_text(encoding="utf-8"))
 
 
 def _mission(letter):
@@ -141,12 +174,12 @@ def addresses(archive, place):
 
     The place is "podaac", "isdc", or a server with the layout of one of them, or with one folder for all.
     """
-    root = PLACES.get(place, place).rstrip("/")
-    mission = {"grace": "grace", "gracefo": "grace-fo"}[archive.mission]
-    folder = f"{mission}/Level-{archive.level}/JPL/INSTRUMENT/RL{archive.release}/{archive.date.year}"
-    form = "ASCII_GRAV" if archive.mission == "gracefo" else "GRAV"
-    collection = f"{archive.mission.upper()}_L{archive.level}_{form}_JPL_RL{archive.release}"
-    every = {"isdc": f"{root}/{folder}/{archive.name}", "podaac": f"{root}/{collection}/{archive.name}"}
+    root, layout = PLACES.get(place, place).rstrip("/"), archive.layout
+    if place == "podaac":
+        root = root.replace(PROTECTED, layout.get("store", PROTECTED))
+    every = {name: f"{root}/{layout[name]}/{archive.name}" for name in PLACES if name in layout}
+    if place in PLACES and place not in every:
+        refuse(archive.name, f"no place at {place}", f"one of {', '.join(every)}", "Name it with --from.", CatalogError)
     return [every[place]] if place in every else [*every.values(), f"{root}/{archive.name}"]
 
 
@@ -267,15 +300,21 @@ def _md5_of(text, name):
 def _check(archive, path, digest):
     """What a file was checked by; raises for another MD5, a web page, a damaged archive, a foreign member."""
     with path.open("rb") as stream:
-        is_packed = stream.read(2) == b"\x1f\x8b"
+        start = stream.read(512)
         stream.seek(0)
         md5 = hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
     remedy = "Try again later, or name another archive with --from."
     if digest and md5 != digest:
         refuse(archive.name, f"MD5 {md5}", f"{digest}, as the archive publishes", remedy)
-    if not is_packed:
-        remedy = f"Check your login. {remedy}"
-        refuse(archive.name, "no compressed archive, perhaps a web page", "a tar archive", remedy)
+    expected, fits = "a tar archive", start[:2] == b"\x1f\x8b"
+    if archive.level == "MAG":
+        expected, fits = "a CDF file", start[:4] in CDF
+    elif archive.level == "SOE":
+        expected, fits = "lines of events", re.match(rb"(#.*\n|\s)*(x\s+)?[-+.0-9eE]+\s+GRACE", start) is not None
+    if not fits:
+        refuse(archive.name, "something else, perhaps a web page", expected, f"Check your login. {remedy}")
+    if archive.level in ("MAG", "SOE"):
+        return "md5" if digest else f"first bytes: {expected}"
     if digest and not archive.digests:
         return "md5"
     wanted, came = dict(archive.digests), {}

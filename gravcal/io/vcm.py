@@ -1,18 +1,25 @@
-"""Results as vectors in the two forms of the missions: a line of the sequence-of-events file, a VCM1B or VKB1B file.
+"""Sequence-of-events file (TN-01; format TN-03), and vectors in the two forms of the missions: its lines, VCM1B files.
+
+Fields of a line, split by blanks: GPS seconds, spacecraft, name, number of values, values, comment. A first field "x"
+deletes a line; a value holds until the next line of its name. GRACE Level 1B Data Product User Handbook v1.3, section
+4.8; CMCAL and KBRCAL (1 begin, 0 end) as groops, GraceSequenceOfEvents, reads them.
 
 VCM is the centre of mass in SRF. Its origin is the centre of the proof mass, so the vector is proof mass to CoM.
 """
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from gravcal.errors import refuse
+from gravcal.errors import ProductError, refuse
 from gravcal.io.readers import read
 from gravcal.io.writers import label_header
 
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
+EXPECTED = "time GRACEC VCM 3 x y z comment"
+CALIBRATIONS = {"CMCAL": "com_offset", "KBRCAL": "kbr_phase_centre"}  # events that bound manoeuvres: 1 begin, 0 end
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +55,91 @@ def commented(line, origin):
 
 def read_vector_line(line):
     """VectorRecord of a line of the sequence-of-events file, None for a deleted line (first field ``x``)."""
-    fields = line.split(maxsplit=7)
+    entry = read_line(line)
+    if entry is not None and len(entry.values) != 3:
+        refuse(_where(line), f"{len(entry.values)} values", EXPECTED, "Correct the line.")
+    return entry and VectorRecord(entry.time, entry.satellite, entry.name, np.array(entry.values), entry.comment)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of the sequence-of-events file: GPS seconds, letter, name, values, comment."""
+
+    time: float
+    satellite: str
+    name: str
+    values: tuple[float, ...]
+    comment: str = ""
+
+
+@dataclass(frozen=True)
+class Session:
+    """Calibration between its begin and end, GPS seconds; None where the file does not say."""
+
+    calibration: str
+    satellite: str
+    start: float | None
+    stop: float | None
+    comment: str = ""
+
+
+def read_line(line):
+    """Entry of a line, None for a deleted line (first field ``x``)."""
+    fields = line.split(maxsplit=4)
     if fields and fields[0] == "x":
         return None
-    where = f"sequence-of-events line {line.strip()!r}"
-    if len(fields) < 7 or fields[3] != "3" or fields[1] not in SPACECRAFT:
-        refuse(where, f"{len(fields)} fields", "time GRACEC VCM 3 x y z comment", "Correct the line.")
+    wrong = functools.partial(refuse, _where(line), expected=EXPECTED, remedy="Correct the line.")
+    if len(fields) < 4 or fields[1] not in SPACECRAFT:
+        wrong(f"{len(fields)} fields")
     try:
-        time, vector = float(fields[0]), np.array([float(field) for field in fields[4:7]])
+        time, spacecraft, name, count = float(fields[0]), *fields[1:3], int(fields[3])
+        rest = "".join(fields[4:]).split(maxsplit=max(count, 0))
+        values = tuple(float(one) for one in rest[:count])
     except ValueError as error:
-        refuse(where, str(error), "numbers for time, x, y, z", "Correct the line.")
-    return VectorRecord(time, SPACECRAFT[fields[1]], fields[2], vector, "".join(fields[7:]).strip())
+        wrong(str(error))
+    if len(values) != count or not np.all(np.isfinite([time, *values])):
+        wrong(f"{len(values)} values")
+    return Entry(time, SPACECRAFT[spacecraft], name, values, "".join(rest[count:]).strip())
+
+
+def read_sequence(path):
+    """Entries of a sequence-of-events file in the order of time; deleted, empty and # lines are left out."""
+    found = []
+    for number, line in enumerate(Path(path).read_text(encoding="latin-1").splitlines(), 1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            try:
+                found.append(read_line(line))
+            except ProductError as error:
+                raise ProductError(f"{path}, line {number}: {error}") from None
+    return sorted((entry for entry in found if entry is not None), key=lambda entry: entry.time)
+
+
+def sessions(entries):
+    """Calibrations that the CMCAL and KBRCAL lines of a file bound, those without begin or end among them."""
+    found, begun = [], {}
+    for one in entries:
+        if one.name not in CALIBRATIONS or len(one.values) != 1:
+            continue
+        at, what = (one.name, one.satellite), (CALIBRATIONS[one.name], one.satellite)
+        if begun.get(at) and one.values[0]:
+            found.append(Session(*what, begun[at].time, None, begun[at].comment))
+        if one.values[0]:
+            begun[at] = one
+            continue
+        first = begun.pop(at, None)
+        found.append(Session(*what, first and first.time, one.time, first.comment if first else one.comment))
+    left = [Session(CALIBRATIONS[n], letter, e.time, None, e.comment) for (n, letter), e in begun.items() if e]
+    return sorted(found + left, key=lambda one: (one.start or one.stop, one.satellite))
+
+
+def in_force(entries, name, satellite, time):
+    """Entry of this name and satellite that holds at a GPS second, None before the first."""
+    fits = [e for e in entries if (e.name, e.satellite) == (name, satellite) and e.time <= time]
+    return fits[-1] if fits else None
+
+
+def _where(line):
+    return f"sequence-of-events line {line.strip()!r}"
 
 
 def write_vector_file(path, time, satellite, vector_b, source=""):

@@ -1,5 +1,6 @@
 """Vectors as lines of the sequence-of-events file and as VCM1B files."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +95,67 @@ def test_a_measured_antenna_file_is_read_and_written_back(letter, tmp_path):
     assert_allclose(vcm.read_vector_file(again)[1], vector_b, rtol=1e-15, atol=0)
     labels = [[line[:30] for line in p.read_text().splitlines()[:24]] for p in (measured, again)]
     assert labels[0] == labels[1]
+
+
+SEQUENCE = """\
+0.0    GRACEC VKB 3  1.4443985 -0.00017  0.000448  from ground
+x 0.0  GRACED VKB 3  1.4444575 -0.000054 0.000230  deleted
+634020000.0 GRACEC CMCAL 1 1 seven manoeuvres
+634060000.5 GRACEC CMCAL 1 0
+
+634060001 GRACEC VCM 3 90e-6 -87e-6 -3e-6
+653600000 GRACED KBRCAL 1 1 campaign
+653500000 GRACED AOCS 1 5 SM
+653700000 GRACED KBRCAL 1 0
+660000000 GRACEC CMCAL 1 1 not ended
+670000000 GRACEC CMCAL 1 1
+670000100 GRACEC CMCAL 1 0
+680000000 GRACEA CMCAL 1 0
+"""
+
+
+def test_a_sequence_of_events_gives_calibrations_and_vectors_in_force(tmp_path):
+    """Contract: CMCAL and KBRCAL from 1 to 0, what is not bounded is said; deleted lines are gone; GPS order."""
+    path = tmp_path / "TN-01_SOE.txt"
+    path.write_text(SEQUENCE)
+    entries = vcm.read_sequence(path)
+    assert len(entries) == 11
+    assert [one.time for one in entries] == sorted(one.time for one in entries)
+    found = [(one.calibration, one.satellite, one.start, one.stop) for one in vcm.sessions(entries)]
+    assert found == [
+        ("com_offset", "C", 634020000.0, 634060000.5),
+        ("kbr_phase_centre", "D", 653600000.0, 653700000.0),
+        ("com_offset", "C", 660000000.0, None),
+        ("com_offset", "C", 670000000.0, 670000100.0),
+        ("com_offset", "A", None, 680000000.0),
+    ]
+    assert vcm.in_force(entries, "VKB", "C", 1e9).values == (1.4443985, -0.00017, 0.000448)
+    assert vcm.in_force(entries, "VKB", "D", 1e9) is None
+    assert vcm.in_force(entries, "VCM", "C", 634060000.9) is None
+    assert vcm.in_force(entries, "VCM", "C", 634060001.0).values == (90e-6, -87e-6, -3e-6)
+    path.write_text(SEQUENCE + "6 GRACEC CMCAL 2 1\n")
+    with pytest.raises(ProductError, match=r"line 14: .*found 1 values"):
+        vcm.read_sequence(path)
+
+
+def test_events_are_made_of_a_sequence_and_saved(tmp_path, monkeypatch):
+    """Contract: a day of a satellite is one event of the catalogue, what is known stays; gravcal events --from."""
+    from typer.testing import CliRunner
+
+    from flows import cli
+    from gravcal import catalog
+
+    path = tmp_path / "TN-01_SOE.txt"
+    known = 633787200 + 18000  # 2020-02-01 05:00, which the catalogue has
+    path.write_text(SEQUENCE + f"{known} GRACEC CMCAL 1 1\n{known + 9} GRACEC CMCAL 1 0\n")
+    (tmp_path / "own" / "events").mkdir(parents=True)
+    monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "own"))
+    done = CliRunner().invoke(cli.app, ["events", "--from", str(path), "--save", "--json", str(tmp_path / "e.json")])
+    assert done.exit_code == 0, done.output
+    rows = json.loads((tmp_path / "e.json").read_text())["events"]
+    assert [row["state"] for row in rows].count("saved") == 3
+    assert {row["state"] for row in rows} == {"saved", "no end", "no begin", "in the catalogue"}
+    event = catalog.event("grace-d-2020-09-17")
+    assert (event.calibration, str(event.date), str(event.end_date)) == ("kbr_phase_centre", "2020-09-17", "2020-09-18")
+    assert "GPS seconds 653600000 to 653700000" in event.source
+    assert event.raw_files
