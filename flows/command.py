@@ -213,6 +213,14 @@ def series(calibration, satellite):
     return history(one.quantity, points, trims, one.band)
 
 
+def results(calibration=None):
+    """Rows of all delivered values with links to files, of one calibration if it is named."""
+    from gravcal.browse import timeline
+
+    chosen = {calibration: record(calibration)} if calibration else load_all()
+    return timeline.delivered(chosen, lambda entry, name: (entry.ref.folder / name).as_uri())
+
+
 def simulate(calibration, out, seed_truth, effects, settings):
     """Write an invented event; its truth document."""
     seed, truth = seed_truth

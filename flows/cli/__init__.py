@@ -56,6 +56,8 @@ gravcal campaign com_offset --data DIR                every event of a folder, i
 gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
 gravcal design com_offset --satellite C --date DAY    the manoeuvres of the next session
 gravcal report EVENT                                  where the report is
+gravcal export EVENT                                  all of an event in one zip, with what to cite
+gravcal results --out results.csv                     every delivered value, with links
 gravcal browse                                        events, plots, comparisons and reports in a web browser
 gravcal products                                      what lies in the store (GRAVCAL_PRODUCTS)
 """
@@ -398,6 +400,8 @@ for _command in (
     stored.promote,
     stored.compare,
     stored.events,
+    stored.results,
+    stored.export,
     stored.history,
     stored.rebuild,
 ):

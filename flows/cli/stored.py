@@ -12,6 +12,7 @@ from flows.cli.options import (
     Calibration,
     complete_calibrations,
     complete_configurations,
+    complete_events,
     complete_products,
     json_option,
     writable,
@@ -20,6 +21,7 @@ from flows.engine.remake import remake
 from gravcal import catalog
 from gravcal.store import configurations, housekeeping, location, schemas
 from gravcal.store import history as lineage
+from gravcal.store.results import rounded
 from tasks.stage import lazy
 
 comparison = lazy("gravcal.report.comparison")
@@ -265,6 +267,38 @@ def compare(
     output.say(comparison.ASSUMPTION)
     if out is not None:
         output.say(str(out))
+
+
+def export(
+    event: Annotated[str, typer.Argument(metavar="EVENT", help="event with a report", autocompletion=complete_events)],
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR|FILE.zip", help="EVENT.zip if not given")] = None,
+    as_: Annotated[str | None, typer.Option("--as", metavar="NAME", help="of this experiment")] = None,
+    json: Json = None,
+) -> None:
+    """Put reports, documents, models, products, provenance and citation of an event into one folder or zip."""
+    from flows import export
+
+    out = out or Path(f"{event}{f'-{as_}' if as_ else ''}.zip")
+    files = export.export(event, out, as_)
+    if output.delivered({"event": event, "out": str(out), "files": files}, json):
+        output.say(f"{len(files)} files in {out}; CITATION.cff says what to cite")
+
+
+def results(
+    calibration: Some = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="CSV to write", callback=writable)] = None,
+    json: Json = None,
+) -> None:
+    """List all delivered values with their errors; as CSV or JSON with links to report, document and product."""
+    rows = command.results(calibration)
+    if out is not None:
+        from gravcal.browse import timeline
+
+        out.write_text(timeline.csv_of(rows), encoding="utf-8")
+    if output.delivered(rows, json):
+        names = ("event", "calibration", "status", "quantity", "value", "unit")
+        said = [row | {"value": rounded(row["value"], row["sigma_total"] or row["sigma"])} for row in rows]
+        output.table(names, [[row[name] for name in names] for row in said])
 
 
 def events(

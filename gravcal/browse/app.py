@@ -26,6 +26,7 @@ def application(calibrations, token="", hosts=LOCAL):
         Route("/timeline/{calibration}", pages.timeline),
         Route("/timeline/{calibration}/{satellite}.json", pages.timeline_figure),
         Route("/event/{event}", pages.event),
+        Route("/results.csv", pages.results),
         Route("/products", pages.products),
         Route("/product/{key}", pages.product),
         Route("/figure/{key}/{variable}", pages.figure),

@@ -4,7 +4,7 @@ import functools
 import math
 
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import FileResponse, HTMLResponse, JSONResponse
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse
 
 from gravcal import __version__
 from gravcal.browse import access, plots, series, store_index
@@ -72,6 +72,20 @@ def event(request):
     tried = {one: [row for row in store_index.results(one) if row["event"] == name] for one in experiments}
     return _filled("event.html", request, name=name, configuration=configuration, rows=rows, nodes=nodes, tried=tried,
                    picture=placed(nodes))  # fmt: skip
+
+
+@page
+def results(request):
+    """Catalogue of all delivered values as CSV, with links to these pages."""
+    at = str(request.base_url).rstrip("/")
+    link = lambda one, name: f"{at}/{'report' if name.endswith('.html') else 'file'}/{one.ref.key}/{name}"  # noqa: E731
+    return _csv(years.csv_of(years.delivered(request.app.state.calibrations, link)), "results")
+
+
+def _csv(text, name):
+    """Answer with a table to be kept."""
+    return PlainTextResponse(text, media_type="text/csv",
+                             headers={"Content-Disposition": f'attachment; filename="{name}.csv"'})  # fmt: skip
 
 
 @page

@@ -1,6 +1,8 @@
 """Results over the years: one panel for each component, with errors, verdicts, mass trims and printed values."""
 
+import csv
 import datetime
+import io
 import re
 from dataclasses import dataclass
 
@@ -10,6 +12,10 @@ from gravcal.errors import CatalogError
 
 EPOCH = datetime.datetime(2000, 1, 1, 12)
 RESULTS = ("delivered", "questionable")
+CATALOGUE = (
+    *("event", "calibration", "satellite", "date", "origin", "status"),
+    *("quantity", "value", "sigma", "sigma_total", "unit", "verdict", "report", "document", "product"),
+)
 
 
 @dataclass(frozen=True)
@@ -30,18 +36,46 @@ class Point:
 def points(calibration) -> list[Point]:
     """Values of all reports of a calibration."""
     found = []
-    for row in store_index.results():
-        if row["calibration"] != calibration.name or (row["document"] or {}).get("status") not in RESULTS:
-            continue
+    for row, one in _values(calibration):
         mood = "questionable" if row["document"]["status"] == "questionable" else row["mood"]
         mood = mood if row["origin"] == "measured" else row["origin"]
-        date = _date(row["document"], row["event"])
-        for one in calibration.result(row["document"]):
-            if one.value is not None:
-                place = one.satellite or _letters(row["event"]), one.name, one.unit.replace("um", "µm")
-                sigma = one.sigma_total or one.sigma
-                found.append(Point(*place, date, one.value, sigma, row["event"], mood, row["said"]))
+        place = one.satellite or _letters(row["event"]), one.name, one.unit.replace("um", "µm")
+        date, sigma = _date(row["document"], row["event"]), one.sigma_total or one.sigma
+        found.append(Point(*place, date, one.value, sigma, row["event"], mood, row["said"]))
     return sorted(found, key=lambda point: (point.date, point.event))
+
+
+def _values(calibration):
+    """Rows of events of a calibration with a result, each with every value of it that is determined."""
+    for row in store_index.results():
+        if row["calibration"] == calibration.name and (row["document"] or {}).get("status") in RESULTS:
+            yield from ((row, one) for one in calibration.result(row["document"]) if one.value is not None)
+
+
+def delivered(calibrations, link) -> list[dict]:
+    """Catalogue of results: every value of the operational configuration, `CATALOGUE` by name.
+
+    Calibrations are {name: record}; ``link(entry, name)`` is the address of a file of a product.
+    """
+    rows = []
+    for row, one in (pair for calibration in calibrations.values() for pair in _values(calibration)):
+        files = {"report": "report.html", "document": "result.json", "product": "product.nc"}
+        there = {"product.nc", *row["report"].record["files"]}
+        links = {kind: link(row["report"], name) if name in there else "" for kind, name in files.items()}
+        where = (row["event"], row["calibration"], one.satellite or _letters(row["event"]))
+        when = _date(row["document"], row["event"]).date().isoformat()
+        what = (one.name, one.value, one.sigma, one.sigma_total, one.unit, row["said"], *links.values())
+        rows.append(dict(zip(CATALOGUE, (*where, when, row["origin"], row["document"]["status"], *what), strict=True)))
+    return sorted(rows, key=lambda one: (one["date"], one["event"], one["calibration"]))
+
+
+def csv_of(rows) -> str:
+    """Rows of `delivered` as CSV with a line of names; what is not known is empty."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, CATALOGUE, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()
 
 
 def printed_points(calibration, satellite: str) -> list[Point]:

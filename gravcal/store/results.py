@@ -41,7 +41,10 @@ def rounded(value, sigma):
     if not sigma:
         return f"{value:.3g}"
     if not 1e-3 <= sigma < 1e4:
-        return f"{value:.5g} +- {sigma:.1e}"
+        power = 3 * math.floor(math.log10(max(abs(value), sigma)) / 3)
+        if not power:
+            return f"{value:.5g} +- {sigma:.1e}"
+        return f"({rounded(value / 10.0**power, sigma / 10.0**power)})e{power:+03d}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
     return f"{value:.{digits}f} +- {sigma:.{digits}f}"
 

@@ -1,0 +1,110 @@
+"""One event in one folder or zip, for an archive or for somebody without gravcal.
+
+report/      pages, documents and models, by stage       provenance.json   what everything was made of, to the raw files
+products/    netCDF files, by stage                      CITATION.cff      this result, its data and its papers
+"""
+
+import json
+import zipfile
+from datetime import date
+from pathlib import Path
+
+from gravcal import __version__, catalog
+from gravcal.errors import CatalogError, refuse
+from gravcal.store import history, housekeeping, location
+
+AUTHORS = "The gravcal developers"
+#: (title, publisher, DOI or None) of Level-1 data by mission and level.
+DATA = {
+    ("GRACE", "1B"): ("GRACE Level-1B, release 02", "JPL, PO.DAAC", None),
+    ("GRACE-FO", "1A"): ("GRACE-FO Level-1A, release 04", "JPL, PO.DAAC", "10.5067/GFJPL-L1A04"),
+    ("GRACE-FO", "1B"): ("GRACE-FO Level-1B, release 04", "JPL, PO.DAAC", "10.5067/GFJPL-L1B04"),
+}
+MISSIONS = {letter: mission for mission, own in catalog.PAIRS.items() for letter in "".join(own)}
+
+
+def export(event: str, out: Path, name: str | None = None) -> list[str]:
+    """Names of the files written into a folder, or into one zip where the path ends so; of an experiment if named.
+
+    Raises
+    ------
+    ProductError : no report of the event in this configuration, or the folder or file is there already
+    """
+    configuration = name or location.OPERATIONAL
+    entries = housekeeping.entries(event=event, configuration=configuration)
+    reports = [one for one in entries if one.ref.stage.endswith("report")]
+    if not reports:
+        found = f"no report of the configuration {configuration} in {location.folder()}"
+        refuse(event, found, "one", "Make it with gravcal run, or name an experiment with --as.")
+    if out.exists() and (out.is_file() or any(out.iterdir())):
+        refuse(str(out), "that it is there already", "a new folder or file", "Give another --out.")
+    files = {
+        f"report/{one.ref.stage}/{n}": (one.ref.folder / n).read_bytes() for one in entries for n in one.record["files"]
+    }
+    files |= {f"products/{one.ref.stage}.nc": one.ref.path.read_bytes() for one in entries}
+    made_of = {one.ref.stage: history.tree(one) for one in reports}
+    files["provenance.json"] = json.dumps(made_of, indent=1).encode()
+    files["CITATION.cff"] = citation(event, configuration, reports).encode()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if out.suffix == ".zip":
+        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path, content in files.items():
+                archive.writestr(f"{event}/{path}", content)
+        return sorted(files)
+    for path, content in files.items():
+        (out / path).parent.mkdir(parents=True, exist_ok=True)
+        (out / path).write_bytes(content)
+    return sorted(files)
+
+
+def citation(event: str, configuration: str, reports: list) -> str:
+    """Citation File Format 1.2.0 of the results of an event: the measured data and the papers they rest on."""
+    raw = [one for report in reports for one in history.raw_files(report.ref.key)]
+    levels = sorted({(MISSIONS[one["satellite"]], one["product"][-2:]) for one in raw if one["satellite"] in MISSIONS})
+    simulated = any(_origin(one) != "measured" for one in reports)
+    cited = [] if simulated else [DATA[one] for one in levels if one in DATA]
+    papers = sorted({doi for report in reports for doi in _papers(report.ref.kind.partition(".")[0])})
+    lines = ["cff-version: 1.2.0", 'message: "Cite this result together with its references."', "type: dataset"]
+    lines += [f"title: {json.dumps(f'Calibration {event} ({configuration}), gravcal {__version__}')}"]
+    lines += ["authors:", f"  - name: {json.dumps(AUTHORS)}", f"date-released: {_day(reports)}"]
+    lines += ["identifiers:"] + [
+        line
+        for one in reports
+        for line in ("  - type: other", f"    value: {one.ref.digest}", f"    description: SHA-256 of {one.ref.stage}")
+    ]
+    lines += ["references:"] if cited or papers else []
+    for title, publisher, doi in cited:
+        lines += [
+            "  - type: data",
+            f"    title: {json.dumps(title)}",
+            f"    authors: [{{name: {json.dumps(publisher)}}}]",
+        ]
+        lines += [f"    doi: {doi}"] if doi else []
+    for doi in papers:
+        lines += [
+            "  - type: article",
+            f'    title: "doi:{doi}"',
+            '    authors: [{name: "as the DOI says"}]',
+            f"    doi: {doi}",
+        ]
+    return "\n".join(lines) + ("\n# The data are simulated: there is none to cite.\n" if simulated else "\n")
+
+
+def _papers(calibration):
+    """DOIs of the papers whose values the catalogue holds for a calibration."""
+    try:
+        sections = catalog.published(calibration)
+    except CatalogError:
+        return set()
+    dois = {one.source.partition(",")[0] for records in sections.values() for one in records}
+    return {doi for doi in dois if doi.startswith("10.")}
+
+
+def _origin(report):
+    """Origin of the data of a report."""
+    return housekeeping.content(report).attrs.get("origin", "measured")
+
+
+def _day(reports):
+    """Day on which the newest of some products was made."""
+    return date.fromisoformat(max(one.record["made"] for one in reports)[:10])

@@ -1,0 +1,83 @@
+"""What leaves the store: an event in one zip, the catalogue of results."""
+
+import csv
+import io
+import json
+import urllib.parse
+import zipfile
+from pathlib import Path
+
+import pytest
+import xarray as xr
+import yaml
+from commands import gravcal
+from invented_store import EVENT
+
+from flows import export
+from gravcal.errors import ProductError
+from gravcal.store import history, product
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def test_an_event_leaves_in_one_zip(shop, tmp_path, capsys):
+    """Contract: report, document, products as they are, provenance, citation; nothing that is there is overwritten."""
+    out = tmp_path / "shared" / "event.zip"
+    assert gravcal("export", EVENT, "--out", out) == 0
+    assert capsys.readouterr().out == f"8 files in {out}; CITATION.cff says what to cite\n"
+    with zipfile.ZipFile(out) as archive:
+        files = {name.removeprefix(f"{EVENT}/"): archive.read(name) for name in archive.namelist()}
+    assert {"report/com_offset.report/report.html", "report/com_offset.report/result.json"} <= set(files)
+    assert files["products/com_offset.solve.mtq.nc"] == shop["again"]["mtq"].path.read_bytes()
+    assert product.digest(product.without_provenance(product.from_bytes(files["products/com_offset.align.nc"])))
+    made_of = json.loads(files["provenance.json"])["com_offset.report"]
+    assert [one["name"].split("/")[1] for one in made_of["inputs"]] == ["com_offset.solve.mtq", "com_offset.solve.acc"]
+    assert gravcal("export", EVENT, "--out", out) == 1
+    assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--as", "nothing") == 1
+    assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--json", "-") == 0
+    assert sorted(files) == json.loads(capsys.readouterr().out)["files"]
+    with xr.open_dataset(tmp_path / "folder" / "products" / "com_offset.align.nc") as opened:
+        assert opened.attrs["Conventions"].startswith("CF-")
+
+
+@pytest.mark.usefixtures("shop")
+@pytest.mark.parametrize(("satellite", "name"), [("C", "MAG1B"), ("C", "ACC1A"), ("A", "KBR1B"), ("T", "TAIJI")])
+def test_a_result_says_what_to_cite(satellite, name, monkeypatch):
+    """Contract: measured data and papers by DOI where they have one; a file that the format's keys describe."""
+    raw = [{"satellite": satellite, "product": name}]
+    monkeypatch.setattr(history, "raw_files", lambda _: raw)
+    monkeypatch.setattr(export, "_origin", lambda _: "simulated")
+    reports = [one for one in export.housekeeping.entries(event=EVENT) if one.ref.stage.endswith("report")]
+    found = yaml.safe_load(export.citation(EVENT, "operational", reports))
+    monkeypatch.setattr(export, "_origin", lambda _: "measured")
+    measured = yaml.safe_load(export.citation(EVENT, "operational", reports))
+    for one in (found, measured, yaml.safe_load((ROOT / "CITATION.cff").read_text())):
+        assert {"cff-version", "message", "title", "authors", "type", "references"} <= set(one)
+        assert all({"type", "title", "authors"} <= set(reference) for reference in one["references"])
+    assert [one["doi"] for one in found["references"]] == ["10.3390/rs14164030"]
+    cited = [one.get("doi") for one in measured["references"] if one["type"] == "data"]
+    known = {"MAG1B": ["10.5067/GFJPL-L1B04"], "ACC1A": ["10.5067/GFJPL-L1A04"], "KBR1B": [None], "TAIJI": []}
+    assert cited == known[name]
+
+
+@pytest.mark.usefixtures("shop")
+def test_delivered_results_are_a_catalogue_with_links(ask, tmp_path, capsys):
+    """Contract: a row a value, as CSV from the command line and the pages; links lead to files, or pages."""
+    assert gravcal("results", "--out", tmp_path / "results.csv") == 0
+    assert "10.0 +- 8.0" in capsys.readouterr().out
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "results.csv").read_text())))
+    assert [(row["event"], row["quantity"], float(row["value"])) for row in rows[:3]] == [
+        (EVENT, "x", 10.0), (EVENT, "y", 0.0), (EVENT, "z", -5.0)]  # fmt: skip
+    for link in ("report", "document", "product"):
+        assert Path(urllib.parse.urlsplit(rows[0][link]).path).is_file()
+    served = list(csv.DictReader(io.StringIO(ask("/results.csv").text)))
+    assert [row["value"] for row in served] == [row["value"] for row in rows]
+    assert ask(urllib.parse.urlsplit(served[0]["document"]).path).status_code == 200
+    assert gravcal("results", "kbr_phase_centre", "--json", "-") == 0
+    assert json.loads(capsys.readouterr().out) == []
+
+
+def test_no_event_without_a_report(store_folder, tmp_path):
+    """Contract: an error that says what to do."""
+    with pytest.raises(ProductError, match="gravcal run"):
+        export.export("nothing", tmp_path / "x.zip")
