@@ -117,6 +117,8 @@ class Calibration:
     level_one_files: Callable | None = None  #: source -> Level-1 files of the event; None: one for each of ``inputs``
     #: {section of the published values: function of a record -> rows of the time line}
     printed: Mapping[str, Callable] = field(default_factory=dict)
+    #: (document, section, published record, "as_printed" | "corrected") -> values and sigmas as printed, or None
+    recomputed: Callable | None = None
     #: {panel: published scalar, m s-2, drawn as a line: the printed order of magnitude}
     levels: Mapping[str, str] = field(default_factory=dict)
     trims: bool = False  #: True if a time line shows the mass trims of its satellite

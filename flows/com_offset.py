@@ -131,6 +131,22 @@ def values(document):
     return results.vector("", "", "um", adopted, ("offset_um", "sigma_um", "sigma_total_um")) if adopted else ()
 
 
+def recomputed(document, section, printed, _run):
+    """Offset of a variant, all manoeuvres or one, for a row of Tables 6, 7 and 9."""
+    blocks, variant = document["variants"], printed.labels.get("variant", "acc")
+    if section == "manoeuvres":
+        kind = lambda one: (one["kind"], one["latitude_class"])  # noqa: E731
+        rows = [dict(one.labels) for one in catalog.published("com_offset")["manoeuvres"] if one.variant == variant]
+        rows = [row["order"] for row in rows if kind(row) == kind(printed.labels)]
+        own = [one for one in document["manoeuvres"] if kind(one) == kind(printed.labels)]
+        place = rows.index(printed.order)  # among those of its kind and latitude: simulated days have another order
+        blocks = own[place]["variants"] if place < len(own) else {}
+    elif section == "history" and not document["event"].endswith(printed.date):
+        return None
+    block = blocks.get(variant)
+    return block and (block["offset_um"], block["sigma_um"])
+
+
 DISCOVERY = Discovery(
     scene_settings,
     "gravcal.calibrations.com_offset.observations",
@@ -153,6 +169,7 @@ CALIBRATION = Calibration(
     products=com_offset.KINDS,
     result=values,
     printed={"history": results.printed_vector("µm")},
+    recomputed=recomputed,
     trims=True,
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",

@@ -146,6 +146,20 @@ def values(document):
             yield results.Value("", f"{label} error", "m s-2", one["rms_error"], None, None)
 
 
+def recomputed(document, _section, printed, run):
+    """Error of the drag, or its sigma where no truth is known, and degrees seen, for numbers of the text."""
+    single = "one_sensor_published" if run == "as_printed" else "one_sensor"
+    method = {"drag_error_order_two_accelerometers": "two_sensor", "drag_error_order_single_accelerometer": single}
+    if printed.name in method:
+        one = document["drag"].get(method[printed.name]) or {}
+        error = one.get("rms_error")
+        return [one.get("sigma_total_rms") if error is None else error], [None]
+    if printed.name == "observable_degree_claimed":
+        degrees = zip(document["torque"]["degrees"], document["torque"]["above_sensitivity"], strict=True)
+        return [", ".join(str(n) for n, seen in degrees if seen) or "none"], [None]
+    return None
+
+
 DISCOVERY = Discovery(
     observation_settings,
     "gravcal.calibrations.gradient_torque.observations",
@@ -168,6 +182,7 @@ CALIBRATION = Calibration(
     document=document,
     products=gradient_torque.KINDS,
     result=values,
+    recomputed=recomputed,
     levels={
         "two sensor": "drag_error_order_two_accelerometers",
         "one sensor": "drag_error_order_single_accelerometer",

@@ -181,6 +181,18 @@ def printed_factor(one):
         yield one.factor.replace("_", " "), "m s-2 V-1", value, one.sigma[0], "on ground, " if orbit is None else ""
 
 
+def recomputed(document, section, printed, _run):
+    """Factor, component of the offset or of the bias, for a row of Tables 4 to 6."""
+    swing, roll = document.get("swing") or {}, document.get("roll") or {}
+    if section == "scale_factors":
+        name, _, axis = printed.factor.partition("_")
+        one = (swing.get(name) or {}).get(axis)
+        return one and ((None, None, one["value"]), (None, None, one["sigma"]))
+    block = swing.get("adopted") if section == "com_offset" else roll.get("bias") if section == "bias" else None
+    k = "xyz".index(printed.labels.get("component", "x"))
+    return block and ([block["value"][k]], [block["sigma"][k]])
+
+
 DISCOVERY = Discovery(views, "gravcal.calibrations.inertial_sensor.observations", products=observed)
 CALIBRATION = Calibration(
     name="inertial_sensor",
@@ -199,6 +211,7 @@ CALIBRATION = Calibration(
     level_one_files=level_one_files,
     products=inertial_sensor.KINDS,
     result=values,
+    recomputed=recomputed,
     printed={
         "com_offset": printed_component("offset", "µm"),
         "scale_factors": printed_factor,

@@ -195,6 +195,28 @@ def values(document):
         yield from results.vector(letter, "", "mm", block, ("phase_centre_mm", "sigma_mm", "sigma_total_mm"))
 
 
+def recomputed(document, section, printed, run):
+    """Component of an observable, for a row of Tables 4 to 6; the vector of Table 7."""
+    letter = printed.satellite[-1].upper()
+    if section == "vkb1b":
+        if not printed.solution.startswith("paper_2020"):
+            return None
+        own = document["satellites"].get(letter, {}).get("range_acceleration", {}).get("robust")
+        block = own if run == "as_printed" else document["adopted"]["satellites"].get(letter)
+        scale, order = (1, 1e3, 1e3), (0, 1, 2)
+    elif printed.component == "bias":
+        return None
+    else:
+        estimator = "robust" if section == "robust" else "ls"
+        block = document["subsets"].get(printed.labels.get("subset"), {}).get(printed.observable, {}).get(letter)
+        if section != "subsets":
+            block = document["satellites"].get(letter, {}).get(printed.observable, {}).get(estimator)
+        scale, order = (1,), ("xyz".index(printed.component),)
+    names = ("phase_centre_mm", "sigma_mm")
+    pick = lambda name: [None if block[name][k] is None else f * block[name][k] for f, k in zip(scale, order)]  # noqa: B905, E731
+    return block and tuple(pick(name) for name in names)
+
+
 DISCOVERY = Discovery(
     scene_settings,
     "gravcal.calibrations.kbr_phase_centre.observations",
@@ -218,6 +240,7 @@ CALIBRATION = Calibration(
     level_one_files=level_one_files,
     products=kbr_phase_centre.KINDS,
     result=values,
+    recomputed=recomputed,
     printed={"vkb1b": results.printed_vector("mm")},
     design="kbr_wiggle",
     discovery=DISCOVERY,

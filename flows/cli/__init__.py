@@ -55,6 +55,7 @@ gravcal run com_offset EVENT --as NAME                a what-if beside the deliv
 gravcal campaign com_offset --data DIR                every event of a folder, in parallel
 gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
 gravcal design com_offset --satellite C --date DAY    the manoeuvres of the next session
+gravcal reproduce com_offset --out DIR                the source paper again, as printed and as corrected
 gravcal report EVENT                                  where the report is
 gravcal export EVENT                                  all of an event in one zip, with what to cite
 gravcal results --out results.csv                     every delivered value, with links
@@ -73,6 +74,7 @@ VERIFY = "flights of the design that are simulated and calibrated, to compare er
 WHAT = f"{KINDS}, or printed numbers: {STUDY.name}"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
 SERVED = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
+PAPER = "com_offset, kbr_phase_centre, inertial_sensor or gradient_torque: its source"
 PART = "noLRI, LRI, ACX, ACX2, MAG (magnetometer as calibrated by GFZ), SOE (sequence of events)"
 HOST = "address to listen on; the token in the address printed is asked for everywhere"
 PRUNE = "after a run by the clock remove what nothing refers to and is older"
@@ -363,6 +365,30 @@ def fetch(
     rows = [{name: getattr(one, name) for name in names} | {"path": str(one.path)} for one in fetched]
     if output.delivered(rows, json):
         output.table(["archive", "state", "checked by", "bytes"], [[row[name] for name in names] for row in rows])
+
+
+@app.command()
+def reproduce(
+    paper: Annotated[str, typer.Argument(metavar="PAPER", help=PAPER)],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="page, tables, both reports, data, store")] = ...,
+    place: Annotated[str, typer.Option("--from", metavar="podaac|isdc|URL", help="archive of the days")] = "isdc",
+    data: Data = None,
+    simulated: Annotated[bool, typer.Option("--simulated", help="simulated days of the same dates")] = False,
+    json: Json = None,
+) -> None:
+    """Process the days of a source paper as printed and as corrected, beside its tables and figures."""
+    from flows import reproduce
+
+    if paper not in reproduce.papers():
+        raise typer.BadParameter(f"no paper {paper!r}; there is {', '.join(reproduce.papers())}")
+    with output.bytes_progress() as listener:
+        how = {"place": place, "data": data, "simulated": simulated, "listener": listener, "tell": output.note}
+        document = reproduce.reproduce(paper, out, **how)
+    if output.delivered(document, json):
+        rows = [[i["name"], len(i["rows"]), i.get("reason") or i["difference"]] for i in document["items"]]
+        output.table(["item", "rows", "what differs, or why it is not made"], rows)
+        output.say(f"{document['origin']} days {', '.join(document['days'])}; {out / 'index.html'}")
+    raise typer.Exit(command.EXIT.get(document["status"], 1))
 
 
 @app.command()
