@@ -5,12 +5,15 @@ import http.server
 import json
 import tarfile
 import threading
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from flows import calibration, cli, reproduce
 from gravcal import catalog
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -74,5 +77,7 @@ def test_papers_name_sections_that_there_are_and_reports_have(tmp_path):
         for item in [*paper["tables"], *paper["figures"]]:
             assert ("reason" in item) != ("section" in item or "report" in item), item["name"]
             assert item.get("section", "scalars") in sections
+            headings = (ROOT / f"gravcal/calibrations/{name}/page.py").read_text()
+            assert f'"{item["report"]}' in headings if "report" in item else True, item["name"]
     done = CliRunner().invoke(cli.app, ["reproduce", "nothing", "--out", str(tmp_path)])
     assert done.exit_code == 2
