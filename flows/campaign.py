@@ -23,6 +23,7 @@ from tasks import stage
 ORDER = ("failed", "questionable", "delivered", "no_manoeuvre", "no_data")
 SHOWN = 6  # values of an event that a table shows; all of them are in the summary
 ROWS = 1000  # rows of a table that a page can show
+TASKS = 1000  # of Prefect, each with rows of its database; of more events several are one task
 #: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
 WORKERS = {
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
@@ -319,28 +320,35 @@ def as_tasks(waiting, row_of):
     import prefect
     from prefect.cache_policies import NO_CACHE
 
-    rows, futures = {}, []
-    for number, source in waiting.items():
+    rows, futures, numbers = {}, [], list(waiting)
+    size = -(-len(numbers) // TASKS)
+    for batch in (numbers[first : first + size] for first in range(0, len(numbers), size or 1)):
 
-        def event(number=number):
-            rows[number] = row_of(number)  # not returned: Prefect would keep a state for each part of it
-            return state_of(rows[number])
+        def events(batch=batch):
+            rows.update((number, row_of(number)) for number in batch)
+            return state_of([rows[number] for number in batch])  # rows are not: Prefect would keep each part of them
 
-        name = str(command.name_of(source))
-        futures.append(prefect.task(event, name=name, cache_policy=NO_CACHE, persist_result=False).submit())
+        name = " to ".join(dict.fromkeys(str(command.name_of(waiting[number])) for number in (batch[0], batch[-1])))
+        futures.append(prefect.task(events, name=name, cache_policy=NO_CACHE, persist_result=False).submit())
     for future in futures:
         future.wait()
     return rows
 
 
-def state_of(row):
-    """Prefect's state of an event: its own name, what was done or what went wrong."""
+def state_of(rows):
+    """Prefect's state of the events of one task: of a single one its own name and what was done; what went wrong."""
     from prefect.states import Completed, Failed
 
-    if row["status"] == "failed":
-        return Failed(message=row["error"])
-    message = row.get("error") or f"{row['made']} products made, {row['reused']} reused, {row['seconds']} s"
-    return Completed(name=row["status"].replace("_", " ").capitalize(), message=message)
+    failed = [row for row in rows if row["status"] == "failed"]
+    if failed:
+        many = len(rows) > 1
+        return Failed(message="; ".join(f"{row['event']}: {row['error']}" if many else row["error"] for row in failed))
+    made, reused, seconds = (sum(row[part] for row in rows) for part in ("made", "reused", "seconds"))
+    message = f"{made} products made, {reused} reused, {seconds:.3f} s"
+    counts = collections.Counter(row["status"].replace("_", " ").capitalize() for row in rows)
+    if len(rows) > 1:
+        return Completed(message=", ".join(f"{count} {name}" for name, count in counts.items()) + f"; {message}")
+    return Completed(name=next(iter(counts)), message=rows[0].get("error") or message)
 
 
 def table(rows):

@@ -91,7 +91,7 @@ def _campaign(calibration, satellite, data, settings, workers):
     def listener(row):  # a task of the run for an event that had nothing to make
         if next(seen) < REUSED:
             how = {"name": str(row["event"]), "cache_policy": NO_CACHE, "persist_result": False}
-            prefect.task(lambda: campaign.state_of(row), **how)(return_state=True)
+            prefect.task(lambda: campaign.state_of([row]), **how)(return_state=True)
 
     summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
     _show(summary)

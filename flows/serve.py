@@ -52,7 +52,8 @@ def serve(served, said):
             begun = server.begin(_port(served, "pages"))
             with server.running(begun) as url, reports(_port(served, "reports")) as address:
                 _keep_ports(served, begun, url, address)
-                os.environ |= {"PREFECT_API_URL": url, "GRAVCAL_REPORTS": address}
+                os.environ["PREFECT_API_URL"] = url
+                os.environ.setdefault("GRAVCAL_REPORTS", address)
                 with temporary_settings(server.client(url)), contextlib.suppress(KeyboardInterrupt):
                     _run(served, schedule, (url, begun.child is not None), said)
     except server.Unavailable as error:

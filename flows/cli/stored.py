@@ -25,20 +25,23 @@ from gravcal.store.results import rounded
 from tasks.stage import lazy
 
 comparison = lazy("gravcal.report.comparison")
+remote = lazy("gravcal.store.remote")
 
 products = typer.Typer(
-    help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin.", rich_markup_mode=None
+    help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin, push, pull.",
+    rich_markup_mode=None,
 )
 VERIFIED_BYTES_PER_S = 100e6  # read, hashed and decoded on one core; only for the time left
 WHICH = "EVENT/STAGE, EVENT/as/NAME/STAGE, beginning of a key, or path"
 DROPPED = "also what only experiments of this name (or pattern) refer to, with their links"
 Product = Annotated[str, typer.Argument(metavar="PRODUCT", help=WHICH, autocompletion=complete_products)]
+Url = Annotated[str, typer.Argument(metavar="URL", help="s3://BUCKET/FOLDER, another address of fsspec, or a folder")]
 Json = Annotated[Path | None, json_option("write as JSON")]
 
 
 @products.callback(invoke_without_command=True)
 def without_word(context: typer.Context) -> None:
-    """What lies in the store: list (also without a word), show, verify, prune, pin, unpin."""
+    """What lies in the store: list (also without a word), show, verify, prune, pin, unpin, push, pull."""
     if context.invoked_subcommand is None:
         list_products()
 
@@ -92,6 +95,24 @@ def verify(json: Json = None) -> None:
             output.say(f"{row['folder']}: {row['problem']}")
         output.say(f"{count} products, {len(problems)} problem(s)")
     raise typer.Exit(1 if problems else 0)
+
+
+@products.command()
+def push(url: Url, json: Json = None) -> None:
+    """Copy what is delivered, and all it was made of, to an object store; what is there stays."""
+    _copied("pushed to", url, remote.push(url), json)
+
+
+@products.command()
+def pull(url: Url, json: Json = None) -> None:
+    """Copy the products of an object store here, each compared with its record."""
+    _copied("pulled from", url, remote.pull(url), json)
+
+
+def _copied(what, url, done, json):
+    """Say how much was copied."""
+    if output.delivered({"products": done[0], "bytes": done[1]}, json):
+        output.say(f"{done[0]} products, {done[1] / 1e6:.1f} MB {what} {url}")
 
 
 @products.command()

@@ -115,7 +115,7 @@ def put(key, recipe, made, facts):
         record = _write_folder(aside, key, recipe, dataset, files) | facts
         (aside / "meta.json").write_bytes(sealed(record))
         location.flush(aside)
-        ref = _publish(aside, key)
+        ref = publish(aside, key)
     except OSError as error:
         shutil.rmtree(aside, ignore_errors=True)
         raise location.unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
@@ -148,7 +148,7 @@ def _write_folder(aside, key, recipe, dataset, files):
     }
 
 
-def _publish(aside, key):
+def publish(aside, key):
     """Rename the finished folder to its place; a product that is there already and whole stays, and is returned."""
     folder = folder_of(key)
     if os.path.lexists(folder.parent) and not folder.parent.is_dir():
@@ -161,7 +161,7 @@ def _publish(aside, key):
             raise
     ref = find(key)
     if aside.exists() and ref is None:
-        return _publish(aside, key)
+        return publish(aside, key)
     shutil.rmtree(aside, ignore_errors=True)
     return ref
 

@@ -278,3 +278,75 @@ def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch, 
 
     output.campaign(summary, None)
     assert capsys.readouterr().out.splitlines()[1].startswith(failed["event"])  # failed first
+
+
+def test_of_many_events_several_are_one_task(monkeypatch):
+    """Contract: so many tasks at most, every event once, a task fails with the names of what failed in it."""
+    import prefect
+
+    states = {}
+
+    class Task:
+        def __init__(self, body, name, **_):
+            self.body, self.name = body, name
+
+        def submit(self):
+            states[self.name] = self.body()
+            return self
+
+        def wait(self):
+            return None
+
+    def row_of(number):
+        if number == 4:
+            return {"event": "4", "status": "failed", "error": "lost"}
+        return {"event": str(number), "status": "delivered", "made": 2, "reused": 1, "seconds": 0.5}
+
+    monkeypatch.setattr(prefect, "task", Task)
+    monkeypatch.setattr(campaigns, "TASKS", 3)
+    monkeypatch.setattr(command, "name_of", str)
+    waiting = {number: number for number in range(7)}
+    rows = campaigns.as_tasks(waiting, row_of)
+    assert [rows[number]["event"] for number in waiting] == [str(number) for number in waiting]
+    assert [(name, state.name, state.message) for name, state in states.items()] == [
+        ("0 to 2", "Completed", "3 Delivered; 6 products made, 3 reused, 1.500 s"),
+        ("3 to 5", "Failed", "4: lost"),
+        ("6", "Delivered", "2 products made, 1 reused, 0.500 s"),
+    ]
+    assert campaigns.as_tasks({}, row_of) == {}
+
+
+def test_a_cluster_by_hand(environment, events, tmp_path):
+    """Contract: the recipe of docs/scale.md: TLS with one's own keys, workers in folders and homes of their own."""
+    key, cert, address, running = tmp_path / "dask.key", tmp_path / "dask.pem", tmp_path / "scheduler.json", []
+    made = ["openssl", "req", "-x509", "-newkey", "rsa:3072", "-nodes", "-days", "2", "-subj", "/CN=gravcal"]
+    subprocess.run([*made, "-keyout", str(key), "-out", str(cert)], check=True, capture_output=True)
+    tls = {f"{role}__{part}": file for role in ("SCHEDULER", "WORKER", "CLIENT") for part, file in
+           (("KEY", key), ("CERT", cert))} | {"CA_FILE": cert}  # fmt: skip
+    known = environment | {f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(file) for name, file in tls.items()}
+    known |= {"DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true", "PYTHONPATH": os.pathsep.join(sys.path)}
+    roles = {
+        "scheduler": ["scheduler", "--protocol", "tls", "--host", "127.0.0.1", "--port", "0"],
+        "one": ["worker", "--nthreads", "1", "--no-nanny"],
+        "two": ["worker", "--nthreads", "1", "--no-nanny"],
+    }
+    try:
+        for name, role in roles.items():
+            folder = tmp_path / name
+            folder.mkdir()
+            command = [sys.executable, "-m", "dask", *role, "--no-dashboard", "--scheduler-file", str(address)]
+            own = known | {"HOME": str(folder), "DASK_TEMPORARY_DIRECTORY": str(folder)}
+            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            running.append(subprocess.Popen(command, cwd=folder, env=own, **quiet))
+            limit = time.monotonic() + 60
+            while not address.exists() and time.monotonic() < limit:
+                time.sleep(0.1)
+        url = json.loads(address.read_text())["address"]
+        assert url.startswith("tls://")
+        code, summary = campaign(known, events, "--engine", "inline", "--scheduler", url)
+    finally:
+        for process in reversed(running):
+            process.terminate()
+            process.wait()
+    assert (code, summary["counts"]) == (0, {"delivered": 4})
+    assert housekeeping.verify() == []
