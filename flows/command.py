@@ -283,11 +283,11 @@ def compare(calibration, first, second, satellite=None):
         configurations.settings_of(calibration, name)
         known = location.OPERATIONAL if plain and name == configurations.CATALOGUE else name
         entries = housekeeping.entries(kind=f"{calibration}.report", configuration=known)
-        found[name] = {one.ref.event: json.loads((one.ref.folder / "result.json").read_text()) for one in entries}
+        found[name] = {one.ref.event: one for one in entries}
     if satellite is not None:
         named = f"{catalog.satellite(satellite).name}-"
         mine = lambda event: event.startswith(named) or satellite.lower() in event.split("-")[1]  # noqa: E731
-        found = {name: {e: document for e, document in own.items() if mine(e)} for name, own in found.items()}
+        found = {name: {e: one for e, one in own.items() if mine(e)} for name, own in found.items()}
     own, other = found[first], found[second]
     shared = sorted(own.keys() & other.keys())
     if not shared:
@@ -296,7 +296,9 @@ def compare(calibration, first, second, satellite=None):
             f"{location.folder()}, expected one. Run the one that is missing: gravcal campaign {calibration} --as NAME."
         )
     alone = {first: sorted(own.keys() - other.keys()), second: sorted(other.keys() - own.keys())}
-    pairs = [(event, own[event], other[event]) for event in shared]
+    read = lambda one: json.loads((one.ref.folder / "result.json").read_text())  # noqa: E731
+    why = lambda one, two: history.apart(one.ref.key, two.ref.key)  # noqa: E731
+    pairs = [(e, read(own[e]), read(other[e]), why(own[e], other[e])) for e in shared]
     return comparison.comparison(one, (first, second), pairs, alone)
 
 

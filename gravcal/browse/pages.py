@@ -2,16 +2,20 @@
 
 import functools
 import math
+import re
 
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse
 
-from gravcal import __version__
+from gravcal import __version__, catalog
 from gravcal.browse import access, plots, series, store_index
 from gravcal.browse import timeline as years
+from gravcal.report import comparison
 from gravcal.report.pages import environment, true_units
-from gravcal.store import history, location
+from gravcal.report.plain import gps_text, quantity
+from gravcal.store import configurations, history, location
 from gravcal.store import product as contents
+from gravcal.store.results import rounded
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
 WIDTH, HEIGHT = 138, 50  # of a box, px
@@ -61,17 +65,93 @@ def timeline_figure(request):
 
 @page
 def event(request):
-    """Chain of stages of one event, its products and its reports."""
+    """Chain of stages of one event as its last run left it, what a change would remake, its results and reports."""
     name, configuration = request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
     plain = [row for row in store_index.results() if row["event"] == name]
-    nodes = store_index.chain(name, configuration)
+    flows = store_index.flows(name, configuration)
+    flow = request.query_params.get("flow", flows[0] if flows else "")
+    nodes = store_index.chain(name, configuration, flow if flow in flows else None)
     if not (nodes or plain and configuration == location.OPERATIONAL):
         return not_found(request, None)
     rows = [row for row in store_index.results(configuration) if row["event"] == name]
     experiments = sorted({one for row in plain for one in row["experiments"]})
     tried = {one: [row for row in store_index.results(one) if row["event"] == name] for one in experiments}
+    made = [node.entry for node in nodes if node.entry]
+    changes = sorted({key for one in made for key in _settings(one.record["recipe"]["settings"])})
+    change = request.query_params.get("change", "")
+    again = history.remade(made, change) if change in changes else set()
     return _filled("event.html", request, name=name, configuration=configuration, rows=rows, nodes=nodes, tried=tried,
-                   picture=placed(nodes))  # fmt: skip
+                   picture=placed(nodes), flows=flows, flow=flow, changes=changes, change=change, again=again,
+                   earlier=_earlier(request, rows), searches=store_index.searches(name, configuration))  # fmt: skip
+
+
+def _settings(settings):
+    """Names of the settings of a product that a user can choose, also of those handed on as a table."""
+    for name, value in settings.items():
+        yield from _settings(value) if isinstance(value, dict) and name == "settings" else [name]
+
+
+def _earlier(request, rows):
+    """Other results of an event, with what each value was and by how much this one differs, and why."""
+    found = []
+    for row in (row for row in rows if _delivered(row["document"])):
+        calibration = request.app.state.calibrations.get(row["calibration"])
+        others = store_index.relatives(row["report"]) if calibration else []
+        for one, why in (pair for pair in others if pair[0].ref.event == row["event"]):
+            document = store_index.document(one)
+            if _delivered(document):
+                pair = (row["event"], document, row["document"], why)
+                compared = comparison.comparison(calibration, ("that", "this"), [pair], {})
+                found.append((one, comparison.moved(compared["events"][0]), why))
+    return found
+
+
+def _delivered(document):
+    """Whether a document, or None, holds a result."""
+    return (document or {}).get("status") in years.RESULTS
+
+
+@page
+def compare(request):
+    """Results of two configurations event by event: values, difference in sigma, and why."""
+    name = request.path_params["calibration"]
+    calibration = request.app.state.calibrations.get(name)
+    if calibration is None:
+        return not_found(request, None)
+    known = [location.OPERATIONAL, *configurations.names(name)]
+    first, second = (request.query_params.get(side, known[0 if side == "a" else -1]) for side in "ab")
+    sides = []
+    for one in (first, second):
+        own = [row for row in store_index.results(one) if row["calibration"] == name and _delivered(row["document"])]
+        sides.append({row["event"]: row for row in own})
+    shared = sorted(sides[0].keys() & sides[1].keys())
+    whys = {one: history.apart(*(side[one]["report"].ref.key for side in sides)) for one in shared}
+    pairs = [(one, *(side[one]["document"] for side in sides), whys[one]) for one in shared]
+    alone = {n: sorted(own.keys() - other.keys()) for n, own, other in ((first, *sides), (second, *sides[::-1]))}
+    tables = comparison.tables(comparison.comparison(calibration, (first, second), pairs, alone))
+    return _filled("compare.html", request, calibration=calibration, known=known, compared=(first, second),
+                   tables=tables, alone=alone, assumption=comparison.ASSUMPTION)  # fmt: skip
+
+
+@page
+def search(request):
+    """What discovery said of an event: verdict, findings, what it could not have seen; and its own page."""
+    name, configuration = request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
+    found = store_index.searches(name, configuration)
+    if not found:
+        return not_found(request, None)
+    return _filled("search.html", request, name=name, configuration=configuration, found=found)
+
+
+@page
+def designs(request):
+    """Designs of sessions in the catalogue, and what of an event was planned and found."""
+    known = {name: catalog.design(name) for name in catalog.names("designs")}
+    name = request.query_params.get("event", "")
+    event = catalog.event(name) if name in catalog.names("events") else None
+    rows = [row for row in store_index.results() if row["event"] == name]
+    flown = [one for row in rows for one in (row["document"] or {}).get("manoeuvres") or []]
+    return _filled("designs.html", request, known=known, name=name, event=event, flown=flown)
 
 
 @page
@@ -93,7 +173,8 @@ def products(request):
     """All products of the store, those replaced by newer ones when asked for."""
     everything = request.query_params.get("all") == "1"
     found = [one for one in store_index.entries() if one.configurations or everything]
-    return _filled("products.html", request, found=found[::-1], everything=everything)
+    return _filled("products.html", request, found=found[::-1], everything=everything,
+                   differs=store_index.differing(found))  # fmt: skip
 
 
 @page
@@ -135,6 +216,19 @@ def data(request):
         return JSONResponse({"error": str(error)}, 404)
     except (KeyError, ValueError):
         return JSONResponse({"error": "give from and to, two numbers"}, 400)
+
+
+@page
+def samples(request):
+    """Data of a figure as CSV, every sample between two places of its axis."""
+    try:
+        ends = [float(request.query_params.get(name, "nan")) for name in ("from", "to")]
+        wish = _wish(request, request.path_params["variable"])
+        return _csv(plots.table(wish, *(None if math.isnan(one) else one for one in ends)), wish.variable)
+    except (plots.Missing, OSError) as error:
+        return PlainTextResponse(f"{error}\n", 404)
+    except ValueError as error:
+        return PlainTextResponse(f"{error}\n", 400)
 
 
 @page
@@ -211,8 +305,17 @@ def _environment():
         "short": lambda text: text[:12],
         "seconds": lambda value: f"{value:.2g} s" if value < 100 else f"{value:.0f} s",
         "signs": true_units,
+        "calendar": gps_text,
+        "rounded": lambda value, sigma: _signed(rounded(value, sigma)),
+        "numbers": _signed,
+        "quantity": quantity,
     }
     return made
+
+
+def _signed(text):
+    """Text with true signs before its numbers, but in powers of ten."""
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", text.replace("+-", "±"))
 
 
 def placed(nodes):

@@ -1,8 +1,10 @@
 """Figures of one or two products and of results over the years: drawn by Bokeh, data at the resolution of the view."""
 
 import base64
+import csv
 import dataclasses
 import datetime
+import io
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +14,7 @@ from bokeh.models import ColumnDataSource, HoverTool, Label, OpenURL, Range1d, S
 from bokeh.plotting import figure as bokeh_figure
 
 from gravcal.browse import series, store_index, timeline
+from gravcal.report.plain import gps_text
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito, 2008
 VIEWS = ("overlay", "difference", "spectrum")
@@ -99,6 +102,33 @@ def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
         f"line-{number}": {"x": _packed(_drawn(x + one.shift, kind)), "y": _packed(y)}
         for number, (one, (x, y)) in enumerate(zip(traces, views, strict=True))
     }
+
+
+def table(wish: Wish, start=None, stop=None) -> str:
+    """CSV of the lines of a figure, every sample between two places of its axis; of a spectrum all of it.
+
+    ValueError where that are more samples than `MANY`.
+    """
+    traces, kind, along, unit = _traces(wish)
+    rows = []
+    if wish.view == "spectrum":
+        for one in traces:
+            rows += [(one.label, f, d) for f, d in zip(*series.spectrum(one.whole)[:2], strict=True)]
+        return _csv_of(("series", "frequency (Hz)", f"density of {unit}, Hz-1/2"), rows)
+    heads = ("series", *(("GPS time (s)", "calendar (GPS)") if kind == "time" else (along,)), unit)
+    for one in traces:
+        ends = [None if place is None else _undrawn(place, kind) - one.shift for place in (start, stop)]
+        x, y = series.samples(one.whole, *ends, most=MANY // 4)
+        stamps = [(t, gps_text(t, 3)) if kind == "time" else (t,) for t in (x + one.shift).tolist()]
+        rows += [(one.label, *stamp, value) for stamp, value in zip(stamps, y.tolist(), strict=True)]
+    return _csv_of(heads, rows)
+
+
+def _csv_of(heads, rows):
+    """Rows as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
+    return text.getvalue()
 
 
 def _traces(wish):

@@ -219,10 +219,18 @@ def view(whole, start=None, stop=None, bins=BINS):
     if last - first > bins:
         x, low, high = whole.x[first:last], whole.low[first:last], whole.high[first:last]
         return _broken(*_ranges(x, low, high, bins))
+    x, y = samples(whole, start, stop)
+    return _broken(*_ranges(x, y, y, bins)) if x.size > 2 * bins else _broken(x, y)
+
+
+def samples(whole, start=None, stop=None, most=LONGEST):
+    """Samples x, y (n,) of an Overview between two values of the coordinate; ValueError if more than `most`."""
+    first, last = _blocks(whole, start, stop)
+    if (last - first) * BLOCK > most + 2 * BLOCK:
+        raise ValueError(f"{(last - first) * BLOCK:,} samples: zoom in to {most:,} at most, or take product.nc")
     x, y = whole.finely(first * BLOCK, min(last * BLOCK, whole.size))
     inside = slice(*_inside(x, start, stop))
-    x, y = x[inside], y[inside]
-    return _broken(*_ranges(x, y, y, bins)) if x.size > 2 * bins else _broken(x, y)
+    return x[inside], y[inside]
 
 
 def difference(one, other, shift=0.0):

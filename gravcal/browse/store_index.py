@@ -102,16 +102,27 @@ def waiting(rows) -> dict[str, list[str]]:
     return missing
 
 
-def chain(event, configuration=location.OPERATIONAL) -> list[Node]:
+def flows(event, configuration=location.OPERATIONAL) -> list[str]:
+    """Flows that were run for an event, the last first."""
+    runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
+    return [run["flow"] for run in sorted(runs, key=lambda run: run["started"], reverse=True)]
+
+
+def chain(event, configuration=location.OPERATIONAL, flow=None) -> list[Node]:
     """Stages of an event: the newest product of each, what they were made of, and where the last run failed.
 
-    An input stands for the newest product of its stage where both hold the same: made again, nothing changed.
+    Of a flow only those of its last run. An input stands for the newest product of its stage where both hold the same:
+    made again, nothing changed.
     """
     runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
+    runs = [run for run in runs if flow in (None, run["flow"])]
     states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
     keys = {name: one["key"] for run in runs for name, one in run["stages"].items()}
     known = {one.ref.key: one for one in entries()}
     waiting = [one for one in known.values() if configuration in one.configurations and one.ref.event == event]
+    if flow and set(keys.values()) & set(known):
+        waiting = [known[key] for key in keys.values() if key in known]
+        known = {one.ref.key: one for one in waiting}
     equal = {(one.ref.stage, one.ref.digest): one for one in waiting}
     nodes = {}
     while waiting:
@@ -131,8 +142,29 @@ def relatives(found) -> list[tuple[housekeeping.Entry, list[str]]]:
     others = [one for one in entries() if one.ref.stage == found.ref.stage and one.ref.key != found.ref.key]
     own = [one for one in others if one.ref.event == found.ref.event]
     strange = [one for one in others if one.ref.event != found.ref.event and one.newest]
-    rows = [(one, history.compared(one.record, found.record)) for one in own]
+    rows = [(one, history.apart(one.ref.key, found.ref.key) or ["another run"]) for one in own]
     return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in strange[::-1]]
+
+
+def differing(found) -> dict[str, list[str]]:
+    """What tells each of some products from the delivered one of its stage and event, by key; [] of that itself."""
+    newest = {(one.ref.event, one.ref.stage): one for one in found if one.newest}
+    told = {}
+    for one in found:
+        delivered = newest.get((one.ref.event, one.ref.stage))
+        told[one.ref.key] = (
+            history.compared(delivered.record, one.record, ("made again",))
+            if delivered and one is not delivered
+            else []
+        )
+    return told
+
+
+def searches(event, configuration=location.OPERATIONAL) -> list[tuple[housekeeping.Entry, dict]]:
+    """Products of discoveries of an event with their documents, that with detection limits first."""
+    own = [one for one in entries() if one.ref.event == event and configuration in one.configurations]
+    found = [(one, _json(path)) for one in own if (path := file(one, "discovery.json"))]
+    return sorted(found, key=lambda pair: "limits" not in pair[1])
 
 
 def siblings(found):

@@ -22,7 +22,7 @@ CLOSE = 0.01  # relative difference of two variances that says nothing: they are
 def comparison(calibration, names, pairs, alone):
     """Document of a comparison of two configurations, by their names.
 
-    Pairs are (event, document of the first, document of the second), alone {name: events that only this one has}.
+    Pairs are (event, document of the first, of the second, why they differ), alone {name: events only in this one}.
     """
     return {
         "schema_version": VERSION,
@@ -34,7 +34,7 @@ def comparison(calibration, names, pairs, alone):
     }
 
 
-def _event(calibration, event, first, second):
+def _event(calibration, event, first, second, why=()):
     """What changes in one event."""
     own, other = ({one.label: one for one in calibration.result(document)} for document in (first, second))
     labels = [name for name in dict.fromkeys([*own, *other]) if name in own and name in other]
@@ -46,7 +46,18 @@ def _event(calibration, event, first, second):
         "verdict": _changed(first.get("verdict"), second.get("verdict"), {"text"}),
         "checks": _changed(_passed(first), _passed(second)),
         "values": [difference(own[name], other[name]) for name in labels],
+        "why": list(why),
     }
+
+
+def moved(event):
+    """Values of an event before and by how much the second differs, on one line each."""
+    told = [one for one in event["values"] if one["difference"] is not None]
+    return [
+        f"{one['name']} {_pair(one['values'][0], one['sigmas'][0])} {one['unit']}: {one['difference']:+.2g}"
+        + ("" if one["in_sigma_of_first"] is None else f" ({one['in_sigma_of_first']:+.2f} sigma)")
+        for one in told
+    ]
 
 
 def difference(first, second):
@@ -84,6 +95,7 @@ def tables(document):
             ]
             rows.append([event["event"] + mark, one["name"], *told, *moved, one["unit"]])
         status = dict(status=event["status"]) if len(set(event["status"])) > 1 else {}
+        other += [[event["event"] + mark, "reason", "", why] for why in event["why"]]
         parts = {"": status, "verdict ": event["verdict"], "check ": event["checks"]}
         for kind, changed in parts.items():
             other += [[event["event"] + mark, kind + n, str(a), str(b)] for n, (a, b) in changed.items()]

@@ -88,6 +88,19 @@ def _takes(settings, name):
     return name in settings or any(isinstance(one, dict) and _takes(one, name) for one in settings.values())
 
 
+def apart(old_key, new_key):
+    """Why two products of one stage differ, in all that they were made of: settings, versions, code, data and files.
+
+    The settings of a report repeat those of the stages before it: they are named once.
+    """
+    sides = [{_name(one["recipe"]): one for one in store.ancestry(key).values() if one} for key in (old_key, new_key)]
+    shared = [name for name in sides[1] if name in sides[0]]
+    reasons = [one for name in shared for one in compared(sides[0][name], sides[1][name], otherwise=())]
+    reasons = [one.removeprefix("settings.") for one in reasons]
+    derived = {f"input {name} {word}" for side in sides for name in side for word in ("changed", "added", "removed")}
+    return [one for one in dict.fromkeys(reasons) if one not in derived and not one.startswith("configuration: ")]
+
+
 def changed(old_record, new_record):
     """Parts of the code, and data files that it reads, that changed, came or went between two records, as reasons."""
     if old_record["recipe"]["code"] == new_record["recipe"]["code"]:

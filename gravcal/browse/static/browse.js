@@ -33,9 +33,34 @@ function follow(place, figure) {
       place.dataset.refined = String(Number(place.dataset.refined || 0) + 1);
     } catch (error) { place.dataset.state = "drawn"; console.error(error); }
   };
-  const later = () => { clearTimeout(timer); timer = setTimeout(refresh, WAIT_MS); };
+  const keep = () => {
+    address({ from: String(range.start), to: String(range.end) });
+    const link = document.getElementById("csv");
+    if (link) link.search = location.search;
+  };
+  const later = () => { keep(); clearTimeout(timer); timer = setTimeout(refresh, WAIT_MS); };
   range.properties.start.change.connect(later);
   range.properties.end.change.connect(later);
+  const asked = new URLSearchParams(location.search), start = Number(asked.get("from")), end = Number(asked.get("to"));
+  if (asked.has("from") && end > start) range.setv({ start, end });
+}
+
+// What is chosen on a page stands in its address, so that it can be sent and kept.
+function address(changes) {
+  const asked = new URLSearchParams(location.search);
+  for (const [name, value] of Object.entries(changes)) value ? asked.set(name, value) : asked.delete(name);
+  const text = asked.toString();
+  history.replaceState(null, "", text ? `?${text}` : location.pathname);
+}
+
+// Figures on dark paper where the page is dark.
+function darken(views) {
+  const paint = { background_fill_color: "#16191d", border_fill_color: "#16191d", grid_line_color: "#333940",
+    axis_label_text_color: "#e4e4e4", major_label_text_color: "#b5b5b5", axis_line_color: "#8a8a8a",
+    major_tick_line_color: "#8a8a8a", label_text_color: "#e4e4e4" };
+  for (const model of views._all_models.values())
+    for (const [name, colour] of Object.entries(paint))
+      if (name in model.properties) model[name] = colour;
 }
 
 async function draw(place) {
@@ -43,6 +68,7 @@ async function draw(place) {
     const item = await answer(place.dataset.figure);
     const views = await Bokeh.embed.embed_item(item, place.id);
     const last = Bokeh.documents[Bokeh.documents.length - 1];
+    if (matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches) darken(last);
     const figure = place.dataset.data ? last.get_model_by_name("figure") : null;
     if (item.said) place.insertAdjacentHTML("afterend", "<p class='sub plotted'></p>");
     if (item.said) place.nextElementSibling.textContent = item.said;
@@ -62,15 +88,78 @@ async function drawAll() {
   for (const place of document.querySelectorAll("[data-figure]")) await draw(place);
 }
 
+// Words, all of which a row must have; "column:word" looks into one column.
 function filterRows(field) {
-  const table = field.nextElementSibling.querySelector("tbody");
-  field.addEventListener("input", () => {
-    const words = field.value.toLowerCase().split(/\s+/);
-    for (const row of table.rows) {
-      const text = row.textContent.toLowerCase();
-      row.hidden = !words.every((word) => text.includes(word));
+  const table = field.closest("main").querySelectorAll(".scroll table.sortable");
+  const own = [...table].find((one) => field.compareDocumentPosition(one) & Node.DOCUMENT_POSITION_FOLLOWING);
+  const heads = [...own.tHead.rows[0].cells].map((cell) => cell.textContent.trim().toLowerCase());
+  const show = () => {
+    const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
+    for (const row of own.tBodies[0].rows) {
+      row.hidden = !words.every((word) => {
+        const column = heads.indexOf(word.split(":")[0]);
+        return (column >= 0 && word.includes(":"))
+          ? row.cells[column].textContent.toLowerCase().includes(word.slice(word.indexOf(":") + 1))
+          : row.textContent.toLowerCase().includes(word);
+      });
     }
+  };
+  field.value = new URLSearchParams(location.search).get(field.name) || "";
+  field.addEventListener("input", () => { show(); address({ [field.name]: field.value }); });
+  show();
+}
+
+function sortBy(table, column, down) {
+  const value = (row) => row.cells[column].dataset.sort || row.cells[column].textContent.trim();
+  const number = (text) => parseFloat(text.replace("\u2212", "-"));
+  const rows = [...table.tBodies[0].rows];
+  const numbers = rows.every((row) => !value(row) || /^[-+\u2212]?[\d.]/.test(value(row)) && !/^\d{4}-\d\d/.test(value(row)));
+  rows.sort((a, b) => numbers ? (number(value(a)) || 0) - (number(value(b)) || 0) : value(a).localeCompare(value(b)));
+  table.tBodies[0].append(...(down ? rows.reverse() : rows));
+  [...table.tHead.rows[0].cells].forEach((cell, at) => {
+    if (at === column) cell.setAttribute("aria-sort", down ? "descending" : "ascending");
+    else cell.removeAttribute("aria-sort");
   });
+}
+
+function sortable(table, number) {
+  const name = number ? `sort${number + 1}` : "sort";
+  [...table.tHead.rows[0].cells].forEach((cell, column) => {
+    const button = document.createElement("button");
+    button.textContent = cell.textContent;
+    button.className = "sort";
+    cell.replaceChildren(button);
+    button.addEventListener("click", () => {
+      const down = cell.getAttribute("aria-sort") === "ascending";
+      sortBy(table, column, down);
+      address({ [name]: `${down ? "-" : ""}${column}` });
+    });
+  });
+  const asked = new URLSearchParams(location.search).get(name);
+  const column = Math.abs(parseInt(asked, 10));
+  if (asked && column < table.tHead.rows[0].cells.length) sortBy(table, column, asked.startsWith("-"));
+}
+
+// Cells say their column where rows are stacked on a narrow screen.
+function stacked(table) {
+  const heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent.trim());
+  for (const row of table.tBodies[0].rows) [...row.cells].forEach((cell, at) => { cell.dataset.label = heads[at] || ""; });
+}
+
+function zoom(button) {
+  const chain = document.querySelector("svg.chain"), width = chain.viewBox.baseVal.width;
+  const now = chain.getBoundingClientRect().width, factor = Number(button.dataset.zoom);
+  const wide = factor ? Math.min(Math.max(now * factor, width / 4), 4 * width) : chain.parentElement.clientWidth;
+  chain.style.width = `${wide}px`;
+  chain.style.minWidth = "0";
+  chain.style.maxWidth = "none";
+  address({ zoom: factor ? (wide / width).toFixed(3) : "" });
+}
+
+function zoomAsked() {
+  const chain = document.querySelector("svg.chain"), asked = Number(new URLSearchParams(location.search).get("zoom"));
+  if (!chain || !(asked >= 0.25 && asked <= 4)) return;
+  Object.assign(chain.style, { width: `${asked * chain.viewBox.baseVal.width}px`, minWidth: "0", maxWidth: "none" });
 }
 
 function submitOnChange(form) {
@@ -81,6 +170,10 @@ function submitOnChange(form) {
   });
 }
 
+document.querySelectorAll("table.stacked").forEach(stacked);
+document.querySelectorAll("table.sortable").forEach(sortable);
 document.querySelectorAll(".filter").forEach(filterRows);
+document.querySelectorAll("[data-zoom]").forEach((one) => one.addEventListener("click", () => zoom(one)));
+zoomAsked();
 document.querySelectorAll("form.controls").forEach(submitOnChange);
 drawAll();

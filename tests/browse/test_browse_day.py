@@ -1,0 +1,269 @@
+"""A working day with the pages: what changed and why, tables kept in the address, data of plots, any screen, anyone.
+
+The accessibility check is axe-core where its script is at hand: GRAVCAL_AXE names the file, or axe_core_python is
+installed; in any case rules of our own are checked.
+"""
+
+import csv
+import importlib.util
+import io
+import json
+import os
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from invented_store import EVENT, calibration, dataset, put
+from test_browse_chromium import DRAWN, browser, complaints, site, wait  # noqa: F401 - fixtures
+
+from gravcal.browse import store_index
+from gravcal.store import configurations, history, housekeeping, location
+
+PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
+         "/compare/com_offset", "/designs", "/designs?event=grace-c-2020-02-01")  # fmt: skip
+#: What any page owes its readers: names of controls, links, figures and frames; heads of tables; one main heading.
+OURS = """
+const bad = [], named = (one) => (one.getAttribute("aria-label") || one.title || one.textContent || "").trim();
+for (const one of document.querySelectorAll("a[href], button, iframe, [role=figure], [role=region]"))
+  if (!named(one)) bad.push(one.outerHTML.slice(0, 80));
+for (const one of document.querySelectorAll("input:not([type=hidden]), select"))
+  if (!one.labels.length && !one.getAttribute("aria-label")) bad.push(one.outerHTML.slice(0, 80));
+for (const one of document.querySelectorAll("th")) if (!one.textContent.trim()) bad.push("a head without a word");
+if (document.querySelectorAll("h1").length !== 1 || !document.documentElement.lang) bad.push("heading or language");
+return bad;
+"""
+AXE = """
+const done = arguments[0];
+const told = (found) => done(found.violations.map((one) => `${one.id}: ${one.nodes[0].html}`));
+axe.run(document, {iframes: false}).then(told);
+"""
+
+
+def axe():
+    """Script of axe-core, None where it is not at hand."""
+    named, package = os.environ.get("GRAVCAL_AXE"), importlib.util.find_spec("axe_core_python")
+    path = Path(named) if named else package and Path(package.origin).parent / "axe.min.js"
+    return path.read_text() if path and path.is_file() else None
+
+
+def searched(event):
+    """Publish an invented discovery with a finding and two limits."""
+    value = {"value": 0.03, "sigma": 0.002, "unit": "1"}
+    finding = {"cause": "torque.dipole_gain", "tied_with": [], "significance": 1e-4, "parameters": {"rod_y": value}}
+    limit = {"cause": "timing.star_camera_delay", "parameter": "delay", "unit": "s", "size": 0.004, "prior": 0.1}
+    limit |= {"bias_in_sigma": 0.5, "confused_with": ["accelerometer.bias_step"]}
+    document = {
+        "calibration": "com_offset",
+        "origin": "measured",
+        "verdict": {"text": "A gain is named."},
+        "level": 0.005,
+    }
+    document |= {"findings": [finding], "adequate_after": True, "limits": [limit, limit | {"size": None}]}
+    files = {"discovery.html": "<!DOCTYPE html><title>d</title>", "discovery.json": json.dumps(document)}
+    return put(f"{event}/com_offset.discovery_report", dataset(10), files=files)
+
+
+@pytest.fixture
+def day(shop):
+    """Return the invented store with a discovery and an experiment beside the delivery."""
+    searched(EVENT)
+    with location.configured("gain-9"):
+        own = calibration(EVENT, 1.5, gain=9.0)
+        with history.recorded("com_offset", EVENT) as note:
+            note(SimpleNamespace(event=EVENT, unmade=own["report"]), "made", own["report"])
+    location.write_json(configurations._path("com_offset", "gain-9"), {"name": "gain-9", "settings": {"gain": 9.0}})
+    return shop | {"tried": own}
+
+
+def test_the_chain_is_that_of_the_last_run_and_marks_what_a_change_remakes(day, ask):
+    """Contract: no product of another flow; another value of a setting marks what takes it and what is made of that."""
+    nodes = store_index.chain(EVENT, flow="com_offset")
+    assert {node.stage for node in nodes} == {
+        "com_offset.align",
+        "com_offset.report",
+        "com_offset.solve.mtq",
+        "com_offset.solve.acc",
+    }
+    assert {node.key for node in nodes} == {day["again"][name].key for name in ("align", "report", "mtq", "acc")}
+    assert "com_offset.discovery_report" in {node.stage for node in store_index.chain(EVENT)}
+    picture = ask(f"/event/{EVENT}?change=gain").text.split("<h2>Chain")[1].split("</svg>")[0]
+    assert len(re.findall(r'class="box \w+ again"', picture)) == 3
+    assert "com_offset.align, reused, would be made again" not in picture
+    assert "discovery_report" not in picture
+    assert "discovery_report" in ask(f"/event/{EVENT}?flow=all").text.split("<h2>Chain")[1].split("</svg>")[0]
+    entries = housekeeping.entries(event=EVENT, configuration="operational")
+    assert {one.ref.stage for one in entries if one.ref.key in history.remade(entries, "gain")} == {
+        "com_offset.solve.mtq", "com_offset.solve.acc", "com_offset.report"}  # fmt: skip
+
+
+def test_results_of_an_event_say_how_they_differ_and_why(day, ask):
+    """Contract: yesterday's beside last month's: values with digits of their error, in sigma, the setting by name."""
+    text = ask(f"/event/{EVENT}").text.split("<h2>Other results")[1].split("</table>")[0]
+    assert "gain: 1.0 -&gt; 1.5" in text
+    assert "gain: 9.0 -&gt; 1.5" in text
+    assert "x 15.0 ± 1.0 µm: −5 (−5.00 sigma)" in text.replace(" um", " µm")
+    assert history.apart(day["first"]["report"].key, day["again"]["report"].key) == ["gain: 1.0 -> 1.5"]
+
+
+def test_two_configurations_stand_beside_each_other_event_by_event(day, ask):
+    """Contract: values, difference, sigma and reason; the address chooses; one unknown shares no event."""
+    text = ask("/compare/com_offset?a=operational&b=gain-9").text
+    values = text.split("Values, event by event")[1]
+    assert EVENT in values
+    assert "+5" in values
+    assert "gain: 1.5 -&gt; 9.0" in values
+    assert "Only in operational: grace-c-2021-03-01" in text
+    assert ask("/compare/com_offset?a=operational&b=nothing").status_code == 200
+    assert ask("/compare/nothing").status_code == 404
+
+
+def test_products_are_told_apart_by_what_differs(day, ask):
+    """Contract: settings, not keys; the delivered one needs no mark."""
+    told = store_index.differing(store_index.entries())
+    assert told[day["first"]["mtq"].key] == ["gain: 1.5 -> 1.0"]
+    assert told[day["again"]["mtq"].key] == []
+    assert "gain: 1.5 -&gt; 9.0" in ask("/products").text
+    assert "gain: 1.5 -&gt; 1.0 (operational" in ask(f"/product/{day['first']['mtq'].key}").text
+
+
+def test_discovery_limits_and_designs_have_pages(day, ask):
+    """Contract: findings with digits of their error, limits with what they mean, manoeuvres in calendar time."""
+    text = ask(f"/event/{EVENT}/discovery").text
+    for said in ("A gain is named.", "torque.dipole_gain", "3.00 ± 0.20 %", "4 ms", "0.04", "never"):
+        assert said in text
+    assert f'href="/event/{EVENT}/discovery"' in ask(f"/event/{EVENT}").text
+    assert ask("/event/grace-c-2021-03-01/discovery").status_code == 404
+    assert "com_offset_session" in ask("/designs").text
+    assert "2020-02-26 14:40:00.0" in ask(f"/designs?event={EVENT}").text  # 6.36e8 s
+    assert "latitude" in ask("/designs?event=grace-c-2020-02-01").text
+
+
+def test_what_is_drawn_comes_as_csv(shop, ask):
+    """Contract: every sample of the view, calendar time beside GPS seconds; spectra with their frequencies."""
+    where = f"/csv/{shop['again']['align'].key}/acceleration_b"
+    heads, *rows = list(csv.reader(io.StringIO(ask(f"{where}?column=0").text)))
+    assert heads == ["series", "GPS time (s)", "calendar (GPS)", "acceleration_b (m s-2)"]
+    assert len(rows) == 20000
+    assert rows[0][:3] == ["x", "640000000.0", "2020-04-12 21:46:40.000"]
+    assert float(rows[5][3]) == pytest.approx(np.sin(2 * np.pi * 0.25), abs=1e-6)
+    start = (6.4e8 + 946728000.0) * 1e3  # ms of the axis
+    assert len(ask(f"{where}?column=0&from={start + 1000}&to={start + 3000}").text.splitlines()) == pytest.approx(
+        23, abs=2
+    )
+    assert "frequency (Hz)" in ask(f"{where}?view=spectrum").text.splitlines()[0]
+    assert "Welch, Hann" in ask(f"{where.replace('/csv/', '/figure/')}?view=spectrum").text
+    assert ask(f"{where.replace('acceleration_b', 'nothing')}").status_code == 404
+
+
+@pytest.fixture
+def at(day, site, browser):  # noqa: F811
+    """Return a function that opens a page on a screen: width in px, dark or not, on paper or not."""
+
+    def open_(path, width=1300, dark=False, media=""):
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 700}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        wish = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media, "features": wish})
+        return site(path)
+
+    yield open_
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+
+
+def test_columns_sort_and_filters_combine_and_both_stand_in_the_address(at):
+    """Contract: a click sorts, a second turns; words and column:word all count; the address brings it all back."""
+    browser = at("/products?all=1")  # noqa: F811
+    cells = "return [...document.querySelectorAll('tbody tr:not([hidden])')].map((row) => row.cells[{}].textContent)"
+    browser.find_elements("css selector", ".sort")[1].click()
+    found = browser.execute_script(cells.format(1))
+    assert found == sorted(found)
+    browser.find_elements("css selector", ".sort")[1].click()
+    browser.find_element("css selector", ".filter").send_keys(f"{EVENT} stage:solve gain-9")
+    found = browser.execute_script(cells.format(1))
+    assert found == ["com_offset.solve.mtq", "com_offset.solve.acc"]
+    address = browser.current_url
+    assert "sort=-1" in address
+    browser.get("about:blank")
+    browser.get(address)
+    assert browser.execute_script(cells.format(1)) == found
+
+
+def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
+    """Contract: a zoom changes the address, which brings the same view back; the chain's size too."""
+    browser = at(f"/product/{shop['again']['align'].key}")  # noqa: F811
+    range_ = "Bokeh.documents[0].get_model_by_name('figure').x_range"
+    start = browser.execute_script(f"return {range_}.start")
+    browser.execute_script(f"{range_}.setv({{start: {start + 1000}, end: {start + 3000}}})")
+    wait(browser, lambda one: "from=" in one.current_url)
+    assert "from=" in browser.find_element("id", "csv").get_attribute("href")
+    browser.get(browser.current_url)
+    wait(browser, lambda one: one.execute_script(DRAWN) == ["drawn"])
+    assert browser.execute_script(f"return {range_}.start") == pytest.approx(start + 1000)
+    browser = at(f"/event/{EVENT}")
+    wide = "return document.querySelector('svg.chain').getBoundingClientRect().width"
+    before = browser.execute_script(wide)
+    browser.find_element("css selector", "[data-zoom='1.25']").click()
+    assert browser.execute_script(wide) == pytest.approx(1.25 * before, rel=0.01)
+    browser.get(browser.current_url)
+    assert browser.execute_script(wide) == pytest.approx(1.25 * before, rel=0.01)
+
+
+def test_keys_are_shown_on_demand(at, day):
+    """Contract: no hash before it is asked for."""
+    browser = at("/products")  # noqa: F811
+    key = day["again"]["mtq"].key[:12]
+    assert key not in browser.find_element("tag name", "main").text
+    browser.find_element("id", "keys").click()
+    assert key in browser.find_element("tag name", "main").text
+
+
+def test_a_phone_keeps_the_verdict_in_sight(at):
+    """Contract: on 390 px the verdicts lie within the window, nothing has to be moved sideways."""
+    browser = at("/", width=390)  # noqa: F811
+    inside = """return [...document.querySelectorAll('td.long')].filter((one) => one.textContent.trim()).every((one) =>
+      one.getBoundingClientRect().left >= 0 && one.getBoundingClientRect().right <= innerWidth)"""
+    assert browser.execute_script(inside)
+    for path in (f"/event/{EVENT}", "/compare/com_offset", f"/event/{EVENT}/discovery"):
+        browser = at(path, width=390)
+        assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
+
+
+def test_dark_and_paper_have_styles_and_focus_is_seen(at):
+    """Contract: light letters on dark; no navigation on paper; an outline on what the keyboard is at."""
+    style = "const s = getComputedStyle(document.querySelector('{}')); return [s.color, s.backgroundColor, s.display]"
+    browser = at("/", dark=True)  # noqa: F811
+    colour, paper, _ = browser.execute_script(style.format("body"))
+    assert (colour, paper) == ("rgb(228, 228, 228)", "rgb(22, 25, 29)")
+    browser = at(f"/event/{EVENT}", media="print")
+    assert browser.execute_script(style.format("nav"))[2] == "none"
+    browser = at("/")
+    browser.find_element("tag name", "body").send_keys("\ue004\ue004")  # Tab
+    outline = "const s = getComputedStyle(document.activeElement); return [s.outlineStyle, s.outlineWidth]"
+    assert browser.execute_script(outline) == ["solid", "3px"]
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, dark):
+    """Contract: rules of our own, and no violation that axe-core finds where it is at hand (contrast, names, roles)."""
+    script = axe()
+    for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
+        browser = at(path, dark=dark)  # noqa: F811
+        assert browser.execute_script(OURS) == [], path
+        if script:
+            browser.execute_script(script)
+            assert browser.execute_async_script(AXE) == [], path
+        assert complaints(browser) == []
+
+
+def test_the_accessibility_check_finds_what_is_wrong(at):
+    """Contract: the test above can fail."""
+    browser = at("/")  # noqa: F811
+    browser.execute_script("document.querySelector('.filter').removeAttribute('aria-label')")
+    browser.execute_script("document.querySelector('.filter').removeAttribute('placeholder')")
+    assert len(browser.execute_script(OURS)) == 1
+    if axe():
+        browser.execute_script(axe())
+        assert any(one.startswith("label:") for one in browser.execute_async_script(AXE))
