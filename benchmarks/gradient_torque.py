@@ -2,6 +2,7 @@
 
 python -m benchmarks.gradient_torque speed [--peers FOLDER]   FOLDER: site-packages that holds pyharm and pyshtools
 python -m benchmarks.gradient_torque study [--days 100]       17,280 epochs each, degree 60
+python -m benchmarks.gradient_torque degrees                  which degrees of GGM05S an angular reading shows in a day
 """
 
 import argparse
@@ -17,9 +18,9 @@ single_threaded()  # before numpy: processor time of several threads would count
 import numpy as np  # noqa: E402
 
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.gradient_torque import estimate, gradient  # noqa: E402
+from gravcal.calibrations.gradient_torque import estimate, gradient, laws  # noqa: E402
 from gravcal.io import icgem  # noqa: E402
-from gravcal.physics import gravity_field  # noqa: E402
+from gravcal.physics import gravity, gravity_field  # noqa: E402
 from gravcal.physics.constants import EARTH_RADIUS, GM  # noqa: E402
 from gravcal.simulation import gradient_torque as simulation  # noqa: E402
 
@@ -198,10 +199,52 @@ def summary(rows, pressure, adequacy):
     print(f"attitude fit, chi2/dof mean {adequacy.mean(axis=0)}")
 
 
+GRACE_M_S2, CUBE_M = 3e-10, 0.03  # linear noise of GRACE per root hertz, and size of the test mass
+FACTORS = {"assumed": None, "GRACE": 1.0, "40 x": 40.0, "500 x": 500.0}  # linear sensitivity over that of GRACE
+SEEN = 5.0  # matched signal over noise
+POINTING = 5e-3  # rad: aligned axes feel no torque of a sphere
+
+
+def degrees():
+    """Relative angular acceleration of each degree over a day, zonal and whole, against white angular noise.
+
+    Signal over noise of a known waveform in white noise of one-sided density D: sqrt(2 T) rms / D. Linear noise d of
+    a cube of size L is an angular one of 2 d / L.
+    """
+    field, satellite = icgem.read_field(icgem.shipped(), 60), catalog.satellite("S").settings()
+    position, step = orbit_points(), 5.0
+    down = -position / np.linalg.norm(position, axis=1)[:, None]
+    across = np.cross(down, np.gradient(position, axis=0))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    small = np.eye(3) + POINTING * np.array([[0, 1, -1], [-1, 0, 1], [1, -1, 0]])
+    R_be = small @ np.stack([np.cross(across, down), across, down], axis=1)
+    body, cube = np.array(satellite["inertia"]), laws.box_inertia(satellite, 1.0)
+    own = satellite["angular_noise_density"][0]
+    density = {name: 2 * GRACE_M_S2 / f / CUBE_M if f else own for name, f in FACTORS.items()}
+    print(f"{field.name}; angular noise rad s-2 Hz-1/2: " + ", ".join(f"{n} {d:.1e}" for n, d in density.items()))
+    print("degree   zonal rms   whole rms   S/N in a day, zonal: " + "  ".join(f"{name:>9}" for name in density))
+    seen = {(name, what): [] for name in density for what in ("zonal", "whole")}
+    for n in range(1, 61):
+        parts = {"zonal": gravity_field.zonal(field, n), "whole": gravity_field.truncated(field, n, n)}
+        rms = {}
+        for what, part in parts.items():
+            tensor = gravity.rotate_tensor(R_be, gravity_field.gradient_e(part, position))
+            angular = laws.gradient_angular_acceleration(cube, body, tensor)
+            rms[what] = np.sqrt(np.mean(np.sum(angular**2, axis=1)))
+        ratio = {at: np.sqrt(2 * step * EPOCHS) * rms[at[1]] / density[at[0]] for at in seen}
+        for at, value in ratio.items():
+            seen[at] += [n] if value > SEEN else []
+        if n <= 24 or n % 10 == 0:
+            shown = "  ".join(f"{ratio[name, 'zonal']:9.2g}" for name in density)
+            print(f"{n:6} {rms['zonal']:11.2e} {rms['whole']:11.2e}                         {shown}")
+    for (name, what), found in seen.items():
+        print(f"{name}, {what}, above {SEEN:g} in a day: {', '.join(map(str, found)) or 'none'}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("speed", "study"))
+    parser.add_argument("what", choices=("speed", "study", "degrees"))
     parser.add_argument("--peers", default=os.environ.get("GRAVCAL_PEERS", ""))
     parser.add_argument("--days", type=int, default=100)
     given = parser.parse_args()
-    speed(given.peers) if given.what == "speed" else study(given.days)
+    {"speed": lambda: speed(given.peers), "study": lambda: study(given.days), "degrees": degrees}[given.what]()

@@ -1,5 +1,7 @@
 """Recovery study and long roll of inertial_sensor: python -m benchmarks.inertial_sensor [swings] [rolls] [long DIR].
 
+`bound` prints the Cramer-Rao bound of the offset beside the printed errors, and how well a swing shows k_y.
+
 Prints, over simulated swings and rolls in memory: error/sigma with its chi-square interval, bias, scatter against the
 Cramer-Rao bound, and the accuracy figures. With `long DIR`, the files of a roll of 1.6e6 s are written to DIR (1.3 GB,
 kept) and processed: wall time, processor time and largest memory.
@@ -181,11 +183,33 @@ def process(folder):
     print(f"wall {wall:.1f} s, processor {processor:.1f} s, largest memory {peak:.2f} GB (limits 30 s, 2 GB)")
 
 
+def study_bound(swings=6):
+    """Bound of the offset and error of k_y, with the actuation noise of Table 2 and without."""
+    settings = catalog.parameters("inertial_sensor")
+    printed = [one.sigma[0] for one in catalog.published("inertial_sensor")["com_offset"]]
+    print("offset, um x y z: printed errors", printed)
+    for volt in (2e-5, 2e-7):
+        chosen = catalog.parameters("simulate_inertial_sensor").with_settings({"voltage_noise_v_rthz": volt})
+        bounds = np.sqrt(np.mean([bound(6000 + n, chosen, settings)[3:] ** 2 for n in range(swings)], axis=0))
+        factor = []
+        for n in range(swings):
+            truth, _, _, moved = swing(6000 + n, chosen, settings)
+            factor.append(
+                [float(moved.k_y_sigma) / truth.k[1], (float(moved.k_y) - truth.k[1]) / float(moved.k_y_sigma)]
+            )
+        share, ratio = np.sqrt(np.mean(np.square(factor), axis=0))
+        print(f"actuation {volt:g} V/sqrt(Hz): bound {np.round(1e6 * bounds, 1)}", end="; ")
+        print(f"k_y of a swing {100 * share:.1f} %, error/sigma {ratio:.2f}")
+
+
 def main(arguments):
     """Run what is asked for."""
     from flows.engine import single_threaded
 
     single_threaded()
+    if "bound" in arguments:
+        study_bound()
+        return
     if "long" in arguments:
         study_long(arguments[arguments.index("long") + 1])
         return

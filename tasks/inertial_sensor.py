@@ -46,7 +46,7 @@ def scale(aligned, **settings):
     return scales.scale(aligned, **settings)
 
 
-@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=3)
+@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=4)
 def offset(aligned, scaled, **settings):
     """Centre of mass to test mass."""
     return offsets.offset(aligned, scaled, **settings)

@@ -20,6 +20,7 @@ from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import sensing
 
 CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor is that of the ground
+ROUNDS = 4  # of a fit that converges in three
 #: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
 #: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
 FACTORS = {
@@ -89,6 +90,7 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     covariance = np.array([one.covariance for one in fits])
     total = covariance + np.einsum("cqi,cqj->cij", shift, shift)
     run, rows = _filtered(fits[0]), np.arange(record.time.size) * 3 + 2
+    factor, factor_sigma, factor_total = factor_y(record, k, relative[:4])
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
     values = {
         "offset": [one.value for one in fits],
@@ -96,6 +98,9 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
         "covariance_total": total,
         "adopted": np.argmin(np.trace(total, axis1=1, axis2=2)),
         "shift": shift,
+        "k_y": factor,
+        "k_y_sigma": factor_sigma,
+        "k_y_sigma_total": factor_total,
         "chi2": fits[0].chi2,
         "dof": fits[0].dof,
         "noise_density": [np.sqrt(2 * n.step_s * n.variance[-1]) for n in record.noise],
@@ -170,6 +175,40 @@ def fit(record: Record, k: np.ndarray, axes: tuple[int, ...] = CHOICES[0], tenso
         observed=reading[:, :, 0].T.reshape(-1),
         design=design.reshape(3 * count, -1),
     )
+
+
+def factor_y(record: Record, k: np.ndarray, relative: np.ndarray) -> tuple[float, float, float]:
+    """Factor of a_y from the swing itself, its statistical and its total error, m s-2 V-1.
+
+    a_x and a_z give p, above all p_z by a_x = w'_y p_z; a_y = -w'_x p_z then has one unknown, its factor. Nothing of
+    the ground enters; ``relative`` (4,) are the errors of beta and J/(M l), the first of FACTORS.
+    """
+    value, sigma = _factor_y(record, k)
+    moved = []
+    for turn, push in list(FACTORS.values())[:4]:
+        scaled = replace(record, rate_dot_b=record.rate_dot_b * (1 + 1e-4 * np.array(turn)))
+        moved.append(1e4 * (_factor_y(scaled, k * (1 + 1e-4 * np.array(push)))[0] - value))
+    return value, sigma, float(np.hypot(sigma, np.linalg.norm(np.array(moved) * relative)))
+
+
+def _factor_y(record, k):
+    """Value and statistical error: Gauss-Newton in p and 1/k_y, from p without a_y."""
+    columns = sensing.offset_tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
+    good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
+    place, inverse = fit(record, k, CHOICES[1]).value, 1 / np.asarray(k, float)
+    for _ in range(ROUNDS):
+        term = np.matvec(columns, place)
+        parts = []
+        for axis in range(3):
+            own = term[:, axis, None] * (axis == 1)
+            left = record.linear_volt[:, axis] - inverse[axis] * term[:, axis]
+            rows = whiten(record.noise[axis], np.c_[left, inverse[axis] * columns[:, axis], own, record.trend], good)
+            parts.append(least_squares.without(rows[:, 5:], rows[:, :5]))
+        clean = np.concatenate(parts)
+        covariance = least_squares.stable_inverse(clean[:, 1:].T @ clean[:, 1:])
+        step = covariance @ (clean[:, 1:].T @ clean[:, 0])
+        place, inverse = place + step[:3], inverse + np.array([0, step[3], 0])
+    return 1 / inverse[1], float(np.sqrt(covariance[3, 3])) / inverse[1] ** 2
 
 
 def _filtered(fitted):

@@ -24,8 +24,7 @@ OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")
 ADOPTED = "smallest total error: least sum of the squares of sigma_total of the three axes"
 CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of the paper
 REASONS = {
-    "k_y": "no angular factor is tied to it: the value in use is that of the ground. A discovery estimates it "
-    "beside the ground value (a_x of a swing gives p_z, then a_y = -w_x' p_z), and reports it as k_y",
+    "k_y": "no angular factor is tied to it, and this swing does not show it: a_x gives p_z, then a_y = -w_x' p_z",
     "beta_z": "tied to beta_y: same electrodes, arm and inertia",
     "bias_y": "rolling about y leaves its direction cosines constant: b_y and the constant acceleration of the "
     "satellite along y, solar pressure above all, are one sum (constant_y)",
@@ -55,6 +54,7 @@ CAUSES = {
     "offset_effect": "bias if the offset term were dropped, minus the bias",
 }
 PRINTED = {"mass": 0.072, "x": 1.9440e-5, "y": 1.0328e-5, "arm_y": 10.45e-3}  # kg, kg m2, m; Sec. 2.2 and Table 1
+SHOWN = 1 / 3  # largest relative error of a k_y that a swing shows: beyond, its inverse is far from normal
 WIDE = {"left": 0.1, "right": 0.985, "hspace": 0.42, "wspace": 0.3}
 
 
@@ -111,6 +111,8 @@ def _document(products, *, event, settings):
     reasons = dict(REASONS)
     if "scale" in products:
         document["swing"] = _swing(products["scale"], products["offset"])
+        if document["swing"]["k"]["y"]:
+            del reasons["k_y"]
     if "bias" in products:
         document["roll"] = _roll(products["bias"])
         if "not_determined" in products["bias"].attrs:
@@ -120,11 +122,13 @@ def _document(products, *, event, settings):
 
 
 def _swing(scaled, moved):
-    """Scale factors, offset and delay; k_y is not determined."""
+    """Scale factors, offset and delay; k_y where the swing itself shows it."""
+    own = estimate(moved.k_y, moved.k_y_sigma) | {"sigma_total": number(moved.k_y_sigma_total)}
+    own = own if 0 < float(moved.k_y_sigma_total) < float(moved.k_y) * SHOWN else None
     arms = []
     for value, sigma, total in zip(scaled.k.values, scaled.k_sigma.values, scaled.k_sigma_total.values, strict=True):
         x, _, z = (estimate(v, s) | {"sigma_total": number(t)} for v, s, t in zip(value, sigma, total, strict=True))
-        arms.append({"x": x, "y": None, "z": z})
+        arms.append({"x": x, "y": own, "z": z})
     arm, adopted = int(scaled.chosen_arm), OFFSETS[int(moved.adopted)]
     offsets = {}
     for choice, name in enumerate(OFFSETS):
@@ -210,7 +214,7 @@ def verdict(document) -> str:
         factors = (f"k_{axis} {k[axis]['value']:.3e} +- {k[axis]['sigma_total']:.0e}" for axis in "xz")
         solution = "all axes, k_y of the ground" if offset["solution"] == OFFSETS[0] else "without a_y"
         parts.append(f"{', '.join(factors)} m s-2 V-1; centre of mass to test mass {text} um ({solution})")
-        errors["k"] = [(one["value"], one["sigma_total"]) for one in k.values() if one]
+        errors["k"] = [(k[axis]["value"], k[axis]["sigma_total"]) for axis in "xz"]
         errors["offset in y and z"] = list(zip(offset["value"], offset["sigma_total"], strict=True))[1:]
     if "roll" in document:
         roll = document["roll"]
@@ -325,7 +329,8 @@ def factors(document, published):
     heads = ["factor", "nominal printed", "ground printed", "orbit printed", "printed β, no 1/2", "this event"]
     caption = (
         "Scale factors (Table 4), k in m s⁻² V⁻¹, β in rad s⁻² V⁻¹: value ± error (total error). Fifth column: the "
-        "printed β of orbit taken to k by J/(M l), arm about x of 8.00 and 10.45 mm."
+        "printed β of orbit taken to k by J/(M l), arm about x of 8.00 and 10.45 mm. k_y of this event is that of the "
+        "swing alone (a_x gives p_z, then a_y = -w_x' p_z), beside the ground value that the offset is solved with."
     )
     return Table(caption, heads, rows, ["scale"], wide=True)
 

@@ -31,9 +31,12 @@ def test_files_in_document_out(delivered):
 
 
 def test_what_is_not_determined_is_null_and_said(delivered):
-    """Contract: k_y and b_y are null; both arms are shown; a reason is given."""
-    document = delivered["document"]
-    assert document["swing"]["k"]["y"] is None
+    """Contract: b_y is null and a reason is given, k_y is that of the swing alone; both arms are shown."""
+    document, true = delivered["document"], delivered["truth"]["k"][1]
+    own = document["swing"]["k"]["y"]
+    assert abs(own["value"] - true) < 4.5 * own["sigma"]
+    assert 0.05 < own["sigma_total"] / own["value"] < 1 / 3
+    assert "k_y" not in document["not_determined"]
     assert document["roll"]["bias"]["value"][1] is document["roll"]["bias"]["sigma"][1] is None
     assert set(document["swing"]["arms"]) == {"8.00 mm", "10.45 mm"}
     assert "rolling about y" in document["not_determined"]["bias_y"]

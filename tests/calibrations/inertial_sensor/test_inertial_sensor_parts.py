@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.inertial_sensor import bias, bins, observed_roll, records, scale
+from gravcal.calibrations.inertial_sensor import bias, bins, observed_roll, offset, records, scale
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
 from gravcal.physics import frames, kinematics, sensing
@@ -233,3 +233,23 @@ def test_a_turned_tracker_turns_the_tensor_of_a_roll():
     R = frames.R_bi_from_quaternion(frames.from_rotation_vector(-angle))  # of sensor from tracker components
     expected = np.matvec(tensor - R.T @ tensor @ R, place)
     assert_allclose(observed_roll.RollView._turned(view) @ angle, expected, atol=1e-10)  # second order
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_a_swing_shows_the_factor_of_y(moving):
+    """Analytic: a_x gives p_z, a_y = -w'_x p_z its factor, 30 % from where it starts; without w'_x it is unknown."""
+    time, k, place = np.arange(0, 200, 0.5), np.array([5.6e-4, 3.5e-4, 1.14e-4]), np.array([-140e-6, 628e-6, -896e-6])
+    rate = 1e-4 * np.stack([moving * np.sin(time / 4), np.cos(time / 5), 0.0 * time], axis=1)
+    rate_dot = np.gradient(rate, time, axis=0)
+    gradient = np.zeros((time.size, 3, 3))
+    reading = np.matvec(sensing.offset_tensor(rate, rate_dot, gradient), place) / k
+    rng = np.random.default_rng(3)
+    volts = reading + 1e-7 * rng.standard_normal(reading.shape)
+    model = noise.NoiseModel(np.zeros(0), np.array([1e-14]), 0.5)
+    record = offset.Record(time, volts, rate, rate_dot, gradient, (model,) * 3, 2)
+    found, sigma, total = offset.factor_y(record, k * [1, 0.7, 1], np.array([0.01, 0.02, 0.03, 0.03]))
+    if moving:
+        assert abs(found - k[1]) < 5 * sigma < 0.05 * k[1]
+        assert total == pytest.approx(np.hypot(sigma, found * np.hypot(0.01, 0.03)), rel=0.1)  # of beta_x and ratio_y
+    else:
+        assert not 0 < total < found / 3
