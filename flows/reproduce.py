@@ -84,7 +84,10 @@ def _store(folder):
 def _run(one, paper, folder, run, out):
     """Document of one run, its report copied."""
     settings = [f"{key}={value}" for key, value in paper["as_printed"].items()] if run == "as_printed" else []
-    chosen = command.recorded(command.configured(one.name, settings, None, run if settings else None))
+    truth = out.parent / f"truth_{paper['days'][0]}.nc"
+    settings += [f"truth={truth}"] if truth.is_file() else []  # series of a simulated day
+    name = run if run == "as_printed" and paper["as_printed"] else None
+    chosen = command.recorded(command.configured(one.name, settings, None, name))
     date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     source = command.source(one.name, None, folder, paper["satellite"], date)
     document, ref = command.calibrate(one.name, source, chosen, "inline")

@@ -254,7 +254,7 @@ def draw_degrees(torque):
 
 
 def draw_errors(combined):
-    """Amplitude of drag and of each method's error in "combine", all axes; None without the truth."""
+    """Density of drag and of each method's error in "combine", all axes; None without the truth."""
     if not np.isfinite(combined["error_rms"].values).any():
         return None
     figure, panels = grid(1, 2, 3.2, sharex=True, sharey=True, margins={"wspace": 0.06})
@@ -262,6 +262,7 @@ def draw_errors(combined):
     index = np.digitize(frequency, np.geomspace(frequency[0], frequency[-1], 140))
     bins = [index == number for number in np.unique(index)]
     middle = [1e3 * frequency[inside].mean() for inside in bins]
+    line_hz = 3 * frequency[0]  # a density over it is the squared amplitude of a line under a Hann window
     for panel, key, title in zip(panels[0], ("error", "clean_error"), ("with sensor noise", "without"), strict=True):
         curves = [("black", "drag as estimated", combined["drag_amplitude"].values)]
         for name, (colour, label) in STYLES.items():
@@ -269,10 +270,10 @@ def draw_errors(combined):
                 curves.append((colour, f"error, {label}", combined[f"{key}_amplitude"].values[names.index(name)]))
         for colour, label, amplitude in curves:
             power = np.sum(amplitude**2, axis=0)
-            rms = [np.sqrt(power[inside].mean()) for inside in bins]
-            panel.loglog(middle, np.maximum(rms, 1e-30), color=COLOURS[colour], label=label)
+            density = [np.sqrt(power[inside].mean() / line_hz) for inside in bins]
+            panel.loglog(middle, np.maximum(density, 1e-30), color=COLOURS[colour], label=label)
         panel.set(title=title, xlabel="frequency, mHz")
-    panels[0, 0].set(ylabel="amplitude, m/s²", ylim=(1e-19, 1e-6))
+    panels[0, 0].set(ylabel="density, m s⁻² Hz⁻¹ᐟ²", ylim=(1e-17, 1e-4))
     legend(figure, panels[0, 0], 4)
     return figure
 
@@ -299,7 +300,8 @@ def draw_series(drags):
 ERRORS = Figure(
     draw_errors,
     reads=("combine",),
-    caption="Errors of the methods in amplitude, with and without sensor noise; as figures 8 and 9 of the paper.",
+    caption="Densities of drag and of the errors of the methods, with and without sensor noise; figures 8 and 9 of the "
+    "paper draw amplitudes of lines, which for noise depend on the length of the record.",
 )
 SERIES = Figure(
     draw_series, reads=("drag.*",), caption="Drag of the one-sensor method, and how far the others are from it."
