@@ -112,7 +112,8 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
                 numbers = {"time": float(block.time[worst]), "sigma": float(values[worst, 0])}
                 found.append({"block": block.label, "channel": channel, "axis": "xyz"[axis]} | numbers)
         if rows:
-            own = np.eye(block.observed.size)[:, rows]
+            own = np.zeros((block.observed.size, len(rows)))
+            own[rows, np.arange(len(rows))] = 1.0
             blocks[k] = replace(block, local_columns=np.concatenate([block.local_columns, own], axis=1))
     return (prepare(blocks, problem.candidates) if found else problem), found
 

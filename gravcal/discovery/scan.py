@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -106,8 +106,9 @@ def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
             spacing.append(np.median(np.diff(time)))
     if not spans:
         return np.zeros(0)
-    step = 1 / (2 * max(spans))
-    return np.arange(6 * step, 0.45 / max(spacing), step)
+    spacing = max(spacing)
+    step = 1 / (2 * spacing * max(np.rint(max(spans) / spacing), 1))  # a transform of even records has just these
+    return step * np.arange(6, 0.45 / (step * spacing))
 
 
 def offered(found: Scan, periods: Mapping[float, int]) -> np.ndarray:
@@ -166,46 +167,89 @@ def _gains(problem, baseline, rest, channel, grid):
     gain, dof = np.zeros((4, grid.size, count)), np.zeros((4, grid.size), dtype=int)
     for i in range(len(problem.blocks)):
         for axis in range(3):
-            rows, flat, own = _waves(problem, i, channel, axis, grid)
-            if flat is None:
+            rows, waves, own = _waves(problem, i, channel, axis, grid)
+            if waves is None:
                 continue
-            cross = problem.columns[i].of(baseline)[rows].T @ flat
-            inner = own - _paired(cross, inverse @ cross, grid.size)
-            gain[axis] += _line_gain(inner, flat.T @ rest[i][rows])
+            cross = waves(problem.columns[i].of(baseline)[rows])
+            inner = own - cross @ inverse @ cross.swapaxes(1, 2)
+            gain[axis] += _line_gain(inner, waves(rest[i][rows]))
             dof[axis] += 2
     gain[3], dof[3] = gain[:3].sum(axis=0), dof[:3].sum(axis=0)
     return gain, dof
 
 
 def _waves(problem, index, channel, axis, grid):
-    """Rows of an axis in a block; cosine and sine (n, f 2) there, and their products (f, 2, 2) beside own columns.
+    """Rows of an axis in a block, `waves_at` there, and the products (f, 2, 2) of its columns beside own ones.
 
-    The columns are None where the block has less than 40 rows.
+    None in place of both where the block has less than 40 rows.
     """
     key = ("waves", index, channel, axis, grid.tobytes())
     if key not in problem.memory:
         block = problem.blocks[index]
         rows = np.flatnonzero((block.channel == channel) & (block.axis == axis) & weighted_rows(block))
-        problem.memory[key] = (rows, None, None) if rows.size < 40 else (rows, *_seen(problem, index, rows, grid))
+        if rows.size < 40:
+            problem.memory[key] = rows, None, None
+        else:
+            waves = waves_at(block.time[rows], grid)
+            inside = waves(problem.bases[index][rows])
+            own = _squares(block.time[rows], grid) - inside @ inside.swapaxes(1, 2) + 1e-9 * rows.size * np.eye(2)
+            problem.memory[key] = rows, waves, own
     return problem.memory[key]
 
 
-def _seen(problem, index, rows, grid):
-    """Cosine and sine (n, f 2) in some rows of a block, and their products (f, 2, 2) beside own columns."""
-    time = problem.blocks[index].time[rows]
-    key = ("table", (time - time[0]).tobytes(), grid.tobytes())
-    if key not in problem.memory:
-        phase = 2 * np.pi * np.outer(time - time[0], grid)
-        flat = np.stack([np.cos(phase), np.sin(phase)], axis=2).reshape(time.size, -1)
-        problem.memory[key] = flat, _paired(flat, flat, grid.size)
-    flat, own = problem.memory[key]
-    inside = problem.bases[index][rows].T @ flat
-    return flat, own - _paired(inside, inside, grid.size) + 1e-9 * time.size * np.eye(2)
+def waves_at(time: np.ndarray, grid: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Function of signals (n, q) -> products (f, 2, q) with cosine and sine of every frequency, from the first time on.
+
+    A day has as many frequencies as records, so that their columns would be many gigabytes: none are kept. Evenly
+    spaced records (with gaps; a twentieth of the spacing is not heeded) are transformed at once.
+
+    Parameters
+    ----------
+    time : (n,) s, ascending
+    grid : (f,) Hz
+    """
+    spacing = float(np.median(np.diff(time)))
+    place = np.rint((time - time[0]) / spacing).astype(int)
+    length = int(np.rint(1 / (spacing * np.diff(grid).min()))) if grid.size > 1 else 1
+    length *= -(-(place[-1] + 1) // max(length, 1))
+    number = grid * length * spacing
+    shift = np.abs(number - np.rint(number)).max(initial=0.0) * np.ptp(time) / (max(length, 1) * spacing)
+    even = np.abs(time - time[0] - place * spacing).max() < 0.05 * spacing and np.all(np.diff(place) > 0)
+    if even and grid.size > 1 and length > 0 and shift < 0.01:
+        return partial(_transformed, place, length, np.rint(number).astype(int))
+    return partial(_multiplied, time - time[0], grid)
+
+
+def _transformed(place, length, number, signals):
+    """Products (f, 2, q) by a transform of records at even places."""
+    spread = np.zeros((place[-1] + 1, signals.shape[1]))
+    spread[place] = signals
+    folded = number % length
+    sign = np.where(folded > length // 2, 1.0, -1.0)[:, None]
+    spectrum = fft.rfft(spread, length, axis=0)[np.minimum(folded, length - folded)]
+    return np.stack([spectrum.real, sign * spectrum.imag], axis=1)
+
+
+def _multiplied(time, grid, signals):
+    """The same of records at any times, a few frequencies at once."""
+    made = np.empty((grid.size, 2, signals.shape[1]))
+    at_once = max(TABLE // time.size, 1)
+    for first in range(0, grid.size, at_once):
+        part = slice(first, first + at_once)
+        phase = 2 * np.pi * np.outer(grid[part], time)
+        made[part, 0], made[part, 1] = np.cos(phase) @ signals, np.sin(phase) @ signals
+    return made
+
+
+def _squares(time, grid):
+    """Products (f, 2, 2) of cosine and sine at the times (n,) with each other."""
+    cosine, sine = np.moveaxis(waves_at(time, grid * 2)(np.ones((time.size, 1)))[..., 0], 1, 0) / 2
+    half = time.size / 2
+    return np.stack([np.stack([half + cosine, sine], axis=1), np.stack([sine, half - cosine], axis=1)], axis=2)
 
 
 def _line_gain(inner, right):
-    """Reduction of chi-square (f, d) by columns with products (f, 2, 2), and (f 2, d) with the residual."""
-    right = right.reshape(inner.shape[0], 2, right.shape[1])
+    """Reduction of chi-square (f, d) by columns with products (f, 2, 2), and (f, 2, d) with the residual."""
     a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
     cosine, sine = right[:, 0], right[:, 1]
     return (c * cosine**2 - 2 * b * cosine * sine + a * sine**2) / (a * c - b**2)
@@ -229,6 +273,7 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
     return columns
 
 
+TABLE = 1 << 21  # cosines that are made at once
 SHORTEST, NARROWEST = 32, 2  # samples of a stretch, bins of its spectrum, of the smallest tile of time and frequency
 LONGEST = {"tile": 50_000, "slow": 50_000, "chirp": 2048}  # samples of a block in which they are tried
 FEWEST = 4.0  # degrees of freedom that the model leaves of a tile, to be looked at
