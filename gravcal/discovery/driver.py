@@ -43,6 +43,7 @@ from gravcal.estimation.records import (
     slug_of,
 )
 
+TIED_ODDS = 100.0  # of evidence, below which two causes are tied
 BIASED = 0.1  # of the error of a result, from which a bias is worth a word
 
 
@@ -166,7 +167,7 @@ def _searched(observed, limits, model):
             one["bias_in_error"] = averaged.unseen[one["cause"]].tolist()
     for position, finding in enumerate(numbers["findings"]):
         _described(finding, result, position, observed, waves)
-    numbers = _without_epochs(numbers)
+    numbers = _without_epochs(numbers) | _weighed(observed, numbers["findings"])
     change = numbers["calibration_change"]
     change |= {} if observed.epoch is None else {"epoch": observed.epoch}
     taken = _without_model(result, observed, numbers["findings"])
@@ -175,6 +176,17 @@ def _searched(observed, limits, model):
     rows = _beside(result.problem, observed, count)
     numbers["indistinguishable_from_calibration"] += [one for one in rows if one["cause"] not in named]
     return result, numbers
+
+
+def _weighed(observed, findings):
+    """Evidence of each cause alone; those that it does not set apart are tied with the first finding, in place."""
+    rows = observed.weighed()
+    odds = {row["cause"]: row["log_odds"] for row in rows}
+    for one in (one for one in findings[:1] if one["cause"] in odds):
+        own = one["cause"]
+        near = [c for c, other in odds.items() if c != own and other > max(odds[own] - np.log(TIED_ODDS), 0.0)]
+        one["tied_with"] = [*dict.fromkeys([*one["tied_with"], *near])]
+    return {"weighed": rows} if rows else {}
 
 
 def _without_model(result, observed, findings):

@@ -317,6 +317,10 @@ class Observations(Protocol):
         """True if the search is repeated in records without these causes, which gained so much chi-square."""
         return bool(gains)
 
+    def weighed(self) -> list[dict]:
+        """Evidence of the causes where few numbers stand for many: {"cause", "form", "log_odds"}, the best first."""
+        return []
+
     def biased(self) -> list[Bias]:
         """Effects that move a result of the calibration beside its parameters."""
         return []

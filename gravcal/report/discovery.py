@@ -93,7 +93,7 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
     hidden = [unobservable_table(document), limits_table(document)]
     made = [
         Section("What was found", figures=drawings(found, document, reported)),
-        Section("The cause", [findings_table(document), tied_table(document)], notes=[CAUSE]),
+        Section("The cause", [findings_table(document), tied_table(document), weighed_table(document)], notes=[CAUSE]),
         Section("The result", [change_table(document), gain_table(document)], notes=[GAIN]),
         Section("What this event could not have shown", hidden, notes=not_shown(document)),
         Section("What is left", [outlier_table(document)], excess, notes=[f"{WRONG} {reported.note}".strip()]),
@@ -174,6 +174,15 @@ def tied_table(numbers: dict) -> Table | None:
     heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
     caption = "Causes that this data does not tell apart."
     return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
+
+
+def weighed_table(numbers: dict) -> Table | None:
+    """Evidence of every cause in its best form, where it was weighed."""
+    rows = [[words.title(r["cause"]), r["form"], f"{r['log_odds']:.1f}"] for r in numbers.get("weighed", [])]
+    caption = (
+        "Evidence: logarithm of the odds against none of them; 4.6 apart are odds of 100, below which two are tied."
+    )
+    return Table(caption, ["cause", "best form", "log odds"], rows, words=(0, 1)) if rows else None
 
 
 def change_table(numbers: dict) -> Table:

@@ -13,7 +13,7 @@ EPOCH = 633830400.0  # s GPS, 2020-02-01 12:00
 HEIGHT_M = 490e3
 SPEED = 2 * np.pi / 5660.0  # rad s-1, along the orbit
 WEIGHTS = np.array([1.0, 0.09, 1.0])  # CoM paper eq. 7
-PERIOD_S, LENGTH_S = 12.0, 180.0
+PERIOD_S, LENGTH_S, STEP_S = 12.0, 180.0, 0.5
 #: Rod and middle of the area (latitude, longitude in deg) by kind and latitude class; Tables 2 and 3, erratum C-8.
 AREAS = {
     ("pitch", "low"): (2, 15.0, -45.0),
@@ -76,7 +76,7 @@ def arc(kind: str, latitude_class: str, heading: int, about: tuple) -> Arc:
     """
     moments, dipole, generation = about
     rod, latitude, longitude = AREAS[kind, latitude_class]
-    time = np.arange(-LENGTH_S / 2, LENGTH_S / 2, 0.5)
+    time = np.arange(-LENGTH_S / 2, LENGTH_S / 2, STEP_S)
     position = earth.position_from_geodetic(
         np.radians(latitude) + SPEED * time, np.full(time.size, np.radians(longitude)), np.full(time.size, HEIGHT_M)
     )
