@@ -147,16 +147,18 @@ def discover(calibration, source, chosen, engine_name, limits=False):
     return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
 
 
-def plan(calibration, sources, chosen):
-    """Steps of the plan for some events, each a dict: event, stage, action, reasons, seconds as of the last time."""
-    usual = functools.cache(history.usual_seconds)
-    steps = [step for source in sources for step in engine.plan(record(calibration).flow, source, chosen)[0]]
-    rows = []
+def plan(calibration, source, chosen):
+    """Steps of the plan for one event."""
+    return engine.plan(record(calibration).flow, source, chosen)[0]
+
+
+def timed(steps):
+    """Steps of a plan as dicts: event, stage, action, reasons, and the seconds that it took the last time."""
+    usual, rows = functools.cache(history.usual_seconds), []
     for one in steps:
-        never = one.reasons == ("never made",)
-        took = None if one.action == "reuse" else usual(one.stage, None if never else one.event)
+        event = None if one.reasons == ("never made",) else one.event
         row = {"event": one.event, "stage": one.stage, "action": one.action, "reasons": list(one.reasons)}
-        rows.append(row | {"seconds": took})
+        rows.append(row | {"seconds": None if one.action == "reuse" else usual(one.stage, event)})
     return rows
 
 

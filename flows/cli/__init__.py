@@ -140,7 +140,8 @@ def plan(
     """Say what a run or campaign would make again, why and how long; without EVENT or folder for all of the store."""
     chosen = command.chosen(calibration, settings, model, as_)
     sources = command.sources(calibration, event, data, satellite, date)
-    output.plan(command.plan(calibration, sources, chosen), json, every)
+    steps = [step for source in sources for step in command.plan(calibration, source, chosen)]
+    output.plan(command.timed(steps), json, every)
 
 
 @app.command()

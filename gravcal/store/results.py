@@ -37,14 +37,13 @@ def text(known):
 
 
 def rounded(value, sigma):
-    """Value with two digits of its error."""
-    if not sigma:
-        return f"{value:.3g}"
-    if not 1e-3 <= sigma < 1e4:
-        power = 3 * math.floor(math.log10(max(abs(value), sigma)) / 3)
-        if not power:
-            return f"{value:.5g} +- {sigma:.1e}"
-        return f"({rounded(value / 10.0**power, sigma / 10.0**power)})e{power:+03d}"
+    """Value with two digits of its error, both with a power of ten where they are small or large."""
+    size = max(abs(value), sigma or 0.0)
+    if not sigma or sigma < 1e-7 * size:
+        return f"{value:.3g}" if not sigma else f"{value:.9g} +- {sigma:.1e}"
+    if not 1e-3 <= size < 1e6:
+        power = 3 * math.floor(math.log10(size) / 3)
+        return f"({rounded(value / 10.0**power, sigma / 10.0**power)})e{power}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
     return f"{value:.{digits}f} +- {sigma:.{digits}f}"
 

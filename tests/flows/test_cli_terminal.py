@@ -203,3 +203,8 @@ def test_a_value_has_two_digits_of_its_error():
     """Contract: in campaigns, comparisons and pages alike."""
     assert results.rounded(-5.4321, 2.1049) == "-5.4 +- 2.1"
     assert results.rounded(-87.7012, 0.4849) == "-87.70 +- 0.48"
+    assert results.rounded(0.0119721, 2.4e-5) == "0.011972 +- 0.000024"
+    assert results.rounded(1.7246e-7, 3.9e-10) == "(172.46 +- 0.39)e-9"
+    assert results.rounded(2.5e7, 3e4) == "(25.000 +- 0.030)e6"
+    assert results.rounded(0.0, 1e-12) == "(0.0 +- 1.0)e-12"
+    assert results.rounded(3.14159, None) == "3.14"
