@@ -48,6 +48,8 @@ READ_BY_NO_STAGE = {
     "gravcal/browse/": "pages of gravcal browse, which reads products and makes none",
     "gravcal/report/history.html": "gravcal series writes it, no stage",
     "gravcal/report/comparison.html": "gravcal compare writes it, no stage",
+    "gravcal/report/reproduction.html": "gravcal reproduce writes it, no stage",
+    "gravcal/io/archives.toml": "where archives are, for gravcal fetch; no stage fetches",
 }
 
 
