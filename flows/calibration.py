@@ -38,7 +38,9 @@ class Discovery:
     records: Callable | None = None
     #: (source, chosen, records) -> {name: product} that the observations are built from; None: the records alone
     products: Callable | None = None
-    twice: bool = False  #: True if the search is repeated in records without what it has found
+    again: int = 0  #: how many times the search is repeated in records without what it has found
+    #: (source, chosen, search, variant) -> products by name without what a search found; None: by `records`
+    rebuilt: Callable | None = None
     #: (source, chosen, records) -> product with the result of the calibration from such records
     result: Callable | None = None
 

@@ -152,7 +152,7 @@ DISCOVERY = Discovery(
     "gravcal.calibrations.com_offset.observations",
     records=lambda source, chosen: _aligned(source, chosen)[1],
     products=with_torquers,
-    twice=True,
+    again=1,
     result=combined,
 )
 CALIBRATION = Calibration(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import replace
 
 from flows import calibration as calibrations
@@ -48,14 +49,16 @@ def _discover(one: Calibration | Study, shown: bool, source, chosen):
     searched = fixed | {"calibration": one.name, "settings": settings | own} | limits | event
     extended = fixed | {"records": records.kind if records else "", "settings": settings} | event
     seen = [*products.values()]
-    if looked.twice:
-        first = discovery.search(*products.values(), variant="first", **searched)
-        without = discovery.extend_by(first, *products.values(), variant="first", tentative=True, **extended)
-        again = looked.built(source, chosen, without)
-        found = discovery.search_again(first, *again.values(), variant="", **searched)
-        seen += again.values()
-    else:
-        found = discovery.search(*products.values(), variant="", **searched)
+    *passes, last = (*("first", "second")[: looked.again], "")
+    found = discovery.search(*products.values(), variant=(*passes, last)[0], **searched)
+    for variant, following in itertools.pairwise((*passes, last)):
+        if looked.rebuilt:
+            again = looked.rebuilt(source, chosen, found, variant)
+        else:
+            without = discovery.extend_by(found, *products.values(), variant=variant, tentative=True, **extended)
+            again = looked.built(source, chosen, without)
+        found = discovery.search_again(found, *again.values(), variant=following, **searched)
+    seen += again.values() if looked.again else ()
     if shown:
         found = discovery.limits(found, *seen, variant="limits", **searched)
     results = ()
@@ -64,7 +67,7 @@ def _discover(one: Calibration | Study, shown: bool, source, chosen):
         after = looked.result(source, chosen, without)
         before = looked.result(source, chosen, records)  # last: latest/ leads to it
         results = before, after
-    elif looked.twice:
+    elif looked.again:
         looked.baseline(source, chosen)  # last: latest/ leads to it
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
     named = {

@@ -165,7 +165,7 @@ DISCOVERY = Discovery(
     "gravcal.calibrations.gradient_torque.observations",
     records=lambda source, chosen: _recorded(source, chosen)[0],
     products=by_one_sensor,
-    twice=True,
+    again=1,
 )
 CALIBRATION = Calibration(
     name="gradient_torque",

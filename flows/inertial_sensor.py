@@ -8,7 +8,7 @@ from flows.calibration import EPOCH, Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import inertial_sensor
+from tasks import discovery, inertial_sensor
 from tasks.stage import lazy, read
 
 simulator = lazy("gravcal.simulation.inertial_sensor")
@@ -30,26 +30,31 @@ def calibrate(source, chosen):
     return inertial_sensor.report(*products.values(), names=list(products), **_report_settings(source, chosen))
 
 
-def observed(source, chosen, _records):
+def observed(source, chosen, _records, found=None):
     """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither."""
-    products, files = _solved(source, chosen, widened=False)
+    products, files = _solved(source, chosen, widened=False, found=found)
     return {name: one for name, one in products.items() if name != "detect" or not files}
 
 
-def _solved(source, chosen, *, widened):
-    """Products by name, those of a model if it is given, and the files that they were made of."""
+def rebuilt(source, chosen, found, variant):
+    """Products of `observed` without what a search has found."""
+    return observed(source, chosen, None, {"found": found, "variant": variant})
+
+
+def _solved(source, chosen, *, widened, found=None):
+    """Products by name, those of a model or without what was found if it is given, and the files they were made of."""
     days, event = inertial_files.days(source.folder, source.date), source.event
     products, files = {"detect": _detected(days, source, chosen)}, []
     detected = read(products["detect"])
     if detected["swing_start"].size:
         files += _files(days, detected["swing_start"][0], detected["swing_stop"][0], chosen.margin_s)
         aligned = inertial_sensor.align(products["detect"], *files, event=event, **chosen.for_stage("align"))
-        products |= _without_model(chosen, _swing, aligned, {}, widened)
+        products |= _without_model(chosen, _swing, aligned, {}, (widened, found))
     if detected["roll_start"].size:
         own = _files(days, detected["roll_start"][0], detected["roll_stop"][-1], 0.0)
         segmented = inertial_sensor.segment(products["detect"], *own, event=event, **chosen.for_stage("segment"))
         known = {name: products[name] for name in ("scale", "offset") if name in products}
-        products |= _without_model(chosen, _roll, segmented, known, widened)
+        products |= _without_model(chosen, _roll, segmented, known, (widened, found))
         files += own
     return products, files
 
@@ -67,9 +72,16 @@ def _roll(chosen, segmented, known):
     return {"segment": segmented, "bias": inertial_sensor.bias(segmented, *known.values(), **settings)}
 
 
-def _without_model(chosen, solve, records, known, widened):
-    """Products of records; with a model without its effects, and widened by its errors."""
-    products = solve(chosen, records, known)
+def _without_model(chosen, solve, records, known, how):
+    """Products of records; with a model without its effects, and widened by its errors or without what was found."""
+    products, (widened, found) = solve(chosen, records, known), how
+    if found:
+        if chosen.model:
+            products = _without_model(chosen, solve, records, known, (False, None))
+        parts = products | known
+        about = {"observations": DISCOVERY.observations, "settings": views(None, chosen), "tentative": True}
+        about |= {"records": records.kind, "names": list(parts), "variant": found["variant"], "event": records.event}
+        return solve(chosen, discovery.extend_by(found["found"], *parts.values(), **about), known)
     if not chosen.model:
         return products
     parts = products | known
@@ -193,7 +205,8 @@ def recomputed(document, section, printed, _run):
     return block and ([block["value"][k]], [block["sigma"][k]])
 
 
-DISCOVERY = Discovery(views, "gravcal.calibrations.inertial_sensor.observations", products=observed)
+SEEN = "gravcal.calibrations.inertial_sensor.observations"
+DISCOVERY = Discovery(views, SEEN, products=observed, again=2, rebuilt=rebuilt)
 CALIBRATION = Calibration(
     name="inertial_sensor",
     title="Inertial sensor",

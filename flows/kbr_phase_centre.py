@@ -89,7 +89,9 @@ def scene_settings(source, chosen):
     """What the view of a campaign needs beside the products."""
     known = chosen.for_stage("observable") | chosen.for_stage("solve")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz", "band_hz")
-    return {name: known[name] for name in names} | nominal_of(source) | {"of_noise": chosen.for_stage("noise")}
+    known = {name: known[name] for name in names} | nominal_of(source) | {"of_noise": chosen.for_stage("noise")}
+    x, *yz = (chosen.for_stage("report")[f"plausible_{axes}_mm"] for axes in ("x", "yz", "yz"))
+    return known | {"plausible_mm": (x, *yz)}
 
 
 @flow(name="kbr_phase_centre_detect")

@@ -170,6 +170,7 @@ def _searched(observed, limits, model):
     numbers = _without_epochs(numbers) | _weighed(observed, numbers["findings"])
     change = numbers["calibration_change"]
     change |= {} if observed.epoch is None else {"epoch": observed.epoch}
+    numbers["expected"] = {name: list(known) for name, known in observed.expected.items()}
     taken = _without_model(result, observed, numbers["findings"])
     change["correction"] = (np.array(change["after"]) - observed.scale * (observed.start + taken)).tolist()
     named = {slug_of(one.cause) for one in result.findings}

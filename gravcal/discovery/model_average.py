@@ -20,7 +20,7 @@ FAR = 1e-3  # probability of so large a move by the error that is then given, if
 WIDE, SAME = 2.0, 1e-2  # error over that before, and probability of the move by it, beyond which the move says nothing
 #: Common sizes of a cause that was named, over its prior, and their odds: an order of magnitude more is three times
 #: less likely.
-BEYOND = np.geomspace(1.0, 1e3, 13)
+BEYOND = np.geomspace(1.0, 1e6, 25)
 ODDS = BEYOND**-0.5 / np.sum(BEYOND**-0.5)
 SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause that was not named, over its prior
 
@@ -255,13 +255,19 @@ def _scale(known, gain):
 
 
 def _with(problem, baseline, index, size):
-    """Values of the baseline beside a candidate held by so many times its prior."""
+    """Values of the baseline beside a candidate held by so many times its prior, its directions of rounding at zero."""
     place, prior = problem.places[index], size * np.asarray(problem.candidates[index].prior)
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
-    inner = problem.total[np.ix_(fixed, fixed)].copy()
-    if len(prior) == place.stop - place.start:
-        inner[baseline.size :, baseline.size :] += np.diag(1 / np.square(prior))
-    return inverse_of(inner) @ problem.total[fixed, 0]
+    if len(prior) != place.stop - place.start:
+        return inverse_of(problem.total[np.ix_(fixed, fixed)]) @ problem.total[fixed, 0]
+    gram = attribution.projected(problem.total, baseline)
+    whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
+    known, vectors = np.linalg.eigh(left)
+    real = known > ROUNDING * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
+    vectors = prior[:, None] * vectors[:, real]
+    value = vectors @ ((vectors.T @ gram[place, 0]) / (1 + known[real]))
+    right = problem.total[baseline, 0] - problem.total[np.ix_(baseline, fixed[baseline.size :])] @ value
+    return inverse_of(problem.total[np.ix_(baseline, baseline)]) @ right
 
 
 def named_parameters(result: Result, position: int) -> dict:

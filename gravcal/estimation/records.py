@@ -251,6 +251,7 @@ class Observations(Protocol):
     interleaved : True if blocks whose labels begin with the same word are stretches of one record
     readable : channels whose reading the page can show, all if empty
     epoch : s, GPS, at which a parameter that moves is given, None where the calibration has none
+    expected : {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable
     """
 
     name: str
@@ -275,6 +276,7 @@ class Observations(Protocol):
     interleaved: bool = False
     readable: tuple[str, ...] = ()
     epoch: float | None = None
+    expected: Mapping[str, tuple[float, float]] = {}
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.checks import at_most
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_figures as figures
 from gravcal.report import discovery_words as words
@@ -19,6 +20,7 @@ from gravcal.store.results import units
 from gravcal.store.schemas import VERSION, validate
 
 MOVED = ("change", "change_in_old_sigma")
+WIDE = 3.0  # sigma of a result that contradicts nothing
 
 
 def report(
@@ -40,11 +42,11 @@ def report(
         numbers = _with_result(numbers, *(reported.result(one) for one in combined))
     label = product.digest_as_read(found)[:12]
     provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
-    status = numbers.pop("status", "delivered")
+    status, checks = numbers.pop("status", "delivered"), _of_result(numbers, numbers.pop("expected", {}))
     head = {"schema_version": VERSION, "status": status, "calibration": calibration, "event": event}
     said = {"verdict": {"text": words.verdict(numbers)}}
     document = head | {"kind": "discovery"} | said | numbers | {"provenance": provenance}
-    document = documents.judged(document, (found, *combined), [])
+    document = documents.judged(document, (found, *combined), checks)
     validate(document, "discovery")
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     extended = model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
@@ -59,6 +61,18 @@ def report(
         for w, n in names.items()
     }
     return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
+
+
+def _of_result(numbers, expected):
+    """Checks of the delivered result against what is known of it beforehand; its error may be wider than that."""
+    change, checks = numbers.get("calibration_change", {}), []
+    names = change.get("names", ()) if expected else ()
+    rows = zip(*(change[n] for n in ("after", "sigma_after")), units(change), strict=True) if names else ()
+    for name, (value, sigma, unit) in zip(names, rows, strict=False):
+        if name in expected and value is not None and sigma is not None:
+            known, limit = expected[name]
+            checks.append(at_most(f"{name} against the catalogue", abs(value - known), max(limit, WIDE * sigma), unit))
+    return checks
 
 
 def _with_result(numbers, before, after):

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.driver import Limits, discover
 from gravcal.discovery.limits import detection_limits
-from gravcal.discovery.model_average import _held, delivered, left_open
+from gravcal.discovery.model_average import _held, _with, delivered, left_open
 from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepare
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, merged, pruned, search
@@ -473,6 +473,18 @@ def test_rounding_of_what_looks_like_the_calibration_is_no_sign_of_it():
         (row,) = beside_calibration(problem, baseline_of(problem, ()), np.ones(2))
         assert row["signal_to_noise"] == 0.0
         assert row["bias_in_sigma"] == pytest.approx(np.linalg.norm(np.concatenate(columns)), rel=1e-3)
+
+
+def test_a_direction_that_only_rounding_sees_moves_nothing():
+    """Recovery: a parameter whose column is that of the calibration, at a million times its prior."""
+    blocks, candidates = made(np.random.default_rng(5), signal=12.0)
+    own = np.random.default_rng(2)
+    same = [b.global_columns * (1 + 1e-8 * own.standard_normal((300, 1))) for b in blocks]
+    both = [np.concatenate([a, s], axis=1) for a, s in zip(candidates[0].columns, same, strict=True)]
+    columns = [candidates[0], Candidate("case.a", "wide", ["size", "same"], ["1", "1"], both, [1.0, 1.0])]
+    problem = prepare(blocks, [replace(columns[0], prior=[1.0]), columns[1]])
+    alone, wide = (_with(problem, baseline_of(problem, ()), k, 1e6)[0] for k in (0, 1))
+    assert wide == pytest.approx(alone, abs=1e-6)
 
 
 def test_drawn_noise_has_the_error_of_the_model_it_was_whitened_with():

@@ -139,7 +139,22 @@ class InertialSensor(Observations):
         """Steps at epochs near that of a finding, in the swing or in a segment of the roll."""
         one = fitted.candidate
         epoch = one.at if np.isfinite(one.at) else epoch_of(one.cause)
-        at = epoch + self.spacing(epoch) * NEAR
+        return self._steps(epoch, epoch + self.spacing(epoch) * NEAR)
+
+    def response(self, entry: Entry) -> list[np.ndarray]:
+        """Whitened rows of each block that an effect adds, a step at its own epoch."""
+        values = entry.values
+        epoch = values.get("time", np.nan)
+        if entry.cause != self.step or not (self.swing or self.roll.segment_of(epoch) is not None):
+            return super().response(entry)
+        (one,) = self._steps(epoch, np.array([epoch]))
+        rows = zip(self.blocks, one.columns, strict=True)
+        return [
+            np.zeros(b.observed.size) if c is None else c @ [values.get(n, 0.0) for n in one.names] for b, c in rows
+        ]
+
+    def _steps(self, epoch, at):
+        """Steps at epochs (n,) s near one, in the swing or in the segment of the roll that it lies in."""
         index = self.roll.segment_of(epoch) if self.roll else None
         if index is not None:
             rows = self.roll.steps(index, at).items()

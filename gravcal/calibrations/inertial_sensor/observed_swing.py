@@ -6,6 +6,7 @@ values of the attitude and drifts of the linear readings.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -102,8 +103,12 @@ class SwingView:
         attitude = np.column_stack([system.residual, system.design])
         drift = np.einsum("nk,ac->nakc", record.trend, np.eye(3)).reshape(record.time.size, 3, -1)
         left = self.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, self.start[3:6])
-        term = np.matvec(tensor, self.start[3:6]) * [0, -1 / self.k[1], 0]  # a_x tells p_z, then a_y the factor of a_y
-        linear = np.concatenate([left[:, :, None], tensor, term[:, :, None], drift], axis=2)
+        # a_x tells p_z, then a_y the factor of a_y; those of a_z and a_x, and the turning, follow beta
+        factors = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]) / np.append(self.start[:2], self.k[1])
+        term = -np.matvec(tensor, self.start[3:6])[:, :, None] * factors
+        turning = np.nan_to_num(record.rate_dot_b)[:, :, None] * np.eye(2)[fits.OWNER] / self.start[:2]
+        term[:, :, :2] += np.cross(turning, self.start[3:6, None], axisa=1, axisb=0, axisc=1)
+        linear = np.concatenate([left[:, :, None], term[:, :, :2], tensor, term[:, :, 2:], drift], axis=2)
         both = {
             "attitude": solve_triangular(system.lower, attitude, lower=True),
             "linear": self.linear_rows(np.where(self.good[:, None, None], linear, 0.0)),
@@ -111,7 +116,8 @@ class SwingView:
         own = [parameters.index(name) for name in self.parameters]
         drifts = len(parameters) + attitude.shape[1] - 4  # after the start values of the attitude
         width = drifts + drift.shape[2]
-        places = {"attitude": [*own[:3], *range(len(parameters), drifts)], "linear": [*own[3:], *range(drifts, width)]}
+        places = {"attitude": [*own[:3], *range(len(parameters), drifts)]}
+        places["linear"] = [*own[:2], *own[3:], *range(drifts, width)]
         blocks = []
         for channel, rows in both.items():
             time, axis, stretches = self.rows_of(channel)
@@ -131,72 +137,92 @@ class SwingView:
             parts += [None if whole is None else whole[part] for part in self.rows_of(channel)[2]]
         return parts
 
+    @functools.cached_property
+    def rate_dot_b(self) -> np.ndarray:
+        """Angular acceleration (n, 3) rad s-2 at the epochs of the sensor.
+
+        It goes straight from bin to bin, as the voltages have it only where they change faster than their noise: of a
+        reversal the square of a mean is not the mean of squares, elsewhere their noise would stand in regressors.
+        """
+        swing, beta = self.swing, self.unknowns.factors[fits.OWNER]
+        number = np.clip(np.searchsorted(swing.edges, swing.time, side="right") - 1, 0, swing.edges.size - 2)
+        straight = fits.interpolated(self.record.time, np.nan_to_num(self.record.rate_dot_b), swing.time)
+        abrupt = self.motion.rate_dot_b - beta * self.system.voltage_noise[number] - straight
+        power, count = bins.bin_means(swing.time, abrupt**2, swing.edges)
+        noise_b = beta * np.sqrt(swing.voltage_variance * np.median(count))
+        return straight + np.where((power > (STILL * noise_b) ** 2)[number], abrupt, 0.0)
+
     def context(self, time: np.ndarray | None = None) -> Context:
-        """What effects of the sensor look at, from the fitted motion, on the bins or on other epochs.
+        """What effects of the sensor look at, from the fitted motion, at the epochs of the sensor or at others.
 
         A regressor made of the readings themselves would hold their noise, and explain it: the linear reading is that
         of the model, drift and offset. Beside the record it is as at its ends.
         """
-        record = self.record
-        term = np.matvec(np.nan_to_num(self.tensor), self.start[3:6])
-        slow = (self.k * record.linear_volt - term)[self.good]
-        linear = term + record.trend @ np.linalg.lstsq(record.trend[self.good], slow, rcond=None)[0]
-        known = {"rate_b": record.rate_b, "rate_dot_b": record.rate_dot_b, "gradient_b": record.gradient_b}
-        known |= {"linear_b": linear, "angular_b": record.rate_dot_b}
-        beta = self.unknowns.factors[fits.OWNER]
-        turning = (record.rate_dot_b - np.nanmean(record.rate_dot_b, axis=0)) / beta
-        turning = self.swing.angular_volt.mean(axis=0) + np.nan_to_num(turning)
-        extra = {"displacement_b": -linear / electrodes.LOOP**2}
-        extra["volts"] = electrodes.volts(np.concatenate([linear / self.k, turning], axis=1))
+        record, swing = self.record, self.swing
+        slow = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), self.start[3:6]))[self.good]
+        size = np.linalg.lstsq(record.trend[self.good], slow, rcond=None)[0]
+        gradient = fits.interpolated(record.time, np.nan_to_num(record.gradient_b), swing.time)
+        trend = fits.interpolated(record.time, record.trend @ size, swing.time)
+        known = {"rate_b": self.motion.rate_b, "rate_dot_b": self.rate_dot_b, "gradient_b": gradient}
+        known["linear_b"] = trend + np.matvec(sensing.offset_tensor(*known.values()), self.start[3:6])
+        known["angular_b"] = self.rate_dot_b
+        turning = (self.rate_dot_b - self.rate_dot_b.mean(axis=0)) / self.unknowns.factors[fits.OWNER]
+        turning = swing.angular_volt.mean(axis=0) + turning
+        extra = {"displacement_b": -known["linear_b"] / electrodes.LOOP**2}
+        extra["volts"] = electrodes.volts(np.concatenate([known["linear_b"] / self.k, turning], axis=1))
         if time is not None:
-            at = np.clip(time, record.time[0], record.time[-1])
+            at = np.clip(time, swing.time[0], swing.time[-1])
             known, extra = (
-                {name: fits.interpolated(record.time, np.nan_to_num(values), at) for name, values in one.items()}
+                {name: fits.interpolated(swing.time, values, at) for name, values in one.items()}
                 for one in (known, extra)
             )
-        return Context(record.time if time is None else time, epoch=record.time[0], extra=extra, **known)
+        return Context(swing.time if time is None else time, epoch=record.time[0], extra=extra, **known)
+
+    def binned(self, values: np.ndarray) -> np.ndarray:
+        """Means (b, ...) over the bins of values (n, ...) at the epochs of the sensor."""
+        return np.nan_to_num(bins.bin_means(self.swing.time, values, self.swing.edges)[0])
 
     def candidates(self) -> list[Candidate]:
         """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
-        coarse, fine = self.context(), self.context(self.swing.time)
-        candidates = []
+        about, candidates = self.context(), []
         for entry in EFFECTS:
-            candidates += listed(entry, self.cut(**self._rows(entry, coarse, fine))).each_alone()
+            candidates += listed(entry, self.cut(**self._rows(entry, about))).each_alone()
         time = self.record.time
         candidates += self.steps(np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
-        for driver, form, values in self.series(coarse):
-            columns = self.cut(linear=self.linear_rows(values[:, None, None] * np.eye(3)))
+        series = list(self.series(about))
+        for driver, form, values in series:
+            columns = self.cut(linear=self.linear_rows(self.binned(values)[:, None, None] * np.eye(3)))
             candidates.append(unknown(driver, f"linear reading, {form}", "linear", "m s-2", columns))
-        for driver, form, values in self.series(fine):
+        for driver, form, values in series:
             columns = self.cut(attitude=-self.turned_rows(values[:, None, None] * np.eye(3)))
             candidates.append(unknown(driver, f"angular reading, {form}", "angular", "rad s-2", columns))
         return candidates
 
-    def _rows(self, entry, coarse, fine):
+    def _rows(self, entry, about):
         """Whitened rows by channel of an effect."""
         time_att = self.swing.time_att
         match entry.channel:
             case "linear_b":
-                return {"linear": self.linear_rows(entry.columns(coarse))}
+                return {"linear": self.linear_rows(self.binned(entry.columns(about)))}
             case "angular_b":
-                return self._of_angular(entry.columns(coarse), entry.columns(fine))
+                return self._of_angular(entry.columns(about))
             case "electrode_v":
-                both = [np.einsum("rv,nvq->nrq", electrodes.READOUT, entry.columns(one)) for one in (coarse, fine)]
-                factors = self.unknowns.factors[fits.OWNER][:, None]
-                rows = self._of_angular(*(factors * one[:, 3:] for one in both))
-                return rows | {"linear": rows["linear"] + self.linear_rows(self.k[:, None] * both[0][:, :3])}
+                added = np.einsum("rv,nvq->nrq", electrodes.READOUT, entry.columns(about))
+                rows = self._of_angular(self.unknowns.factors[fits.OWNER][:, None] * added[:, 3:])
+                linear = self.linear_rows(self.binned(self.k[:, None] * added[:, :3]))
+                return rows | {"linear": rows["linear"] + linear}
             case "acc_delay":  # readings of before; linear ones and their model move together
-                late = np.gradient(fine.angular_b, fine.time, axis=0)[:, :, None]
+                late = np.gradient(about.angular_b, about.time, axis=0)[:, :, None]
                 return {"attitude": self.turned_rows(late)}
             case "sca_delay":
-                rate = bins.lines_between(time_att, fine.time, fine.rate_b)
+                rate = bins.lines_between(time_att, about.time, about.rate_b)
                 return {"attitude": self.attitude_rows(-rate[:, :, None])}
         return {"attitude": self.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
 
-    def _of_angular(self, coarse, fine):
+    def _of_angular(self, added):
         """Whitened rows of what angular readings hold (n, 3, q) rad s-2; the offset makes a linear reading of it."""
-        moved = np.moveaxis(np.cross(np.moveaxis(coarse, 2, 1), self.start[3:6]), 1, 2)
-        return {"attitude": -self.turned_rows(fine), "linear": -self.linear_rows(moved)}
+        moved = np.moveaxis(np.cross(np.moveaxis(added, 2, 1), self.start[3:6]), 1, 2)
+        return {"attitude": -self.turned_rows(added), "linear": -self.linear_rows(self.binned(moved))}
 
     def steps(self, epochs: np.ndarray) -> list[Candidate]:
         """A step of the linear readings at each of some epochs s."""
@@ -302,7 +328,7 @@ class SwingView:
             if known.channel != f"{channel}_b" or known.slug in (TONE, LOOP):
                 return 0.0
             return known.contribution(about, known.values(entry.values))
-        own = self.context(self.swing.time if channel == "angular" else None)  # where its candidates are made
+        own = self.context()  # where its candidates are made
         rows = ((d, f, np.interp(about.time, own.time, values)) for d, f, values in self.series(own))
         return unknown_added(entry, channel, channel, rows)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -86,6 +86,7 @@ def observe(
     crn_bandwidth_hz: float,
     band_hz,
     of_noise: Mapping,
+    plausible_mm: Sequence[float],
 ) -> Ranging | None:
     """Observations of a campaign, None without a wiggle.
 
@@ -97,6 +98,7 @@ def observe(
     crn_window_s, crn_bandwidth_hz : s and Hz, of the filter of the ranging
     band_hz : Hz and Hz, up to the second one the satellites move
     of_noise : settings of `noise.noise`
+    plausible_mm : (3,) mm, how far phase centres may be from those of the catalogue
     """
     aligned, pointed, equations = (products[name] for name in ("align", "pointing", "observable"))
     if not pointed.sizes["manoeuvre"]:
@@ -134,7 +136,8 @@ def observe(
     for half in halves:
         residual[half.rows] -= residual[half.rows].mean()  # a bias of 220 km would cost six digits
     known = context(aligned, pointed, nominal)
-    return Ranging(aligned, measured, known, filter_, good, through, halves, residual, column, centre)
+    expected = dict(zip(PARAMETERS, zip(1e3 * nominal.ravel(), [*plausible_mm] * 2, strict=True), strict=True))
+    return Ranging(aligned, measured, known, filter_, good, through, halves, residual, column, centre, expected)
 
 
 def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> xr.Dataset:
@@ -176,6 +179,9 @@ class Ranging(Observations):
     residual: np.ndarray  #: (m,) m, ranging less orbit less the phase centres of the solution, each half less its mean
     column: np.ndarray  #: (m, 6) 1, of the phase centres
     start: np.ndarray  #: (6,) m, phase centres of the solution
+    #: {parameter: mm, of the catalogue and how far it may be from it}; a phase front that is curved alike in pitch and
+    #: yaw is the phase centre's x by definition, so that nothing but its place on the satellite can contradict it
+    expected: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     name = "kbr_phase_centre"
     channels = ("range",)
