@@ -81,3 +81,38 @@ def test_papers_name_sections_that_there_are_and_reports_have(tmp_path):
             assert f'"{item["report"]}' in headings if "report" in item else True, item["name"]
     done = CliRunner().invoke(cli.app, ["reproduce", "nothing", "--out", str(tmp_path)])
     assert done.exit_code == 2
+
+
+def row(calibration_name, section, **labels):
+    """One printed record."""
+    records = catalog.published(calibration_name)[section]
+    return next(one for one in records if all(one.labels[key] == value for key, value in labels.items()))
+
+
+def test_each_calibration_finds_the_number_beside_a_printed_one():
+    """Contract: by observable, estimator, component and run; what a document lacks is none."""
+    block = {"phase_centre_mm": [1443.0, None, 0.5], "sigma_mm": [2.0, None, 0.1]}
+    ranging = {
+        "satellites": {"C": {"range": {"ls": block}, "range_acceleration": {"robust": block}}},
+        "subsets": {},
+        "adopted": {"satellites": {"C": block | {"phase_centre_mm": [1.0, 2.0, 3.0]}}},
+    }
+    kbr = calibration.load("kbr_phase_centre").recomputed
+    asked = {"satellite": "grace-c", "component": "z", "observable": "range"}
+    assert kbr(ranging, "ls", row("kbr_phase_centre", "ls", **asked), "corrected") == ([0.5], [0.1])
+    assert not kbr(ranging, "robust", row("kbr_phase_centre", "robust", **asked), "corrected")
+    assert not kbr(ranging, "subsets", row("kbr_phase_centre", "subsets", **asked), "corrected")
+    vector = row("kbr_phase_centre", "vkb1b", solution="paper_2020_09", satellite="grace-c")
+    assert kbr(ranging, "vkb1b", vector, "as_printed")[0] == [1443.0, None, 500.0]
+    assert kbr(ranging, "vkb1b", vector, "corrected")[0] == [1.0, 2000.0, 3000.0]
+    sensor = calibration.load("inertial_sensor").recomputed
+    swing = {"swing": {"k": {"x": {"value": 5e-4, "sigma": 1e-6}, "y": None}}}
+    factors = {name: row("inertial_sensor", "scale_factors", factor=name) for name in ("k_x", "k_y")}
+    assert sensor(swing, "scale_factors", factors["k_x"], "corrected") == ((None, None, 5e-4), (None, None, 1e-6))
+    assert not sensor(swing, "scale_factors", factors["k_y"], "corrected")
+    assert not sensor(swing, "bias", row("inertial_sensor", "bias", component="x"), "corrected")
+    drag = calibration.load("gradient_torque").recomputed
+    single = row("gradient_torque", "scalars", name="drag_error_order_single_accelerometer")
+    methods = {"one_sensor": {"rms_error": 1e-11}, "one_sensor_published": {"rms_error": None, "sigma_total_rms": 2e-9}}
+    assert drag({"drag": methods}, "scalars", single, "corrected")[0] == [1e-11]
+    assert drag({"drag": methods}, "scalars", single, "as_printed")[0] == [2e-9]
