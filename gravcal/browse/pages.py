@@ -315,7 +315,7 @@ def _environment():
 
 def _signed(text):
     """Text with true signs before its numbers, but in powers of ten."""
-    return re.sub(r"(?<![\w.])-(?=\d)", "−", text.replace("+-", "±"))
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", text.replace("+-", "±").replace(" um", " µm"))
 
 
 def placed(nodes):

@@ -15,6 +15,7 @@ from bokeh.plotting import figure as bokeh_figure
 
 from gravcal.browse import series, store_index, timeline
 from gravcal.report.plain import gps_text
+from gravcal.store.results import rounded
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito, 2008
 VIEWS = ("overlay", "difference", "spectrum")
@@ -23,7 +24,7 @@ MANY = 4_000_000  # samples; of more, only the first series is drawn unasked
 GAPS = 0.5  # share of the axis that gaps may fill before the page says what to do
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
 GREY = "#5a5a5a"
-SHOWN = {"@date": "datetime", "@value": "printf", "@sigma": "printf"}
+SHOWN = {"@date": "datetime"}
 #: Colour, mark, its size and filling by verdict, and by origin where not all was measured; a diamond is drawn smaller.
 MOODS = {
     "good": ("#009E73", "circle", 9, None),
@@ -327,7 +328,7 @@ def _points_of(own):
     spread = [point.sigma or 0.0 for point in own]
     bounds = {"low": [p.value - s for p, s in zip(own, spread, strict=True)],
               "high": [p.value + s for p, s in zip(own, spread, strict=True)]}  # fmt: skip
-    return known | bounds | {"sigma": [point.sigma for point in own]}
+    return known | bounds | {"told": [rounded(point.value, point.sigma).replace("+-", "±") for point in own]}
 
 
 def _values(panel, own):
@@ -338,7 +339,7 @@ def _values(panel, own):
         look = {"marker": marker, "size": size, "line_color": colour, "fill_color": fill or colour}
         marks = panel.scatter("date", "value", source=source, **look)
         of = [("printed" if mood == "printed" else "", "@event"), ("", "@date{%F}")]
-        tips = [*of, ("value", "@value{%.6g} ± @sigma{%.2g}"), ("", "@said")]
+        tips = [*of, ("value", "@told"), ("", "@said")]
         panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters=SHOWN))
 
 
