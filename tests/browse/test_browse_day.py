@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from invented_store import EVENT, calibration, dataset, put
-from test_browse_chromium import DRAWN, browser, complaints, site, wait  # noqa: F401 - fixtures
+from test_browse_chromium import DRAWN, browser, click, complaints, site, wait  # noqa: F401 - fixtures
 
 from gravcal.browse import store_index
 from gravcal.store import configurations, history, housekeeping, location
@@ -209,6 +209,21 @@ def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     assert browser.execute_script(wide) == pytest.approx(1.25 * before, rel=0.01)
     browser.get(browser.current_url)
     assert browser.execute_script(wide) == pytest.approx(1.25 * before, rel=0.01)
+
+
+def test_a_new_user_finds_by_clicks_alone(at):
+    """Contract: which events fail, why this result differs from the last, what discovery said, how to fly better."""
+    browser = at("/")  # noqa: F811
+    click(browser, "grace-d-2022-01-01")
+    assert "no data" in browser.find_element("css selector", ".verdict.bad").text
+    click(browser, "Events")
+    click(browser, EVENT)
+    because = browser.find_elements("css selector", "td[data-label='because of']")
+    assert {one.text for one in because} == {"gain: 9.0 -> 1.5", "gain: 1.0 -> 1.5"}
+    click(browser, "findings and limits")
+    assert "A gain is named." in browser.find_element("css selector", ".verdict").text
+    click(browser, "Designs")
+    assert "gravcal design" in browser.find_element("tag name", "main").text
 
 
 def test_keys_are_shown_on_demand(at, day):

@@ -14,6 +14,7 @@ from commands import gravcal
 from invented_store import EVENT
 
 from flows import export
+from gravcal import open as open_event
 from gravcal.errors import ProductError
 from gravcal.store import history, product
 
@@ -75,6 +76,17 @@ def test_delivered_results_are_a_catalogue_with_links(ask, tmp_path, capsys):
     assert ask(urllib.parse.urlsplit(served[0]["document"]).path).status_code == 200
     assert gravcal("results", "kbr_phase_centre", "--json", "-") == 0
     assert json.loads(capsys.readouterr().out) == []
+
+
+@pytest.mark.usefixtures("shop")
+def test_an_event_is_a_tree_with_groups_by_stage_in_memory_and_in_one_file(tmp_path):
+    """Contract: a group a stage, below it its variants; the same when written and opened by xarray alone."""
+    tree = open_event(EVENT)
+    tree.to_netcdf(tmp_path / "event.nc")
+    with xr.open_datatree(tmp_path / "event.nc", decode_times=False) as opened:
+        assert {"/com_offset/align", "/com_offset/solve/mtq", "/com_offset/solve/acc"} <= set(opened.groups)
+        assert opened["com_offset/solve/mtq"].attrs["stage"] == "com_offset.solve.mtq"
+        assert opened["com_offset/align/acceleration_b"].attrs["frame"] == "b"
 
 
 def test_no_event_without_a_report(store_folder, tmp_path):

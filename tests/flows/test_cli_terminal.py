@@ -208,3 +208,16 @@ def test_a_value_has_two_digits_of_its_error():
     assert results.rounded(2.5e7, 3e4) == "(25.000 +- 0.030)e6"
     assert results.rounded(0.0, 1e-12) == "(0.0 +- 1.0)e-12"
     assert results.rounded(3.14159, None) == "3.14"
+
+
+def test_the_table_of_a_campaign_has_values_or_the_reason(capsys):
+    """Contract: what failed comes first."""
+    effort = {"made": 3, "reused": 1, "seconds": 2.0}
+    values = [results.Value("", axis, "um", 10.04, 2.2, 8.1) for axis in "xy"]
+    rows = [{"event": "a", "status": "delivered", "said": results.text(values)} | effort,
+            {"event": "b", "status": "failed", "error": "no clock"} | effort]  # fmt: skip
+    output.campaign({"events": rows, "counts": {"delivered": 1, "failed": 1}, "configuration": "operational"}, None)
+    heads, first, second = capsys.readouterr().out.splitlines()[:3]
+    assert heads.endswith("values or reason")
+    assert first.endswith("no clock")
+    assert second.endswith("x 10.0 +- 8.1, y 10.0 +- 8.1 um")
