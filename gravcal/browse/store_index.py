@@ -8,6 +8,7 @@ from gravcal import catalog
 from gravcal.store import history, housekeeping, location, product, store
 from gravcal.store import origin as origins
 
+TRACED = 200  # products of a list whose inputs are looked into
 _known = {}  # folder -> record; a product is never changed, so its record is read once
 
 
@@ -147,16 +148,19 @@ def relatives(found) -> list[tuple[housekeeping.Entry, list[str]]]:
 
 
 def differing(found) -> dict[str, list[str]]:
-    """What tells each of some products from the delivered one of its stage and event, by key; [] of that itself."""
+    """What tells each of some products from the delivered one of its stage and event, by key; [] of that itself.
+
+    Of the last `TRACED` that differ in their inputs alone: why these differ.
+    """
     newest = {(one.ref.event, one.ref.stage): one for one in found if one.newest}
-    told = {}
-    for one in found:
-        delivered = newest.get((one.ref.event, one.ref.stage))
-        told[one.ref.key] = (
-            history.compared(delivered.record, one.record, ("made again",))
-            if delivered and one is not delivered
-            else []
-        )
+    told, traced = {one.ref.key: [] for one in found}, 0
+    for one in reversed(found):
+        delivered = newest.get((one.ref.event, one.ref.stage), one)
+        if delivered is not one:
+            told[one.ref.key] = history.compared(delivered.record, one.record, ("made again",))
+            if traced < TRACED and all(why.startswith("input ") for why in told[one.ref.key]):
+                told[one.ref.key] = history.apart(delivered.ref.key, one.ref.key) or told[one.ref.key]
+                traced += 1
     return told
 
 

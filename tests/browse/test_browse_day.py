@@ -124,6 +124,9 @@ def test_products_are_told_apart_by_what_differs(day, ask):
     told = store_index.differing(store_index.entries())
     assert told[day["first"]["mtq"].key] == ["gain: 1.5 -> 1.0"]
     assert told[day["again"]["mtq"].key] == []
+    derived = put(f"{EVENT}/com_offset.combine", dataset(5), inputs=[day["first"]["mtq"]])
+    put(f"{EVENT}/com_offset.combine", dataset(6), inputs=[day["again"]["mtq"]])
+    assert store_index.differing(store_index.entries())[derived.key] == ["gain: 1.5 -> 1.0"]
     assert "gain: 1.5 -&gt; 9.0" in ask("/products").text
     assert "gain: 1.5 -&gt; 1.0 (operational" in ask(f"/product/{day['first']['mtq'].key}").text
 
