@@ -202,6 +202,12 @@ def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     browser.execute_script(f"{range_}.setv({{start: {start + 1000}, end: {start + 3000}}})")
     wait(browser, lambda one: "from=" in one.current_url)
     assert "from=" in browser.find_element("id", "csv").get_attribute("href")
+    shown = (
+        "const d = Bokeh.documents[0].get_model_by_name('line-0').data; return [d.x[5], d.s[5], d.x.length, d.s.length]"
+    )
+    x, seconds, *lengths = browser.execute_script(shown)
+    assert seconds == pytest.approx(x / 1e3 - 946728000.0)  # GPS seconds beside calendar time, under the mouse
+    assert lengths[0] == lengths[1]
     browser.get(browser.current_url)
     wait(browser, lambda one: one.execute_script(DRAWN) == ["drawn"])
     assert browser.execute_script(f"return {range_}.start") == pytest.approx(start + 1000)

@@ -16,6 +16,11 @@ async function answer(address) {
   return content;
 }
 
+// Points with their GPS seconds, which a plot shows beside calendar time (x in ms past 1970).
+function withSeconds(x, y) {
+  return { x, y, s: Float64Array.from(x, (one) => one / 1e3 - 946728000) };
+}
+
 function follow(place, figure) {
   let timer = null, latest = 0;
   const range = figure.x_range;
@@ -27,7 +32,7 @@ function follow(place, figure) {
       if (own !== latest) return;
       for (const [name, one] of Object.entries(sources)) {
         const source = figure.document.get_model_by_name(name);
-        source.data = { x: doubles(one.x), y: doubles(one.y) };
+        source.data = withSeconds(doubles(one.x), doubles(one.y));
       }
       place.dataset.state = "drawn";
       place.dataset.refined = String(Number(place.dataset.refined || 0) + 1);
@@ -69,6 +74,8 @@ async function draw(place) {
     const views = await Bokeh.embed.embed_item(item, place.id);
     const last = Bokeh.documents[Bokeh.documents.length - 1];
     if (matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches) darken(last);
+    for (let line = 0, source; (source = last.get_model_by_name(`line-${line}`)); line++)
+      source.data = withSeconds(source.data.x, source.data.y);
     const figure = place.dataset.data ? last.get_model_by_name("figure") : null;
     if (item.said) place.insertAdjacentHTML("afterend", "<p class='sub plotted'></p>");
     if (item.said) place.nextElementSibling.textContent = item.said;
