@@ -12,7 +12,7 @@ import numpy as np
 
 from gravcal.discovery import adequacy, attribution, scan, shaping, trials
 from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, extended, inverse_of, prepare
-from gravcal.estimation.records import Block, Candidate, slug_of
+from gravcal.estimation.records import Block, Candidate, Shape, epoch_of, slug_of
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,10 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     problem, chosen, first = _named(problem, choice)
     chosen, after = settled(problem, chosen, choice, noise, before)
     if choice.excess:
+        known = len(chosen)
+        problem, chosen = jumping(problem, chosen, choice)
+        if len(chosen) < known:
+            after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
         problem, chosen, after = with_excess(problem, chosen, choice, noise, after)
     baseline = baseline_of(problem, [k for k, _ in chosen])
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
@@ -298,6 +302,7 @@ SHADOW = 0.05
 #: Share of the power of the smaller of two contributions that their sum keeps where they cancel each other.
 CANCELLED = 0.1
 EXCESSES = 3  # that are named at most
+JUMPS = 3  # of one size and alternating sign, from which on they are one signal
 MANY = 10.0  # log of what a probability that is zero to rounding was corrected by
 
 
@@ -396,6 +401,47 @@ def settled(problem, chosen, choice, noise, before):
         return chosen, after
     again = adequacy.test(problem, baseline_of(problem, [k for k, _ in other]), noise)
     return (other, again) if again.p > after.p else (chosen, after)
+
+
+def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, list]:
+    """Problem and names in which steps to and fro of one size are one signal between two levels, which is no step.
+
+    Parameters
+    ----------
+    problem, chosen, choice : as of `settled`
+    """
+    epoch = {}
+    for index, _ in chosen:
+        one = problem.candidates[index]
+        if slug_of(one.cause) == choice.step_cause and one.names == ["x", "y", "z"]:
+            epoch[index] = one.at if np.isfinite(one.at) else epoch_of(one.cause)
+    if len(epoch) < JUMPS:
+        return problem, chosen
+    steps = sorted(epoch, key=epoch.get)
+    others = [one for one in chosen if one[0] not in epoch]
+    rest, turns = [k for k, _ in others], (-1.0) ** np.arange(len(steps))
+    gram = attribution.projected(problem.total, baseline_of(problem, rest))
+    columns = np.concatenate([np.arange(problem.places[k].start, problem.places[k].stop) for k in steps])
+    common = np.kron(turns[:, None], np.eye(3))
+    whole, right = gram[np.ix_(columns, columns)], gram[columns, 0]
+    apart, one = (m.T @ right @ inverse_of(m.T @ whole @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
+    if apart - one - columns.size + 3 > SHADOW * one:
+        return problem, chosen
+    parts = list(zip(*(problem.candidates[k].columns for k in steps), strict=True))
+    made = [sum(t * np.zeros(1) if c is None else t * c for t, c in zip(turns, row, strict=True)) for row in parts]
+    made = [None if all(c is None for c in row) else m for row, m in zip(parts, made, strict=True)]
+    channel = next(b.channel[0] for b, m in zip(problem.blocks, made, strict=True) if m is not None)
+    span = np.array([epoch[steps[0]], epoch[steps[-1]]])
+    about = span, lambda _: made, span[None], span, span
+    shape = Shape(("from", "to"), ("s", "s"), *about, covariance=np.zeros((2, 2)))
+    form = f"excess in the {channel} reading, {len(steps)} jumps between two levels, {span[0]:.0f} to {span[1]:.0f} s"
+    candidate = Candidate(trials.EXCESS, form, ["x", "y", "z"], ["m s-2"] * 3, made, shape=shape)
+    grown, index = extended(problem, candidate), len(problem.candidates)
+    gram = attribution.projected(grown.total, baseline_of(grown, rest))
+    ratio = attribution.ratio(gram, grown.places[index], grown.size)
+    worst = max(trial.significance for k, trial in chosen if k in epoch)
+    trial = trials.Trial("excess", trials.EXCESS, form, index, ratio.gain, ratio.dof, ratio.log_p, worst)
+    return grown, [*others, (index, trial)]
 
 
 def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:

@@ -600,3 +600,19 @@ def test_a_series_that_comes_near_is_widened_to_the_law_that_is_there_with_its_c
     assert abs(shape.value[0] - 2.3) < 3 * np.sqrt(shape.covariance[0, 0]) < 0.7
     assert result.after.p > 0.005
     assert sum(one.form.startswith("memory") for one in result.problem.candidates) == 3
+
+
+def test_steps_to_and_fro_of_one_size_are_a_signal_between_two_levels_and_others_are_steps():
+    """Recovery: four jumps in two blocks, of one size and of several: one excess, four bias steps."""
+    blocks, _ = made(np.random.default_rng(5))
+    blocks, axis = blocks[:2], np.repeat([0, 1, 2], 100)
+    time, rows = np.tile(np.arange(100.0), 3), []
+    for k, block in enumerate(blocks):
+        steps = {t + 1000.0 * k: (time[:, None] >= t) * (axis[:, None] == np.arange(3)) * 1.0 for t in (30.0, 60.0)}
+        rows.append(replace(block, axis=axis, time=time + 1000.0 * k, steps=steps))
+    for sizes, named in (((9.0, -9.2, 9.1, -8.9), ["unknown:excess"]), ((9.0, 6.0, 4.0, -12.0), ["case.step"] * 4)):
+        each = iter(sizes)
+        hidden = [replace(b, observed=b.observed + sum(next(each) * c[:, 0] for c in b.steps.values())) for b in rows]
+        found = search(hidden, [], replace(CHOICE, rounds=6), np.random.default_rng(1)).findings
+        assert [one.cause for one in found] == named
+    assert len(found) == 4
