@@ -261,8 +261,10 @@ def _finish(drawn, traces):
         drawn.legend.label_text_font_size, drawn.legend.padding, drawn.legend.margin = "12px", 0, 4
     stamp = type(drawn.x_scale).__name__ == "LinearScale" and type(drawn.xaxis[0]).__name__ == "DatetimeAxis"
     tips = [("", "@x{%F %T.%3N}"), ("GPS s", "@s{0.000}")] if stamp else [("", "@x{0.000000}")]
-    tips.append(("", "@y{0.000000e+0}"))
-    drawn.add_tools(HoverTool(tooltips=tips, formatters={"@x": "datetime"} if stamp else {}, mode="mouse"))
+    tips.append(("", "@y{%.6g}"))
+    drawn.add_tools(
+        HoverTool(tooltips=tips, formatters={"@y": "printf"} | ({"@x": "datetime"} if stamp else {}), mode="mouse")
+    )
 
 
 def _said(traces):
