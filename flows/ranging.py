@@ -13,22 +13,23 @@ from tasks import kbr_phase_centre, ranging
 @flow(name="ranging")
 def calibrate(source, chosen):
     """Phase centres of both satellites by the slow motion of their pointing."""
-    minutes, checked = _minutes(source)
+    rows, checked = quiet_rows(source, chosen)
     if chosen.model:
-        minutes = DISCOVERY.without(source, chosen, minutes, chosen.model)
-    found = ranging.estimate(minutes, **chosen.for_stage("estimate"))
+        rows = DISCOVERY.without(source, chosen, rows, chosen.model)
+    found = ranging.estimate(rows, **chosen.for_stage("estimate"))
     checked = ranging.checks(checked, found, **chosen.for_stage("checks"))
-    return ranging.report(found, minutes, checked, event=source.event, settings=chosen.for_report())
+    return ranging.report(found, rows, checked, event=source.event, settings=chosen.for_report())
 
 
-def _minutes(source):
-    """Means of a minute and checks of the inputs; ranging minus orbit is made as for kbr_phase_centre."""
+def quiet_rows(source, chosen):
+    """Quiet rows and checks of the inputs; ranging minus orbit is made as for kbr_phase_centre."""
+    own = wiggles.nominal_of(source) | chosen.for_stage("align")
     chosen = catalog.parameters("kbr_phase_centre")
     files = wiggles.ingested(source, chosen)
     aligned = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
     pointed, equations = wiggles.with_equations(source, chosen, aligned, ("range", "range_rate"))
     checked = wiggles.inputs_checked(source, chosen, files, aligned, pointed, equations)
-    return ranging.align(aligned, equations[0]), checked
+    return ranging.align(aligned, pointed, equations[0], **own), checked
 
 
 def observation_settings(source, chosen):
@@ -39,7 +40,7 @@ def observation_settings(source, chosen):
 DISCOVERY = Discovery(
     observation_settings,
     "gravcal.calibrations.ranging.observations",
-    records=lambda source, _chosen: _minutes(source)[0],
+    records=lambda source, chosen: quiet_rows(source, chosen)[0],
 )
 CALIBRATION = Calibration(
     name="ranging",

@@ -15,16 +15,20 @@ page = lazy("gravcal.calibrations.ranging.page")
 KINDS = product.registered("ranging", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
 
 
-@stage(reads=["kbr_phase_centre.align", "kbr_phase_centre.observable"], writes="ranging.align", version=1)
-def align(aligned, equations):
-    """Means of a minute of quiet ranging minus orbit."""
-    return model.align(aligned, equations)
+@stage(
+    reads=["kbr_phase_centre.align", "kbr_phase_centre.pointing", "kbr_phase_centre.observable"],
+    writes="ranging.align",
+    version=2,
+)
+def align(aligned, pointed, equations, **settings):
+    """Quiet ranging minus orbit, and smoothed pointing."""
+    return model.align(aligned, pointed, equations, **settings)
 
 
-@stage(reads=["ranging.align"], writes="ranging.estimate", version=1)
-def estimate(minutes, **settings):
-    """Phase centres from routine pointing."""
-    return model.estimate(minutes, **settings)
+@stage(reads=["ranging.align"], writes="ranging.estimate", version=2)
+def estimate(rows, **settings):
+    """Phase centres from routine pointing, and the share of the antenna correction that the range shows."""
+    return model.estimate(rows, **settings)
 
 
 @stage(reads=["kbr_phase_centre.checks", "ranging.estimate"], writes="ranging.checks", version=1)

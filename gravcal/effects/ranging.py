@@ -12,6 +12,8 @@ import numpy as np
 from gravcal.effects.base import Context, Laws, Parameter, each
 
 EFFECTS = Laws()
+#: Of the antenna correction, from orbit errors to the end of the filter of the ranging.
+BANDS_HZ = (5e-3, 1e-2, 2e-2, 4e-2, 8e-2, 1e-1)
 RIPPLE = np.radians(1.2)  # rad, angular period of the standing wave unless given; no source prints one
 _PAPER = "10.3390/rs14143395"
 _PLACES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in ("pitch", "yaw"))
@@ -71,6 +73,18 @@ _LEFT_OUT = each(("share",), "1", "share of the antenna correction that is left 
 def _missing(context: Context, values):
     """The reading less the antenna correction, which is added to it: rho_KBR = rho_COM - correction."""
     return -context.extra["antenna_correction"] * values[0]
+
+
+_PAIRS = zip(BANDS_HZ, BANDS_HZ[1:], strict=False)
+_BANDS = [f"share_{1e3 * low:g}_{1e3 * high:g}_mhz" for low, high in _PAIRS]
+_BANDS = each(_BANDS, "1", "noise in the antenna correction, as a share of it, {0},", 1.0)
+_NOISY = "Inacio et al., Earth Planets Space 67 (2015); Goswami et al., Adv. Space Res. 62 (2018)"
+
+
+@EFFECTS.law("attitude.star_camera_noise", "range", _BANDS, _NOISY)
+def _camera_noise(context: Context, values):
+    """What no motion is of the correction that is added; extra["correction_band"] (n, b) m, its parts by band."""
+    return context.extra["correction_band"] @ np.asarray(values)
 
 
 _FURTHER = each(_CENTRES, "m", "phase centre of {0[2]} further along {0[0]} by", 1e-3)

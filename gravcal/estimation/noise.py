@@ -191,6 +191,20 @@ def coloured(density, count: int, step_s: float, rng: np.random.Generator) -> np
     return fft.irfft(spectrum, length)[:count]
 
 
+def filtered(values: np.ndarray, step_s: float, gain: Callable) -> np.ndarray:
+    """Evenly spaced series (n, ...) times a gain, callable (m,) Hz -> (m,), mirrored at the end; zero phase."""
+    count = len(values)
+    spectrum = np.fft.rfft(np.concatenate([values, values[::-1]]), axis=0)
+    factor = np.asarray(gain(np.fft.rfftfreq(2 * count, step_s)), dtype=float)
+    return np.fft.irfft(spectrum * factor.reshape(-1, *[1] * (values.ndim - 1)), 2 * count, axis=0)[:count]
+
+
+def in_bands(values: np.ndarray, step_s: float, edges_hz) -> np.ndarray:
+    """Parts (n, b) of an evenly spaced series (n,) between b + 1 frequencies; the last one has all above as well."""
+    pairs = zip(edges_hz, (*edges_hz[1:-1], np.inf), strict=False)
+    return np.stack([filtered(values, step_s, lambda f, a=a, b=b: (f >= a) & (f < b)) for a, b in pairs], axis=1)
+
+
 TAPERS = 3  # of waves, at frequencies so many apart: as many numbers as samples
 LEFT = 0.5  # share of a wave beside the columns from which it is used
 BEND = 3.0  # change of slope from knot to knot that is nothing unusual

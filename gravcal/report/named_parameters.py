@@ -43,12 +43,15 @@ class Page:
     products: Sequence[str]  #: stages that the report reads, in their order; among them "estimate" and "checks"
     #: {stage: Dataset} -> facts, plain numbers with units in their names, and sections after the result
     content: Callable[[Mapping[str, xr.Dataset]], tuple[dict, list[Section]]]
+    #: {stage: Dataset} -> more of the document by name, and a sentence of the verdict on it
+    more: Callable[[Mapping[str, xr.Dataset]], tuple[dict, str]] = lambda _: ({}, "")
 
 
 def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tuple[xr.Dataset, dict[str, str]]:
     """Report product of one event and its files, from the products that the page names and all settings."""
     products = dict(zip(own.products, given, strict=True))
     facts, sections = own.content(products)
+    more, sentence = own.more(products)
     found = products["estimate"]
     parameters = document(found)
     known = list(results.parameters(parameters))
@@ -59,10 +62,10 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
         "status": "delivered",
         "calibration": own.calibration,
         "event": event,
-        "verdict": {"text": f"{own.verdict}: {text}."},
+        "verdict": {"text": f"{own.verdict}: {text}.{sentence}"},
     }
     tail = {"settings": as_plain(settings), "provenance": documents.traced(own.calibration, products)}
-    made = first | parameters | {"facts": as_plain(facts)} | tail
+    made = first | parameters | as_plain(more) | {"facts": as_plain(facts)} | tail
     made, files = documents.delivered(made, list(products.values()), of_product(products["checks"]))
     start, parts = gps_text(float(found["part_start"][0])), found.sizes["part"]
     rows = [_row(name, one) for name, one in parameters["parameters"].items()]

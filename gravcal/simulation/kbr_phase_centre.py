@@ -10,8 +10,9 @@ import xarray as xr
 from scipy.interpolate import make_interp_spline
 
 from gravcal.effects import Context
+from gravcal.effects.ranging import BANDS_HZ
 from gravcal.estimation import crn
-from gravcal.estimation.noise import coloured
+from gravcal.estimation.noise import coloured, in_bands
 from gravcal.physics import constants, frames, orbit_environment
 from gravcal.simulation import added, flight, of_channels, sensors, within
 
@@ -188,6 +189,7 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> di
         "argument": orbit_environment.argument_of_latitude(position, np.cross(position[0], states[0][0, 3:])),
         "warmth": orbit_environment.warmth(time, time[::every], position[::every]),
     }
+    seen["correction_band"] = in_bands(seen["antenna_correction"], step, BANDS_HZ)
     context = Context(time=time, extra=seen, epoch=pair.day + constants.DAY / 2)
     light = -com * (0.25 + rate) / constants.SPEED_OF_LIGHT
     noise = chosen.ranging_noise_m * np.sqrt(0.5 / step) * rng.standard_normal(time.size)

@@ -33,6 +33,7 @@ def context(seed=1, count=COUNT):
     extra |= {"tesseral_b": 1e-6 * rng.standard_normal((count, 2, 3, 3))}
     extra |= {"axis_b": rng.standard_normal((count, 3))}
     extra |= {"range": 2e5 + 100 * rng.standard_normal(count), "range_rate": rng.standard_normal(count)}
+    extra |= {"correction_band": 1e-6 * (np.arange(5 * count).reshape(count, 5) % 7 - 3)}
     return Context(
         time=time,
         rate_b=1e-3 * rng.standard_normal((count, 3)),

@@ -14,6 +14,7 @@ ANGLE[:, 0, 0] = RIPPLE * np.arange(5) / 4
 LINE = np.tile([[1.0, 0.0, 0.02], [1.0, 0.01, 0.0]], (5, 1, 1))
 EXTRA = {"angle": ANGLE, "range": np.full(5, 2e5), "range_rate": np.full(5, 0.5), "antenna_correction": np.full(5, 2.9)}
 EXTRA |= {"line_of_sight_b": LINE, "antenna_x": np.array([1.4, 1.5]), "argument": np.pi / 2 * TIME, "warmth": TIME / 4}
+EXTRA["correction_band"] = np.outer(np.arange(5), [0, 1, 0, 0, 0])
 CONTEXT = Context(time=TIME, extra=EXTRA)
 
 
@@ -30,6 +31,7 @@ CONTEXT = Context(time=TIME, extra=EXTRA)
         ("ranging.delay", {"delay": 1e-3}, np.full(5, -5e-4)),
         ("ranging.scale", {"excess": 1e-8}, np.full(5, 2e-3)),
         ("ranging.antenna_correction", {"share": 0.5}, np.full(5, -1.45)),
+        ("attitude.star_camera_noise", {"share_10_20_mhz": 0.5}, 0.5 * np.arange(5)),
         ("ranging.phase_centre", {"z_a": 1e-3, "x_b": 1e-3}, np.full(5, -0.00102)),
         ("ranging.phase_centre_drift", {"z_a": 1e-8, "x_b": 1e-8}, -1.02e-8 * TIME),
         ("ranging.phase_centre_curvature", {"pitch_a": 1e-3}, 1e-3 * (RIPPLE * TIME / 4) ** 2),

@@ -10,6 +10,7 @@ from gravcal.simulation import kbr_phase_centre as simulation
 DAY = 653011200.0 - 43200.0
 SIZE = {
     "ranging.antenna_correction": {"share": 1.0},
+    "attitude.star_camera_noise": {"share_5_10_mhz": 100.0},
     "ranging.phase_centre": {"x_a": 1e-3},
     "ranging.star_camera_misalignment": {"pitch_a": 1e-3},
     "ranging.once_per_revolution": {"sine": 1e-3},

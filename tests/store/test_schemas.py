@@ -91,6 +91,8 @@ _NAMED = {"gain_x": {"value": 1.6, "sigma": 0.03, "unit": "1"}, "gain_y": None, 
 _MATRIX = {"parameters": list(_NAMED), "matrix": [[9e-4, None, None, None], *[[None] * 4] * 3]}
 for _name in ("magnetometer", "ranging", "thrusters"):
     GOOD[_name] = _head(_name, parameters=_NAMED, covariance=_MATRIX, facts={}, verdict={"text": ""})
+_BAND = {"band_mhz": [5.0, 10.0], "value": 1.0, "sigma": 0.2, "expected": 0.9, "range_um": {"none": 77.0}}
+GOOD["ranging"] |= {"share": [_BAND]}
 
 
 @pytest.mark.parametrize("name", schemas.names())

@@ -21,8 +21,8 @@ from gravcal.physics import frames, orbit_environment
 
 BREAK = "ranging.phase_break"
 FAMILIES = ("ranging", "timing", "attitude")
-#: Searched for along the time axis; the calibration itself, once and as a share.
-NOT_HERE = (BREAK, "ranging.phase_centre", "ranging.antenna_correction")
+#: Searched for along the time axis; the calibration itself, once and as a share, of which noise is taken out before.
+NOT_HERE = (BREAK, "ranging.phase_centre", "ranging.antenna_correction", "attitude.star_camera_noise")
 #: Turns of the frame that the phase centres are given in.
 FRAME = ("attitude.star_camera_misalignment", "ranging.star_camera_misalignment")
 RIPPLE = "ranging.multipath"

@@ -1,13 +1,14 @@
-"""Routine pointing of a pair: range minus orbit in means of a minute, blocks of a revolution, phase centres.
+"""Routine pointing of a pair: range minus orbit, blocks of a revolution, what of the antenna correction is motion.
 
-Each block has its own bias and slow orbit error; the noise of one half of the day is measured in the other. Routine
-pointing turns the line of sight by milliradians: y and z move the range by micrometres of millimetres of orbit error,
-and x by the square of that, so that x is not determined.
+Each block has its own bias and slow orbit error; the spectrum of its noise is that of the blocks beside it, the level
+its own. Routine pointing turns the line of sight by milliradians, x moves the range by the square of that and is lost.
+Above 10 mHz pointing as measured is noise of the star cameras, and a regressor with noise gives phase centres that are
+too small, or, with x held, those along the mean pointing: the regressor is pointing as expected, given its measurement.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -15,119 +16,228 @@ import xarray as xr
 from gravcal.calibrations import checks, named_parameters
 from gravcal.calibrations.building import build
 from gravcal.calibrations.ranging.schemas import ALIGN, ESTIMATE
+from gravcal.effects.ranging import BANDS_HZ
 from gravcal.errors import EstimationError
-from gravcal.estimation import least_squares
-from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
-from gravcal.physics import orbit_environment
+from gravcal.estimation import crn, least_squares
+from gravcal.estimation.noise import NoiseModel, filtered, fit_noise, in_bands, whiten
+from gravcal.physics import frames, orbit_environment
 
-MEAN_S = 60.0  # the length of the filter of the ranging
-LEAST = 7  # readings of a minute
 NAMES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in "xyz")
 REVOLUTION_SHARE = 60  # of the day's positions between two that span the plane of the orbit
+EDGES_HZ = (BANDS_HZ[0] / 2, *BANDS_HZ)  # an octave below, where orbit errors follow the pointing, is shown as well
+NEIGHBOURS = 4  # blocks that the noise of one is measured in
+WHITE_HZ = 0.08  # up to which the filters of the star cameras and of the ranging leave white noise white
+LAGS = 24  # of columns at wrong times
+LONGEST_S = 600  # by which tags are looked for
+LEAST_GAIN = 0.5  # of the pointing: motion exceeds its noise
 
 
-def align(aligned: xr.Dataset, equations: xr.Dataset) -> xr.Dataset:
-    """Means of a minute of quiet ranging minus orbit, and what effects of the ranging look at.
+def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, nominal_m, noise_hz: float) -> xr.Dataset:
+    """Quiet ranging minus orbit, its columns by smoothed pointing, and what effects of the ranging look at.
 
     Parameters
     ----------
     aligned : Dataset, "kbr_phase_centre.align"
+    pointed : Dataset, "kbr_phase_centre.pointing"
     equations : Dataset, "kbr_phase_centre.observable" of the range
+    nominal_m : (2, 3) m, phase centres of the catalogue
+    noise_hz : Hz, above which pointing is all noise
 
     Returns
     -------
-    minutes : Dataset, "ranging.align"
+    rows : Dataset, "ranging.align"
     """
     quiet = equations["arc"].values == -1
-    at, segment = equations["time_kbr"].values[quiet], equations["segment"].values[quiet]
-    all_at, distance = aligned["time_kbr"].values, aligned["reading_range"].values
-    rate, known = np.gradient(distance, all_at), np.isin(all_at, at)
+    at = equations["time_kbr"].values[quiet]
     if at.size < 2:
         raise EstimationError(f"{equations.attrs['ranging']}: found no routine pointing. Give a day with orbits.")
-    _, index, count = np.unique(
-        (np.floor((at - at[0]) / MEAN_S) * 8 + segment).astype(int), return_inverse=True, return_counts=True
-    )
-
-    def mean(values):
-        return (np.bincount(index, values - values[0]) / count + values[0])[count >= LEAST]
-
-    time = mean(at)
+    second, line = pointed["time"].values, pointed["line_of_sight_b"].values
+    known = np.isfinite(line).all(axis=(0, 2))
+    line = np.stack([[np.interp(second, second[known], v[known]) for v in one.T] for one in line]).swapaxes(1, 2)
+    frequency, density, gain = pointing_gain(line, noise_hz)
+    smooth = smoothed(line, frequency, gain)
+    correction, motion = (np.einsum("kna,ka->n", one, np.reshape(nominal_m, (2, 3))) for one in (line, smooth))
+    bands = [in_bands(one, 1.0, EDGES_HZ) for one in (correction, motion)]
+    column = -np.concatenate(list(smooth), axis=1)
+    moving = filtered(column, 1.0, lambda f: (f >= BANDS_HZ[0]) & (f < noise_hz))
+    through = crn.operator(crn.Crn(), 0, known, (second[0], 1.0), at)
+    parts = through(np.column_stack([column, moving, correction, *bands]))
+    column, moving, correction, *bands = np.split(parts, np.cumsum([6, 6, 1, len(EDGES_HZ) - 1]), axis=1)
+    all_at, distance = aligned["time_kbr"].values, aligned["reading_range"].values
+    here = np.isin(all_at, at)
     position = aligned["position_i"].values[0]
     kept = np.isfinite(position).all(axis=1)
     orbit, position = aligned["time"].values[kept][::10], position[kept][::10]
     normal = np.cross(position[0], position[len(position) // REVOLUTION_SHARE])
     argument = np.unwrap(orbit_environment.argument_of_latitude(position, normal))
     values = {
-        "time": time,
-        "observed": mean(equations["observed"].values[quiet]),
-        "column": np.stack([mean(column) for column in equations["column"].values[quiet].T], axis=1),
-        "segment": np.rint(mean(segment.astype(float))),
-        "range": mean(distance[known]),
-        "range_rate": mean(rate[known]),
-        "argument": np.interp(time, orbit, argument),
-        "warmth": orbit_environment.warmth(time, orbit, position),
+        "time": at,
+        "observed": equations["observed"].values[quiet],
+        "column": column,
+        "motion": moving,
+        "correction": correction[:, 0],
+        "correction_band": bands[0],
+        "smoothed_band": bands[1],
+        "edge": EDGES_HZ,
+        "segment": equations["segment"].values[quiet],
+        "range": distance[here],
+        "range_rate": np.gradient(distance, all_at)[here],
+        "argument": np.interp(at, orbit, argument),
+        "warmth": orbit_environment.warmth(at, orbit, position),
+        "late": late(aligned, pointed),
+        "frequency": frequency,
+        "pointing_density": density,
+        "pointing_gain": gain,
     }
     return build(ALIGN, values, satellites=equations.attrs["satellites"], ranging=equations.attrs["ranging"])
+
+
+def late(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
+    """Whole seconds (3,) by which the tags of ranging and of both star cameras are late against those of the orbits.
+
+    Parameters
+    ----------
+    aligned, pointed : Dataset, as of `align`
+    """
+    lag, count = np.arange(-LONGEST_S, LONGEST_S + 1), pointed.sizes["time"]
+    place = np.arange(LONGEST_S, count - LONGEST_S, 60)
+    if place.size < 2:
+        return np.zeros(3)
+    then = place[:, None] - lag
+    read = np.interp(pointed["time"].values[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
+    misfit = [np.nanmean((read[:, None] - np.gradient(pointed["range_com"].values)[then]) ** 2, axis=0)]
+    between = np.subtract(*aligned["position_i"].values)
+    between /= np.linalg.norm(between, axis=1, keepdims=True)
+    for quaternion, toward in zip(aligned["quaternion"].values, (-between, between), strict=True):
+        known = np.isfinite(quaternion[place]).all(axis=1)
+        ahead = frames.R_bi_from_quaternion(quaternion[place][known])[:, 0]
+        misfit.append(-np.nanmean(np.einsum("na,nla->nl", ahead, toward[then[known]]), axis=0))
+    return np.array([lag[np.argmin(one)] for one in misfit], dtype=float)
+
+
+def pointing_gain(line_b: np.ndarray, noise_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Share of the pointing as measured that is motion, by frequency, from its own spectrum.
+
+    Parameters
+    ----------
+    line_b : (2, n, 3), unit vectors to the other satellite at whole seconds
+    noise_hz : Hz, above which there is no motion
+
+    Returns
+    -------
+    frequency : (m,) Hz
+    density : (2, 2, m) rad2 Hz-1 of y and z of the lines, one-sided
+    gain : (2, 2, m) 1, zero where noise exceeds motion
+
+    Notes
+    -----
+    G = S_t / (S_t + S_n) of a motion S_t observed with noise S_n (Wiener), S_n white: its density above noise_hz.
+    """
+    count = line_b.shape[1]
+    edges = np.append(np.geomspace(1e-3, noise_hz, 16), np.geomspace(noise_hz, WHITE_HZ, 6)[1:])
+    window, every = np.hanning(count), np.fft.rfftfreq(count, 1.0)
+    slow = least_squares.polynomial(np.arange(count), 2, 0, count)
+    level = least_squares.without(slow, np.moveaxis(line_b[..., 1:], 1, 0).reshape(count, 4))
+    power = np.abs(np.fft.rfft(level * window[:, None], axis=0)) ** 2 * 2 / np.sum(window**2)
+    place = np.digitize(every, edges)
+    density = np.stack([power[place == k].mean(axis=0) for k in range(1, edges.size)], axis=-1).reshape(2, 2, -1)
+    noise = power[(every >= noise_hz) & (every < edges[-1])].mean(axis=0).reshape(2, 2, 1)
+    gain = 1 - noise / density
+    gain[(np.cumsum(gain < LEAST_GAIN, axis=-1) > 0) | (edges[1:] > noise_hz * 1.001)] = 0.0
+    return np.sqrt(edges[1:] * edges[:-1]), density, gain
+
+
+def smoothed(line_b: np.ndarray, frequency: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """Lines of sight (2, n, 3) as they are expected to be, given those measured; arguments as of `pointing_gain`."""
+    made = line_b.copy()
+    for k, axis in np.ndindex(2, 2):
+        own = gain[k, axis]
+        made[k, :, 1 + axis] = filtered(
+            line_b[k, :, 1 + axis], 1.0, lambda f, g=own: np.interp(f, frequency, g, left=1)
+        )
+    made[..., 0] = np.sqrt(1 - np.sum(made[..., 1:] ** 2, axis=-1))
+    return made
 
 
 @dataclass(frozen=True)
 class Block:
     """One revolution without a change of bias."""
 
-    #: rows, place: (n,) int, places in the minutes, and on the even grid of the block
+    #: rows, place: (n,) int, places in the rows of the day, and on the even grid of the block
     rows: np.ndarray
     place: np.ndarray
     slow: np.ndarray  #: (n, k) columns of bias and slow orbit error
-    noise: NoiseModel  #: of the other half of the day
+    noise: NoiseModel  #: shape of the blocks beside it, own level
 
     def white(self, columns: np.ndarray) -> np.ndarray:
-        """Columns (n, q) m, whitened, on the even grid (m, q); zero where there is no minute."""
-        grid, valid = np.zeros((self.place[-1] + 1, columns.shape[1])), np.zeros(self.place[-1] + 1, dtype=bool)
-        grid[self.place], valid[self.place] = columns, True
-        return whiten(self.noise, grid, valid)
+        """Columns (n, q) m, whitened, on the even grid (m, q); zero where there is no reading."""
+        return whiten(self.noise, *_on_grid(self.place, columns))
 
 
-def blocks(minutes: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int) -> list[Block]:
+def _on_grid(place, columns):
+    """Columns (m, q) on the even grid, and where they are known (m,)."""
+    grid, valid = np.zeros((place[-1] + 1, columns.shape[1])), np.zeros(place[-1] + 1, dtype=bool)
+    grid[place], valid[place] = columns, True
+    return grid, valid
+
+
+def blocks(
+    rows: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int, added=0.0, following=False
+) -> list[Block]:
     """Blocks of a day, each at least half full.
 
     Parameters
     ----------
-    minutes : Dataset, "ranging.align"
+    rows : Dataset, "ranging.align"
     range_block_s : s, length of a block
     range_degree : of the polynomial of a block
     noise_order : coefficients of the noise model
+    added : (n,) m, correction of the range whose noise is asked for
+    following : True if orbit errors may follow the pointing, below the bands, by another size in each block
     """
-    time, segment, observed = (minutes[name].values for name in ("time", "segment", "observed"))
-    number = np.floor((time - time[0]) / range_block_s).astype(int) * 8 + segment
+    time, segment, observed = rows["time"].values, rows["segment"].values, rows["observed"].values + added
+    step, number = step_of(rows), np.floor((time - time[0]) / range_block_s).astype(int) * 8 + segment
     parts = [np.flatnonzero(number == one) for one in np.unique(number)]
-    parts = [part for part in parts if part.size * MEAN_S > range_block_s / 2]
+    parts = [part for part in parts if part.size * step > range_block_s / 2]
     if len(parts) < 2:
         raise EstimationError(
-            f"{minutes.attrs['ranging']}: found {len(parts)} blocks of {range_block_s:.0f} s that are at least half "
+            f"{rows.attrs['ranging']}: found {len(parts)} blocks of {range_block_s:.0f} s that are at least half "
             f"full, expected two or more, so that the noise of one can be measured in others. Give a longer record."
         )
-    places = [np.rint((time[part] - time[part[0]]) / MEAN_S).astype(int) for part in parts]
+    places = [np.rint((time[part] - time[part[0]]) / step).astype(int) for part in parts]
     slow = [least_squares.polynomial(time[part], range_degree, time[part[0]], time[part[-1]]) for part in parts]
-    series = []
+    if following:
+        low = (rows["column"] - rows["motion"]).values
+        slow = [
+            np.column_stack([own, low[part] - low[part].mean(axis=0)]) for own, part in zip(slow, parts, strict=True)
+        ]
+    series, made, numbers = [], [], np.arange(len(parts))
     for part, place, columns in zip(parts, places, slow, strict=True):
-        series.append(np.full(place[-1] + 1, np.nan))
-        series[-1][place] = least_squares.without(columns, observed[part])
-    middle, made = len(parts) // 2, []
-    for half, others in ((slice(middle), series[middle:]), (slice(middle, None), series[:middle])):
-        noise = fit_noise(others, noise_order, MEAN_S, len(others) * (range_degree + 1))
-        rows = zip(parts[half], places[half], slow[half], strict=True)
-        made += [Block(part, place, columns, noise) for part, place, columns in rows]
+        left, valid = _on_grid(place, least_squares.without(columns, observed[part] - observed[part[0]])[:, None])
+        series.append(np.where(valid, left[:, 0], np.nan))
+    for k, (part, place, columns) in enumerate(zip(parts, places, slow, strict=True)):
+        beside = np.argsort(np.abs(numbers - k), kind="stable")[1 : NEIGHBOURS + 1]
+        noise = fit_noise([series[one] for one in beside], noise_order, step, beside.size * columns.shape[1])
+        block = Block(part, place, columns, noise)
+        left = least_squares.without(block.white(columns), block.white(observed[part, None] - observed[part[0]]))
+        level = np.sum(left**2) / (part.size - columns.shape[1])
+        made.append(replace(block, noise=replace(noise, variance=noise.variance * level)))
     return made
 
 
+def step_of(rows: xr.Dataset) -> float:
+    """Step of the readings, s."""
+    return float(np.median(np.diff(rows["time"].values)))
+
+
 def estimate(
-    minutes: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int, determined_limit_mm: float
+    rows: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int, determined_limit_mm: float
 ) -> xr.Dataset:
-    """Phase centres from routine pointing, bias and slow orbit error of every block free.
+    """Phase centres from routine pointing, and the share of the antenna correction that the range shows by band.
 
     Parameters
     ----------
-    minutes : Dataset, "ranging.align"
+    rows : Dataset, "ranging.align"
     range_block_s, range_degree, noise_order : as of `blocks`
     determined_limit_mm : mm, a component with a larger sigma is not determined
 
@@ -137,23 +247,68 @@ def estimate(
 
     Notes
     -----
-    rho_KBR - rho_COM = b - l_A . c_A - l_B . c_B; Remote Sens. 2022, 14, 3395, eq. 13 (erratum K-1).
+    rho_KBR - rho_COM = b - l_A . c_A - l_B . c_B; Remote Sens. 2022, 14, 3395, eq. 13 (erratum K-1). With
+    E[l | measured] in place of l the estimate is not diluted; the rest of l, times the lever, is in the measured noise.
     """
-    parts = blocks(minutes, range_block_s=range_block_s, range_degree=range_degree, noise_order=noise_order)
-    observed, column = minutes["observed"].values, 1e-3 * minutes["column"].values  # of phase centres in mm
-    information, right, residual = [], [], []
+    settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
+    observed, motion, band = (rows[n].values for n in ("observed", "motion", "correction_band"))
+    parts, time = blocks(rows, **settings), rows["time"].values
+    own, shared = 1e-3 * motion, -band
+    information, right, excess = equations_of(parts, observed, own, time)
+    limit, starts = np.full(6, determined_limit_mm), [time[part.rows[0]] for part in parts]
+    found = named_parameters.estimated(NAMES, ["mm"] * 6, limit, information, right, starts)
+    of_share, seen, share_excess = equations_of(parts, observed, shared, time)
+    covariance = least_squares.covariance(of_share.sum(axis=0))
+    data = np.column_stack([observed - observed[0], own])
+    series = np.concatenate([least_squares.without(part.slow, data[part.rows]) for part in parts])
+    smooth = rows["smoothed_band"].values
+    weight, kept, _ = equations_of(parts, -smooth.sum(axis=1), shared, time)
+    found |= {
+        "time": time[np.concatenate([part.rows for part in parts])],
+        "residual": series[:, 0],
+        "fitted": series[:, 1:] @ np.nan_to_num(found["value"]),
+        "edge": rows["edge"].values,
+        "share": covariance @ seen.sum(axis=0),
+        "share_covariance": covariance,
+        "expected": least_squares.stable_inverse(weight.sum(axis=0)) @ kept.sum(axis=0),
+        "excess": [excess, share_excess],
+        "density": [_densities(rows, settings, added) for added in (0.0, band.sum(axis=1), smooth.sum(axis=1))],
+    }
+    return build(ESTIMATE, found)
+
+
+def equations_of(
+    parts: list[Block], observed: np.ndarray, column: np.ndarray, time: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Normal equations (k, p, p), (k, p) of columns (n, p) in every block, with the noise that wrong times show.
+
+    Orbit errors and pointing both follow the orbit. Columns moved along the day by other lags cannot be there: where
+    they gain more than one each in chi-square, on average over the lags, variances are larger by this excess.
+    """
+    span = time[-1] - time[0]
+    lags = span * np.arange(1, LAGS + 1) / (LAGS + 1)
+    at = [np.abs((time - time[0] + lag + span) % (2 * span) - span) for lag in (0.0, *lags)]  # back from the ends
+    moved = [np.stack([np.interp(one, time - time[0], v) for v in column.T], axis=1) for one in at]
+    data = np.column_stack([observed - observed[0], *moved])
+    sums = []
     for part in parts:
-        data = np.column_stack([observed[part.rows] - observed[part.rows].mean(), column[part.rows]])
-        white = least_squares.without(part.white(part.slow), part.white(data))
-        information.append(white[:, 1:].T @ white[:, 1:])
-        right.append(white[:, 1:].T @ white[:, 0])
-        residual.append(least_squares.without(part.slow, data))
-    limit, starts = np.full(6, determined_limit_mm), [minutes["time"].values[part.rows[0]] for part in parts]
-    found = named_parameters.estimated(NAMES, ["mm"] * 6, limit, np.stack(information), np.stack(right), starts)
-    series = np.concatenate(residual)
-    fitted = series[:, 1:] @ np.nan_to_num(found["value"])
-    time = minutes["time"].values[np.concatenate([part.rows for part in parts])]
-    return build(ESTIMATE, found | {"time": time, "residual": series[:, 0], "fitted": fitted})
+        white = least_squares.without(part.white(part.slow), part.white(data[part.rows]))
+        rows = white[:, 1:].reshape(len(white), LAGS + 1, -1)
+        sums.append((np.einsum("nli,nlj->lij", rows, rows), np.einsum("nli,n->li", rows, white[:, 0])))
+    information, right = (np.stack(one, axis=1) for one in zip(*sums, strict=True))
+    gains = [
+        r.sum(axis=0) @ least_squares.stable_inverse(n.sum(axis=0)) @ r.sum(axis=0)
+        for n, r in zip(information[1:], right[1:], strict=True)
+    ]
+    excess = max(float(np.mean(gains)) / column.shape[1], 1.0)
+    return information[0] / excess, right[0] / excess, excess
+
+
+def _densities(rows, settings, added):
+    """Mean one-sided density (b,) m2 Hz-1 by band of the range with a correction (n,) added."""
+    every, edges = [block.noise for block in blocks(rows, **settings, added=added)], rows["edge"].values
+    grid = [np.linspace(low, high, 32) for low, high in zip(edges, edges[1:], strict=False)]
+    return [np.mean([noise.density(one).mean() for noise in every]) for one in grid]
 
 
 def check(pair: xr.Dataset, found: xr.Dataset, *, agreement_limit: float) -> xr.Dataset:

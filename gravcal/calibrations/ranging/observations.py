@@ -1,7 +1,7 @@
 """Routine pointing as discovery sees it: blocks of a revolution, and the effects that a range can show.
 
-No parameter but bias and slow orbit error of each block is free in the baseline: the antenna correction is left out,
-and phase centres are among the causes that are tried, so that a day shows whether it names them.
+No parameter but bias and slow orbit error of each block, which below 5 mHz may follow the pointing, is free in the
+baseline. The antenna correction is that of the pointing as measured; its noise and phase centres are among the causes.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, R
 
 #: Effects that a range can show; a phase break begins another block.
 EFFECTS = (
+    "attitude.star_camera_noise",
     "ranging.antenna_correction",
     "ranging.phase_centre",
     "ranging.star_camera_misalignment",
@@ -30,6 +31,8 @@ EFFECTS = (
     "ranging.scale",
     "ranging.thermal",
 )
+
+LATE_S = 10.0  # pointing off the line of sight by milliradians looks like a few seconds
 
 
 def observe(
@@ -48,23 +51,30 @@ def observe(
     ----------
     products : "align" of ranging
     nominal_m : (2, 3) m, phase centres of the catalogue
-    correction_left_out : False adds the antenna correction of these: nothing of the antenna may then be named
+    correction_left_out : True takes the antenna correction of these away: a phase centre may then be named
     determined_limit_mm : mm, a component of a phase centre with a larger sigma is not determined
     range_block_s, range_degree, noise_order : as of `model.blocks`
     """
-    minutes, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    parts = model.blocks(minutes, range_block_s=range_block_s, range_degree=range_degree, noise_order=noise_order)
-    return Routine(minutes, parts, nominal, correction_left_out, determined_limit_mm)
+    rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
+    added = 0.0 if correction_left_out else rows["correction"].values
+    settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
+    parts = model.blocks(rows, **settings, added=added, following=True)
+    if not correction_left_out:  # the noise is that beside any noise of the star cameras
+        band, range_ = rows["correction_band"].values, rows["observed"].values + added
+        weight, right, _ = model.equations_of(parts, range_, band, rows["time"].values)
+        share = least_squares.stable_inverse(weight.sum(axis=0)) @ right.sum(axis=0)
+        parts = model.blocks(rows, **settings, added=added - band @ share, following=True)
+    return Routine(rows, parts, nominal, added, determined_limit_mm)
 
 
 @dataclass(frozen=True)
 class Routine(Observations):
     """Observations of a day of routine pointing."""
 
-    minutes: xr.Dataset  #: "ranging.align"
+    rows: xr.Dataset  #: "ranging.align"
     parts: list[model.Block]
     nominal: np.ndarray  #: (2, 3) m, phase centres of the catalogue
-    correction_left_out: bool  #: False if their antenna correction is added
+    added: np.ndarray | float  #: (n,) m, antenna correction
     determined_limit_mm: float  #: mm, largest sigma of a component that is determined
 
     name = "ranging"
@@ -76,27 +86,26 @@ class Routine(Observations):
 
     @functools.cached_property
     def context(self) -> Context:
-        """What the effects look at, every minute."""
-        line = -self.minutes["column"].values.reshape(-1, 2, 3)
+        """What the effects look at, at every reading."""
+        line = -self.rows["column"].values.reshape(-1, 2, 3)
         x, y, z = np.moveaxis(line, -1, 0)
-        extra = {name: self.minutes[name].values for name in ("range", "range_rate", "argument", "warmth")} | {
+        extra = {name: self.rows[name].values for name in ("range", "range_rate", "argument", "warmth")} | {
             "line_of_sight_b": line,
             "antenna_x": self.nominal[:, 0],
-            "antenna_correction": np.einsum("nka,ka->n", line, self.nominal),
+            "antenna_correction": self.rows["correction"].values,
+            "correction_band": self.rows["correction_band"].values[:, 1:],
             "angle": np.stack([np.arctan2(-z, x), np.arctan2(y, x)], axis=-1),
         }
-        return Context(time=self.minutes["time"].values, extra=extra)
+        return Context(time=self.rows["time"].values, extra=extra)
 
     @functools.cached_property
     def blocks(self) -> list[records.Block]:
         """One block a revolution."""
-        observed, made = self.minutes["observed"].values, []
-        if not self.correction_left_out:
-            observed = observed + self.context.extra["antenna_correction"]
+        observed, made, step = self.rows["observed"].values + self.added, [], model.step_of(self.rows)
         for part in self.parts:
             first = self.context.time[part.rows[0]]
             rows = part.white((observed[part.rows] - observed[part.rows].mean())[:, None])
-            time = first + model.MEAN_S * np.arange(len(rows))
+            time = first + step * np.arange(len(rows))
             channel, axis = np.array(["range"] * time.size), np.zeros(time.size, dtype=int)
             label, slow = f"from {first:.0f} s", part.white(part.slow)
             made.append(records.Block(label, rows[:, 0], np.zeros((time.size, 0)), slow, channel, axis, time))
@@ -105,20 +114,37 @@ class Routine(Observations):
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Effects of the catalogue, less what bias and slow orbit error take of them."""
-        made = []
-        for entry in map(effect, EFFECTS):
-            columns = entry.columns(self.context)[:, : None if entry.linear else 4]  # of a ripple the sines
+        made, late = [], self._late()
+        for entry in map(effect, late or EFFECTS):
+            columns = late[entry.slug] if late else entry.columns(self.context)
+            columns = columns[:, : None if entry.linear else 4]  # of a ripple the sines
             rows = [part.white(least_squares.without(part.slow, columns[part.rows])) for part in self.parts]
             words = [(p.name, p.unit, p.prior_sigma) for p in entry.parameters[: columns.shape[1]]]
             names, units, prior = map(list, zip(*words, strict=True))
             made.append(Candidate(entry.slug, "", names, units, rows, prior))
         return made
 
+    def _late(self):
+        """Columns of late tags {slug: (n, 1)}, of their whole size, where records are off by more than pointing is.
+
+        Nothing else can be told from records of different times. Lines of sight by late star cameras are those of a
+        satellite turned by degrees, so that their antenna correction is all error.
+        """
+        ranging, *cameras = self.rows["late"].values
+        camera = max(cameras, key=abs)
+        time, distance = self.rows["time"].values, self.rows["range"].values
+        found = {}
+        if abs(ranging) > LATE_S:
+            found["ranging.delay"] = (distance - np.interp(time + ranging, time, distance))[:, None] / ranging
+        if abs(camera) > LATE_S:
+            found["timing.star_camera_delay"] = self.rows["correction"].values[:, None] / camera
+        return found
+
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
         """Time, range less orbit as the phase centres of the catalogue predict it, and rows in metres."""
         part, block = self.parts[number], self.blocks[number]
         predicted, valid = np.zeros(block.time.size), np.zeros(block.time.size, dtype=bool)
-        predicted[part.place], valid[part.place] = self.minutes["column"].values[part.rows] @ self.nominal.ravel(), True
+        predicted[part.place], valid[part.place] = self.rows["column"].values[part.rows] @ self.nominal.ravel(), True
         return block.time, predicted[:, None], unwhiten(part.noise, rows, valid).T[:, :, None]
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
@@ -132,16 +158,17 @@ class Routine(Observations):
         return replace(entry, parameters=dict(entry.parameters) | unknown)
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
-        """Minutes without the effects of a model."""
-        minutes = self.minutes.copy(deep=True)
+        """Rows without the effects of a model; noise of the star cameras is in the correction only."""
+        rows = self.rows.copy(deep=True)
         for entry in (one for one in model if one.cause in EFFECTS):
             known = effect(entry.cause)
-            minutes["observed"].values[:] -= known.contribution(self.context, known.values(entry.values))
-        return minutes.assign_attrs(model=" ".join(entry.cause for entry in model))
+            name = "correction" if entry.cause == "attitude.star_camera_noise" else "observed"
+            rows[name].values[:] -= known.contribution(self.context, known.values(entry.values))
+        return rows.assign_attrs(model=" ".join(entry.cause for entry in model))
 
 
 REPORT = Reported(
-    note="Each block has its own bias and slow orbit error; the noise of one half of the day is measured in the other. "
+    note="Each block has its own bias and slow orbit error; its noise is measured in the blocks beside it. "
     "Phase centres are null where their error is larger than a wiggle would leave.",
     readings={"range": " The distance of the orbits is taken off, and the mean."},
 )
