@@ -36,7 +36,7 @@ def seen(columns):
     given = {name: parameters.entries[name].value for name in names} | {"of_noise": parameters.for_stage("noise")}
     parts = (products.aligned, products.pointed, products.equations[0], products.noise, products.solved[0])
     named = dict(zip(("align", "pointing", "observable", "noise", "solve"), parts, strict=True))
-    return observe(named, nominal_m=NOMINAL, **given)
+    return observe(named, nominal_m=NOMINAL, plausible_mm=(100.0, 5.0, 5.0), **given)
 
 
 def best(observed):
