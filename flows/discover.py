@@ -38,11 +38,10 @@ def as_calibration(name: str, shown: bool = False) -> Calibration:
     return replace(calibrations.load(name), flow=flow_of(name, shown), document=document, result=results.searched)
 
 
-def _discover(one: Calibration | Study, shown: bool, source, chosen):
-    """Causes of what a calibration leaves unexplained in one event."""
+def searched(one: Calibration | Study, source, chosen, shown: bool = False, read=None):
+    """Product of the search in one event; ``read`` are its records and what is built from them, if they are known."""
     looked, event = one.discovery, {"event": source.event}
-    records = looked.read(source, chosen)
-    products = looked.built(source, chosen, records)
+    records, products = read or _read(looked, source, chosen)
     settings = looked.settings(source, chosen)
     own, limits = looked.chosen_for(chosen)
     fixed = {"observations": looked.observations, "names": list(products)}
@@ -59,11 +58,24 @@ def _discover(one: Calibration | Study, shown: bool, source, chosen):
             again = looked.built(source, chosen, without)
         found = discovery.search_again(found, *again.values(), variant=following, **searched)
     seen += again.values() if looked.again else ()
-    if shown:
-        found = discovery.limits(found, *seen, variant="limits", **searched)
-    results = ()
+    return discovery.limits(found, *seen, variant="limits", **searched) if shown else found
+
+
+def _read(looked, source, chosen):
+    """Records that a model changes, and the products that the observations are built from, by name."""
+    records = looked.read(source, chosen)
+    return records, looked.built(source, chosen, records)
+
+
+def _discover(one: Calibration | Study, shown: bool, source, chosen):
+    """Causes of what a calibration leaves unexplained in one event."""
+    looked, event, results = one.discovery, {"event": source.event}, ()
+    records, products = _read(looked, source, chosen)
+    found = searched(one, source, chosen, shown, (records, products))
     if looked.result is not None:
-        without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **extended)
+        fixed = {"observations": looked.observations, "names": list(products)}
+        fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
+        without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **fixed)
         after = looked.result(source, chosen, without)
         before = looked.result(source, chosen, records)  # last: latest/ leads to it
         results = before, after

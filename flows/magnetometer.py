@@ -14,15 +14,15 @@ from tasks import common, magnetometer
 @flow(name="magnetometer")
 def calibrate(source, chosen):
     """Parameters of the magnetometer of one satellite against the reference field."""
-    solved = functools.partial(_estimated, chosen)
-    aligned, moved = DISCOVERY.taken_out(source, chosen, _aligned(source, chosen), solved)
-    found = _estimated(chosen, aligned)
-    checked = magnetometer.checks(aligned, found, **chosen.for_stage("checks"))
+    solved = functools.partial(estimated, chosen)
+    records, moved = DISCOVERY.taken_out(source, chosen, aligned(source, chosen), solved)
+    found = estimated(chosen, records)
+    checked = magnetometer.checks(records, found, **chosen.for_stage("checks"))
     found = magnetometer.model_error(found, *moved) if moved else found
-    return magnetometer.report(found, aligned, checked, event=source.event, settings=chosen.for_report())
+    return magnetometer.report(found, records, checked, event=source.event, settings=chosen.for_report())
 
 
-def _aligned(source, chosen):
+def aligned(source, chosen):
     """Measured and reference field."""
     files = [source.file(*names) for names in CALIBRATION.inputs.values()]
     observed = [common.ingest(file, event=source.event) for file in files]
@@ -30,9 +30,9 @@ def _aligned(source, chosen):
     return magnetometer.align(*observed, dipole_per_current=torquers, **chosen.for_stage("align"))
 
 
-def _estimated(chosen, aligned):
+def estimated(chosen, records):
     """Parameters from aligned records."""
-    return magnetometer.estimate(aligned, **chosen.for_stage("estimate"))
+    return magnetometer.estimate(records, **chosen.for_stage("estimate"))
 
 
 def settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
@@ -40,7 +40,7 @@ def settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
     return chosen.for_stage("observe")
 
 
-DISCOVERY = Discovery(settings, "gravcal.calibrations.magnetometer.observations", records=_aligned)
+DISCOVERY = Discovery(settings, "gravcal.calibrations.magnetometer.observations", records=aligned)
 CALIBRATION = Calibration(
     name="magnetometer",
     title="Magnetometer",

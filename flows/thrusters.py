@@ -11,25 +11,25 @@ from gravcal import catalog
 from gravcal.store import results
 from tasks import common, thrusters
 
-TWIN = {"A": "B", "B": "A"}
+TWIN = {"A": "B", "B": "A", "C": "D", "D": "C"}
 TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 
 
 @flow(name="thrusters")
 def calibrate(source, chosen):
     """Gain of the attitude thrusters about each axis, and delay of their tags."""
-    aligned = _aligned(source, chosen)
-    measured = thrusters.noise(aligned, **chosen.for_stage("noise"))
-    solved = functools.partial(_estimated, source, chosen, measured)
-    aligned, moved = DISCOVERY.taken_out(source, chosen, aligned, solved, {"align": aligned, "noise": measured})
-    found = solved(aligned)
-    checked = thrusters.checks(aligned, found, **chosen.for_stage("checks"))
+    records = aligned(source, chosen)
+    measured = thrusters.noise(records, **chosen.for_stage("noise"))
+    solved = functools.partial(estimated, source, chosen, measured)
+    records, moved = DISCOVERY.taken_out(source, chosen, records, solved, {"align": records, "noise": measured})
+    found = solved(records)
+    checked = thrusters.checks(records, found, **chosen.for_stage("checks"))
     found = thrusters.model_error(found, *moved) if moved else found
-    products = (found, measured, aligned, checked)
+    products = (found, measured, records, checked)
     return thrusters.report(*products, event=source.event, settings=chosen.for_report())
 
 
-def _aligned(source, chosen):
+def aligned(source, chosen):
     """Attitude, firings and orbit of the day."""
     files = [source.file(*names) for names in CALIBRATION.inputs.values()]
     files += replace(source, satellite=TWIN[source.satellite]).files("THR1B")  # a driver that should explain nothing
@@ -39,19 +39,19 @@ def _aligned(source, chosen):
     return thrusters.align(*observed, **table, **chosen.for_stage("align"))
 
 
-def _estimated(source, chosen, measured, aligned):
+def estimated(source, chosen, measured, records):
     """Gain and delay from aligned records."""
-    return thrusters.estimate(aligned, measured, **_inertia(source), **chosen.for_stage("estimate"))
+    return thrusters.estimate(records, measured, **_inertia(source), **chosen.for_stage("estimate"))
 
 
 def _inertia(source):
     return {"inertia": catalog.satellite(source.satellite).settings()["inertia"]}
 
 
-def products(source, chosen, aligned):
+def products(source, chosen, records):
     """Records of the day, and the noise of the attitude as it was recorded, by name."""
-    measured = thrusters.noise(_aligned(source, chosen), **chosen.for_stage("noise"))
-    return {"align": aligned, "noise": measured}
+    measured = thrusters.noise(aligned(source, chosen), **chosen.for_stage("noise"))
+    return {"align": records, "noise": measured}
 
 
 def settings(source, chosen):
@@ -60,13 +60,13 @@ def settings(source, chosen):
 
 
 OBSERVATIONS = "gravcal.calibrations.thrusters.observations"
-DISCOVERY = Discovery(settings, OBSERVATIONS, records=_aligned, products=products)
+DISCOVERY = Discovery(settings, OBSERVATIONS, records=aligned, products=products)
 CALIBRATION = Calibration(
     name="thrusters",
     title="Attitude thrusters",
     quantity="Gain of the impulses over lever arm x force x time on, and delay of the tags",
     begins=("THR1B",),
-    satellites=("A", "B"),
+    satellites=("A", "B", "C", "D"),
     inputs={"sca": ("SCA1B",), "thrusters": ("THR1B",), "orbit": ("GNV1B",)},
     flow=calibrate,
     simulation=of_one_satellite("gravcal.simulation.thrusters"),

@@ -153,6 +153,11 @@ def read(ref):
     return dataset
 
 
+def current():
+    """Engine that runs stages here, None for one that computes at once."""
+    return _engine.get()
+
+
 def forget():
     """Forget calls and contents, so that a process that lives long does not grow."""
     _calls.clear()

@@ -9,6 +9,7 @@ ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts P
 """
 
 import collections
+import contextlib
 import functools
 import os
 import sys
@@ -142,6 +143,21 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
             return through_prefect.run(body, arguments, heard, server, steps)
         with stage.using(stage.inline, heard):
             return body(*arguments)
+
+
+def attempt(part):
+    """What a part of a flow returns, or the GravcalError that it ends in; its stages run here, whatever the engine.
+
+    In a plan only what can be said without computing is one, such as a file that is missing.
+    """
+    thought = isinstance(stage.current(), (Planner, Seeker))
+    try:
+        with contextlib.nullcontext() if thought else stage.using(stage.inline):
+            return part()
+    except (Unknown, FailsAgain):
+        raise
+    except GravcalError as error:
+        return error
 
 
 def _event(arguments):

@@ -201,12 +201,7 @@ def waves_at(time: np.ndarray, grid: np.ndarray) -> Callable[[np.ndarray], np.nd
     """Function of signals (n, q) -> products (f, 2, q) with cosine and sine of every frequency, from the first time on.
 
     A day has as many frequencies as records, so that their columns would be many gigabytes: none are kept. Evenly
-    spaced records (with gaps; a twentieth of the spacing is not heeded) are transformed at once.
-
-    Parameters
-    ----------
-    time : (n,) s, ascending
-    grid : (f,) Hz
+    spaced records (with gaps; a twentieth of the spacing is not heeded) are transformed. Time (n,) s ascends, grid Hz.
     """
     spacing = float(np.median(np.diff(time)))
     place = np.rint((time - time[0]) / spacing).astype(int)

@@ -68,9 +68,7 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
     made = first | parameters | as_plain(more) | {"facts": as_plain(facts)} | tail
     made, files = documents.delivered(made, list(products.values()), of_product(products["checks"]))
     start, parts = gps_text(float(found["part_start"][0])), found.sizes["part"]
-    rows = [_row(name, one) for name, one in parameters["parameters"].items()]
-    heads = ["parameter", "value", "σ", "unit"]
-    table = Table("Parameters with their errors by noise.", heads, rows, reads=("estimate",), words=(0, 3))
+    table = parameter_table(parameters["parameters"], "estimate")
     figure = Figure(draw_parts, ("estimate",), "Each part of the record by itself (points), and all (line, band).")
     stated = [[name.replace("_", " "), _short(value)] for name, value in facts.items()]
     about = Section("Record", [Table("Facts of the record.", ["fact", "value"], stated, words=(0,))])
@@ -78,6 +76,12 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
     subtitle = f"From {start} GPS, {parts} parts."
     files["report.html"] = page(made, shown, products, heading=own.heading, subtitle=subtitle)
     return build(REPORT, {"delivered": 1}, event=event), files
+
+
+def parameter_table(parameters: Mapping, read: str) -> Table:
+    """Named parameters of a document, as read from the product of that name."""
+    heads, rows = ["parameter", "value", "σ", "unit"], [_row(name, one) for name, one in parameters.items()]
+    return Table("Parameters with their errors by noise.", heads, rows, reads=(read,), words=(0, 3))
 
 
 def _row(name, one):

@@ -93,6 +93,11 @@ for _name in ("magnetometer", "ranging", "thrusters"):
     GOOD[_name] = _head(_name, parameters=_NAMED, covariance=_MATRIX, facts={}, verdict={"text": ""})
 _BAND = {"band_mhz": [5.0, 10.0], "value": 1.0, "sigma": 0.2, "expected": 0.9, "range_um": {"none": 77.0}}
 GOOD["ranging"] |= {"share": [_BAND]}
+_MISSING = {"status": "missing", "said": "no KBR1B", "proven_on": "simulated days"}
+_PARTS = dict.fromkeys(("accelerometer", "magnetometer", "thrusters", "ranging"), _MISSING)
+_FITTED = {"statistics": [], "causes": [], "adequate": None, "parameters": _NAMED, "covariance": _MATRIX, "facts": {}}
+_PARTS["thrusters"] = _MISSING | {"status": "fitted"} | _FITTED
+GOOD["routine"] = _head("routine", instruments=_PARTS, parameters={}, verdict={"text": ""})
 
 
 @pytest.mark.parametrize("name", schemas.names())

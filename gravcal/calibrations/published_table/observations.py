@@ -98,10 +98,8 @@ class Table(Observations):
     def weighed(self) -> list[dict]:
         """Evidence of every listed cause in its best form: {"cause", "form", "log_odds"} over one offset alone.
 
-        Notes
-        -----
-        Printed errors times a common factor f that is not known (even in its logarithm), sizes and offset drawn from
-        their priors: Z = int N(y; 0, f^2 S + O O' + A P A') d ln f; so a repeat that agrees by luck decides nothing.
+        Printed errors times a common factor f that is not known, sizes and offset drawn from their priors:
+        Z = int N(y; 0, f^2 S + O O' + A P A') d ln f; so a repeat that agrees by luck decides nothing.
         """
         known = np.isfinite([row["value"] for row in self.rows]).ravel()
         y, s = (np.array([row[name] for row in self.rows]).ravel()[known] for name in ("value", "sigma"))

@@ -1,0 +1,103 @@
+"""A routine day forward: every instrument whose records there are, measured beside simulated, and causes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flows import discover, engine, magnetometer, ranging, thrusters
+from flows.calibration import Calibration, of_one_satellite
+from flows.engine import flow
+from gravcal import catalog
+from gravcal.store import results
+from tasks import common, routine
+from tasks import magnetometer as magnetometer_stages
+from tasks import ranging as ranging_stages
+from tasks import thrusters as thruster_stages
+
+PAIRS = {"A": "AB", "B": "AB", "C": "CD", "D": "CD"}
+
+
+@flow(name="routine")
+def simulate_and_fit(source, chosen):
+    """What every instrument of a day should read, its fit, and what the fit leaves."""
+    found, missing = {}, {}
+    for part, made in PARTS.items():
+        done = engine.attempt(lambda made=made: made(source, chosen))
+        if isinstance(done, engine.GravcalError):
+            missing[part] = _said(done)
+        else:
+            found |= {f"{part}.{name}": one for name, one in done.items()}
+    known = {"names": tuple(found), "missing": missing, "event": source.event}
+    return routine.report(*found.values(), settings=chosen.for_report(), **known)
+
+
+def _said(error):
+    """Why a part could not run, without the folder that was looked into."""
+    products = error.facts.get("products")
+    return f"no {' or '.join(products)}" if products else str(error).partition(". ")[0]
+
+
+def _accelerometer(source, chosen):
+    """Products of the accelerometer, by stage."""
+    aligned = _aligned(source, chosen)
+    found = routine.estimate(aligned, **chosen.for_stage("estimate"))
+    checked = routine.checks(found, **chosen.for_stage("checks"))
+    return {"estimate": found, "align": aligned, "checks": checked}
+
+
+def _magnetometer(source, chosen):
+    own = catalog.parameters("magnetometer")
+    aligned = magnetometer.aligned(source, own)
+    found = magnetometer.estimated(own, aligned)
+    checked = magnetometer_stages.checks(aligned, found, **own.for_stage("checks"))
+    return _searched(magnetometer.CALIBRATION, source, own, chosen, estimate=found, align=aligned, checks=checked)
+
+
+def _thrusters(source, chosen):
+    own = catalog.parameters("thrusters")
+    made = thrusters.products(source, own, thrusters.aligned(source, own))
+    found = thrusters.estimated(source, own, made["noise"], made["align"])
+    checked = thruster_stages.checks(made["align"], found, **own.for_stage("checks"))
+    return _searched(thrusters.CALIBRATION, source, own, chosen, estimate=found, checks=checked, **made)
+
+
+def _ranging(source, chosen):
+    own, pair = catalog.parameters("ranging"), PAIRS[source.satellite]
+    event = f"{ranging.CALIBRATION.mission}-{pair.lower()}-{source.date}"
+    source = replace(source, satellite=pair, event=event)
+    rows, checked = ranging.quiet_rows(source, own)
+    found = ranging_stages.estimate(rows, **own.for_stage("estimate"))
+    checked = ranging_stages.checks(checked, found, **own.for_stage("checks"))
+    return _searched(ranging.CALIBRATION, source, own, chosen, estimate=found, align=rows, checks=checked)
+
+
+def _searched(one, source, own, chosen, **made):
+    """Products of a part with those of its search, if it is wanted."""
+    return made | {"discovery": discover.searched(one, source, own)} if chosen.search else made
+
+
+def _aligned(source, chosen):
+    """Accelerometer with what stands beside it."""
+    files = [source.file(*names) for names in CALIBRATION.inputs.values()] + source.files("MAG1B", "THR1B")
+    satellite = catalog.satellite(source.satellite).settings()
+    wanted = thrusters.TABLE | {name: name for name in ("inertia", "dipole_per_current")}
+    known = {name: satellite[stated] for name, stated in wanted.items()}
+    observed = [common.ingest(file, event=source.event) for file in files]
+    return routine.align(*observed, **known, **chosen.for_stage("align"))
+
+
+#: {part: function (source, chosen) -> its products by stage, as its own flow makes them}
+PARTS = {one.__name__[1:]: one for one in (_accelerometer, _magnetometer, _thrusters, _ranging)}
+CALIBRATION = Calibration(
+    name="routine",
+    title="Routine day",
+    quantity="What the instruments of a routine day read, in the SRF",
+    begins=("SCA1B",),
+    satellites=("A", "B", "C", "D"),
+    inputs={"acc": ("ACC1A",), "sca": ("SCA1B",), "orbit": ("GNV1B",), "tim": ("TIM1B",), "clk": ("CLK1B",)},
+    flow=simulate_and_fit,
+    simulation=of_one_satellite("gravcal.simulation.com_offset"),
+    products=routine.KINDS,
+    result=results.parameters,
+    level_one_files=lambda source: source.files("SCA1B"),
+)

@@ -1,0 +1,1 @@
+"""A routine day forward: what an accelerometer reads of firings and currents; the flow composes the rest."""

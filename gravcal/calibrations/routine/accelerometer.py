@@ -1,0 +1,363 @@
+"""Readings of an accelerometer on a routine day, and what firings, torquers and turns of the satellite make of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import BSpline, CubicSpline
+
+from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples
+from gravcal.calibrations.building import build
+from gravcal.calibrations.routine.schemas import ALIGN, ESTIMATE
+from gravcal.effects import Context, effect
+from gravcal.errors import EstimationError
+from gravcal.estimation import chi2_tail, least_squares, timing
+from gravcal.estimation.noise import fit_noise, whiten
+from gravcal.physics import earth, frames, magnetic
+
+LEAST = 40  # steps with a reading
+#: Thrusters k and k + 6 of THR1B fire together, without a net force if they are alike.
+PAIRS = ("yaw_minus", "pitch_plus", "yaw_plus", "pitch_minus", "roll_minus", "roll_plus")
+COMPONENTS = ("linear_x", "linear_y", "linear_z", "angular_x", "angular_y", "angular_z")
+ITERATIONS = 5  # of noise and delay
+TOGETHER_S = 8.0  # of the samples of a transient
+LATEST_S = 5.0  # by which tags of firings are late or early at most
+FORCE, TORQUE, DELAY = "unknown:thruster_force", "unknown:thruster_torque", "timing.thruster_delay"
+
+
+class Cause(NamedTuple):
+    """Something that a reading follows: slug, first word and rest of its parameters, columns (n, 6, q)."""
+
+    slug: str
+    word: str
+    names: list[str]
+    units: list[str]
+    prior: list[float]
+    columns: np.ndarray
+
+
+def align(
+    acc: xr.Dataset,
+    camera: xr.Dataset,
+    orbit: xr.Dataset,
+    tim1b: xr.Dataset,
+    clk1b: xr.Dataset,
+    *others: xr.Dataset,
+    inertia,
+    dipole_per_current,
+    position_b,
+    force_b,
+    step_s: float,
+    clock_gap_limit_s: float,
+    igrf_generation: int,
+) -> xr.Dataset:
+    """Readings averaged over steps, with torquers and firings beside them.
+
+    Parameters
+    ----------
+    acc, camera, orbit, tim1b, clk1b : Dataset, "ingest" of ACC1A, SCA1B, GNV1B, TIM1B and CLK1B
+    others : "ingest" of MAG1B and THR1B, as far as there are
+    inertia, dipole_per_current : (3, 3) kg m2; (3,) A m2 mA-1
+    position_b, force_b : (14, 3) m and N, in the order of the columns of THR1B
+    step_s, clock_gap_limit_s : s, over which readings are averaged; longest gap of a clock that is bridged
+    igrf_generation : of the reference field
+    """
+    given = {one.attrs["product"]: one for one in others}
+    tags = gps_tags(acc, tim1b, clk1b, clock_gap_limit_s)
+    names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
+    time, values, flag, _ = sorted_samples(acc, tags, tuple(names))
+    sca_time, quaternion = _usable(camera, QUATERNION)
+    orbit_time, state = _usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    for covered in (sca_time, orbit_time):
+        good &= (time >= covered[0]) & (time <= covered[-1]) if covered.size > 3 else False
+    if not good.any():
+        raise EstimationError(
+            "accelerometer: found no reading with attitude and orbit. Give files of the same minutes."
+        )
+    time, values = time[good], values[good]
+    first = np.floor(time[0] / step_s) * step_s
+    place = np.floor((time - first) / step_s).astype(int)
+    count = np.bincount(place)
+    mean = np.stack([np.bincount(place, one) for one in values.T], axis=1) / np.maximum(count, 1)[:, None]
+    mean[count < 0.7 * np.median(count[count > 0])] = np.nan  # a mean of half a step is another signal
+    if np.isfinite(mean[:, 0]).sum() < LEAST:
+        raise EstimationError(
+            f"accelerometer: found {int(np.isfinite(mean[:, 0]).sum())} steps of {step_s:g} s with readings, expected "
+            f"{LEAST}. Give a longer record or a smaller step_s."
+        )
+    middle = first + step_s * (np.arange(count.size) + 0.5)
+    # a firing is short, samples are not at whole tenths: a mean belongs to the time that its samples cover
+    half = np.median(np.diff(time)) / 2
+    held = np.flatnonzero(count)
+    ends = np.stack([middle - step_s / 2, middle + step_s / 2])
+    ends[0, held] = np.minimum.reduceat(time, np.searchsorted(place, held)) - half
+    ends[1, held] = np.maximum.reduceat(time, np.searchsorted(place, held)) + half
+    quaternion = frames.continuous(quaternion)
+    found = {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
+    found |= {"begin": ends[0], "end": ends[1]}
+    found |= _torquers(given.get("MAG1B"), ends, np.asarray(dipole_per_current))
+    field_e = magnetic.field_e(orbit_time, state[:, :3], igrf_generation)
+    field_i = CubicSpline(orbit_time, np.matvec(np.swapaxes(earth.R_ei(orbit_time), 1, 2), field_e))
+    inside = np.clip(middle, sca_time[0], sca_time[-1])
+    R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, inside))
+    torque = np.cross(found["dipole_b"], np.matvec(R_bi, field_i(inside)))
+    found |= {"magnetic_b": np.linalg.solve(inertia, torque.T).T}
+    lever = np.cross(np.asarray(position_b)[:12], np.asarray(force_b)[:12])
+    found |= _firings(given.get("THR1B")) | {"nominal_b": np.linalg.solve(inertia, (lever[:6] + lever[6:]).T).T}
+    return build(ALIGN, found)
+
+
+def _usable(observed, names):
+    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+    time, values, flag, _ = sorted_samples(observed, tags, names)
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    return time[good], values[good]
+
+
+def _torquers(mag, ends, dipole_per_current):
+    """Mean dipole of every step and its rate.
+
+    When a current changes between two records is not known; the mean of what it can be there keeps a gain undiluted.
+    """
+    if mag is None:
+        return {name: np.zeros((ends.shape[1], 3)) for name in ("dipole_b", "dipole_rate_b")}
+    mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
+    time, current = _usable(mag, tuple(f"current_{a}" for a in "xyz"))
+    fine = np.linspace(*ends, 21)[1::2]
+    dipole = np.stack([np.interp(fine, time, one).mean(axis=0) for one in current.T], axis=1) * dipole_per_current
+    between = np.stack([np.interp(ends, time, one) for one in current.T], axis=2)
+    rate = (between[1] - between[0]) / (ends[1] - ends[0])[:, None] * dipole_per_current
+    outside = (ends[0] < time[0]) | (ends[1] > time[-1])
+    dipole[outside] = rate[outside] = 0.0
+    return {"dipole_b": dipole, "dipole_rate_b": rate}
+
+
+def _firings(fired):
+    """Begin of every firing of attitude thrusters, and time on of each pair."""
+    if fired is None:
+        return {"firing": np.zeros(0), "on": np.zeros((0, 6))}
+    names = [name for name in fired.data_vars if name.startswith("on_time")][:12]
+    tags = timing.normalised(fired["time_second"].values, fired["time_fraction"].values)
+    time, values, flag, _ = sorted_samples(fired, tags, tuple(names))
+    on = 5e-4 * (values[:, :6] + values[:, 6:])  # ms in the file, two thrusters a pair
+    used = (flag == 0) & (on.sum(axis=1) > 0)
+    return {"firing": time[used], "on": on[used]}
+
+
+def duty(aligned: xr.Dataset, delay_s: float) -> np.ndarray:
+    """Share (n, 6) of every step in which each pair is on, if tags of firings are late by so many seconds."""
+    ends = np.stack([aligned["begin"].values, aligned["end"].values])
+    found = np.zeros((ends.shape[1], len(PAIRS)))
+    for pair in range(len(PAIRS)):
+        on = aligned["on"].values[:, pair]
+        begin, on = aligned["firing"].values[on > 0] - delay_s, on[on > 0]
+        if begin.size:
+            end = np.minimum(begin + on, np.append(begin[1:], np.inf))
+            total = np.repeat(np.cumsum(end - begin), 2)
+            nodes = np.stack([begin, end], axis=1).ravel()
+            found[:, pair] = np.diff(np.interp(ends, nodes, np.append(0.0, total[:-1])), axis=0)[0]
+    return found / (ends[1] - ends[0])[:, None]
+
+
+def causes(aligned: xr.Dataset, delay_s: float, amplitude: np.ndarray) -> list[Cause]:
+    """What the readings may follow, tags of firings late by so many seconds.
+
+    The amplitude (6 pairs, 6) is the reading by each pair while on, which says what a further delay does.
+
+    Notes
+    -----
+    Of the offset the Euler term alone, reading = -(alpha x p_CoM): CoM paper eq. 5; alpha by firings (what they did, in
+    `amplitude`) and torquers. On a routine day the centrifugal term is slow.
+    """
+    share, count = duty(aligned, delay_s), aligned.sizes["time"]
+    by_pair = np.einsum("np,ca->ncpa", share, np.eye(6))
+    force, torque = (by_pair[..., part].reshape(count, 6, 18) for part in (slice(3), slice(3, None)))
+    named = [f"{pair}_{axis}" for pair in PAIRS for axis in "xyz"]
+    ahead = (duty(aligned, delay_s + 0.005) - duty(aligned, delay_s - 0.005)) / 0.01
+    alpha = share @ amplitude[:, 3:] + aligned["magnetic_b"].values
+    turned = np.stack([-np.cross(alpha, unit) for unit in np.eye(3)], axis=2)
+    contexts = [Context(aligned["time"].values, dipole_b=aligned[n].values) for n in ("dipole_b", "dipole_rate_b")]
+    leak, offset, late = map(effect, ("accelerometer.current_leak", "accelerometer.offset", DELAY))
+    padded = lambda linear: np.concatenate([linear, np.zeros_like(linear)], axis=1)  # noqa: E731
+    by_current, by_rate = (padded(leak.columns(one)) for one in contexts)
+    pairs = [p.name for p in leak.parameters]
+    magnetic = np.concatenate([np.zeros((count, 3, 3)), aligned["magnetic_b"].values[:, :, None] * np.eye(3)], axis=1)
+    return [
+        Cause(FORCE, "force", named, ["m s-2"] * 18, [1e-6] * 18, force),
+        Cause(TORQUE, "torque", named, ["rad s-2"] * 18, [1e-4] * 18, torque),
+        Cause(DELAY, "", ["delay"], ["s"], [late.parameters[0].prior_sigma], (ahead @ amplitude)[:, :, None]),
+        Cause("unknown:torquer_torque", "torquer", list("xyz"), ["1"] * 3, [1.0] * 3, magnetic),
+        Cause(leak.slug, "leak", pairs, ["m s-2 A-1 m-2"] * 9, [leak.parameters[0].prior_sigma] * 9, by_current),
+        Cause("unknown:current_rate", "rate_leak", pairs, ["m s-1 A-1 m-2"] * 9, [1e-10] * 9, by_rate),
+        Cause(offset.slug, "offset", list("xyz"), ["m"] * 3, [offset.parameters[0].prior_sigma] * 3, padded(turned)),
+    ]
+
+
+def blocks(aligned: xr.Dataset, block_s: float, knot_s: float) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Rows (m,) of each block that is at least half full, the slow part (m, k) of a reading, and where one is (m,)."""
+    time = aligned["time"].values
+    there = np.isfinite(aligned["linear_b"].values).all(axis=1) & np.isfinite(aligned["angular_b"].values).all(axis=1)
+    number = np.minimum(np.floor((time - time[0]) / block_s), max(np.ceil(np.ptp(time) / block_s - 0.5) - 1, 0))
+    for one in np.unique(number):
+        rows = np.flatnonzero(number == one)
+        if there[rows].sum() > max(rows.size / 2, 10):
+            start, stop = time[rows[0]], time[rows[-1]] + 1e-6
+            inner = np.linspace(start, stop, max(int(np.ceil((stop - start) / knot_s)), 1) + 1)
+            knots = np.concatenate([np.full(3, start), inner, np.full(3, stop)])
+            yield rows, BSpline.design_matrix(time[rows], knots, 3).toarray(), there[rows]
+
+
+def readings(aligned: xr.Dataset) -> np.ndarray:
+    """Linear and angular reading (n, 6) less their means, so that a large bias costs no digits; 0 where missing."""
+    values = np.concatenate([aligned["linear_b"].values, aligned["angular_b"].values], axis=1)
+    return np.nan_to_num(values - np.nanmean(values, axis=0))
+
+
+def estimate(
+    aligned: xr.Dataset,
+    *,
+    block_s: float,
+    knot_s: float,
+    noise_order: int,
+    parts: int,
+    determined_ratio: float,
+    transient_sigma: float,
+) -> xr.Dataset:
+    """All causes together, by the noise that they leave; the slow part of every block free.
+
+    Parameters
+    ----------
+    aligned : Dataset, "routine.align"
+    block_s, knot_s : s, length of a block and spacing of the knots of its slow part
+    noise_order, parts : coefficients of the noise of each component; parts of the record that are also solved alone
+    determined_ratio, transient_sigma : largest sigma over the plausible size; size of noise that is called a transient
+    """
+    pieces, step = list(blocks(aligned, block_s, knot_s)), float(aligned["step"])
+    observed, noises = readings(aligned), [None] * 6
+    delay = _first_delay(aligned, pieces, observed)
+    amplitude = np.concatenate([np.zeros((6, 3)), aligned["nominal_b"].values], axis=1)
+    value, kept = None, pieces  # what is beyond noise is left out of the fit
+    for number in range(ITERATIONS):
+        known = causes(aligned, delay, amplitude)
+        size = np.concatenate([one.prior for one in known])
+        design = np.concatenate([one.columns for one in known], axis=2) * size
+        if value is not None:
+            left = _left(pieces, observed - design @ (value / size))
+            removed = design.shape[2] // 6 + sum(slow.shape[1] for _, slow, _ in pieces)
+            order = max(min(noise_order, sum(t.sum() for *_, t in pieces) // 40), 1)
+            noises = [fit_noise([one[:, c] for one in left], order, step, removed) for c in range(6)]
+            calm = [np.abs(one).max(axis=1) < transient_sigma for one in _white(pieces, left, noises)]
+            if number > 2:  # before, it may be a delay that is not yet known
+                kept = [(rows, slow, there & c) for (rows, slow, there), c in zip(pieces, calm, strict=True)]
+        information, right = _normal(kept, observed, design, noises)
+        scaled = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
+        moved = float(scaled[36] * size[36])
+        amplitude = np.concatenate([(scaled * size)[k : k + 18].reshape(6, 3) for k in (0, 18)], axis=1)
+        value = np.where(np.arange(size.size) == 36, 0.0, scaled * size)
+        delay += moved
+    names = ["_".join(filter(None, (one.word, name))) for one in known for name in one.names]
+    whole = np.where(np.arange(size.size) == 36, delay, value) / size
+    gains = _gains(known, information.sum(axis=0), whole)
+    units = [unit for one in known for unit in one.units]
+    right += information[:, :, 36] * (delay - moved) / size[36]  # the last step of the delay was about this one
+    group = np.arange(len(pieces)) * parts // len(pieces)
+    groups = [group == number for number in np.unique(group)]
+    both = [np.stack([each[g].sum(axis=0) for g in groups]) for each in (information, right)]
+    starts = [aligned["time"].values[pieces[np.flatnonzero(g)[0]][0][0]] for g in groups]
+    found = named_parameters.estimated(names, units, np.full(size.size, determined_ratio), *both, starts)
+    found |= {name: found[name] * size for name in ("value", "sigma", "part_value", "part_sigma")}
+    found["covariance"] = found["covariance"] * np.outer(size, size)
+    fitted = design @ (value / size)
+    found |= {"cause": [one.slug for one in known], "gain": gains[0], "chance": gains[1]}
+    left, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])
+    rest = np.concatenate(left)
+    found |= {"time": aligned["time"].values[rows], "measured": rest + fitted[rows], "fitted": fitted[rows]}
+    return build(ESTIMATE, found | _transients(aligned, pieces, left, noises, transient_sigma))
+
+
+def _first_delay(aligned, pieces, observed):
+    """Delay s of the tags of firings at which they explain most of the angular reading: a firing is short beside it."""
+    left = [one[:, 3:] for one in _left(pieces, observed)]
+    rows, series = np.concatenate([rows for rows, *_ in pieces]), np.nan_to_num(np.concatenate(left))
+    series = series / np.maximum(series.std(axis=0), 1e-300)
+    step = float(aligned["step"]) / 20
+    tried = step * np.arange(-int(LATEST_S / step), int(LATEST_S / step) + 1)
+    share = [duty(aligned, delay)[rows] for delay in tried]
+    gains = [np.sum((least_squares.orthonormal(one).T @ series) ** 2) for one in share]
+    return float(tried[int(np.argmax(gains))]) if np.max(gains) > 0 else 0.0
+
+
+def _gains(known, information, value):
+    """Chi-square that each cause takes beside all others, which are free, and the chance of it, corrected."""
+    inverse, gains, seen, first = least_squares.stable_inverse(information), [], [], 0
+    for one in known:
+        rows = np.arange(first, first + len(one.names))
+        rows, first = rows[np.diag(information)[rows] > 0], first + len(one.names)
+        gains.append(value[rows] @ least_squares.stable_inverse(inverse[np.ix_(rows, rows)]) @ value[rows])
+        seen.append(rows.size)
+    return gains, np.minimum(len(known) * np.exp(chi2_tail.log_tail(gains, np.maximum(seen, 1))), 1.0)
+
+
+def _normal(pieces, observed, design, noises):
+    """Information (b, p, p) and right side (b, p) of every block, its slow part projected out."""
+    information, right = [], []
+    for rows, slow, there in pieces:
+        normal, side = 0.0, 0.0
+        for c in range(6):
+            whole = np.column_stack([observed[rows, c], design[rows, c], slow]) * there[:, None]
+            if noises[c] is None:
+                spread = least_squares.without(whole[there, design.shape[2] + 1 :], whole[there, 0]).std()
+                white = whole / max(spread, 1e-300)
+            else:
+                white = whiten(noises[c], whole, there)
+            basis = least_squares.orthonormal(white[:, design.shape[2] + 1 :])
+            clean = white[:, : design.shape[2] + 1]
+            clean = clean - basis @ (basis.T @ clean)
+            normal, side = normal + clean[:, 1:].T @ clean[:, 1:], side + clean[:, 1:].T @ clean[:, 0]
+        information.append(normal)
+        right.append(side)
+    return np.stack(information), np.stack(right)
+
+
+def _left(pieces, series):
+    """Series (m, 6) of every block less its slow part, NaN where there is no reading."""
+    made = []
+    for rows, slow, there in pieces:
+        rest = np.full((rows.size, 6), np.nan)
+        rest[there] = least_squares.without(least_squares.orthonormal(slow[there]), series[rows][there])
+        made.append(rest)
+    return made
+
+
+def _white(pieces, left, noises):
+    """Whitened residual (m, 6) of every block."""
+    each = zip(pieces, left, strict=True)
+    return [
+        np.stack([whiten(n, np.nan_to_num(one[:, [c]]), there)[:, 0] for c, n in enumerate(noises)], axis=1)
+        for (*_, there), one in each
+    ]
+
+
+def _transients(aligned, pieces, left, noises, limit):
+    """Samples beyond noise, those within seconds of each other together."""
+    time = np.concatenate([aligned["time"].values[rows] for rows, *_ in pieces])
+    white = np.concatenate(_white(pieces, left, noises))
+    far = np.flatnonzero(np.abs(white).max(axis=1) > limit)
+    found = []
+    for group in np.split(far, np.flatnonzero(np.diff(time[far]) > TOGETHER_S) + 1) if far.size else ():
+        component = int(np.abs(white[group]).max(axis=0).argmax())
+        peak = group[np.abs(white[group, component]).argmax()]
+        near = white[np.abs(time - time[peak]) < TOGETHER_S, component]
+        clear = np.sign(near[np.abs(near) > limit / 2])
+        found.append((time[peak], np.sum(np.diff(clear) != 0)))
+    return dict(zip(("transient", "transient_swings"), np.reshape(found, (-1, 2)).T, strict=True))
+
+
+def check(found: xr.Dataset, *, agreement_limit: float) -> xr.Dataset:
+    """Checks of the result, its parts by the probability that they disagree so much."""
+    return checks.product(named_parameters.checks(found, agreement_limit))

@@ -1,0 +1,217 @@
+"""Report of a routine day: one section an instrument, measured beside simulated, causes, and what is missing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gravcal.calibrations.building import build
+from gravcal.calibrations.checks import of_product
+from gravcal.calibrations.routine.accelerometer import COMPONENTS, PAIRS
+from gravcal.calibrations.schemas import REPORT
+from gravcal.report import discovery_words, documents
+from gravcal.report.discovery import findings_table, tied_table
+from gravcal.report.figures import AXIS, COLOURS, grid, legend, thinned
+from gravcal.report.named_parameters import Page, document, parameter_table
+from gravcal.report.pages import Figure, Section, Table, page
+from gravcal.report.plain import as_plain, number, probability
+from gravcal.store.schemas import VERSION
+
+TITLES = {"thrusters": "Star cameras and thrusters"}
+LEVEL = 0.005  # of chance, corrected for the causes, below which the accelerometer names one
+#: What each part was proven on.
+PROVEN = {
+    "accelerometer": "simulated days and ten seconds of measured ACC1A (GRACE-C, 2023-06-01), no whole measured day",
+    "magnetometer": "simulated days and minutes of measured MAG1B (GRACE and GRACE-FO), no whole measured day",
+    "thrusters": "simulated days and the measured day 2014-01-15 of GRACE, whose thruster table GRACE-FO is given",
+    "ranging": "simulated days and the measured day 2014-01-15 of GRACE",
+}
+NOTES = (
+    "Measured and simulated are shown less the slow part of the reading (drag, bias, aerodynamic torque), free "
+    "between knots. A pair of thrusters has a linear and an angular acceleration of its own while it is on; torquers "
+    "act by dipole x field, by their current and by its rate.",
+    "When a current changes between two records is not known, and what that leaves is among the transients. Heater "
+    "switching stands in no Level-1 product, and twangs of the foil answer to none: what exceeds noise and no "
+    "record explains is counted too: those that swing look like twangs, single spikes like heaters; none is fitted.",
+)
+#: Variables of the estimate of a part with what was measured and the same as simulated, and their unit.
+SERIES = {
+    "accelerometer": ("measured", "fitted", ""),
+    "magnetometer": ("residual_b", "fitted_b", "T"),
+    "ranging": ("residual", "fitted", "m"),
+}
+
+
+def content(products):
+    """Facts and sections of the accelerometer."""
+    found, aligned = products["estimate"], products["align"]
+    swings, epoch = found["transient_swings"].values, found["transient"].values
+    step, rate = float(aligned["step"]), np.abs(aligned["dipole_rate_b"].values).max(axis=1)
+    times, fired = found["time"].values, aligned["firing"].values
+    near = np.searchsorted(aligned["time"].values, found["transient"].values - step / 4)
+    facts = {
+        "seconds": step * found.sizes["time"],
+        "firings": int(np.sum((fired > times[0]) & (fired < times[-1]))),
+        "transients": int(swings.size),
+        "transients_that_swing": int(np.sum(swings >= 2)),
+        "transients_near_a_firing": int(np.sum([np.any(np.abs(fired - one) < 3 * step) for one in epoch])),
+        "transients_at_a_change_of_current": int(np.sum(rate[near] > 3 * np.sqrt(np.mean(rate**2)))),
+    }
+    facts |= thrust_and_inertia(found, aligned)
+    caption = "Reading less its slow part (points), and what the causes make of it (line)."
+    return facts, [Section("Accelerometer", (), [Figure(draw_readings, ("estimate",), caption)], NOTES)]
+
+
+def thrust_and_inertia(found, aligned) -> dict:
+    """Thrust and torquers about each axis over nominal, and which of thrust and inertia is wrong.
+
+    A moment of inertia that is too large by a share makes both larger by it, a thrust the firings alone.
+    """
+    names = [str(name) for name in found["parameter"].values]
+    value, sigma = (dict(zip(names, found[one].values, strict=True)) for one in ("value", "sigma"))
+    facts = {}
+    for axis, word in enumerate("xyz"):
+        rows = []
+        for pair, nominal in zip(PAIRS, aligned["nominal_b"].values[:, axis], strict=True):
+            name = f"torque_{pair}_{word}"
+            if abs(nominal) > 1e-6 and np.isfinite(value[name]):
+                rows.append((value[name] / nominal, sigma[name] / abs(nominal)))
+        thrust = rows and np.average([r[0] for r in rows], weights=[r[1] ** -2 for r in rows])
+        error = sum(r[1] ** -2 for r in rows) ** -0.5 if rows else None
+        torquer = value[f"torquer_{word}"], sigma[f"torquer_{word}"]
+        facts[f"thrust_over_nominal_{word}"] = [thrust, error] if rows else None
+        facts[f"torquers_over_nominal_{word}"] = list(torquer) if np.isfinite(torquer[0]) else None
+        if rows and np.isfinite(torquer[0]):
+            apart = (thrust - torquer[0]) / np.hypot(error, torquer[1])
+            off = abs(torquer[0] - 1) > 3 * torquer[1]
+            said = "thrust" if abs(apart) > 3 and not off else "thrust and inertia or dipole" if abs(apart) > 3 else ""
+            said = said or ("inertia (or angular scale): both are off alike" if off else "none is seen to be wrong")
+            facts[f"wrong_about_{word}"] = said
+    return facts
+
+
+def report(
+    *given,
+    names: Sequence[str],
+    missing: Mapping[str, str],
+    pages: Mapping[str, Page],
+    event: str,
+    settings: Mapping,
+):
+    """Report product of a day and its files, from products named "part.stage" and what parts could not run for."""
+    products = dict(zip(names, given, strict=True))
+    instruments, sections, parameters, checked = {}, [], {}, []
+    for part, own in pages.items():
+        if f"{part}.estimate" not in products:
+            why = missing.get(part, "not asked for")
+            instruments[part] = {"status": "missing", "said": why, "proven_on": PROVEN[part]}
+            sections.append(
+                Section(
+                    TITLES.get(part, part.capitalize()), notes=(f"Not simulated: {why}. Proven on {PROVEN[part]}.",)
+                )
+            )
+            continue
+        mine = {name.partition(".")[2]: one for name, one in products.items() if name.startswith(f"{part}.")}
+        instruments[part], shown = _instrument(part, own, mine)
+        sections += shown
+        known = instruments[part]["parameters"]
+        parameters |= {f"{part}_{name}": one for name, one in known.items()}
+        checked += [replace(one, name=f"{part}: {one.name}") for one in of_product(mine["checks"])]
+    there = [part for part, one in instruments.items() if one["status"] == "fitted"]
+    text = "; ".join(instruments[part]["said"] for part in there) or "no instrument has its records"
+    absent = [f"{part}: {one['said']}" for part, one in instruments.items() if one["status"] == "missing"]
+    first = {
+        "schema_version": VERSION,
+        "status": "delivered" if there else "no_data",
+        "calibration": "routine",
+        "event": event,
+        "verdict": {"text": f"{text}." + (f" Missing: {'; '.join(absent)}." if absent else "")},
+    }
+    tail = {"settings": as_plain(settings), "provenance": documents.traced("routine", products)}
+    made = first | {"instruments": as_plain(instruments), "parameters": parameters} | tail
+    made, files = documents.delivered(made, list(products.values()), checked)
+    files["report.html"] = page(made, sections, products, heading="Routine day", subtitle=event)
+    return build(REPORT, {"delivered": int(bool(there))}, event=event), files
+
+
+def _instrument(part, own, mine):
+    """Part of the document, and sections, of one instrument."""
+    facts, shown = own.content(mine)
+    found, known = mine["estimate"], document(mine["estimate"])
+    numbers = json.loads(mine["discovery"].attrs["numbers"]) if "discovery" in mine else {}
+    if part == "accelerometer":
+        rows = zip(found["cause"].values, found["chance"].values, strict=True)
+        findings = [{"cause": str(cause), "significance": float(p)} for cause, p in rows if p < LEVEL]
+    else:
+        findings = numbers.get("findings", [])
+    named = [
+        {name: one.get(name) for name in ("cause", "form", "parameters", "tied_with", "significance")}
+        for one in findings
+    ]
+    statistics, adequate = _statistics(part, mine), numbers.get("adequate_after")
+    told = ", ".join(discovery_words.title(one["cause"]) for one in named) or "nothing is named"
+    told = told if numbers or part == "accelerometer" else "not searched"
+    said = f"{part}: {told}" + (", and more is left than noise" if adequate is False else "")
+    made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
+    made |= {"adequate": adequate, "p_before": numbers.get("p_before"), "p_after": numbers.get("p_after")}
+    three = lambda value: "" if value is None else f"{value:.3g}"  # noqa: E731
+    rows = [[one["what"], three(one["measured_rms"]), three(one["residual_rms"]), one["unit"]] for one in statistics]
+    tables = [Table("Measured, and what the simulation leaves of it.", ["what", "rms", "rms left", "unit"], rows)]
+    if part == "accelerometer":
+        rows = [[discovery_words.title(one["cause"]), probability(one["significance"])] for one in named]
+        tables.append(
+            Table("Causes that take more than chance beside all others, free at once.", ["cause", "chance"], rows)
+        )
+    else:
+        tables += [findings_table(numbers), tied_table(numbers)] if named else []
+    tables.append(parameter_table(known["parameters"], f"{part}.estimate"))
+    place = lambda one: replace(one, reads=[f"{part}.{name}" for name in one.reads])  # noqa: E731
+    tables += [place(table) for one in shown for table in one.tables if table]
+    figures = [place(figure) for one in shown for figure in one.figures]
+    notes = [note for one in shown for note in ([one.notes] if isinstance(one.notes, str) else one.notes)]
+    notes.append(f"Proven on {PROVEN[part]}.")
+    section = Section(TITLES.get(part, part.capitalize()), [t for t in tables if t], figures, notes)
+    return made | known | {"facts": as_plain(facts)}, [section]
+
+
+def _statistics(part, mine):
+    """Rms of what was measured and of what the simulation leaves, of every component of an instrument."""
+    if part == "thrusters":  # noise of each head about each axis, from stretches without firings
+        noise, rows = mine["noise"], []
+        for head, factor in zip(noise["head"].values, noise["factor"].values, strict=True):
+            sigma = np.sqrt(np.diag(np.linalg.inv(factor.T @ factor)))
+            rows += [
+                (f"head {int(head)} {axis}", None, float(one), "rad") for axis, one in zip("xyz", sigma, strict=True)
+            ]
+    else:
+        measured, fitted, unit = SERIES[part]
+        series = [np.atleast_2d(mine["estimate"][name].values.T) for name in (measured, fitted)]
+        labels = COMPONENTS if part == "accelerometer" else "xyz"
+        rms = [[number(np.sqrt(np.nanmean(one**2))) for one in both] for both in (series[0], series[0] - series[1])]
+        units = [unit if part != "accelerometer" else "m s-2" if c < 3 else "rad s-2" for c in range(len(rms[0]))]
+        rows = zip(labels, *rms, units, strict=False)
+    return [dict(zip(("what", "measured_rms", "residual_rms", "unit"), row, strict=True)) for row in rows]
+
+
+def draw_readings(found):
+    """Reading less its slow part, and what the causes make of it."""
+    figure, panels = grid(6, 1, 6.6, sharex=True, margins={"hspace": 0.35})
+    minutes = (found["time"].values - found["time"].values[0]) / 60
+    for c, (panel, name) in enumerate(zip(panels[:, 0], COMPONENTS, strict=True)):
+        factor, unit = (1e9, "nm s⁻²") if c < 3 else (1e6, "µrad s⁻²")
+        axis = AXIS["xyz"[c % 3]]
+        panel.plot(
+            *thinned(minutes, factor * found["measured"].values[:, c]), **axis | {"linewidth": 0.5}, label=name[-1]
+        )
+        black = {"color": COLOURS["black"], "linewidth": 0.5}
+        panel.plot(*thinned(minutes, factor * found["fitted"].values[:, c]), label="simulated", **black)
+        panel.set_title(f"{name.replace('_', ' ')}, {unit}")
+    panels[-1, 0].set_xlabel("minutes")
+    legend(figure, panels[0, 0], 2)
+    return figure
+
+
+PAGE = Page("routine", "Accelerometer", "Accelerometer", ("estimate", "align", "checks"), content)

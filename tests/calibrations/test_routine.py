@@ -1,0 +1,135 @@
+"""A routine day: every instrument that has records, measured beside simulated; what is missing is said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import seeds
+
+from flows import engine
+from flows.routine import CALIBRATION
+from gravcal import catalog
+from gravcal.calibrations.routine import accelerometer
+from gravcal.io import archive, readers, writers
+from gravcal.simulation import com_offset, sensors
+from gravcal.store.schemas import validate
+
+CHOSEN = catalog.parameters("routine")
+DAY = "2020-03-02"
+FILES = ("ACC1A", "SCA1B", "GNV1B", "TIM1B", "CLK1B", "MAG1B", "THR1B")
+MEASURED = Path(__file__).parents[3] / "shared" / "data"
+
+
+def aligned(folder, letter="C", day=DAY, files=FILES, **settings):
+    """Aligned records of an accelerometer in a folder."""
+    observed = [readers.read(archive.find(folder, name, letter, day)) for name in files]
+    satellite = catalog.satellite(letter).settings()
+    known = {name: satellite[name] for name in ("inertia", "dipole_per_current")}
+    known |= {"position_b": satellite["thruster_position"], "force_b": satellite["thruster_force"]}
+    return accelerometer.align(*observed, **known, **CHOSEN.for_stage("align") | settings)
+
+
+def firings(rng, columns, satellite):
+    """Columns of THR1B, and ACC1A that has read firings, a leak of currents and twangs; with the true values."""
+    time = columns["ACC1A"]["rcvtime_intg"] + 1e-6 * columns["ACC1A"]["rcvtime_frac"]
+    start = np.round(time[0] + 60 + np.cumsum(rng.uniform(20, 50, 200)), 3)
+    start = start[start < time[-1] - 60]
+    pair, on, delay = rng.integers(0, 6, start.size), rng.integers(60, 400, start.size), -1.303
+    lever = np.cross(satellite["thruster_position"][:12], satellite["thruster_force"][:12])
+    torque = 1.5 * np.linalg.solve(satellite["inertia"], (lever[:6] + lever[6:]).T).T
+    force = 3e-8 * rng.standard_normal((6, 3))
+    ends = np.stack([time - 0.05, time + 0.05])
+    share = np.zeros((time.size, 6))
+    for one, k, seconds in zip(start, pair, 1e-3 * on, strict=True):
+        inside = np.clip(ends, one, one + seconds)
+        share[:, k] += (inside[1] - inside[0]) / 0.1
+    added = {"lin": share @ force, "ang": share @ torque}
+    twangs = np.sort(rng.uniform(time[100], time[-200], 4))
+    for epoch in twangs:
+        since = np.maximum(time - epoch, 0.0)
+        added["lin"][:, 2] += 1e-7 * np.exp(-since / 3) * np.sin(np.pi * since)
+    read = {
+        f"{kind}_accl_{a}": columns["ACC1A"][f"{kind}_accl_{a}"] + added[kind][:, i]
+        for kind in added
+        for i, a in enumerate("xyz")
+    }
+    fired = sensors.split_time(start + delay)
+    fired |= {f"on_time_att_ctrl_{1 + k // 6}_{1 + k % 6}": np.where(pair == k % 6, on, 0) for k in range(12)}
+    names = [f"{one}_{axis}" for one in accelerometer.PAIRS for axis in "xyz"]
+    true = {f"force_{n}": v for n, v in zip(names, force.ravel(), strict=True)}
+    true |= {f"torque_{n}": v for n, v in zip(names, torque.ravel(), strict=True)} | {"delay": delay}
+    return {"ACC1A": columns["ACC1A"] | read, "THR1B": fired}, true, twangs
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory):
+    """Folder, true values and twangs of 1.5 h of an invented day with firings."""
+    folder, seed = tmp_path_factory.mktemp("routine"), seeds.seed("routine", 1e-4)
+    satellite = catalog.satellite("C").settings()
+    settings = catalog.parameters("simulate_routine").with_settings({"clock_offset_s": 0.0, "clock_drift": 0.0})
+    begin = (np.datetime64(DAY) - np.datetime64("2000-01-01T12:00")) / np.timedelta64(1, "s")
+    columns, truth = com_offset.simulate(satellite, settings, begin, seed, {})
+    more, true, twangs = firings(np.random.default_rng(seed), columns, satellite)
+    for product, values in (columns | more).items():
+        writers.write(values, folder / writers.file_name(product, DAY, "C"))
+    true |= {f"offset_{a}": 1e-6 * v for a, v in zip("xyz", truth["offset_um"], strict=True)}
+    return folder, true, twangs
+
+
+def test_an_accelerometer_gives_back_what_firings_do(day):
+    """Recovery: linear and angular acceleration of six pairs, the delay of their tags, the offset, every twang."""
+    folder, true, twangs = day
+    found = accelerometer.estimate(aligned(folder), **CHOSEN.for_stage("estimate"))
+    known = {
+        str(n): k
+        for k, n in enumerate(found["parameter"].values)
+        if str(n) in true and np.isfinite(found["value"].values[k])
+    }
+    assert len(known) > 36
+    score = np.array([(found["value"].values[k] - true[n]) / found["sigma"].values[k] for n, k in known.items()])
+    assert np.sqrt(np.mean(score**2)) < 1.5  # 40 squares of unit mean scatter by 22 %; currents are known once a second
+    assert np.abs(score).max() < 6
+    for epoch in twangs:
+        assert np.abs(found["transient"].values - epoch).min() < 8
+    gain = dict(zip(map(str, found["cause"].values), found["gain"].values, strict=True))
+    assert gain["unknown:thruster_torque"] > 1e4
+    assert gain["accelerometer.current_leak"] < 40  # nine parameters of nothing
+
+
+def test_a_share_of_a_step_is_that_of_its_samples(day):
+    """Analytic: samples 0.09999 s apart drift through the steps; shares of all steps add up to the time on."""
+    records = aligned(day[0])
+    share = accelerometer.duty(records, day[1]["delay"])
+    length = (records["end"] - records["begin"]).values
+    assert (share * length[:, None]).sum() == pytest.approx(records["on"].values.sum(), rel=1e-2)
+    assert np.abs(length[1:-1] - 1).max() < 0.11
+
+
+def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path, monkeypatch):
+    """Contract: valid document; ranging and thrusters of the day are missing by name, the other two are fitted."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
+    for path in day[0].iterdir():
+        if not path.name.startswith("THR1B"):
+            (tmp_path / path.name).symlink_to(path)
+    chosen = CHOSEN.with_settings({"search": 0})
+    found = CALIBRATION.document(
+        engine.run(CALIBRATION.flow, CALIBRATION.source(data=tmp_path), chosen, engine="inline")
+    )
+    validate(found)
+    status = {name: one["status"] for name, one in found["instruments"].items()}
+    assert status == dict(accelerometer="fitted", magnetometer="fitted", thrusters="missing", ranging="missing")
+    assert found["instruments"]["thrusters"]["said"] == "no THR1B"
+    assert found["instruments"]["ranging"]["said"] == "no KBR1B or LRI1B"
+    assert found["instruments"]["magnetometer"]["statistics"][0]["residual_rms"] < 5e-8
+
+
+@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}")
+def test_seconds_of_a_measured_accelerometer_are_fitted():
+    """Contract: ten seconds of GRACE-C: noise of a sample as it was measured elsewhere; no firing, so none is named."""
+    records = aligned(MEASURED / "gracefo-2023-06-01", day="2023-06-01", step_s=0.1)
+    found = accelerometer.estimate(records, **CHOSEN.for_stage("estimate"))
+    left = np.nanstd(found["measured"].values - found["fitted"].values, axis=0)
+    assert (left[:3] < [1e-8, 1e-8, 1e-8]).all()
+    assert (left[3:] < [3e-7, 5e-7, 3e-7]).all()
+    force = [str(name).startswith("force") for name in found["parameter"].values]
+    assert np.isnan(found["value"].values[force]).all()
