@@ -54,8 +54,8 @@ class Discovery:
     def read(self, source, chosen):
         """Product that a model changes, without the effects of the model that is given."""
         found = self.records and self.records(source, chosen)
-        model = chosen.entries.get("model")
-        return self.without(source, chosen, found, model.value) if found and model and model.value else found
+        model = models.of_event(chosen.model, source) if "model" in chosen.entries else ""
+        return self.without(source, chosen, found, model) if found and model else found
 
     def built(self, source, chosen, records):
         """Products of records that the observations are built from, by name."""
@@ -82,13 +82,14 @@ class Discovery:
 
     def taken_out(self, source, chosen, records, solved=None, products=None, *, alone=False):
         """Records without the effects of the given model; not alone: results (of ``solved``) for each of its errors."""
-        if not chosen.model:
+        model = models.of_event(chosen.model, source)
+        if not model:
             return records, []
         products = products or self.built(source, chosen, records)
-        moved = enumerate([] if alone else models.moved(chosen.model), start=1)
+        moved = enumerate([] if alone else models.moved(model), start=1)
         others = [self.without(source, chosen, records, one, f"moved_{number}", products) for number, one in moved]
         results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
-        return self.without(source, chosen, records, chosen.model, products=products), results  # latest/ leads to it
+        return self.without(source, chosen, records, model, products=products), results  # latest/ leads to it
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,9 @@ class Campaign:
     scheduler: str | None = None  #: address of a Dask cluster, or None for processes of this machine
     workers: int | None = None  #: how many of these; None for one for each processor, 0 for none but this
     again: bool = False  #: True to try again what failed though nothing that it depends on has changed
-    search: str = ""  #: "discover" or "limits" to search the events for what their model gets wrong, or ""
+    #: "discover" or "limits" to search the events for what their model gets wrong, "joint" for what they tell a search
+    #: over all of them, or ""
+    search: str = ""
     #: True to make again the products that other versions of numpy, scipy or numba made
     remake_versions: bool = field(default_factory=history.remakes_versions)
 
@@ -52,6 +54,8 @@ class Campaign:
         """Calibration whose flow is run."""
         if not self.search:
             return load(self.calibration)
+        if self.search == "joint":
+            return discover.evidence_of(self.calibration)
         return discover.as_calibration(self.calibration, self.search == "limits")
 
 

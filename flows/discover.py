@@ -91,6 +91,23 @@ def _discover(one: Calibration | Study, shown: bool, source, chosen):
     return discovery.report(found, *results, **named, **event)
 
 
+def evidence_of(calibration: str) -> Calibration:
+    """Calibration whose flow gives what an event tells a search over many events, as a campaign runs it."""
+    one = calibrations.load(calibration)
+    told = functools.partial(_evidence, one)
+    status = {"status": "delivered"}
+    return replace(one, flow=flow(name=f"{one.name}_evidence")(told), document=lambda _: status, result=lambda _: ())
+
+
+def _evidence(one: Calibration, source, chosen):
+    """Products of whitened columns of one event."""
+    looked = one.discovery
+    products = looked.baseline(source, chosen)
+    settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
+    about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
+    return discovery.evidence(*products.values(), **about, settings=settings, event=source.event)
+
+
 def names() -> tuple[str, ...]:
     """Calibrations that can be searched."""
     return tuple(name for name in calibrations.known() if calibrations.load(name).discovery is not None)

@@ -203,6 +203,33 @@ def discovery(document, files, json_path):
         say(str(path))
 
 
+def joint(document, files, notes, json_path):
+    """Verdict over many events, causes, the next prediction, and what has changed since the last time."""
+    from gravcal.report import plain
+
+    if not delivered(document | {"changes": notes}, json_path):
+        return
+    say(f"{document['event']}: {document['verdict']['text']}")
+    rows = []
+    for one in document["causes"]:
+        rows += [
+            [one["cause"], one["scope"], values["of"], name, *plain.measured(p["value"], p["sigma"], p["unit"])]
+            for values in one["values"]
+            for name, p in values["parameters"].items()
+        ]
+    if rows:
+        table(["cause", "scope", "of", "parameter", "value", "unit"], rows)
+    last = document["predicted"][-1]
+    values = [plain.plus_minus(v, s) for v, s in zip(last["value"], last["sigma"], strict=True)]
+    table([f"predicted ({document['unit']})", *document["parameters"]], [[last["date"], *values]])
+    for event, reason in document["provenance"]["settings"]["left_out"].items():
+        note(f"{event} left out: {reason}")
+    for text in notes:
+        say(f"changed: {text}")
+    for path in files:
+        say(str(path))
+
+
 def design(document, out, json_path):
     """Document of a design, or its manoeuvres, and its errors and odds beside those of the published session."""
     if not delivered(document, json_path):

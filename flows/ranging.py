@@ -14,8 +14,7 @@ from tasks import kbr_phase_centre, ranging
 def calibrate(source, chosen):
     """Phase centres of both satellites by the slow motion of their pointing."""
     rows, checked = quiet_rows(source, chosen)
-    if chosen.model:
-        rows = DISCOVERY.without(source, chosen, rows, chosen.model)
+    rows, _ = DISCOVERY.taken_out(source, chosen, rows, alone=True)
     found = ranging.estimate(rows, **chosen.for_stage("estimate"))
     checked = ranging.checks(checked, found, **chosen.for_stage("checks"))
     return ranging.report(found, rows, checked, event=source.event, settings=chosen.for_report())

@@ -16,10 +16,14 @@ from gravcal.store import product
 from tasks.stage import lazy, stage
 
 driver = lazy("gravcal.discovery.driver")
+joint_science = lazy("gravcal.discovery.joint")
 report_science = lazy("gravcal.report.discovery")
+joint_report = lazy("gravcal.report.joint")
 
 product.register("*.discovery", DISCOVERY)
 product.register("*.discovery_report", product.ANY)
+product.register("*.evidence", product.ANY)
+product.register("*.joint", product.ANY)
 ANY_PRODUCT = ["*"]
 #: Settings of a search, in the order of `Limits`.
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
@@ -77,6 +81,21 @@ def report(found, *combined, calibration, observations, event, satellite, settin
     named = {"calibration": calibration, "event": event, "satellite": satellite}
     reported = getattr(importlib.import_module(observations), "REPORT", Reported())
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
+
+
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=1, also=["{observations}"])
+def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
+    """What an event tells of the causes of the catalogue, for a search over many events."""
+    return joint_science.evidence(observations_of(products, observations, names, settings))
+
+
+@stage(reads=["*.evidence"], writes="{calibration}.joint", version=1)
+def joint(*products, calibration, event, satellite, events, history, settings, **limits):
+    """Causes that many events share, the calibration's values in each, and how they move; with page and model."""
+    found = joint_science.Search(joint_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))
+    named = {"calibration": calibration, "event": event, "satellite": satellite}
+    told = dict(zip(events, products, strict=True))
+    return joint_report.report(found, told, history=history, settings=settings, **named)
 
 
 def observations_of(products, observations, names, settings):

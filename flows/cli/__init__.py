@@ -66,6 +66,9 @@ DEFAULT = "com_offset"  # calibration of demo and serve
 LAST = "event whose last report is wanted"
 SHOWN = "also from which size on each effect of the catalogue would have been named in this event"
 PAGE = "copy of the page"
+JOINT = "search all events of a satellite together: causes with their scope, and how the result moves"
+THESE = "with --joint: only these"
+WORKERS = "processes here; 0: none but this"
 FLOWN = "design of the catalogue, or plan.toml of gravcal design, that is flown"
 APART = "causes that the session is to tell apart (gravcal effects)"
 BUDGET = "of manoeuvres in all, without: as many as the published session"
@@ -178,6 +181,9 @@ def discover(
     model: Model = None,
     as_: As = None,
     limits: Annotated[bool, typer.Option("--limits", help=SHOWN)] = False,
+    joint: Annotated[bool, typer.Option("--joint", help=JOINT)] = False,
+    events: Annotated[str, typer.Option("--events", metavar="EVENT,EVENT", help=THESE)] = "",
+    workers: Annotated[int | None, typer.Option("--workers", help=WORKERS)] = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE, callback=writable)] = None,
     json: Json = None,
     remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
@@ -187,6 +193,11 @@ def discover(
     from flows import discover
 
     calibration = discover.ALIASES.get(calibration, calibration)
+    if joint:
+        if event or date or limits:
+            raise typer.BadParameter("--joint is of many events: it takes --satellite, --data and --events")
+        _joint(calibration, satellite, data, (settings, model, as_), events, str(engine), workers, out, json)
+        return
     study = discover.STUDIES.get(calibration)
     if study is None:
         source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
@@ -199,6 +210,33 @@ def discover(
     files += [shutil.copy(path, out) for path in files if out and path.name == "discovery.html"]
     output.discovery(document, files, json)
     raise typer.Exit(command.EXIT.get(document.get("status"), 1))
+
+
+def _joint(calibration, satellite, data, given, events, engine, workers, out, json):
+    """Search many events together, and say what that found and what has changed since the last time."""
+    from flows import joint
+
+    command.searched(calibration)
+    if satellite is None:
+        raise typer.BadParameter("--joint: expected --satellite, that of the events")
+    chosen = command.recorded(command.chosen(calibration, *given))
+    named = [one.strip() for one in events.split(",") if one.strip()]
+    document, files, notes = joint.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
+    files += [shutil.copy(path, out) for path in files if out and path.name == "joint.html"]
+    output.joint(document, files, notes, json)
+
+
+@app.command()
+def watch(
+    calibration: Calibration = DEFAULT,
+    satellite: Satellite = ...,
+    data: Data = None,
+    settings: Settings = None,
+    workers: Annotated[int | None, typer.Option("--workers", help=WORKERS)] = None,
+    json: Json = None,
+) -> None:
+    """Update the joint model of a satellite with new events, and say what changed beyond its error."""
+    _joint(calibration, satellite, data, (settings,), "", "inline", workers, None, json)
 
 
 @app.command()
@@ -299,7 +337,7 @@ def campaign(
     model: Model = None,
     as_: As = None,
     scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="tls://HOST:PORT")] = None,
-    workers: Annotated[int | None, typer.Option("--workers", help="processes here; 0: none but this")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", help=WORKERS)] = None,
     only_failed: Annotated[bool, typer.Option("--only-failed", help="try again what failed the last time")] = False,
     search: Annotated[bool, typer.Option("--discover", help="search each event, as gravcal discover does")] = False,
     limits: Annotated[bool, typer.Option("--limits", help="the same, with the detection limits of each")] = False,

@@ -20,13 +20,16 @@ def text_of(path: Path) -> str:
     """Entries of a model file in the form that a stage takes them, the same for the same numbers.
 
     The TOML file holds a list of [[effect]]: cause, form, parameters.<name> = {value, sigma, unit}; and [result] if it
-    says what the search adds to the result of the records that it was made in.
+    says what the search adds to the result of the records that it was made in. An effect of the model of a satellite
+    may hold `from` a day on and `to` before another.
     """
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:  # tomllib's own errors are ValueErrors
         return _wrong(path, str(error), "a TOML file as gravcal discover writes it")
     entries = content.get("effect")
+    if entries is None and "predicted" in content:  # of a satellite whose events share no cause
+        return ""
     if not isinstance(entries, list) or not entries:
         _wrong(path, f"the keys {', '.join(content) or 'none'}", "at least one [[effect]]")
     made = [_entry(one, path) for one in entries]
@@ -81,7 +84,18 @@ def _entry(one, path):
     lists = {name: one[name] for name in ("waves", "leads") if name in one}
     if not all(isinstance(rows, list) and all(map(_is_row, rows)) for rows in lists.values()):
         _wrong(path, str(lists)[:80], "waves and leads with a start each, and with channel and x, y, z, or lead")
-    return {"cause": cause, "form": str(one.get("form", "")), "parameters": values} | lists
+    days = {name: str(one[name]) for name in ("from", "to") if name in one}
+    return {"cause": cause, "form": str(one.get("form", "")), "parameters": values} | lists | days
+
+
+def of_event(text: str, source) -> str:
+    """Entries of a model that hold on the day of a source: some of the model of a satellite are of a span of days."""
+    kept = json.loads(text) if text else []
+    if not any("from" in one or "to" in one for one in kept):
+        return text
+    day = getattr(source, "date", None) or ""
+    kept = [one for one in kept if one.pop("from", "") <= day < one.pop("to", "~")]
+    return json.dumps(kept, sort_keys=True, allow_nan=False) if kept else ""
 
 
 def _error(parameter, name, path):

@@ -308,8 +308,8 @@ def model_text(numbers: dict, event: str, given: str = "") -> str:
         for name, parameter in known.items():
             related = {n: r for n, r in parameter.get("correlation", {}).items() if n in known}
             row = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {"correlation": related}
-            lines.append(f"parameters.{name} = {_inline(row)}")
-        lines += [f"{name} = {_inline(one[name])}" for name in ("waves", "leads") if one.get(name)]
+            lines.append(f"parameters.{name} = {inline_text(row)}")
+        lines += [f"{name} = {inline_text(one[name])}" for name in ("waves", "leads") if one.get(name)]
     return "\n".join(lines) + "\n" if sized else ""
 
 
@@ -319,16 +319,16 @@ def _result_text(change, calibration, records):
         return ""
     row = {"calibration": calibration, "records": records, "unit": change["unit"]}
     row |= {"correction": change["correction"], "covariance": change["covariance_of_findings"]}
-    return "\n".join(["", "[result]", *(f"{name} = {_inline(value)}" for name, value in row.items())]) + "\n"
+    return "\n".join(["", "[result]", *(f"{name} = {inline_text(value)}" for name, value in row.items())]) + "\n"
 
 
-def _inline(value):
+def inline_text(value):
     """A value as TOML has it in a line, without what is None or empty."""
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{n} = {_inline(v)}' for n, v in value.items() if v is not None and v != {})} }}"
+        return f"{{ {', '.join(f'{n} = {inline_text(v)}' for n, v in value.items() if v is not None and v != {})} }}"
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(_inline, value))}]"
-    return _text(value) if isinstance(value, str) else repr(value)
+        return f"[{', '.join(map(inline_text, value))}]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, (str, bool)) else repr(value)
 
 
 def _text(value):

@@ -15,6 +15,7 @@ from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.effects import effect
 from gravcal.errors import ProductError
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
+from gravcal.physics.orbit_environment import sun_i
 
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
@@ -97,6 +98,18 @@ class ComOffset(Observations):
         """Effects of the catalogue, then regressors made of the measured channels."""
         _ = self.quiet
         return responses.candidates(self.views, self.smoothed, self.aligned["start"].values)
+
+    @property
+    def measured(self) -> dict[str, float]:
+        """Angle deg of the Sun above the orbit, and mean distance deg of the manoeuvres from the equator."""
+        time, position = self.views[0].orbit
+        at = np.array([np.mean(one.time) for one in self.views])
+        place, later = (np.stack([np.interp(at + dt, time, c) for c in position.T], axis=1) for dt in (0.0, 60.0))
+        normal, radius = np.cross(place, later), np.linalg.norm(place, axis=1)
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        beta = np.degrees(np.arcsin(np.sum(normal * sun_i(at), axis=1)))
+        latitude = np.degrees(np.arcsin(np.abs(place[:, 2]) / radius))
+        return {"beta_deg": float(np.mean(beta)), "latitude_deg": float(np.mean(latitude))}
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows of each manoeuvre and of the edge times."""

@@ -1,0 +1,76 @@
+"""Discovery over many events of a satellite, and what a new event changes."""
+
+import json
+from pathlib import Path
+
+from flows import calibration as calibrations
+from flows import campaign, command
+from gravcal import catalog
+from gravcal.browse import timeline
+from gravcal.errors import NoDataError, refuse
+from gravcal.store import store
+from tasks import discovery
+from tasks.stage import inline, lazy, using
+
+report = lazy("gravcal.report.joint")
+
+
+def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=None, listener=None):
+    """Document of a joint search, its files, and what has changed beyond its error since the last one.
+
+    Parameters
+    ----------
+    name : calibration; satellite : letters; data : folder with Level-1 files of many days, None for GRAVCAL_DATA
+    chosen : parameters; events : names of those that are used, none for all
+    engine, workers, listener : as of a campaign
+    """
+    one = calibrations.load(name)
+    sources = campaign.sources(name, satellite, data)
+    unknown = sorted(set(events) - {command.name_of(source) for source in sources})
+    if unknown:
+        there = ", ".join(command.name_of(source) for source in sources)
+        refuse(f"--events {','.join(unknown)}", "no such event", f"some of {there}", "Correct the names.", NoDataError)
+    sources = [source for source in sources if not events or command.name_of(source) in events]
+    told = campaign.run(campaign.Campaign(name, chosen, engine, workers=workers, search="joint"), sources, listener)
+    rows = [row for row in told["events"] if "report" in row]
+    left_out = {row["event"]: row["error"] for row in told["events"] if "report" not in row}
+    if len(rows) < 2:
+        found = "; ".join(f"{event} ({reason})" for event, reason in left_out.items())
+        refuse(f"{name} --joint", f"{len(rows)} events that can be used, not {found}", "two", "Give more data.")
+    letter = satellite[0]
+    settings = {"configuration": chosen.configuration, "left_out": left_out}
+    about = {"event": catalog.satellite(letter).name, "satellite": satellite, "calibration": name}
+    last = store.newest_record(about["event"], f"{name}.joint")
+    before = document(store.folder_of(last["key"])) if last else {}
+    with using(inline):
+        ref = discovery.joint(
+            *(store.find(Path(row["report"]).name) for row in rows),
+            events=[row["event"] for row in rows],
+            history=history(one, letter),
+            settings=settings,
+            **one.discovery.chosen_for(chosen)[1],
+            **about,
+        )
+    files = [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
+    after = document(ref.folder)
+    return after, files, report.changes(before, after)
+
+
+def document(folder):
+    """Result document of a joint search in the folder of its product, {} if it is gone."""
+    path = folder / "joint.json"
+    return json.loads(path.read_text()) if path.exists() else {}
+
+
+def history(one, letter):
+    """Trims and printed values of a satellite as plain records, times in GPS s."""
+    seconds = lambda day: (day - timeline.EPOCH).total_seconds()  # noqa: E731
+    trims = [
+        {"date": str(t.date), "axis": t.axis, "size": t.trim_um, "confirmed": t.confirmed}
+        for t in (timeline.trims(letter) if one.trims else ())
+    ]
+    printed = [
+        {"time": seconds(p.date), "parameter": p.panel, "value": p.value, "sigma": p.sigma}
+        for p in timeline.printed_points(one, letter)
+    ]
+    return {"trims": trims, "printed": printed}

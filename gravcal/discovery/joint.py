@@ -1,0 +1,470 @@
+"""One search over many events: from products of whitened columns of each event to causes with a scope, and offsets.
+
+An event tells what its products of whitened columns tell: observed rows, parameters of the calibration, causes of the
+catalogue, own columns projected out (`evidence`). Events share causes, not the calibration's parameters: these are free
+in each, so that no model of how they move can make a cause. A cause goes from event to event by a law: constant, one
+value in each range of epochs, linear in a measured quantity, in one event alone, or different in each. All laws of all
+causes are tried in every round; what is significant among all of them is named, the law by its evidence with the
+priors of the catalogue, as in a single event (`model_average`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import xarray as xr
+
+from gravcal.discovery import attribution
+from gravcal.discovery.model_average import BEYOND, ODDS
+from gravcal.discovery.problem import inverse_of, prepare
+from gravcal.errors import refuse
+from gravcal.estimation import chi2_tail
+from gravcal.estimation.records import Observations, slug_of
+
+YEAR_S = 365.25 * 86400
+CUTS = 4  # change points of a cause at most
+ALIKE = 0.8  # of the gain of a cause that another leaves, above which it is none that could be taken for it
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause of the catalogue with all its parameters."""
+
+    slug: str  #: of the catalogue
+    form: str  #: in which its columns are
+    #: names, units: (q,); prior: (q,) plausible sizes
+    names: Sequence[str]
+    units: Sequence[str]
+    prior: np.ndarray
+
+
+@dataclass(frozen=True)
+class Event:
+    """What an event tells."""
+
+    name: str
+    time: float  #: s, GPS, middle of its manoeuvres
+    start: np.ndarray  #: (p,) SI, parameters of the calibration that the observed rows were formed with
+    gram: np.ndarray  #: (1 + p + q, ...) products of the observed rows, parameters and causes
+    size: np.ndarray  #: (1 + p + q,) norm of the columns, to which what is seen is compared
+    causes: Sequence[Cause]
+    measured: Mapping[str, float] = field(default_factory=dict)  #: quantities of the event that a cause may follow
+
+
+@dataclass(frozen=True)
+class Law:
+    """How a cause goes from event to event: its parameters are weights (n, k) times k sets of values."""
+
+    cause: int  #: number of the cause
+    scope: str  #: "constant", "epochs", "event", "each", or the measured quantity that it follows
+    weights: np.ndarray  #: (n, k); (n, 0) of "each"
+    labels: Sequence[str]  #: (k,) what each set of values is of
+    odds: float = 0.0  #: twice the logarithm of how likely the law is before, beside others of its scope
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause that was found, with its law and its values."""
+
+    law: Law
+    gain: float  #: chi-square gained beside the others
+    dof: int
+    significance: float  #: probability of as much by chance anywhere, corrected for all that was tried
+    score: float  #: twice the logarithm of the evidence over that of no such cause
+    heldout: float  #: twice the log likelihood gained in each event as all others predict it; NaN of one event
+    value: np.ndarray  #: (k, q)
+    sigma: np.ndarray  #: (k, q)
+    ties: Sequence[Mapping] = ()  #: other causes: expected and observed chi-square between, deciding event
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a joint search found."""
+
+    named: Sequence[Named]
+    covariance: np.ndarray  #: (r, r) of all values of the laws with sets of values, in their order
+    offset: np.ndarray  #: (n, p) SI, parameters of the calibration in each event
+    spread: np.ndarray  #: (n, p, n, p) SI, covariance of these
+    alone: np.ndarray  #: (n, p, 2) SI, value and error without any cause
+    contradicting: Sequence[Mapping]  #: {"event", "chi2", "dof", "p"} that others do not foretell
+    tried: int  #: laws tried in a round
+
+
+def evidence(observed: Observations | None) -> xr.Dataset:
+    """Product of what an event tells, all whole forms of listed causes that more than one block can show."""
+    if observed is None:
+        return xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}, attrs={"numbers": "{}"})
+    every = {}
+    for one in sorted(observed.candidates, key=lambda one: len(one.names)):
+        if one.listed and len(one.prior) == len(one.names) and not one.local:
+            every[slug_of(one.cause)] = one
+    problem, count = prepare(observed.blocks, list(every.values())), len(observed.parameters)
+    nuisance = np.arange(1 + count, problem.shared.stop)
+    kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
+    gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
+    time = np.concatenate([block.time for block in observed.blocks])
+    numbers = {
+        "time": float(np.median(time)),
+        "parameters": list(observed.parameters),
+        "unit": observed.unit,
+        "scale": np.broadcast_to(observed.scale, count).tolist(),
+        "start": np.asarray(observed.start, dtype=float).tolist(),
+        "measured": {"year": float(np.median(time)) / YEAR_S} | dict(observed.measured),
+        "causes": [[slug, one.form, one.names, one.units, list(map(float, one.prior))] for slug, one in every.items()],
+    }
+    about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
+    values = {"gram": gram, "size": problem.size[kept]}
+    made = {n: (d.split(), values[n], {"units": "1", "long_name": said}) for n, (d, said) in about.items()}
+    return xr.Dataset(made, attrs={"numbers": json.dumps(numbers, allow_nan=False, sort_keys=True)})
+
+
+def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Event]:
+    """Events of their products in order of time, with the causes that all of them have; none without manoeuvre."""
+    read = [(json.loads(one.attrs["numbers"]), one, name) for one, name in zip(products, names, strict=True)]
+    read = sorted((row for row in read if row[0]), key=lambda row: row[0]["time"])
+    if len(read) < 2:
+        refuse("joint search", f"{len(read)} events with manoeuvres", "two at least", "Name more events.")
+    shared = set.intersection(*({(slug, *names) for slug, _, names, *_ in one["causes"]} for one, *_ in read))
+    found = []
+    for numbers, product, name in read:
+        place, index, causes = 1 + len(numbers["start"]), [*range(1 + len(numbers["start"]))], []
+        for slug, form, names, units, prior in numbers["causes"]:
+            if (slug, *names) in shared:
+                index += range(place, place + len(names))
+                causes.append(Cause(slug, form, names, units, np.array(prior)))
+            place += len(names)
+        order = np.array(index)
+        start, gram = np.array(numbers["start"]), product["gram"].values[np.ix_(order, order)]
+        size = product["size"].values[order]
+        found.append(Event(name, numbers["time"], start, gram, size, causes, numbers["measured"]))
+    first = found[0].causes
+    if any([c.slug for c in one.causes] != [c.slug for c in first] for one in found):
+        refuse("joint search", "causes in different orders", "one order", "Make the evidence of all events again.")
+    return found
+
+
+class Search:
+    """Products of all events with the calibration's parameters projected out, and the laws that causes may follow."""
+
+    def __init__(self, events: Sequence[Event], level: float, tie: float, rounds: int):
+        self.events, self.level, self.tie, self.rounds = events, level, tie, rounds
+        self.causes, self.count = events[0].causes, events[0].start.size
+        ends = 1 + np.cumsum([0, *(len(one.names) for one in self.causes)])
+        self.places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+        self.kept = np.r_[0, np.arange(1 + self.count, events[0].gram.shape[0])]
+        self.size = np.sqrt(sum(one.size[self.kept] ** 2 for one in events))
+        self.grams = self.projected(())
+
+    def local(self, each: Sequence[tuple[int, float]]) -> list[np.ndarray]:
+        """Products of each event less what causes that are different in each take, so many times their prior."""
+        made = []
+        for one in self.events:
+            gram = one.gram
+            for cause, size in each:
+                place, prior = self.count + self.places[cause], size * self.causes[cause].prior
+                inner = np.eye(prior.size) + gram[np.ix_(place, place)] * np.outer(prior, prior)
+                cross = gram[:, place] * prior
+                gram = gram - cross @ np.linalg.solve(inner, cross.T)
+            made.append(gram)
+        return made
+
+    def projected(self, each: Sequence[tuple[int, float]]) -> np.ndarray:
+        """The same (n, m, m) less the parameters of the calibration."""
+        own = np.arange(1, 1 + self.count)
+        return np.stack([attribution.projected(one, own)[np.ix_(self.kept, self.kept)] for one in self.local(each)])
+
+    def laws(self, cause: int) -> list[Law]:
+        """Laws that a cause may follow."""
+        count, names = len(self.events), [one.name for one in self.events]
+        found = [Law(cause, "constant", np.ones((count, 1)), ["all"])]
+        if count > 2:
+            cuts = -2 * np.log(count - 1)
+            found += [self.ranges(cause, (k,), cuts) for k in range(1, count)]
+        eye = np.eye(count)
+        found += [Law(cause, "event", eye[:, k : k + 1], [names[k]], -2 * np.log(count)) for k in range(count)]
+        known = sorted(set.intersection(*(set(one.measured) for one in self.events)))
+        for name in known if count > 3 else ():
+            values = np.array([one.measured[name] for one in self.events])
+            if np.ptp(values) > 0:
+                centred = (values - values.mean()) / values.std()
+                labels = [f"at {name} {values.mean():.6g}", f"per {values.std():.6g} of {name}"]
+                weights = np.column_stack([np.ones(count), centred])
+                found.append(Law(cause, name, weights, labels, -2 * np.log(len(known))))
+        return [*found, Law(cause, "each", np.zeros((count, 0)), [])]
+
+    def ranges(self, cause: int, cuts: Sequence[int], odds: float) -> Law:
+        """Law with one value in each range of events; cuts are the first events of ranges."""
+        ends = [0, *sorted(cuts), len(self.events)]
+        weights = np.zeros((len(self.events), len(ends) - 1))
+        for k, (a, b) in enumerate(itertools.pairwise(ends)):
+            weights[a:b, k] = 1.0
+        labels = [f"{self.events[a].name} to {self.events[b - 1].name}" for a, b in itertools.pairwise(ends)]
+        return Law(cause, "epochs", weights, labels, odds)
+
+    def columns(self, laws: Sequence[Law]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Column (c,), weight (n, c) and prior (c,) of each value of some laws, the observed rows first."""
+        index, weight, prior = [np.zeros(1, int)], [np.ones((len(self.events), 1))], [np.zeros(1)]
+        for law in laws:
+            place, many = self.places[law.cause], law.weights.shape[1]
+            index.append(np.tile(place, many))
+            weight.append(np.repeat(law.weights, place.size, axis=1))
+            prior.append(np.tile(self.causes[law.cause].prior, many))
+        return np.concatenate(index), np.concatenate(weight, axis=1), np.concatenate(prior)
+
+    def products(self, laws: Sequence[Law], grams=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Products (n, c, c) of the values of some laws in each event, their priors (c,) and norms (c,)."""
+        index, weight, prior = self.columns(laws)
+        grams = self.grams if grams is None else grams
+        made = grams[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
+        own = np.stack([one.size[self.kept][index] for one in self.events])
+        return made, prior, np.sqrt(np.sum((own * weight) ** 2, axis=0))
+
+    def judged(self, law: Law, beside: Sequence[Law], frame=None) -> tuple[float, int, float, float]:
+        """Gain, independent parameters, score and most likely size over its prior of a law beside others."""
+        if law.scope == "each":
+            return self._judged_each(law, beside)
+        inner, cross, inverse, right, own = frame or self._frame(law.cause, beside)
+        weights, many, count = law.weights, law.weights.shape[1], inner.shape[1]
+        away = np.tensordot(weights, cross, axes=(0, 0)).transpose(1, 0, 2).reshape(-1, many * count)
+        pairs = (weights[:, :, None] * weights[:, None, :]).reshape(len(weights), -1)
+        total = (pairs.T @ inner.reshape(len(weights), -1)).reshape(many, many, count, count)
+        gram = np.zeros((1 + many * count,) * 2)
+        gram[1:, 1:] = total.transpose(0, 2, 1, 3).reshape(many * count, -1) - away[1:].T @ inverse @ away[1:]
+        gram[1:, 0] = away[0] - right @ away[1:]
+        size = np.append(0.0, np.sqrt((weights**2).T @ own).ravel())
+        prior = np.tile(self.causes[law.cause].prior, many)
+        gain, dof, _ = attribution.gained(gram, slice(1, None), size)
+        known, vectors = np.linalg.eigh(gram[1:, 1:] * np.outer(prior, prior))
+        known, score = np.maximum(known, 0.0), (vectors.T @ (prior * gram[1:, 0])) ** 2
+        more = 1 + np.outer(BEYOND**2, known)
+        return gain, dof, *_mixed(np.sum(BEYOND[:, None] ** 2 * score / more - np.log(more), axis=1), law.odds)
+
+    def _frame(self, cause, beside):
+        """What all laws of a cause share: products in each event, and with the laws beside it."""
+        made, place = self.products(beside)[0], self.places[cause]
+        index, weight, _ = self.columns(beside)
+        cross = self.grams[:, index[:, None], place] * weight[:, :, None]
+        total = made.sum(axis=0)
+        inverse = inverse_of(total[1:, 1:]) if total.shape[0] > 1 else np.zeros((0, 0))
+        own = np.stack([one.size[self.kept][place] ** 2 for one in self.events])
+        return self.grams[:, place[:, None], place], cross, inverse, total[0, 1:] @ inverse, own
+
+    def _judged_each(self, law, beside):
+        """The same of a cause that is different in each event, its parameters projected out there."""
+        place, prior = self.places[law.cause], self.causes[law.cause].prior
+        chi2, scores, dof = self._left(self.grams, beside), [], 0
+        for one, event in zip(self.grams, self.events, strict=True):
+            dof += attribution.spread(one, slice(place[0], place[-1] + 1), event.size[self.kept]).shape[0]
+        inner = self.grams[:, place[:, None], place] * np.outer(prior, prior)
+        for size in BEYOND:
+            left = self._left(self._without(law.cause, size), beside)
+            scores.append(chi2 - left - np.linalg.slogdet(np.eye(prior.size) + size**2 * inner)[1].sum())
+        return chi2 - self._left(self._without(law.cause, 1e4), beside), dof, *_mixed(np.array(scores), law.odds)
+
+    def _without(self, cause, size):
+        """Products (n, m, m) with a cause different in each event taken out, so many times its prior."""
+        place, prior = self.places[cause], size * self.causes[cause].prior
+        inner = np.eye(prior.size) + self.grams[:, place[:, None], place] * np.outer(prior, prior)
+        cross = self.grams[:, :, place] * prior
+        return self.grams - cross @ np.linalg.solve(inner, np.swapaxes(cross, 1, 2))
+
+    def _left(self, grams, laws):
+        """Chi-square that is left with some laws fitted."""
+        total = self.products(laws, grams)[0].sum(axis=0)
+        return float(attribution.projected(total, np.arange(1, total.shape[0]))[0, 0])
+
+    def best(self, cause: int, beside: Sequence[Law]) -> tuple[list, int]:
+        """(gain, dof, score, size, law) of the laws of a cause, and how many; epochs are split on while that pays."""
+        frame = self._frame(cause, beside)
+        rows = [(*self.judged(law, beside, frame), law) for law in self.laws(cause)]
+        count, last = (
+            len(self.events),
+            max((r for r in rows if r[4].scope == "epochs"), default=None, key=lambda r: r[2]),
+        )
+        while last and last[4].weights.shape[1] <= CUTS:
+            cuts = np.flatnonzero(np.any(np.diff(last[4].weights, axis=0), axis=1)) + 1
+            odds = last[4].odds - 2 * np.log(count - 1)
+            more = [self.ranges(cause, (*cuts, k), odds) for k in range(1, count) if k not in cuts]
+            split = max(((*self.judged(law, beside, frame), law) for law in more), key=lambda r: r[2], default=None)
+            if split is None or split[2] <= last[2]:
+                break
+            rows.append(split)
+            last = split
+        return rows, len(rows)
+
+    def run(self) -> Result:
+        """Rounds: the best significant law of any cause, until there is none; then ties and offsets."""
+        named, chance = [], {}
+        for _ in range(self.rounds):
+            beside = [law for law, _ in named if law.scope != "each"]
+            rows = {k: self.best(k, beside)[0] for k in range(len(self.causes)) if k not in {n.cause for n, _ in named}}
+            tried = sum(map(len, rows.values()))
+            every = [row for some in rows.values() for row in some if row[1]]
+            log_p = chi2_tail.log_tail([r[0] for r in every], [r[1] for r in every]) + np.log(max(tried, 1))
+            passed = [(row, p) for row, p in zip(every, log_p, strict=True) if p < np.log(self.level) and row[2] > 0]
+            if not passed:
+                break
+            row, p = max(passed, key=lambda one: one[0][2])
+            named.append((row[4], row[3]))
+            chance[row[4].cause] = float(np.exp(p)), *row[:3]
+            if len(named) > 1:  # laws of those before, beside the new one
+                named = self._settled(named)
+            self.grams = self.projected([(law.cause, size) for law, size in named if law.scope == "each"])
+        tried = len(self.causes) * len(self.laws(0))
+        return self._result(named, chance, tried)
+
+    def _settled(self, named):
+        """Named laws with each of the others chosen again beside the rest."""
+        for k, (law, _) in enumerate(named):
+            others = [one for j, (one, _) in enumerate(named) if j != k and one.scope != "each"]
+            self.grams = self.projected(
+                [(o.cause, s) for j, (o, s) in enumerate(named) if j != k and o.scope == "each"]
+            )
+            row = max(self.best(law.cause, others)[0], key=lambda r: r[2])
+            named[k] = row[4], row[3]
+        return named
+
+    def _result(self, named, chance, tried):
+        """Values, ties, contradictions and offsets of what was named."""
+        shared = [law for law, _ in named if law.scope != "each"]
+        scales = [size for law, size in named if law.scope != "each"]
+        shared, contradicting = self._contradictions(shared)
+        for law in shared if contradicting else ():  # what was named for an event that now has its own values
+            others = [one for one in shared if one is not law]
+            if self.judged(law, others)[2] <= 0:
+                scales = [size for one, size in zip(shared, scales, strict=True) if one is not law]
+                shared, named = others, [row for row in named if row[0].cause != law.cause]
+        value, covariance = self._values(shared, scales)
+        ends, found = np.cumsum([0, *(law.weights.shape[1] * self.places[law.cause].size for law in shared)]), []
+        order = {law.cause: k for k, law in enumerate(shared)}
+        for law, _size in named:
+            k = order.get(law.cause)
+            mine = law if k is None else shared[k]
+            others = [one for one in shared if one is not mine]
+            gain, dof, score = chance[law.cause][1:] if k is None else self.judged(mine, others)[:3]
+            part = slice(0, 0) if k is None else slice(ends[k], ends[k + 1])
+            shape = mine.weights.shape[1], self.places[law.cause].size
+            held = self._held_out(mine, others) if k is not None else np.nan
+            words = {"value": value[part].reshape(shape), "sigma": np.sqrt(np.diag(covariance)[part]).reshape(shape)}
+            one = Named(mine, gain, dof, chance[law.cause][0], score, held, **words)
+            found.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
+        each = [(law.cause, size) for law, size in named if law.scope == "each"]
+        offset, spread = self._offsets(shared, value, covariance, each)
+        alone = self._offsets([], np.zeros(0), np.zeros((0, 0)), ())
+        error = np.sqrt(np.einsum("ipip->ip", alone[1]))
+        return Result(found, covariance, offset, spread, np.stack([alone[0], error], axis=2), contradicting, tried)
+
+    def _values(self, laws, scales):
+        """Values (r,) of the laws with their covariance, held by so many times their priors."""
+        made, prior, _ = self.products(laws)
+        total = made.sum(axis=0)
+        wide = [
+            np.full(law.weights.shape[1] * self.places[law.cause].size, s) for law, s in zip(laws, scales, strict=True)
+        ]
+        held = np.concatenate([np.zeros(0), *wide]) * prior[1:]
+        covariance = np.linalg.inv(total[1:, 1:] + np.diag(1 / held**2)) if held.size else np.zeros((0, 0))
+        return covariance @ total[1:, 0], covariance
+
+    def _held_out(self, law, others):
+        """Gain of a law in each event as all others predict it."""
+        made = self.products([*others, law])[0]
+        first = made.shape[1] - law.weights.shape[1] * self.places[law.cause].size
+        return attribution.held_out(made, np.arange(1, first), np.arange(first, made.shape[1]))
+
+    def foretold(self, laws: Sequence[Law]) -> list[tuple[float, int, float]]:
+        """(chi2, dof, log p) of what each event says of the values, against what the others foretell."""
+        made, prior, size = self.products(laws)
+        total, found, width = made.sum(axis=0), [], 1e2 * prior[1:]
+        for one in made:
+            own, rest = one[1:, 1:], total - one
+            inverse = np.linalg.inv(rest[1:, 1:] + np.diag(1 / width**2))
+            away = one[1:, 0] - own @ (inverse @ rest[1:, 0])
+            spread = own + own @ inverse @ own
+            scale = np.where(size[1:] > 0, size[1:], 1.0)
+            known, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
+            seen = known > 1e-8 * max(known.max(initial=0.0), 1e-300)
+            chi2 = float(np.sum((vectors[:, seen].T @ (away / scale)) ** 2 / known[seen]))
+            found.append((chi2, int(seen.sum()), float(chi2_tail.log_tail(chi2, max(int(seen.sum()), 1)))))
+        return found
+
+    def _contradictions(self, laws):
+        """Laws in which an event that the others do not foretell has values of its own, and these events."""
+        laws, found, count = list(laws), [], len(self.events)
+        while laws and len(found) < max(1, count // 4):
+            rows = self.foretold([law for law in laws if law.scope != "event"] or laws)
+            named = {one["event"] for one in found}
+            rows = [(log_p, k) for k, (_, _, log_p) in enumerate(rows) if self.events[k].name not in named]
+            log_p, worst = min(rows)
+            if log_p + np.log(count) > np.log(self.level) or all(law.scope == "event" for law in laws):
+                break
+            chi2, dof, _ = self.foretold([law for law in laws if law.scope != "event"])[worst]
+            name = self.events[worst].name
+            found.append({"event": name, "chi2": chi2, "dof": dof, "p": float(np.exp(log_p)) * count})
+            for k, law in enumerate(laws):
+                if law.scope != "event":
+                    alone = np.eye(count)[:, worst : worst + 1]
+                    weights = np.column_stack([law.weights * (1 - alone), alone])
+                    laws[k] = replace(law, weights=weights, labels=[*law.labels, f"{name} alone"])
+        return laws, found
+
+    def _ties(self, one: Named, others):
+        """Other causes beside one that was named: {"cause", "expected_chi2", "observed", "single", "event", "tied"}."""
+        made, _, size = self.products([*others, one.law])
+        first = size.size - one.value.size
+        found = []
+        for k, cause in enumerate(self.causes):
+            if k in {law.cause for law in (*others, one.law)}:
+                continue
+            swapped = replace(one.law, cause=k)
+            both, _, size = self.products([*others, one.law, swapped])
+            mine, theirs = slice(first, first + one.value.size), slice(first + one.value.size, size.size)
+            gram = attribution.projected(both.sum(axis=0), np.arange(1, first))
+            expected = attribution.misfit(gram, mine, one.value.ravel(), theirs, size) - one.dof
+            row = max(self.best(k, others)[0], key=lambda r: r[2])
+            observed = one.score - row[2]
+            if expected > ALIKE * (one.gain - one.dof) and observed >= self.tie:
+                continue
+            single = [attribution.misfit(b, mine, one.value.ravel(), theirs, size) for b in both]
+            share = self._share(both, np.arange(1, first), mine, theirs)
+            words = {"cause": cause.slug, "expected_chi2": max(expected, 0.0), "observed": float(observed)}
+            words |= {"single": float(max(single)), "event": self.events[int(np.argmax(share))].name}
+            found.append(words | {"tied": bool(expected < self.tie or observed < self.tie)})
+        return sorted(found, key=lambda row: row["expected_chi2"])
+
+    @staticmethod
+    def _share(both, baseline, mine, theirs):
+        """Chi-square (n,) by which each event prefers one cause to another, each fitted to all events."""
+        total, left = both.sum(axis=0), []
+        for place in (theirs, mine):
+            index = np.r_[baseline, np.arange(place.start, place.stop)]
+            whole = np.zeros(total.shape[0])
+            whole[0], whole[index] = 1.0, -inverse_of(total[np.ix_(index, index)]) @ total[index, 0]
+            left.append(np.einsum("m,bmk,k->b", whole, both, whole))
+        return left[0] - left[1]
+
+    def _offsets(self, laws, value, covariance, each):
+        """Parameters (n, p) of the calibration in each event, and their covariance (n, p, n, p)."""
+        count, own = self.count, np.arange(1, 1 + self.count)
+        index, weight, _ = self.columns(laws)
+        centre, turns, inner = [], [], []
+        for k, gram in enumerate(self.local(each)):
+            inner.append(inverse_of(gram[np.ix_(own, own)]))
+            columns = count + index[1:]
+            turns.append(inner[-1] @ (gram[np.ix_(own, columns)] * weight[k, 1:]))
+            centre.append(self.events[k].start + inner[-1] @ gram[own, 0] - turns[-1] @ value)
+        turns = np.stack(turns)
+        spread = np.einsum("ipr,rs,jqs->ipjq", turns, covariance, turns)
+        for k, one in enumerate(inner):
+            spread[k, :, k] += one
+        return np.stack(centre), spread
+
+
+def _mixed(score, odds):
+    """Twice the logarithm of the evidence over all common sizes, and the most likely of these."""
+    score = score + 2 * np.log(ODDS)
+    best = int(np.argmax(score))
+    return float(score[best] + 2 * np.log(np.sum(np.exp((score - score[best]) / 2))) + odds), float(BEYOND[best])

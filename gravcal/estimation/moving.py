@@ -1,0 +1,125 @@
+"""A parameter that moves from event to event: constant, slope, steps at known or found epochs, and a random walk.
+
+Everything is Gaussian, so that a value at any time follows from all events with its error (Rasmussen and Williams 2006,
+Gaussian Processes for Machine Learning, eq. 2.25-2.26). What is not known of the walk, its size and that of scatter
+beyond the stated errors, is averaged over by the evidence (eq. 2.30).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+YEAR_S = 365.25 * 86400
+WALKS = np.append(0.0, np.geomspace(0.01, 3.0, 12))  # of the spread, in a root of a year
+SCATTERS = np.append(0.0, np.geomspace(0.3, 10.0, 6))  # of the median error
+FOUND = 9.0  # twice the log evidence, beyond the price of where it is, from which a step is taken for one
+
+
+@dataclass(frozen=True)
+class Moving:
+    """How a parameter moves."""
+
+    time: np.ndarray  #: (n,) s
+    value: np.ndarray  #: (n,)
+    covariance: np.ndarray  #: (n, n) of the values
+    steps: Sequence[float]  #: (k,) s, epochs of steps
+    found: Sequence[float]  #: those of them that were found
+    scale: float  #: spread that steps, slope and walk are compared with
+    weights: np.ndarray  #: (w, s) of each size of walk and scatter
+
+    def basis(self, time: np.ndarray) -> np.ndarray:
+        """Constant, slope per year from the first event and steps, (m, 2 + k)."""
+        return np.column_stack([np.ones(time.size), (time - self.time[0]) / YEAR_S, *(time >= s for s in self.steps)])
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Plausible sizes (2 + k,) of these."""
+        years = max(np.ptp(self.time) / YEAR_S, 0.1)
+        return np.array([1e3 * self.scale, self.scale / years, *(self.scale for _ in self.steps)])
+
+    def kernel(self, one: np.ndarray, other: np.ndarray, walk: float) -> np.ndarray:
+        """Covariance (a, b) of basis and walk at two sets of times."""
+        first = self.time[0]
+        away = np.abs(one - first)[:, None] + np.abs(other - first) - np.abs(one[:, None] - other)
+        basis = (self.basis(one) * self.prior**2) @ self.basis(other).T
+        return basis + (walk * self.scale) ** 2 * away / (2 * YEAR_S)
+
+    def options(self):
+        """(weight, walk, covariance (n, n) of the values) of each size that matters."""
+        error = np.median(np.sqrt(np.diag(self.covariance)))
+        for (i, walk), (k, scatter) in itertools.product(enumerate(WALKS), enumerate(SCATTERS)):
+            if self.weights[i, k] > 1e-4:
+                noise = self.covariance + (scatter * error) ** 2 * np.eye(self.time.size)
+                yield self.weights[i, k], walk, self.kernel(self.time, self.time, walk) + noise
+
+    def predicted(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Value (m,) at times (m,) s, and its standard deviation, what was measured there being of no scatter."""
+        time, means, squares, total = np.atleast_1d(time), 0.0, 0.0, 0.0
+        for weight, walk, inner in self.options():
+            cross = self.kernel(time, self.time, walk)
+            factor = cho_factor(inner)
+            mean = cross @ cho_solve(factor, self.value)
+            own = np.diag(self.kernel(time, time, walk)) - np.sum(cross * cho_solve(factor, cross.T).T, axis=1)
+            means, squares, total = means + weight * mean, squares + weight * (own + mean**2), total + weight
+        return means / total, np.sqrt(np.maximum(squares / total - (means / total) ** 2, 0.0))
+
+    def terms(self) -> tuple[np.ndarray, np.ndarray]:
+        """Value and error (2 + k,) of constant, slope and steps, at the most likely size of the walk."""
+        _, _, inner = max(self.options(), key=lambda row: row[0])
+        design = self.basis(self.time) * self.prior**2
+        factor = cho_factor(inner)
+        value = design.T @ cho_solve(factor, self.value)
+        return value, np.sqrt(np.maximum(self.prior**2 - np.sum(design * cho_solve(factor, design), axis=0), 0.0))
+
+    def left_out(self) -> np.ndarray:
+        """Each value (n,) less that foretold by all others, over the error of the difference."""
+        score = 0.0
+        for weight, _, inner in self.options():
+            inverse = np.linalg.inv(inner)
+            score = score + weight * (inverse @ self.value) / np.sqrt(np.diag(inverse))
+        return score
+
+
+def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: Sequence[float] = ()) -> Moving:
+    """How a parameter moves, with steps that are found between events beside those that are known.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing; value : (n,); covariance : (n, n)
+    steps : s, epochs at which it may have jumped, such as trims
+    """
+    known = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
+    error = float(np.median(np.sqrt(np.diag(covariance))))
+    scale = max(float(np.ptp(value)), 3 * error)
+    one, evidence = _weighed(time, value, covariance, (known, [], scale))
+    middles = [(a + b) / 2 for a, b in itertools.pairwise(time)]
+    while time.size > 3:
+        free = [m for m in middles if not any(_between(time, m) == _between(time, s) for s in one.steps)]
+        tried = [_weighed(time, value, covariance, ([*one.steps, m], [*one.found, m], scale)) for m in free]
+        best = max(tried, key=lambda row: row[1], default=(None, -np.inf))
+        if best[1] - 2 * np.log(max(len(free), 1)) < evidence + FOUND:
+            return one
+        one, evidence = best
+    return one
+
+
+def _between(time, epoch):
+    """Number of the gap that an epoch is in."""
+    return int(np.searchsorted(time, epoch))
+
+
+def _weighed(time, value, covariance, about):
+    """Motion with the evidence of each size of walk and scatter, and twice the logarithm of its mean."""
+    steps, found, scale = about
+    count = WALKS.size, SCATTERS.size
+    one = Moving(time, value, covariance, steps, found, scale, np.ones(count))
+    score = [-np.linalg.slogdet(inner)[1] - value @ np.linalg.solve(inner, value) for _, _, inner in one.options()]
+    score = np.reshape(score, count)
+    weights = np.exp((score - score.max()) / 2)
+    twice = float(score.max() + 2 * np.log(weights.mean()))
+    return Moving(time, value, covariance, steps, found, scale, weights / weights.sum()), twice
