@@ -113,7 +113,7 @@ def evidence(observed: Observations | None) -> xr.Dataset:
         "unit": observed.unit,
         "scale": np.broadcast_to(observed.scale, count).tolist(),
         "start": np.asarray(observed.start, dtype=float).tolist(),
-        "measured": {"year": float(np.median(time)) / YEAR_S} | dict(observed.measured),
+        "measured": {"year": float(np.median(time)) / YEAR_S} | dict(observed.circumstances),
         "causes": [[slug, one.form, one.names, one.units, list(map(float, one.prior))] for slug, one in every.items()],
     }
     about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
@@ -181,11 +181,12 @@ class Search:
         """Laws that a cause may follow."""
         count, names = len(self.events), [one.name for one in self.events]
         found = [Law(cause, "constant", np.ones((count, 1)), ["all"])]
-        if count > 2:
+        if count > 3:
             cuts = -2 * np.log(count - 1)
-            found += [self.ranges(cause, (k,), cuts) for k in range(1, count)]
+            found += [self.ranges(cause, (k,), cuts) for k in range(2, count - 1)]
         eye = np.eye(count)
         found += [Law(cause, "event", eye[:, k : k + 1], [names[k]], -2 * np.log(count)) for k in range(count)]
+        found += [self.apart(found[0], k) for k in range(count) if count > 3]
         known = sorted(set.intersection(*(set(one.measured) for one in self.events)))
         for name in known if count > 3 else ():
             values = np.array([one.measured[name] for one in self.events])
@@ -204,6 +205,13 @@ class Search:
             weights[a:b, k] = 1.0
         labels = [f"{self.events[a].name} to {self.events[b - 1].name}" for a, b in itertools.pairwise(ends)]
         return Law(cause, "epochs", weights, labels, odds)
+
+    def apart(self, law: Law, event: int) -> Law:
+        """The law with values of its own for an event that contradicts the others."""
+        alone = np.eye(len(self.events))[:, event : event + 1]
+        weights = np.column_stack([law.weights * (1 - alone), alone])
+        labels = [*law.labels, f"{self.events[event].name} alone"]
+        return replace(law, weights=weights, labels=labels, odds=law.odds - 2 * np.log(len(self.events)))
 
     def columns(self, laws: Sequence[Law]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Column (c,), weight (n, c) and prior (c,) of each value of some laws, the observed rows first."""
@@ -288,9 +296,10 @@ class Search:
         while last and last[4].weights.shape[1] <= CUTS:
             cuts = np.flatnonzero(np.any(np.diff(last[4].weights, axis=0), axis=1)) + 1
             odds = last[4].odds - 2 * np.log(count - 1)
-            more = [self.ranges(cause, (*cuts, k), odds) for k in range(1, count) if k not in cuts]
+            near = {j + k for j in (0, *cuts, count) for k in (-1, 0, 1)}  # a range of one event contradicts, see below
+            more = [self.ranges(cause, (*cuts, k), odds) for k in range(count) if k not in near]
             split = max(((*self.judged(law, beside, frame), law) for law in more), key=lambda r: r[2], default=None)
-            if split is None or split[2] <= last[2]:
+            if split is None or split[2] <= last[2] + self.tie:
                 break
             rows.append(split)
             last = split
@@ -394,22 +403,37 @@ class Search:
     def _contradictions(self, laws):
         """Laws in which an event that the others do not foretell has values of its own, and these events."""
         laws, found, count = list(laws), [], len(self.events)
-        while laws and len(found) < max(1, count // 4):
-            rows = self.foretold([law for law in laws if law.scope != "event"] or laws)
+        shared = [k for k, law in enumerate(laws) if law.scope != "event"]
+        for k, one in enumerate(self.events):
+            if any(f"{one.name} alone" in laws[j].labels for j in shared):
+                plain = [self.without(laws[j], k) for j in shared]
+                found.append(self._contradiction(plain, k))
+        while shared and len(found) < max(1, count // 4):
             named = {one["event"] for one in found}
-            rows = [(log_p, k) for k, (_, _, log_p) in enumerate(rows) if self.events[k].name not in named]
-            log_p, worst = min(rows)
-            if log_p + np.log(count) > np.log(self.level) or all(law.scope == "event" for law in laws):
+            rows = self.foretold([laws[j] for j in shared])
+            log_p, worst = min((p, k) for k, (_, _, p) in enumerate(rows) if self.events[k].name not in named)
+            if log_p + np.log(count) > np.log(self.level):
                 break
-            chi2, dof, _ = self.foretold([law for law in laws if law.scope != "event"])[worst]
-            name = self.events[worst].name
-            found.append({"event": name, "chi2": chi2, "dof": dof, "p": float(np.exp(log_p)) * count})
-            for k, law in enumerate(laws):
-                if law.scope != "event":
-                    alone = np.eye(count)[:, worst : worst + 1]
-                    weights = np.column_stack([law.weights * (1 - alone), alone])
-                    laws[k] = replace(law, weights=weights, labels=[*law.labels, f"{name} alone"])
+            found.append(self._contradiction([laws[j] for j in shared], worst))
+            for j in shared:
+                laws[j] = self.apart(laws[j], worst)
         return laws, found
+
+    def without(self, law: Law, event: int) -> Law:
+        """The law without values of its own for an event."""
+        label = f"{self.events[event].name} alone"
+        if label not in law.labels:
+            return law
+        kept = [k for k, one in enumerate(law.labels) if one != label]
+        weights = law.weights[:, kept].copy()
+        weights[event, 0] = 1.0
+        return replace(law, weights=weights, labels=[law.labels[k] for k in kept])
+
+    def _contradiction(self, laws, event):
+        """How far an event is from what the others foretell."""
+        chi2, dof, log_p = self.foretold(laws)[event]
+        p = min(1.0, float(np.exp(log_p)) * len(self.events))
+        return {"event": self.events[event].name, "chi2": chi2, "dof": dof, "p": p}
 
     def _ties(self, one: Named, others):
         """Other causes beside one that was named: {"cause", "expected_chi2", "observed", "single", "event", "tied"}."""
@@ -424,8 +448,8 @@ class Search:
             mine, theirs = slice(first, first + one.value.size), slice(first + one.value.size, size.size)
             gram = attribution.projected(both.sum(axis=0), np.arange(1, first))
             expected = attribution.misfit(gram, mine, one.value.ravel(), theirs, size) - one.dof
-            row = max(self.best(k, others)[0], key=lambda r: r[2])
-            observed = one.score - row[2]
+            rows = [*(row[2] for row in self.best(k, others)[0]), self.judged(swapped, others)[2]]
+            observed = one.score - max(rows)
             if expected > ALIKE * (one.gain - one.dof) and observed >= self.tie:
                 continue
             single = [attribution.misfit(b, mine, one.value.ravel(), theirs, size) for b in both]

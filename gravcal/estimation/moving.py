@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -96,30 +96,36 @@ def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: S
     known = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
     error = float(np.median(np.sqrt(np.diag(covariance))))
     scale = max(float(np.ptp(value)), 3 * error)
-    one, evidence = _weighed(time, value, covariance, (known, [], scale))
-    middles = [(a + b) / 2 for a, b in itertools.pairwise(time)]
+    one = _weighed(time, value, covariance, (known, [], scale))
+    middles = np.array([(a + b) / 2 for a, b in itertools.pairwise(time)])
     while time.size > 3:
-        free = [m for m in middles if not any(_between(time, m) == _between(time, s) for s in one.steps)]
-        tried = [_weighed(time, value, covariance, ([*one.steps, m], [*one.found, m], scale)) for m in free]
-        best = max(tried, key=lambda row: row[1], default=(None, -np.inf))
-        if best[1] - 2 * np.log(max(len(free), 1)) < evidence + FOUND:
+        taken = np.searchsorted(time, one.steps)
+        free = middles[[k for k in range(middles.size) if k + 1 not in taken]]
+        gain = _stepped(one, free) - 2 * np.log(max(free.size, 1))
+        if not free.size or gain.max() < FOUND:
             return one
-        one, evidence = best
+        at = float(free[np.argmax(gain)])
+        one = _weighed(time, value, covariance, ([*one.steps, at], [*one.found, at], scale))
     return one
 
 
-def _between(time, epoch):
-    """Number of the gap that an epoch is in."""
-    return int(np.searchsorted(time, epoch))
+def _stepped(one, epochs):
+    """Twice the logarithm of the evidence (m,) for one more step at epochs (m,), over that of none."""
+    steps, score = (one.time[:, None] >= epochs) * one.scale, []
+    for weight, _, inner in one.options():
+        inverse = np.linalg.inv(inner)
+        known, right = np.sum(steps * (inverse @ steps), axis=0), steps.T @ (inverse @ one.value)
+        score.append(2 * np.log(weight) - np.log1p(known) + right**2 / (1 + known))
+    best = np.max(score, axis=0, initial=-np.inf)
+    return best + 2 * np.log(np.sum(np.exp((np.array(score) - best) / 2), axis=0))
 
 
 def _weighed(time, value, covariance, about):
-    """Motion with the evidence of each size of walk and scatter, and twice the logarithm of its mean."""
+    """Motion with the evidence of each size of walk and scatter."""
     steps, found, scale = about
     count = WALKS.size, SCATTERS.size
     one = Moving(time, value, covariance, steps, found, scale, np.ones(count))
     score = [-np.linalg.slogdet(inner)[1] - value @ np.linalg.solve(inner, value) for _, _, inner in one.options()]
     score = np.reshape(score, count)
     weights = np.exp((score - score.max()) / 2)
-    twice = float(score.max() + 2 * np.log(weights.mean()))
-    return Moving(time, value, covariance, steps, found, scale, weights / weights.sum()), twice
+    return replace(one, weights=weights / weights.sum())

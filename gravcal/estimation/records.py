@@ -252,7 +252,7 @@ class Observations(Protocol):
     readable : channels whose reading the page can show, all if empty
     epoch : s, GPS, at which a parameter that moves is given, None where the calibration has none
     expected : {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable
-    measured : quantities of the event that a cause may follow from event to event, such as the angle of the Sun
+    circumstances : quantities of the event that a cause may follow from event to event, such as the angle of the Sun
     """
 
     name: str
@@ -278,7 +278,7 @@ class Observations(Protocol):
     readable: tuple[str, ...] = ()
     epoch: float | None = None
     expected: Mapping[str, tuple[float, float]] = {}
-    measured: Mapping[str, float] = {}
+    circumstances: Mapping[str, float] = {}
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""

@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from gravcal.discovery.joint import Named, Result, Search
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.moving import YEAR_S, Moving, moving
 from gravcal.report import discovery_words as words
@@ -26,7 +25,7 @@ AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12
 CHANGED = 3.0  # errors of a change from which it is worth a note
 
 
-def report(search: Search, products, *, history, settings, calibration, event, satellite):
+def report(search, products, *, history, settings, calibration, event, satellite):
     """Product with the calibration's values in each event, and its files: document, page and model of the satellite.
 
     Parameters
@@ -123,7 +122,7 @@ def _strange(search, moves):
     return found
 
 
-def _cause(search: Search, one: Named) -> dict:
+def _cause(search, one) -> dict:
     """A cause with its law, values and ties."""
     cause = search.causes[one.law.cause]
     values = [
@@ -190,7 +189,7 @@ SCOPES = {
 }
 
 
-def model_text(document, search: Search, result: Result) -> str:
+def model_text(document, search, result) -> str:
     """Model of the satellite as TOML: effects with the days that they hold for, as `--model` reads them; motion."""
     lines = [
         f"# Found by gravcal discover --joint in {len(document['events'])} events; gravcal run takes it with --model."

@@ -100,7 +100,7 @@ class ComOffset(Observations):
         return responses.candidates(self.views, self.smoothed, self.aligned["start"].values)
 
     @property
-    def measured(self) -> dict[str, float]:
+    def circumstances(self) -> dict[str, float]:
         """Angle deg of the Sun above the orbit, and mean distance deg of the manoeuvres from the equator."""
         time, position = self.views[0].orbit
         at = np.array([np.mean(one.time) for one in self.views])

@@ -1,0 +1,130 @@
+"""Search over many events: laws of causes, ties, contradictions, offsets; how a parameter moves; what is written."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from flows.engine import models
+from gravcal.discovery import joint
+from gravcal.effects import effect
+from gravcal.estimation import moving
+from gravcal.report import joint as report
+
+RNG_LEVEL = 1e-4
+DAY_S = 86400.0
+SLUGS = ("torque.dipole_gain", "torque.inertia", "accelerometer.current_leak", "torque.residual_dipole")
+NAMES = {slug: [p.name for p in effect(slug).parameters][:2] for slug in SLUGS}
+
+
+def events(rng, law, count=16, alike=0.05, rows=200, size=3.0):
+    """Events of two-parameter causes, the second like the first; truth by law(event), prior sizes 0.05."""
+    made = []
+    for k in range(count):
+        columns = size * rng.standard_normal((rows, 3 + 2 * len(SLUGS)))
+        columns[:, 5:7] = columns[:, 3:5] + alike * size * rng.standard_normal((rows, 2))
+        offset = np.array([1.0 + 0.05 * k, -0.4, 0.1])
+        rows_ = columns[:, :3] @ offset + columns[:, 3:] @ law(k) + rng.standard_normal(rows)
+        whole = np.column_stack([rows_, columns])
+        gram = whole.T @ whole
+        causes = [joint.Cause(slug, "", NAMES[slug], ["1", "1"], np.full(2, 0.05)) for slug in SLUGS]
+        day = f"2020-{1 + k // 2:02}-{1 + 14 * (k % 2):02}"
+        about = (f"grace-c-{day}", report.seconds(day), np.zeros(3), gram, np.sqrt(np.diag(gram)), causes)
+        made.append(joint.Event(*about, {"beta_deg": float(np.sin(3.0 * k)), "year": k / 24}))
+    return made
+
+
+def theta(**values):
+    """Values (8,) of all causes, those of some by their number."""
+    found = np.zeros(8)
+    for name, value in values.items():
+        found[int(name[1:])] = value
+    return found
+
+
+LAWS = {
+    "constant": lambda _: theta(_4=0.05),
+    "epochs": lambda k: theta(_4=0.06 * (k >= 9)),
+    "beta_deg": lambda k: theta(_4=0.06 * np.sin(3.0 * k)),
+    "event": lambda k: theta(_4=0.2 * (k == 5)),
+    "tied": lambda _: theta(_0=0.05),
+    "contradicted": lambda k: theta(_4=0.05 if k != 6 else -0.1),
+}
+
+
+@pytest.mark.parametrize("scope", ["constant", "epochs", "beta_deg", "event"])
+def test_a_cause_is_named_with_its_law(scope, rng):
+    """Constant, after a change, with the angle of the Sun, or in one event."""
+    found = joint.Search(events(rng, LAWS[scope]), 0.005, 9.0, 4).run()
+    assert [(SLUGS[one.law.cause], one.law.scope) for one in found.named] == [(SLUGS[2], scope)]
+    assert not found.contradicting
+
+
+def test_nothing_is_named_where_nothing_is_and_offsets_keep_their_errors(rng):
+    """Chi-square of all offsets, whose errors no cause widens."""
+    found = joint.Search(events(rng, lambda _: theta()), 0.005, 9.0, 4).run()
+    assert not found.named
+    away = (found.offset - np.array([[1.0 + 0.05 * k, -0.4, 0.1] for k in range(16)])).ravel()
+    assert 20 < away @ np.linalg.solve(found.spread.reshape(48, 48), away) < 90
+
+
+def test_events_break_a_tie_that_each_of_them_leaves(rng):
+    """Two causes that no single event tells apart are told apart by all, and stay tied where nothing could."""
+    (one,) = joint.Search(events(rng, LAWS["tied"], alike=1.0), 0.005, 9.0, 4).run().named
+    (tie,) = [row for row in one.ties if row["cause"] == SLUGS[1]]
+    assert (SLUGS[one.law.cause], tie["tied"], tie["single"] < 9 < tie["expected_chi2"]) == (SLUGS[0], False, True)
+    (hard,) = joint.Search(events(rng, LAWS["tied"], alike=0.01), 0.005, 9.0, 4).run().named
+    assert [row["cause"] for row in hard.ties if row["tied"]] == [SLUGS[1 - hard.law.cause]]
+
+
+def test_an_event_that_contradicts_is_named_and_moves_no_other(rng):
+    """It has a value of its own."""
+    found = joint.Search(events(rng, LAWS["contradicted"]), 0.005, 9.0, 4).run()
+    assert [row["event"] for row in found.contradicting] == ["grace-c-2020-04-01"]
+    (one,) = found.named
+    assert one.value[:, 0] == pytest.approx([0.05, -0.1], abs=0.03)
+
+
+def test_a_moving_parameter_is_foretold_with_its_error(rng):
+    """Slope, known step, walk; the error of a date left out is that which is stated, in 60 series."""
+    score = []
+    for _ in range(60):
+        time = np.sort(rng.uniform(0, 1000, 12)) * DAY_S
+        walk = np.cumsum(rng.standard_normal(12) * 5 * np.sqrt(np.diff(time, prepend=0) / moving.YEAR_S))
+        true = 10 * time / moving.YEAR_S - 100 * (time > 500 * DAY_S) + walk
+        value, kept = true + 2 * rng.standard_normal(12), np.arange(12) != 7
+        one = moving.moving(time[kept], value[kept], 4.0 * np.eye(11), [500 * DAY_S])
+        mean, sigma = one.predicted(time[7:8])
+        score.append(float((mean[0] - true[7]) / sigma[0]))
+    assert 0.75 < np.sqrt(np.mean(np.square(score))) < 1.25
+
+
+def test_a_step_that_nobody_told_of_is_found(rng):
+    """Between the events that it lies between."""
+    time = np.arange(12) * 60 * DAY_S
+    one = moving.moving(time, 50.0 * (time > 290 * DAY_S) + rng.standard_normal(12), np.eye(12))
+    assert one.found == [pytest.approx(270 * DAY_S)]
+
+
+def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
+    """Written, read as any model, with the values of the day; and what a later search changed is said."""
+    made = events(rng, LAWS["epochs"])
+    numbers = {"scale": [1e6] * 3, "parameters": ["x", "y", "z"], "unit": "um"}
+    products = {one.name: xr.Dataset(attrs={"numbers": json.dumps(numbers), "origin": "simulated"}) for one in made}
+    about = {"history": {"trims": [], "printed": []}, "settings": {"configuration": "operational", "left_out": {}}}
+    about |= {"calibration": "com_offset", "event": "grace-c", "satellite": "C"}
+    _, files = report.report(joint.Search(made, 0.005, 9.0, 4), products, **about)
+    path = tmp_path / "satellite_model.toml"
+    path.write_text(files["satellite_model.toml"])
+    assert len(tomllib.loads(path.read_text())["predicted"]) > 6
+    text, source = models.text_of(path), type("Source", (), {"date": "2020-02-01"})
+    (early,) = json.loads(models.of_event(text, source))
+    source.date = "2020-08-01"
+    (late,) = json.loads(models.of_event(text, source))
+    assert [one["parameters"]["x_from_x"]["value"] for one in (early, late)] == pytest.approx([0.0, 0.06], abs=0.03)
+    after = json.loads(files["joint.json"])
+    before = after | {"causes": [], "events": after["events"][:-1]}
+    assert report.changes(before, after)[0] == "new: accelerometer: current leak, another value after a change"
+    assert report.changes({}, after) == []
