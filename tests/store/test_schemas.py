@@ -98,6 +98,8 @@ _PARTS = dict.fromkeys(("accelerometer", "magnetometer", "thrusters", "ranging")
 _FITTED = {"statistics": [], "causes": [], "adequate": None, "parameters": _NAMED, "covariance": _MATRIX, "facts": {}}
 _PARTS["thrusters"] = _MISSING | {"status": "fitted"} | _FITTED
 GOOD["routine"] = _head("routine", instruments=_PARTS, parameters={}, verdict={"text": ""})
+_PARTS = {"events": [], "causes": [], "contradicting": [], "predicted": [], "motion": {}}
+GOOD["joint"] = _head("com_offset", parameters=["x"], unit="um", level=0.005, tried=9, **_PARTS)
 
 
 @pytest.mark.parametrize("name", schemas.names())
@@ -117,7 +119,7 @@ def test_the_schema_files_are_valid_schemas(name):
 @pytest.mark.parametrize("name", schemas.names())
 def test_without_a_result_only_the_head_is_asked_for(name, status):
     """Contract: nothing to calibrate is a document too."""
-    calibration = "com_offset" if name == "discovery" else name
+    calibration = "com_offset" if name in ("discovery", "joint") else name
     schemas.validate({**_head(calibration), "status": status}, name)
 
 

@@ -37,7 +37,8 @@ def schema(name):
 
 def validate(document, name=None):
     """Check a document against the schema of its calibration, or a named one, and its undetermined components."""
-    name = name or ("discovery" if "adequate_before" in document else document.get("calibration"))
+    kinds = {"discovery": "adequate_before", "joint": "predicted"}
+    name = name or next((kind for kind, part in kinds.items() if part in document), document.get("calibration"))
     if name not in names():
         _refuse("calibration", name, f"one of {', '.join(names())}")
     parts = list(_walk(document, ()))
