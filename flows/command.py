@@ -104,8 +104,9 @@ def check_folder(calibration, data):
     if set(found) & set(wanted):
         return
     others = [name for name, one in installed.items() if set(found) & set(one.begins)]
-    reads = f" (files of {' and '.join(others)})" if others else ""
-    remedy = f"Run {' or '.join(others)} on it, or give another --data." if others else "Check --data."
+    named = " and ".join([", ".join(others[:-1]), others[-1]] if others[1:] else others)
+    reads = f" (files of {named})" if others else ""
+    remedy = "Run one of these on it, or give another --data." if others else "Check --data."
     raise (ProductError if found else NoDataError)(
         f"{data}: found {', '.join(found) or 'no Level-1 file'}{reads}, expected {' or '.join(wanted)} for "
         f"{calibration}. {remedy}",

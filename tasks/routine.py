@@ -10,12 +10,9 @@ from tasks.stage import lazy, stage
 
 science = lazy("gravcal.calibrations.routine.accelerometer")
 page = lazy("gravcal.calibrations.routine.page")
-PAGES = {
-    "accelerometer": page,
-    "magnetometer": lazy("gravcal.calibrations.magnetometer.page"),
-    "thrusters": lazy("gravcal.calibrations.thrusters.page"),
-    "ranging": lazy("gravcal.calibrations.ranging.page"),
-}
+magnetometer = lazy("gravcal.calibrations.magnetometer.page")
+thrusters = lazy("gravcal.calibrations.thrusters.page")
+ranging = lazy("gravcal.calibrations.ranging.page")
 
 KINDS = product.registered("routine", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
 
@@ -41,5 +38,6 @@ def checks(found, **settings):
 @stage(reads=["*"], writes="routine.report", version=1)
 def report(*products, names, missing, event, settings):
     """Result document and page of all instruments."""
-    pages = {part: room.PAGE for part, room in PAGES.items()}
+    pages = {"accelerometer": page.PAGE, "magnetometer": magnetometer.PAGE}
+    pages |= {"thrusters": thrusters.PAGE, "ranging": ranging.PAGE}
     return page.report(*products, names=names, missing=missing, pages=pages, event=event, settings=settings)

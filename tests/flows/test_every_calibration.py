@@ -258,7 +258,7 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
     assert all("ingest.MAG1B_C" in again[part]["com_offset"] for part in keyed if "/readers/products/" in part)
     assert again["gravcal/physics/IGRF13.shc"] == again["gravcal/physics/IGRF14.shc"]
     of_field = again["gravcal/physics/IGRF14.shc"]  # of these stages and of those whose modules import them
-    assert set(of_field) == {"com_offset", "magnetometer", "thrusters"}
+    assert set(of_field) == {"com_offset", "magnetometer", "routine", "thrusters"}
     assert {"com_offset.field", "magnetometer.align", "thrusters.align"} <= {
         one for x in of_field.values() for one in x
     }
