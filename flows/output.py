@@ -135,13 +135,9 @@ def took(seconds):
     """A length of time in words; "?" where it is not known."""
     if seconds is None:
         return "?"
-    return (
-        f"{seconds:.2g} s"
-        if seconds < 99.5
-        else f"{seconds / 60:.0f} min"
-        if seconds < 7200
-        else f"{seconds / 3600:.1f} h"
-    )
+    if seconds < 99.5:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def manoeuvres(document, json_path):

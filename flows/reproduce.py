@@ -6,12 +6,11 @@ What a paper consists of stands in `catalog/published/papers.toml`, what is comp
 import contextlib
 import csv
 import datetime
-import json
-import os
 import re
 import shutil
 
-from flows import command
+from flows import command, output
+from flows.engine.remake import other_store
 from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.io import fetch
@@ -46,7 +45,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
         archives = [archive for day in days for archive in fetch.of_day(paper["letters"], day)]
         fetch.fetch(archives, folder, place, listener, fetch.Patience(tell=tell))
     documents = {}
-    with _store(out / "store"):
+    with other_store(str(out / "store")):  # simulated days bear the names of measured ones
         for run in RUNS:
             documents[run] = _run(one, paper, folder, run, out / run)
     items = [_compared(one, item, documents) for item in paper["tables"]]
@@ -63,22 +62,9 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
         "runs": {run: {"status": d["status"], "verdict": d["verdict"]["text"]} for run, d in documents.items()},
         "items": items,
     }
-    (out / "reproduction.json").write_text(json.dumps(document, indent=1) + "\n")
+    output.write_json(document, out / "reproduction.json")
     _write(out, document)
     return document
-
-
-@contextlib.contextmanager
-def _store(folder):
-    """Keep products in a folder of their own: simulated days bear the names of measured ones."""
-    before = os.environ.get("GRAVCAL_PRODUCTS")
-    os.environ["GRAVCAL_PRODUCTS"] = str(folder)
-    try:
-        yield
-    finally:
-        os.environ.pop("GRAVCAL_PRODUCTS")
-        if before is not None:
-            os.environ["GRAVCAL_PRODUCTS"] = before
 
 
 def _run(one, paper, folder, run, out):
