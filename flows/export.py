@@ -42,7 +42,8 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
         f"report/{one.ref.stage}/{n}": (one.ref.folder / n).read_bytes() for one in entries for n in one.record["files"]
     }
     files |= {f"products/{one.ref.stage}.nc": one.ref.path.read_bytes() for one in entries}
-    made_of = {one.ref.stage: history.tree(one) for one in reports}
+    told = set()
+    made_of = {one.ref.stage: _told_once(history.tree(one), told) for one in reports}
     files["provenance.json"] = json.dumps(made_of, indent=1).encode()
     files["CITATION.cff"] = citation(event, configuration, reports).encode()
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -55,6 +56,15 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(content)
     return sorted(files)
+
+
+def _told_once(node, told):
+    """Node of a tree whose products are written out where they are met first, then by key: a report has many paths."""
+    key = node["record"]["key"] if node["record"] else None
+    if key in told:
+        return {"name": node["name"], "key": key, "record": None, "inputs": []}
+    told |= {key} if key else set()
+    return node | {"inputs": [_told_once(one, told) for one in node["inputs"]]}
 
 
 def citation(event: str, configuration: str, reports: list) -> str:

@@ -33,6 +33,7 @@ def test_an_event_leaves_in_one_zip(shop, tmp_path, capsys):
     assert product.digest(product.without_provenance(product.from_bytes(files["products/com_offset.align.nc"])))
     made_of = json.loads(files["provenance.json"])["com_offset.report"]
     assert [one["name"].split("/")[1] for one in made_of["inputs"]] == ["com_offset.solve.mtq", "com_offset.solve.acc"]
+    assert [bool(one["inputs"][0]["record"]) for one in made_of["inputs"]] == [True, False]  # written out once
     assert gravcal("export", EVENT, "--out", out) == 1
     assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--as", "nothing") == 1
     assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--json", "-") == 0
