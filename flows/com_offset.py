@@ -125,10 +125,11 @@ def manoeuvres(found):
         yield {"kind": ("roll", "pitch", "yaw")[int(kind)], "start": float(start), "stop": float(stop)}
 
 
-def values(document):
-    """Adopted offset."""
-    adopted = (document.get("variants") or {}).get((document.get("adopted") or {}).get("variant"))
-    return results.vector("", "", "um", adopted, ("offset_um", "sigma_um", "sigma_total_um")) if adopted else ()
+def values(document, variant=None):
+    """Offset of a variant, without one that which is adopted."""
+    variant = variant or (document.get("adopted") or {}).get("variant")
+    found = (document.get("variants") or {}).get(variant)
+    return results.vector("", "", "um", found, ("offset_um", "sigma_um", "sigma_total_um")) if found else ()
 
 
 def recomputed(document, section, printed, _run):
@@ -175,6 +176,7 @@ CALIBRATION = Calibration(
     design="com_offset_session",
     library=lambda limits: importlib.import_module(SIMULATION).library(limits),
     information=lambda products: products["solve"]["information"].values,
+    foretold=lambda document: values(document, "mtq"),
     truth=lambda truth: truth["offset_um"],
     discovery=DISCOVERY,
 )

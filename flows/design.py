@@ -147,7 +147,7 @@ class Place:
         for seed in range(101, 101 + flights):
             say(f"check {seed - 100} of {flights}")
             source, truth = self.flight(f"check-{seed}", plan, seed)
-            values = list(self.one.result(self.one.document(self.one.flow(source, self.chosen))))
+            values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen))))
             sigma.append([v.sigma for v in values])
             error.append([v.value for v in values])
             true.append(self.one.truth(truth))

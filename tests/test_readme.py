@@ -67,7 +67,7 @@ def test_the_python_lines_print_what_the_readme_says(tmp_path, monkeypatch):
     demo = {
         line.split()[0]: [float(n) for n in NUMBER.findall(line)] for line in blocks(readme, "text")[0].splitlines()
     }
-    assert [row[0] for row in printed] == pytest.approx(demo["acc_calibrated"][0:6:2], abs=TOLERANCE_UM)  # um
+    assert [row[0] for row in printed] == pytest.approx(demo["sca"][0:6:2], abs=TOLERANCE_UM)  # um
     assert [row[2] for row in printed] == demo["truth"]
     with contextlib.redirect_stdout(io.StringIO()):
         for page in PAGES:

@@ -4,6 +4,7 @@ import numpy as np
 
 from gravcal.calibrations.align import OUTLIER, REACH
 from gravcal.calibrations.checks import at_least, at_most, largest
+from gravcal.calibrations.com_offset.solve import adopted
 from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import AXES, as_plain, chi_square_test, estimate, gps_text, number, numbers, offset_block
 from gravcal.store.schemas import VERSION
@@ -17,11 +18,9 @@ PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
 EPOCH = "middle of each manoeuvre"  # of an offset that moves
 GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
 RULE = (
-    "acc_calibrated if it determines all three components, else mtq, else whichever determines most with the "
-    "smallest total error: the angular accelerometer follows the true motion between the torquer samples, its scale "
-    "comes from the torquers, and the total error holds that of inertia and dipole per current."
+    "of the angular accelerations that determine most components, that with the smallest total error (sum of the "
+    "variances of x, y, z): noise, delays and scales estimated along, inertia and dipole per current of the catalogue."
 )
-PREFERRED = ("acc_calibrated", "mtq")
 CONFIDENCE = 2.0  # standard deviations between a value and a limit for a clear answer
 
 
@@ -77,7 +76,7 @@ def document(products, *, event, provenance, settings):
         return about | {"verdict": {"text": f"No manoeuvre in the torquer currents{span}: nothing to calibrate."}}
     solved = next(one for name, one in products.items() if name.startswith("solve."))
     blocks = variants(combined)
-    chosen = adopted(blocks)
+    chosen = {"variant": adopted(combined), "rule": RULE}
     agreement = consistency(combined, chosen["variant"], float(settings["consistency_level"]))
     determined = any(item is not None for block in blocks.values() for item in block["offset_um"])
     density = [np.interp(WAVE_HZ, solved["frequency"].values, row) for row in solved["noise_density"].values]
@@ -191,16 +190,6 @@ def roll_response(survey, settings):
     known = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
     expected = None if None in known else estimate(*known)
     return slope | {"unit": survey["slope"].attrs["units"], "samples": int(used.sum()), "expected": expected}
-
-
-def adopted(variants):
-    """The estimate that is handed on: {"variant", "rule"}, variant None if nothing is determined."""
-    totals = {name: [item for item in block["sigma_total_um"] if item is not None] for name, block in variants.items()}
-    for name in PREFERRED:
-        if len(totals.get(name, ())) == 3:
-            return {"variant": name, "rule": RULE}
-    best = min(totals, key=lambda name: (-len(totals[name]), sum(totals[name])), default=None)
-    return {"variant": best if best is not None and totals[best] else None, "rule": RULE}
 
 
 def consistency(combined, name, level):

@@ -231,6 +231,25 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     return build(COMBINE, values, variants=" ".join(names), **attrs)
 
 
+def adopted(combined: xr.Dataset) -> str | None:
+    """Variant whose offset is handed on: of those that determine most components that of the smallest total error.
+
+    Parameters
+    ----------
+    combined : Dataset, "com_offset.combine"
+
+    Returns
+    -------
+    variant : name; of equal ones the first, None if nothing is determined
+    """
+    determined = combined["determined"].values.astype(bool)
+    variances = np.diagonal(combined["covariance_total"].values, axis1=1, axis2=2)
+    totals = np.sum(np.where(determined, variances, 0.0), axis=1)
+    counts = determined.sum(axis=1)
+    best = int(np.lexsort((totals, -counts))[0])
+    return combined.attrs["variants"].split()[best] if counts[best] else None
+
+
 def with_model_error(
     combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_um: float, added: str = ""
 ) -> xr.Dataset:

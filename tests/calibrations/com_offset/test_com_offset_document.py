@@ -104,7 +104,7 @@ def test_the_agreement_of_the_manoeuvres_is_judged_at_its_level(products, docume
     test = documented(products | {"combine": combined})["consistency"]["manoeuvres"]
     assert test["verdict"] == verdict
     assert test["p"] == pytest.approx(np.exp(-chi2 / 2) * (1 + chi2 / 2 + chi2**2 / 8), rel=1e-9)
-    assert test["variant"] == "acc_calibrated"
+    assert test["variant"] == "mtq"
     assert set(test["by_variant"]) == set(invented.VARIANTS)
 
 
@@ -114,10 +114,20 @@ def test_the_requirement_is_asked_with_the_error_in_mind(document):
     assert document["verdict"]["accuracy_met"] is True
 
 
+def test_the_smallest_total_error_is_adopted(products, documented):
+    """Issue 20: whatever the noise alone says; a variant that leaves a component open only if all do."""
+    combined = copy.deepcopy(products["combine"])
+    combined["covariance_total"].values[:] *= np.array([9.0, 4.0, 2.0, 3.0])[:, None, None]
+    combined["covariance"].values[3] *= 0.1
+    assert documented(products | {"combine": combined})["adopted"]["variant"] == "acc"
+    combined["determined"].values[:3, 2] = 0
+    assert documented(products | {"combine": combined})["adopted"]["variant"] == "sca"
+
+
 def test_the_adopted_offset_goes_into_a_vcm_line(document):
     """Analytic: round trip; in force from the whole second after the last manoeuvre."""
     record = read_vector_line(vcm_line(document, "C"))
-    adopted = document["variants"]["acc_calibrated"]["offset_um"]
+    adopted = document["variants"]["mtq"]["offset_um"]
     assert_allclose(record.vector_b, 1e-6 * np.array(adopted), rtol=1e-12)
     assert record.time == np.ceil(invented.START[-1] + 180)
     assert record.satellite == "C"
