@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.com_offset import schemas
-from gravcal.calibrations.schemas import ALIGN
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -18,22 +16,7 @@ solving = lazy("gravcal.calibrations.com_offset.solve")
 checking = lazy("gravcal.calibrations.com_offset.checks")
 pages = lazy("gravcal.calibrations.com_offset.page")
 
-KINDS = product.registered(
-    "com_offset",
-    detect=schemas.DETECT,
-    align=ALIGN,
-    field=schemas.FIELD,
-    attitude=schemas.ATTITUDE,
-    survey=schemas.SURVEY,
-    checks=CHECKS,
-    quiet=schemas.QUIET,
-    noise=schemas.NOISE,
-    angular_acceleration=schemas.ANGULAR,
-    equations=schemas.EQUATIONS,
-    solve=schemas.SOLVE,
-    combine=schemas.COMBINE,
-    report=schemas.REPORT,
-)
+KINDS = product.registered("com_offset", **schemas.of("com_offset.toml"))
 
 
 @stage(reads=["ingest"], writes="com_offset.detect", version=2)

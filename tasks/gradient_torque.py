@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.gradient_torque import schemas
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -15,17 +14,7 @@ checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 page = lazy("gravcal.calibrations.gradient_torque.page")
 
 product.register("ingest", product.ANY)
-KINDS = product.registered(
-    "gradient_torque",
-    field=schemas.FIELD,
-    truth=schemas.TRUTH,
-    gradient=schemas.GRADIENT,
-    torque=schemas.TORQUE,
-    drag=schemas.DRAG,
-    combine=schemas.COMBINE,
-    checks=CHECKS,
-    report=schemas.REPORT,
-)
+KINDS = product.registered("gradient_torque", **schemas.of("gradient_torque.toml"))
 
 
 @stage(reads=["file"], writes="ingest", version=1)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.inertial_sensor import schemas
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -15,17 +14,7 @@ biases = lazy("gravcal.calibrations.inertial_sensor.bias")
 checks_science = lazy("gravcal.calibrations.inertial_sensor.checks")
 page = lazy("gravcal.calibrations.inertial_sensor.page")
 
-KINDS = product.registered(
-    "inertial_sensor",
-    detect=schemas.DETECT,
-    align=schemas.ALIGN,
-    scale=schemas.SCALE,
-    offset=schemas.OFFSET,
-    segment=schemas.SEGMENT,
-    bias=schemas.BIAS,
-    checks=CHECKS,
-    report=schemas.REPORT,
-)
+KINDS = product.registered("inertial_sensor", **schemas.of("inertial_sensor.toml"))
 
 
 @stage(reads=["file"], writes="inertial_sensor.detect", version=1)

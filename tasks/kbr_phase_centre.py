@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.kbr_phase_centre import schemas
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -14,18 +13,8 @@ solve_science = lazy("gravcal.calibrations.kbr_phase_centre.solve")
 checks_science = lazy("gravcal.calibrations.kbr_phase_centre.checks")
 report_science = lazy("gravcal.calibrations.kbr_phase_centre.page")
 
-KINDS = product.registered(
-    "kbr_phase_centre",
-    align=schemas.ALIGN,
-    pointing=schemas.POINTING,
-    observable=schemas.OBSERVABLE,
-    noise=schemas.NOISE,
-    solve=schemas.SOLVE,
-    combine=schemas.COMBINE,
-    checks=CHECKS,
-    report=schemas.REPORT,
-)
-ALIGN, POINTING, OBSERVABLE, NOISE, SOLVE, COMBINE, CHECKED, REPORT = KINDS
+KINDS = product.registered("kbr_phase_centre", **schemas.of("kbr_phase_centre.toml"))
+ALIGN, POINTING, OBSERVABLE, NOISE, SOLVE, COMBINE, REPORT, CHECKED = KINDS
 
 
 @stage(reads=["ingest"], writes=ALIGN, version=1)

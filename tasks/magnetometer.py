@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.magnetometer import schemas
-from gravcal.calibrations.schemas import REPORT
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -14,7 +12,7 @@ named_parameters = lazy("gravcal.calibrations.named_parameters")
 reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.magnetometer.page")
 
-KINDS = product.registered("magnetometer", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
+KINDS = product.registered("magnetometer", **schemas.of("magnetometer.toml"))
 
 
 @stage(reads=["ingest"], writes="magnetometer.align", version=1)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.ranging import schemas
-from gravcal.calibrations.schemas import REPORT
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -12,7 +10,7 @@ model = lazy("gravcal.calibrations.ranging.model")
 reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.ranging.page")
 
-KINDS = product.registered("ranging", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
+KINDS = product.registered("ranging", **schemas.of("ranging.toml"))
 
 
 @stage(

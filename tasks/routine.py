@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.routine import schemas
-from gravcal.calibrations.schemas import REPORT
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -14,7 +12,7 @@ magnetometer = lazy("gravcal.calibrations.magnetometer.page")
 thrusters = lazy("gravcal.calibrations.thrusters.page")
 ranging = lazy("gravcal.calibrations.ranging.page")
 
-KINDS = product.registered("routine", align=schemas.ALIGN, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT)
+KINDS = product.registered("routine", **schemas.of("routine.toml"))
 
 
 @stage(reads=["ingest"], writes="routine.align", version=1)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from gravcal.calibrations.checks import CHECKS
-from gravcal.calibrations.schemas import REPORT
-from gravcal.calibrations.thrusters import schemas
+from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
@@ -14,9 +12,7 @@ named_parameters = lazy("gravcal.calibrations.named_parameters")
 reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.thrusters.page")
 
-KINDS = product.registered(
-    "thrusters", align=schemas.ALIGN, noise=schemas.NOISE, estimate=schemas.ESTIMATE, checks=CHECKS, report=REPORT
-)
+KINDS = product.registered("thrusters", **schemas.of("thrusters.toml"))
 
 
 @stage(reads=["ingest"], writes="thrusters.align", version=1)

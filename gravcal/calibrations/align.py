@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.schemas import ALIGN
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import robust, timing
 from gravcal.physics import earth, frames
@@ -135,7 +135,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     values |= _orbit(*parts["orbit"][:2], orbit.attrs.get("product", ""))
     values |= {name: detected[name].values for name in MANOEUVRE}
     attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
-    return build(ALIGN, values, title="Level-1 records on GPS time", **attrs)
+    return build(schemas.of("com_offset.toml")["align"], values, title="Level-1 records on GPS time", **attrs)
 
 
 def _outliers(name, time, values, flag, limit):

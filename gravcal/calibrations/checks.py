@@ -8,19 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gravcal.calibrations.schemas import column
+from gravcal.calibrations import schemas
 
 if TYPE_CHECKING:  # a plan looks at the schema alone
     import xarray as xr
-
-#: Schema of a product of checks, the same for every calibration.
-CHECKS = {
-    "check": column("check", long_name="name of the check", dtype="str"),
-    "value": column("check", "1", "value found, in its own unit"),
-    "limit": column("check", "1", "limit, in the same unit"),
-    "unit": column("check", long_name="unit of value and limit", dtype="str"),
-    "passed": column("check", "1", "whether the value keeps to its limit", dtype="u1"),
-}
 
 
 @dataclass(frozen=True)
@@ -51,11 +42,11 @@ def largest(values: np.ndarray) -> float:
 
 
 def product(checks: Sequence[Check]) -> xr.Dataset:
-    """Checks as a product of the schema `CHECKS`."""
+    """Checks as a product of the schema "checks"."""
     from gravcal.calibrations.building import build
 
     columns = {name: [getattr(one, name) for one in checks] for name in ("value", "limit", "unit", "passed")}
-    return build(CHECKS, {"check": [one.name for one in checks]} | columns)
+    return build(schemas.of("shared.toml")["checks"], {"check": [one.name for one in checks]} | columns)
 
 
 def of_product(dataset: xr.Dataset) -> list[Check]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
-from gravcal.calibrations.schemas import REPORT
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid
 from gravcal.report.pages import Figure, Section, Table, page
@@ -75,7 +75,7 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
     shown = [Section("Result", [table], [figure]), *sections, about]
     subtitle = f"From {start} GPS, {parts} parts."
     files["report.html"] = page(made, shown, products, heading=own.heading, subtitle=subtitle)
-    return build(REPORT, {"delivered": 1}, event=event), files
+    return build(schemas.of("shared.toml")["report"], {"delivered": 1}, event=event), files
 
 
 def parameter_table(parameters: Mapping, read: str) -> Table:

@@ -9,14 +9,13 @@ from scipy.spatial.transform import Rotation
 from flows import discover as flow
 from flows import engine
 from gravcal import catalog
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.magnetometer import observations as magnetometer
-from gravcal.calibrations.magnetometer.schemas import ALIGN as FIELD
 from gravcal.calibrations.published_table import geometry
 from gravcal.calibrations.published_table import observations as table
 from gravcal.calibrations.thrusters import model
 from gravcal.calibrations.thrusters import observations as thrusters
-from gravcal.calibrations.thrusters.schemas import ALIGN as ATTITUDE
 from gravcal.discovery.driver import Limits, discover
 from gravcal.physics import frames
 from gravcal.store.schemas import validate
@@ -71,7 +70,7 @@ def searched(quaternion, epochs, impulse):
     values = {"time": time, "quaternion": frames.continuous(quaternion), "head": 4 + np.zeros(time.size, int)}
     values |= {"quality": 5e-5 + 0 * time, "step": 5.0, "firing": epochs, "impulse_b": impulse, "velocity_error": 0.0}
     values |= {"time_orbit": minutes, "position_i": 6.8e6 * around, "field_i": 3e-5 * around[:, ::-1]}
-    aligned, chosen = build(ATTITUDE, values), catalog.parameters("thrusters")
+    aligned, chosen = build(schemas.of("thrusters.toml")["align"], values), catalog.parameters("thrusters")
     products = {"align": aligned, "noise": model.quiet_noise(aligned, **chosen.for_stage("noise"))}
     return findings(
         thrusters.observe(products, inertia=np.diag([110.49, 580.67, 649.69]), **chosen.for_stage("observe"))
@@ -118,7 +117,7 @@ def field(rng, bias=0.0, leak=0.0, count=60):
     axis = np.stack([np.sin(angle), 0.1 + 0 * angle, np.cos(angle)], axis=1)
     values = {"time": time, "measured_b": measured, "model_b": model, "slope_b": slope, "dipole_b": dipole}
     values |= {"axis_b": axis / np.linalg.norm(axis, axis=1, keepdims=True), "step": 10.0}
-    return build(FIELD, values | {"attitude_jump": 0.0, "velocity_error": 0.0})
+    return build(schemas.of("magnetometer.toml")["align"], values | {"attitude_jump": 0.0, "velocity_error": 0.0})
 
 
 def magnetometer_findings(record):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gravcal.calibrations import checks
+from gravcal.calibrations import checks, schemas
 from gravcal.report import documents
 from gravcal.store import product
 
@@ -46,7 +46,7 @@ def test_what_cannot_be_evaluated_does_not_pass():
 
 def test_checks_travel_as_a_product(tmp_path):
     """Contract: a product of the shared schema gives the same checks back."""
-    product.register("test.checks", checks.CHECKS)
+    product.register("test.checks", schemas.of("shared.toml")["checks"])
     made = product.check(checks.product([HEIGHT, FIT]), "test.checks")
     assert checks.of_product(made) == [HEIGHT, FIT]
     assert checks.of_product(product.check(checks.product([]), "test.checks")) == []

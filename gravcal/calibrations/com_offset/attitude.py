@@ -9,6 +9,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.special import log_ndtr, ndtr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset import motion
 from gravcal.calibrations.com_offset.motion import (
@@ -21,11 +22,12 @@ from gravcal.calibrations.com_offset.motion import (
     updated,
     windows,
 )
-from gravcal.calibrations.com_offset.schemas import ATTITUDE
 from gravcal.estimation.least_squares import covariance, polynomial, stable_inverse, without
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 SURVEY_DEGREE = 5  # of the slow torque where no manoeuvre is there and control goes on
 #: A noise model takes this many samples a coefficient, few manoeuvres a short one: else it follows the fit's own notch.
@@ -109,7 +111,7 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
         "sca_manoeuvre": np.concatenate([np.zeros(0), *(index for _, _, index in residuals)]),
     }
     values |= _per_manoeuvre(len(found), known) | _delays(known, aligned)
-    return build(ATTITUDE, values, title="Attitude of the manoeuvres, fitted to the star camera")
+    return build(SCHEMAS["attitude"], values, title="Attitude of the manoeuvres, fitted to the star camera")
 
 
 def _fit_all(found, choice, order):

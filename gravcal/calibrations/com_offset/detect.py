@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.align import sorted_samples
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.schemas import DETECT
 from gravcal.estimation.timing import normalised
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 
 @dataclass(frozen=True)
@@ -148,4 +150,4 @@ def _as_dataset(waves, time, field_b, period):
         "record_start": time[0] if time.size else np.nan,
         "record_stop": time[-1] if time.size else np.nan,
     }
-    return build(DETECT, values, title="Manoeuvres found in the torquer currents")
+    return build(SCHEMAS["detect"], values, title="Manoeuvres found in the torquer currents")

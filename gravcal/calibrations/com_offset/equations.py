@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset import published
-from gravcal.calibrations.com_offset.schemas import ANGULAR, EQUATIONS
 from gravcal.effects import Context, effect
 from gravcal.estimation.resampling import operator_for
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 #: Prior of the angular accelerometer's scale (3,).
 ANGULAR_SCALE_PRIOR = np.array([one.prior_sigma for one in effect("accelerometer.angular_scale").parameters])
@@ -65,7 +67,7 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
         "scale": scale,
         "scale_sigma": sigma,
     }
-    return build(ANGULAR, values, variant=variant, **attrs)
+    return build(SCHEMAS["angular_acceleration"], values, variant=variant, **attrs)
 
 
 def _with_modes(smoothed, measured, scale, sigma, settings):
@@ -147,7 +149,7 @@ def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **
     rate_dot = np.concatenate([one["rate_dot_b"] for one in blocks.values()], axis=1)
     values |= {"rate_dot_b": rate_dot[0], "driven_b": rate_dot[1 : 1 + driven], "mode": rate_dot[1 + driven :]}
     values |= {n: angular[n].values for n in ("mode_shared", "mode_catalogue")} | where(records)
-    return build(EQUATIONS, values, variant=angular.attrs["variant"], step_s=settings["step_s"])
+    return build(SCHEMAS["equations"], values, variant=angular.attrs["variant"], step_s=settings["step_s"])
 
 
 def arrays(product: xr.Dataset) -> dict[str, np.ndarray]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.align import SURVEY_S, between
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.schemas import FIELD, SURVEY
 from gravcal.estimation import least_squares
 from gravcal.physics import earth, frames, kinematics, magnetic
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 
 def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
@@ -49,7 +51,7 @@ def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
         "maximum": np.abs(used).max(axis=0),
     }
     digest = magnetic.coefficient_digest(igrf_generation)
-    return build(FIELD, values, igrf_generation=igrf_generation, igrf_sha256=digest)
+    return build(SCHEMAS["field"], values, igrf_generation=igrf_generation, igrf_sha256=digest)
 
 
 def _at_magnetometer(aligned, time, field_i):
@@ -98,7 +100,7 @@ def survey(aligned: xr.Dataset, checked: xr.Dataset) -> xr.Dataset:
         "slope": slope,
         "slope_sigma": sigma,
     }
-    return build(SURVEY, values, title="Torque against roll acceleration")
+    return build(SCHEMAS["survey"], values, title="Torque against roll acceleration")
 
 
 def _series(aligned, checked):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.schemas import NOISE, QUIET
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise
 from gravcal.estimation.resampling import lowpass_resampler
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 #: Shortest quiet data from which the noise is measured.
 QUIET_S = 300.0
@@ -37,7 +39,7 @@ def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
         readings.append(operator(linear[inside] - linear[inside][good].mean(axis=0)))
     values = {"epoch": np.concatenate(epochs), "reading": np.concatenate(readings)}
     values["piece"] = np.repeat(np.arange(-1, len(epochs) - 1), [grid.size for grid in epochs])
-    return build(QUIET, values, step_s=settings["step_s"])
+    return build(SCHEMAS["quiet"], values, step_s=settings["step_s"])
 
 
 def quiet_operators(aligned, values, settings):
@@ -96,7 +98,7 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
         "seconds": seconds,
     }
     if seconds < QUIET_S:
-        return build(NOISE, values, source_of_noise="none", step_s=step, order=0)
+        return build(SCHEMAS["noise"], values, source_of_noise="none", step_s=step, order=0)
     silent = [axis for axis, size in zip("xyz", np.nanmax(np.abs(reading), axis=0), strict=True) if size < SILENT]
     if silent:
         raise EstimationError(
@@ -114,7 +116,7 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]
     values |= {name: np.array([getattr(model, name) for model in models]) for name in ("reflection", "variance")}
     values["density"] = np.array([model.density(FREQUENCY) for model in models])
-    return build(NOISE, values, source_of_noise="quiet data", step_s=step, order=models[0].reflection.size)
+    return build(SCHEMAS["noise"], values, source_of_noise="quiet data", step_s=step, order=models[0].reflection.size)
 
 
 def models_of(measured: xr.Dataset) -> list[NoiseModel]:

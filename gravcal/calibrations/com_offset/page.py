@@ -8,13 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 
 from gravcal.calibrations import checks as checking
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset import document as documented
-from gravcal.calibrations.com_offset.schemas import REPORT
 from gravcal.report import documents
 from gravcal.report.figures import AXIS, COLOURS, grid, legend, number_windows, thinned
 from gravcal.report.pages import Figure, Section, Table, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, chi_square, gps_text, plus_minus, printed, probability, signed
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 #: The four angular accelerations, told apart by colour, by line and by point.
 VARIANTS = {
@@ -73,7 +75,7 @@ def report(*products, event, satellite, settings, published):
         key: [np.nan if value is None else 1e-6 * value for value in block.get(f"{key}_um", [None] * 3)]
         for key in ("offset", "sigma", "sigma_total")
     }
-    return build(REPORT, values, status=document["status"], adopted=name or "none", event=event), files
+    return build(SCHEMAS["report"], values, status=document["status"], adopted=name or "none", event=event), files
 
 
 def html(document, products, published, vcm=None):

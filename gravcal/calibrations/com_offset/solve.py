@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.com_offset import published
 from gravcal.calibrations.com_offset.equations import VARIANTS, arrays, of_rotation, reading, samples, where
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
-from gravcal.calibrations.com_offset.schemas import COMBINE, SOLVE
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2
@@ -52,7 +54,7 @@ def product(values, given, variant: str, source: str) -> xr.Dataset:
     """Product of a solution."""
     kept = {n: given[n] for n in ("kind", "start", "stop", "latitude", "mode_shared", "mode_catalogue")}
     attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": source}
-    return build(SOLVE, values | kept | {"frequency": FREQUENCY}, **attrs)
+    return build(SCHEMAS["solve"], values | kept | {"frequency": FREQUENCY}, **attrs)
 
 
 def nothing(count: int) -> dict[str, np.ndarray]:
@@ -228,7 +230,7 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     values["catalogue_chi2"], values["catalogue_dof"] = _against_catalogue(joint, limit)
     values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
     attrs = {"method": method, "consistency_level": settings["consistency_level"], "direction": "proof_mass_to_com"}
-    return build(COMBINE, values, variants=" ".join(names), **attrs)
+    return build(SCHEMAS["combine"], values, variants=" ".join(names), **attrs)
 
 
 def adopted(combined: xr.Dataset) -> str | None:

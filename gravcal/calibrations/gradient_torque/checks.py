@@ -30,7 +30,7 @@ def inputs(modelled: xr.Dataset, observed: xr.Dataset, *, satellite: Mapping, **
 
     Returns
     -------
-    checked : Dataset, schema `checks.CHECKS`
+    checked : Dataset, schema "checks"
     """
     time, step = observed["time"].values, float(np.median(np.diff(modelled["time"].values)))
     position, velocity, quaternion = (observed[name].values for name in ("position", "velocity", "q"))

@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.gradient_torque import laws
 from gravcal.calibrations.gradient_torque.gradient import METHODS, amplitude_spectrum
-from gravcal.calibrations.gradient_torque.schemas import COMBINE, DRAG
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, noise
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix
 from gravcal.physics.sensing import offset_tensor
+
+SCHEMAS = schemas.of("gradient_torque.toml")
 
 VARIANTS = ("two_sensor", "one_sensor_published", "one_sensor")
 SOURCES = ("sensor noise", "attitude and rates", "gravity prior", "places")
@@ -107,7 +109,7 @@ def drag(
         gain = np.linalg.eigvals(held[len(held) // 2] @ rows.T @ rows).real.max()  # with the rest as white noise
         values |= {"pressure": value, "pressure_covariance": covariance, "torque_residual": rest, "torque_gain": gain}
         values["pressure_prior_sigma"] = np.array(satellite["centre_of_pressure_sigma"])
-    return build(DRAG, values, title=f"Drag, {variant}", sources=", ".join(SOURCES))
+    return build(SCHEMAS["drag"], values, title=f"Drag, {variant}", sources=", ".join(SOURCES))
 
 
 def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -289,7 +291,7 @@ def combine(
     steps = laws.joint(sensor, _arc(modelled, one_sensor, identifiability_epochs, identifiability_step_s, satellite))
     known, ranks, sizes, sigmas = zip(*steps, strict=True)
     values |= {"step": np.array(known), "step_rank": ranks, "step_unknowns": sizes, "step_sigma": sigmas}
-    return build(COMBINE, values | {"unknown": np.array(laws.UNKNOWNS)}, title="Drag by all methods")
+    return build(SCHEMAS["combine"], values | {"unknown": np.array(laws.UNKNOWNS)}, title="Drag by all methods")
 
 
 def _rms(values):

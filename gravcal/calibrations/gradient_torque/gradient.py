@@ -6,25 +6,27 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.gradient_torque import attitude, laws
-from gravcal.calibrations.gradient_torque.schemas import FIELD, GRADIENT, TORQUE, TRUTH
 from gravcal.errors import EstimationError, refuse
 from gravcal.physics import earth, gravity, gravity_field
+
+SCHEMAS = schemas.of("gradient_torque.toml")
 
 METHODS = ("one_sensor", "two_sensor")
 
 
 def field(read: gravity_field.Field) -> xr.Dataset:
     """Product "gradient_torque.field" of a gravity field."""
-    names = ("cosine", "sine", "cosine_sigma", "sine_sigma", "gm", "radius")
-    return build(FIELD, {name: getattr(read, name) for name in names}, title="Gravity field", field=read.name)
+    values = {name: getattr(read, name) for name in SCHEMAS["field"]}
+    return build(SCHEMAS["field"], values, title="Gravity field", field=read.name)
 
 
 def truth(read: xr.Dataset) -> xr.Dataset:
     """Product "gradient_torque.truth" of the "ingest" of a file of truth."""
     values = {"time": read["time"].values, "drag_b": read["drag"].values}
-    return build(TRUTH, values, title="Drag of a simulated day")
+    return build(SCHEMAS["truth"], values, title="Drag of a simulated day")
 
 
 def field_of(stored: xr.Dataset) -> gravity_field.Field:
@@ -144,7 +146,7 @@ def gradient(
     }
     for name in ("angle", "angle_dot", "rate_b", "rate_dot_b"):
         values[name] = np.stack([getattr(motion, name) for motion in smoothed])
-    return build(GRADIENT, values, title="Gravity gradient and rates along the orbit", field=model.name)
+    return build(SCHEMAS["gradient"], values, title="Gravity gradient and rates along the orbit", field=model.name)
 
 
 def torque(
@@ -200,7 +202,7 @@ def torque(
         "test_mass_rms": np.sqrt(np.mean(own**2, axis=1)),
         "sensitivity": np.array(satellite["angular_noise_density"]) * np.sqrt(2 * 1.5 / (step * relative.shape[1])),
     }
-    return build(TORQUE, values, title="Gravity-gradient torque by zonal degree", elongation=elongation)
+    return build(SCHEMAS["torque"], values, title="Gravity-gradient torque by zonal degree", elongation=elongation)
 
 
 def amplitude_spectrum(series: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:

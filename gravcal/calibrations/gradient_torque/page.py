@@ -5,15 +5,17 @@ The figures follow those of the S-GRS paper: spectra by zonal degree (4 to 7), e
 
 import numpy as np
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.gradient_torque import checks
-from gravcal.calibrations.gradient_torque.schemas import REPORT
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid, legend
 from gravcal.report.pages import Figure, Section, Table, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, as_plain, gps_text, number, numbers
 from gravcal.store.schemas import VERSION
+
+SCHEMAS = schemas.of("gradient_torque.toml")
 
 GROUPS = ((1, 5), (6, 11), (12, 17), (18, 23))  # S-GRS paper, figures 4 to 7
 CYCLE = ("blue", "vermilion", "green", "purple", "orange", "sky")
@@ -69,7 +71,7 @@ def report(*products, event, settings):
     subtitle += ", ".join(f"{ratio:.3f}" for ratio in ratios) + "."
     heading = "Drag and gravity-gradient torque"
     files["report.html"] = page(document, _sections(document), named, heading=heading, subtitle=subtitle)
-    return build(REPORT, {"delivered": 1}, event=event), files
+    return build(SCHEMAS["report"], {"delivered": 1}, event=event), files
 
 
 def _document(products, *, event, settings):

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build, replaced, widened, widened_sigmas
-from gravcal.calibrations.inertial_sensor import schemas
 from gravcal.errors import EstimationError
 from gravcal.estimation import noise
 from gravcal.physics import sensing
+
+SCHEMAS = schemas.of("inertial_sensor.toml")
 
 ENOUGH = 3  # segments that a mean and its scatter need
 SEPARABLE = (1, 0, 1)  # about y the direction cosines are constant: b_y and the constant acceleration are one sum (T-9)
@@ -155,17 +157,17 @@ def bias(
     usable = int(np.count_nonzero(solved.used))
     if usable >= ENOUGH:
         values |= estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, limits)
-        return build(schemas.BIAS, values, **facts)
+        return build(SCHEMAS["bias"], values, **facts)
     few = (
         f"found {usable} usable of {solved.used.size} segments, expected {ENOUGH}. Raise uniformity_limit "
         f"({uniformity_limit:g}), lower share_limit ({share_limit:g}), or give a longer roll."
     )
     if not swing:
         raise EstimationError(f"roll: {few}", segments=int(solved.used.size))
-    unknown = [name for name, stated in schemas.BIAS.items() if stated["dims"] == "axis"]
+    unknown = [name for name, stated in SCHEMAS["bias"].items() if stated["dims"] == "axis"]
     nothing = dict.fromkeys(unknown, np.full(3, np.nan)) | {"amplitude": np.full((2, 2), np.nan)}
     nothing |= {"frequency": np.zeros(0), "density": np.zeros((3, 0))}
-    return build(schemas.BIAS, nothing | values, not_determined=few, **facts)
+    return build(SCHEMAS["bias"], nothing | values, not_determined=few, **facts)
 
 
 def bin_length(time: np.ndarray, segment_s: float) -> float:

@@ -56,7 +56,7 @@ def inputs(
 
     Returns
     -------
-    checked : Dataset, schema `checks.CHECKS`
+    checked : Dataset, schema "checks"
     """
     limits = {
         "constant readings": (constant_limit_s, "s"),

@@ -11,13 +11,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.inertial_sensor import bins, schemas
+from gravcal.calibrations.inertial_sensor import bins
 from gravcal.calibrations.inertial_sensor.scale import published_offset_matrix, quiet_blocks
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import kalman, least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import sensing
+
+SCHEMAS = schemas.of("inertial_sensor.toml")
 
 CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor is that of the ground
 ROUNDS = 4  # of a fit that converges in three
@@ -110,7 +113,7 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
         "filter_value": run.value[rows, :3],
         "filter_sigma": run.sigma[rows, :3],
     }
-    return build(schemas.OFFSET, values, causes=" ".join(FACTORS), direction="com_to_test_mass", method=method)
+    return build(SCHEMAS["offset"], values, causes=" ".join(FACTORS), direction="com_to_test_mass", method=method)
 
 
 def prepare(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, degree: int, order: int) -> Record:

@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.inertial_sensor import checks
 from gravcal.calibrations.inertial_sensor.scale import filtered_readouts
-from gravcal.calibrations.inertial_sensor.schemas import REPORT
 from gravcal.effects.inertial_sensor import READOUT, VOLTAGES
 from gravcal.report import documents
 from gravcal.report.figures import AXIS, COLOURS, grid, legend
 from gravcal.report.pages import Figure, Section, Table, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, as_plain, estimate, gps_text, number, numbers
 from gravcal.store.schemas import VERSION
+
+SCHEMAS = schemas.of("inertial_sensor.toml")
 
 #: The two solutions of the offset, in the order of the product.
 OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")
@@ -88,7 +90,7 @@ def report(*products, event, names, settings, published):
     values["offset"] = [v if v is None else 1e-6 * v for v in swung.get("adopted", unknown)["value"]]
     values["bias"] = rolled.get("bias", unknown)["value"]
     values = {name: [np.nan if v is None else v for v in own] for name, own in values.items()}
-    return build(REPORT, values, status=document["status"], event=event), files
+    return build(SCHEMAS["report"], values, status=document["status"], event=event), files
 
 
 def _document(products, *, event, settings):

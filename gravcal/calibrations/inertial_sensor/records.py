@@ -7,10 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.inertial_sensor import bins, schemas
+from gravcal.calibrations.inertial_sensor import bins
 from gravcal.errors import EstimationError
 from gravcal.estimation.noise import runs
+
+SCHEMAS = schemas.of("inertial_sensor.toml")
 
 STEP = 2.0  # s, of the attitude looked at
 SHOWN = 60.0  # s, of the rates kept
@@ -51,7 +54,7 @@ def detect(
         "roll_start": rolls[:, 0],
         "roll_stop": rolls[:, 1],
     }
-    return build(schemas.DETECT, values)
+    return build(SCHEMAS["detect"], values)
 
 
 def _motion(attitude):
@@ -139,7 +142,7 @@ def align(
         "start": start,
         "stop": stop,
     }
-    return build(schemas.ALIGN, values)
+    return build(SCHEMAS["align"], values)
 
 
 def on_grid(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarray:
@@ -174,7 +177,7 @@ def segment(
     with ThreadPoolExecutor(workers) as pool:
         parts = list(pool.map(lambda day: bins.reduced(*(read() for read in day), step_s), days))
     parts.sort(key=lambda part: part["time"][0] if part["time"].size else np.inf)
-    whole = {name: np.concatenate([part[name] for part in parts]) for name in schemas.SEGMENT}
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in SCHEMAS["segment"]}
     time = whole["time"][:, None]
     inside = np.any((time >= spans[:, 0]) & (time <= spans[:, 1]), axis=1)
-    return build(schemas.SEGMENT, {name: values[inside] for name, values in whole.items()})
+    return build(SCHEMAS["segment"], {name: values[inside] for name, values in whole.items()})

@@ -7,13 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.inertial_sensor import bins, schemas, swing
+from gravcal.calibrations.inertial_sensor import bins, swing
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, kalman, least_squares
 from gravcal.physics import frames, gravity
 from gravcal.physics.sensing import rotation_tensor
+
+SCHEMAS = schemas.of("inertial_sensor.toml")
 
 EDGE = 5.0  # s fitted before the first and after the last reversal
 ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every ratio of Table 4 follows the second
@@ -66,7 +69,7 @@ def scale(
     printed = method == "published"
     values |= published_factors(aligned, bin_s) if printed else {}
     values |= linear_factors(values["beta"], values["beta_sigma"], geometry, (k_y, k_y_sigma), printed)
-    return build(schemas.SCALE, values, method=method, estimated="beta_x beta_y delay", causes=" ".join(CAUSES))
+    return build(SCHEMAS["scale"], values, method=method, estimated="beta_x beta_y delay", causes=" ".join(CAUSES))
 
 
 def prepare(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: np.ndarray) -> swing.Swing:

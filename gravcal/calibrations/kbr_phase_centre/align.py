@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations.align import QUATERNION, STATE, sorted_samples
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import ALIGN
+from gravcal.calibrations.kbr_phase_centre.schemas import SCHEMAS
 from gravcal.errors import EstimationError
 from gravcal.estimation import timing
 from gravcal.physics import earth, frames
@@ -57,7 +57,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
         "segment": np.cumsum(phase_break),
     }
     return build(
-        ALIGN,
+        SCHEMAS["align"],
         aligned,
         title="Ranging, orbits and attitudes on GPS time",
         satellites="".join(camera.attrs["satellite"] for camera in cameras),

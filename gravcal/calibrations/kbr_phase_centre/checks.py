@@ -38,7 +38,7 @@ def of_inputs(
 
     Returns
     -------
-    checks : Dataset of the schema `gravcal.calibrations.checks.CHECKS`
+    checks : Dataset of the schema "checks"
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     found = _of_orbits(orbits, limits) + _of_pair(aligned, pointed, limits)

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import NOISE
+from gravcal.calibrations.kbr_phase_centre.schemas import SCHEMAS
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation import noise as noises
@@ -82,7 +82,7 @@ def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, qu
         "corner": CORNERS,
         "pointing_power": pointing_power(in_manoeuvres if source == "quiet" else [], ranging, step),
     }
-    return build(NOISE, values, title="Noise of ranging minus orbit", source_data=source, step_s=step)
+    return build(SCHEMAS["noise"], values, title="Noise of ranging minus orbit", source_data=source, step_s=step)
 
 
 def spectrum(measured: xr.Dataset) -> noises.Spectrum:

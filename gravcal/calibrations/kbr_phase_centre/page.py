@@ -11,7 +11,7 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre import document as documented
 from gravcal.calibrations.kbr_phase_centre.checks import of_result
-from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, REPORT
+from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, SCHEMAS
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid, legend, thinned
 from gravcal.report.pages import Figure, Section, Table, page
@@ -79,7 +79,7 @@ def report(*products, event, settings, published, nominal_m):
         name: [[np.nan if v is None else 1e-3 * v for v in one.get(key, [None] * 3)] for one in blocks]
         for name, key in (("centre", "phase_centre_mm"), ("sigma", "sigma_mm"))
     }
-    return build(REPORT, values, status=document["status"], event=event), files
+    return build(SCHEMAS["report"], values, status=document["status"], event=event), files
 
 
 def _notes(document):

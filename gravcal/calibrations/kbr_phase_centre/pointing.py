@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLE, OBSERVABLES, POINTING, UNITS, of
+from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLES, SCHEMAS, UNITS, of
 from gravcal.estimation import crn
 from gravcal.physics import frames, kinematics
 from gravcal.physics.constants import DAY
@@ -73,7 +73,8 @@ def pointing(
         "usable": np.isfinite(line).all(axis=(0, 2)),
     }
     attrs = {n: aligned.attrs[n] for n in ("satellites", "ranging", "orbit")}
-    return build(POINTING, values, title="Pointing against the line of sight, and the wiggles in it", **attrs)
+    title = "Pointing against the line of sight, and the wiggles in it"
+    return build(SCHEMAS["pointing"], values, title=title, **attrs)
 
 
 def lines_of_sight(position_i: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
@@ -292,7 +293,7 @@ def observable(
     }
     values = {name: column[valid] for name, column in values.items()}
     return build(
-        of(OBSERVABLE, variant),
+        of("observable", variant),
         values | {n: pointed[n].values for n in MANOEUVRE},
         title=f"Observation equations of {variant}",
         observable=variant,

@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.kbr_phase_centre import noise
-from gravcal.calibrations.kbr_phase_centre.schemas import COMBINE, MANOEUVRE, OBSERVABLES, SOLVE, SUBSETS, of
+from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLES, SCHEMAS, SUBSETS, of
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, robust
 
@@ -83,7 +83,7 @@ def solve(
     values |= _series(equations, parts, centre, derivative, orbit_degree)
     values |= {name: equations[name].values for name in MANOEUVRE}
     return build(
-        of(SOLVE, variant),
+        of("solve", variant),
         values,
         title=f"Phase centres from {variant}",
         observable=variant,
@@ -298,7 +298,7 @@ def combine(
     values["predicted_shift"] = predicted_shift(values["shift"], np.radians(offset_deg))
     values |= {name: solved[0][name].values for name in MANOEUVRE}
     return build(
-        COMBINE,
+        SCHEMAS["combine"],
         values,
         title="Phase centres from all observables",
         adopted_observable=adopted_observable,

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.magnetometer import model
-from gravcal.calibrations.magnetometer.schemas import ESTIMATE
 from gravcal.effects import effect
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import fit_noise, whiten
+
+SCHEMAS = schemas.of("magnetometer.toml")
 
 #: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
 #: and as plausible as a wrong mounting.
@@ -91,7 +92,7 @@ def estimate(
     found["covariance"] = found["covariance"] * np.outer(size, size)
     noise = (field.difference - fitted).std(axis=0)
     found |= {"noise": noise, "noise_order": order, "time": field.time}
-    return build(ESTIMATE, found | {"residual_b": field.difference, "fitted_b": fitted})
+    return build(SCHEMAS["estimate"], found | {"residual_b": field.difference, "fitted_b": fitted})
 
 
 def _solved(rows):

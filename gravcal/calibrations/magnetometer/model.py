@@ -8,14 +8,15 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from gravcal.calibrations import checks
+from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, sorted_samples
 from gravcal.calibrations.building import build
-from gravcal.calibrations.magnetometer.schemas import ALIGN
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, timing
 from gravcal.physics import earth, frames, magnetic, orbit_environment
+
+SCHEMAS = schemas.of("magnetometer.toml")
 
 LEAST = 20  # records
 DENSE_S = 10.0  # s, longest spacing of an orbit of which velocity and change of position can be compared to 1 mm s-1
@@ -98,7 +99,7 @@ def align(
         "attitude_jump": checks.attitude_jump(sca_time, quaternion),
         "velocity_error": checks.velocity_error(orbit_time, *inertial) if dense else 0.0,
     }
-    return build(ALIGN, found)
+    return build(SCHEMAS["align"], found)
 
 
 def _usable(observed, names):

@@ -13,14 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.ranging.schemas import ALIGN, ESTIMATE
 from gravcal.effects.ranging import BANDS_HZ
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation.noise import NoiseModel, filtered, fit_noise, in_bands, whiten
 from gravcal.physics import frames, orbit_environment
+
+SCHEMAS = schemas.of("ranging.toml")
 
 NAMES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in "xyz")
 REVOLUTION_SHARE = 60  # of the day's positions between two that span the plane of the orbit
@@ -89,7 +90,7 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
         "pointing_density": density,
         "pointing_gain": gain,
     }
-    return build(ALIGN, values, satellites=equations.attrs["satellites"], ranging=equations.attrs["ranging"])
+    return build(SCHEMAS["align"], values, satellites=equations.attrs["satellites"], ranging=equations.attrs["ranging"])
 
 
 def late(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
@@ -274,7 +275,7 @@ def estimate(
         "excess": [excess, share_excess],
         "density": [_densities(rows, settings, added) for added in (0.0, band.sum(axis=1), smooth.sum(axis=1))],
     }
-    return build(ESTIMATE, found)
+    return build(SCHEMAS["estimate"], found)
 
 
 def equations_of(

@@ -9,15 +9,16 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline
 
-from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples
 from gravcal.calibrations.building import build
-from gravcal.calibrations.routine.schemas import ALIGN, ESTIMATE
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail, least_squares, timing
 from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
+
+SCHEMAS = schemas.of("routine.toml")
 
 LEAST = 40  # steps with a reading
 #: Thrusters k and k + 6 of THR1B fire together, without a net force if they are alike.
@@ -109,7 +110,7 @@ def align(
     found |= {"magnetic_b": np.linalg.solve(inertia, torque.T).T}
     lever = np.cross(np.asarray(position_b)[:12], np.asarray(force_b)[:12])
     found |= _firings(given.get("THR1B")) | {"nominal_b": np.linalg.solve(inertia, (lever[:6] + lever[6:]).T).T}
-    return build(ALIGN, found)
+    return build(SCHEMAS["align"], found)
 
 
 def _usable(observed, names):
@@ -277,7 +278,7 @@ def estimate(
     left, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])
     rest = np.concatenate(left)
     found |= {"time": aligned["time"].values[rows], "measured": rest + fitted[rows], "fitted": fitted[rows]}
-    return build(ESTIMATE, found | _transients(aligned, pieces, left, noises, transient_sigma))
+    return build(SCHEMAS["estimate"], found | _transients(aligned, pieces, left, noises, transient_sigma))
 
 
 def _first_delay(aligned, pieces, observed):

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.routine.accelerometer import COMPONENTS, PAIRS
-from gravcal.calibrations.schemas import REPORT
 from gravcal.report import discovery_words, documents
 from gravcal.report.discovery import findings_table, tied_table
 from gravcal.report.figures import AXIS, COLOURS, grid, legend, thinned
@@ -134,7 +134,7 @@ def report(
     made = first | {"instruments": as_plain(instruments), "parameters": parameters} | tail
     made, files = documents.delivered(made, list(products.values()), checked)
     files["report.html"] = page(made, sections, products, heading="Routine day", subtitle=event)
-    return build(REPORT, {"delivered": int(bool(there))}, event=event), files
+    return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(there))}, event=event), files
 
 
 def _instrument(part, own, mine):

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.thrusters import model, schemas
+from gravcal.calibrations.thrusters import model
 from gravcal.calibrations.thrusters.model import Firings, Noise, Segment
 from gravcal.effects import effect
 from gravcal.estimation import least_squares
+
+SCHEMAS = schemas.of("thrusters.toml")
 
 NAMES = ("gain_x", "gain_y", "gain_z", "delay")
 UNITS = ("1", "1", "1", "s")
@@ -165,7 +167,7 @@ def estimate(
     units = [*UNITS, *["rad"] * (3 * len(heads))]
     found = named_parameters.estimated(names, units, limit, information, right, starts)
     found |= {"shift": SHIFTS_S, "shifted_gain": shifted, "gain": chi2, "inflation": factor}
-    return build(schemas.ESTIMATE, found | {"firings": firings.time.size})
+    return build(SCHEMAS["estimate"], found | {"firings": firings.time.size})
 
 
 def _normal_equations(rows, columns):

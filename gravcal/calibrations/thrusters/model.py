@@ -10,14 +10,15 @@ import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import expm
 
-from gravcal.calibrations import checks
+from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, sorted_samples
 from gravcal.calibrations.building import build
-from gravcal.calibrations.thrusters import schemas
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
+
+SCHEMAS = schemas.of("thrusters.toml")
 
 LOW_RATE = 0b11000000  # quality bits of SCA1B: made from low-rate data
 THRUSTERS = 12  # the two orbit thrusters are left out
@@ -115,7 +116,7 @@ def align(
     field_e = magnetic.field_e(time[every], position[every], igrf_generation)
     found |= {"time_orbit": time[every], "position_i": inertial[every]}
     found |= {"field_i": np.matvec(np.swapaxes(earth.R_ei(time[every]), 1, 2), field_e)}
-    return build(schemas.ALIGN, found | {"velocity_error": checks.velocity_error(time, inertial, velocity_i)})
+    return build(SCHEMAS["align"], found | {"velocity_error": checks.velocity_error(time, inertial, velocity_i)})
 
 
 def _firings(observed, position_b, force_b):
@@ -346,7 +347,7 @@ def quiet_noise(
     models = [fit_noise([grid[:, axis] for grid in grids], noise_order, step, removed) for axis in range(3)]
     found = {"head": list(factor), "factor": list(factor.values()), "step": step}
     found |= {"reflection": [m.reflection for m in models], "variance": [m.variance for m in models]}
-    return build(schemas.NOISE, found | {"stretches": len(pieces), "samples": samples})
+    return build(SCHEMAS["noise"], found | {"stretches": len(pieces), "samples": samples})
 
 
 def _quiet(camera, firing_times, quiet_minimum_s, knot_s) -> Iterator[tuple]:

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from gravcal.calibrations import building
-from gravcal.calibrations.com_offset import schemas
-from gravcal.calibrations.schemas import ALIGN
+from gravcal.calibrations import building, schemas
 
+SCHEMAS = schemas.of("com_offset.toml")
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 OFFSET = np.array([107.2, 3.7, -12.4]) * 1e-6
 SIGMA = np.array([0.7, 0.3, 0.08]) * 1e-6
@@ -26,6 +25,8 @@ PROVENANCE = {
     },
     "inputs": {"ACC1A_2020-02-01_C_04.txt": "cd" * 32},
 }
+
+SCHEMAS = schemas.of("com_offset.toml")
 
 
 def build(schema, values, **attrs):
@@ -71,7 +72,7 @@ def detect(count):
         "record_start": START[0] - 400,
         "record_stop": START[-1] + 600,
     }
-    return build(schemas.DETECT, values)
+    return build(SCHEMAS["detect"], values)
 
 
 def align(count, rng):
@@ -88,7 +89,7 @@ def align(count, rng):
         "time_sca": time[::2],
         "sca_flag": np.zeros(time[::2].size),
     }
-    return build({name: ALIGN[name] for name in values}, values)
+    return build({name: SCHEMAS["align"][name] for name in values}, values)
 
 
 def field(count, rng):
@@ -113,7 +114,7 @@ def field(count, rng):
         "rms": np.sqrt(np.mean(difference**2, axis=0)),
         "maximum": np.abs(difference).max(axis=0),
     }
-    return build(schemas.FIELD, values, igrf_generation=14)
+    return build(SCHEMAS["field"], values, igrf_generation=14)
 
 
 def attitude(count, rng):
@@ -136,7 +137,7 @@ def attitude(count, rng):
         values |= {name: np.full((arcs, 3), 1.01), f"{name}_sigma": np.tile([0.01, 0.02, 0.1], (arcs, 1))}
     for name, delay in (("acc", -0.02), ("sca", np.nan)):
         values |= {f"{name}_delay": delay, f"{name}_delay_sigma": 0.03}
-    return build(schemas.ATTITUDE, values)
+    return build(SCHEMAS["attitude"], values)
 
 
 def _wave(since, axis):
@@ -156,7 +157,7 @@ def survey(rng):
         "slope": 0.00281,
         "slope_sigma": 0.0002,
     }
-    return build(schemas.SURVEY, values)
+    return build(SCHEMAS["survey"], values)
 
 
 def angular(variant, smoothed):
@@ -172,7 +173,7 @@ def angular(variant, smoothed):
         "scale_sigma": np.full(3, 0.01),
         "acc_manoeuvre": smoothed["acc_manoeuvre"].values,
     }
-    return build(schemas.ANGULAR, values, variant=variant, noisy=0)
+    return build(SCHEMAS["angular_acceleration"], values, variant=variant, noisy=0)
 
 
 def solve(variant, count, rng):
@@ -188,7 +189,7 @@ def solve(variant, count, rng):
     }
     values |= {"grid_manoeuvre": np.repeat(range(count), [t.size for t in time])}
     values |= {"frequency": np.linspace(0.02, 1, 50), "noise_density": np.full((3, 50), 1e-20)}
-    return build(schemas.SOLVE, values, variant=variant, noise_source="quiet data", direction="proof_mass_to_com")
+    return build(SCHEMAS["solve"], values, variant=variant, noise_source="quiet data", direction="proof_mass_to_com")
 
 
 def combine(count, undetermined=()):
@@ -225,4 +226,4 @@ def combine(count, undetermined=()):
         "stop": START[:count] + 180,
     }
     attrs = {"variants": " ".join(VARIANTS), "method": "gravcal", "direction": "proof_mass_to_com"}
-    return build(schemas.COMBINE, values, **attrs)
+    return build(SCHEMAS["combine"], values, **attrs)

@@ -11,11 +11,12 @@ from flows import com_offset as flow
 from flows import discover, engine
 from flows.engine import models
 from gravcal import catalog
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.schemas import COMBINE
 from gravcal.calibrations.com_offset.solve import with_model_error
 from gravcal.errors import CatalogError
 
+SCHEMA = schemas.of("com_offset.toml")["combine"]
 SIGMA = np.array([2e-6, 0.5e-6, 0.7e-6])
 LEAK = 3e-11  # m s-2 A-1 m-2, of the x rod in z
 
@@ -23,13 +24,13 @@ LEAK = 3e-11  # m s-2 A-1 m-2, of the x rod in z
 def combined(offset):
     """Two angular accelerations, three components."""
     names = ("manoeuvre", "variants_", "catalogue_")
-    values = {n: np.zeros([2, 3, 3, 3][: len(s["dims"].split())]) for n, s in COMBINE.items() if n not in names}
+    values = {n: np.zeros([2, 3, 3, 3][: len(s["dims"].split())]) for n, s in SCHEMA.items() if n not in names}
     values |= {"offset": offset, "covariance": np.tile(np.diag(SIGMA**2), (2, 1, 1)), "determined": np.ones((2, 3))}
     values |= {"covariance_total": 4 * np.tile(np.diag(SIGMA**2), (2, 1, 1))}
-    values |= {n: 0.0 for n, s in COMBINE.items() if not s["dims"]}
+    values |= {n: 0.0 for n, s in SCHEMA.items() if not s["dims"]}
     for name in ("kind", "start", "stop"):
         values[name] = np.zeros(3)
-    return build(COMBINE, values, variants="mtq acc")
+    return build(SCHEMA, values, variants="mtq acc")
 
 
 def test_moves_add_to_both_covariances():
