@@ -52,6 +52,18 @@ def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ..
     return usable.time[order.index], values, flag, counts
 
 
+def own_tags(observed: xr.Dataset) -> timing.Tags:
+    """Tags of an "ingest" as they stand in its file."""
+    return timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
+
+
+def usable(observed: xr.Dataset, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Time (m,) s and values (m, k) of the usable samples of an "ingest", all of them known, by its own tags."""
+    time, values, flag, _ = sorted_samples(observed, own_tags(observed), names)
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    return time[good], values[good]
+
+
 def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_gap_limit_s: float):
     """GPS time of on-board tags: TIM1B to receiver time, CLK1B to GPS time."""
     limits = timing.Limits(clock_gap_limit_s, clock_gap_limit_s, 1e-6)
@@ -64,8 +76,7 @@ def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_g
     receiver = timing.clk1b_clock(
         clk1b["rcv_time"].values, clk1b["eps_time"].values, clk1b["eps_drift"].values, clk1b["qualflg"].values
     )
-    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
-    received, _ = timing.converted(tags, onboard, limits)
+    received, _ = timing.converted(own_tags(observed), onboard, limits)
     gps, _ = timing.converted(received, receiver, limits)
     return gps
 
@@ -92,9 +103,9 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     field = tuple(f"Mfv{a}{suffix}" for a in "XYZ" for suffix in ("_RAW", "") if f"Mfv{a}{suffix}" in mag)
     sources = {
         "acc": (acc, gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
-        "sca": (sca, _own_tags(sca), QUATERNION),
-        "mag": (mag, _own_tags(mag), (*field, *(f"current_{a}" for a in "xyz"))),
-        "orbit": (orbit, _own_tags(orbit), STATE),
+        "sca": (sca, own_tags(sca), QUATERNION),
+        "mag": (mag, own_tags(mag), (*field, *(f"current_{a}" for a in "xyz"))),
+        "orbit": (orbit, own_tags(orbit), STATE),
     }
     for name, (source, tags, columns) in sources.items():
         time, values, flag, counts[name] = sorted_samples(source, tags, columns)
@@ -158,7 +169,7 @@ def _outliers(name, time, values, flag, limit):
 def orbit_i(orbit: xr.Dataset, spans: np.ndarray):
     """Epochs (n,) s, inertial positions (n, 3) m and velocities m s-1 of GNI1B or GNV1B in windows (w, 2) s."""
     orbit = _near(orbit, spans)
-    time, values, flag, _ = sorted_samples(orbit, _own_tags(orbit), STATE)
+    time, values, flag, _ = sorted_samples(orbit, own_tags(orbit), STATE)
     usable = _inside(time, spans, 0.0) & (flag == 0)
     states = _orbit(time[usable], values[usable], orbit.attrs.get("product", ""))
     return time[usable], states["position_i"], states["velocity_i"]
@@ -169,10 +180,6 @@ def between(at: np.ndarray, time: np.ndarray, limit: float) -> np.ndarray:
     index = np.clip(np.searchsorted(time, at), 1, time.size - 1)
     inside = (at >= time[0]) & (at <= time[-1])
     return inside & (time[index] - time[index - 1] <= limit)
-
-
-def _own_tags(observed):
-    return timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
 
 
 def _spans(detected, acc, sca, mag, orbit, margin, survey):

@@ -8,9 +8,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import schemas
-from gravcal.calibrations.align import sorted_samples
+from gravcal.calibrations.align import own_tags, sorted_samples
 from gravcal.calibrations.building import build
-from gravcal.estimation.timing import normalised
 
 SCHEMAS = schemas.of("com_offset.toml")
 
@@ -116,8 +115,8 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
     """
     magnetometer = magnetometer.assign({f"current_{a}": magnetometer["current_b"][:, i] for i, a in enumerate("xyz")})
     names = [f"Mfv{a}_RAW" if f"Mfv{a}_RAW" in magnetometer else f"Mfv{a}" for a in "XYZ"]
-    tags = normalised(magnetometer["time_second"].values, magnetometer["time_fraction"].values)
-    time, values, flag, _ = sorted_samples(magnetometer, tags, (*(f"current_{a}" for a in "xyz"), *names))
+    names = (*(f"current_{a}" for a in "xyz"), *names)
+    time, values, flag, _ = sorted_samples(magnetometer, own_tags(magnetometer), names)
     time, current, field_b = time[flag == 0], values[flag == 0, :3], values[flag == 0, 3:]
     waves = [w for rod in range(3) for w in find_waves(time, current[:, rod], rod, settings)]
     kept: list[Wave] = []

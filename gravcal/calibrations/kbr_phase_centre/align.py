@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.align import QUATERNION, STATE, sorted_samples
+from gravcal.calibrations.align import QUATERNION, STATE, own_tags, sorted_samples, usable
 from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.schemas import SCHEMAS
 from gravcal.errors import EstimationError
-from gravcal.estimation import timing
 from gravcal.physics import earth, frames
 
 READINGS = ("biased_range", "range_rate", "range_accl", "lighttime_corr", "lighttime_rate", "lighttime_accl")
@@ -35,7 +34,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
     """
     observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]
-    time_kbr, values, flag, _ = sorted_samples(kbr, _tags(kbr), (*READINGS, "ant_centr_corr", "qualflg"))
+    time_kbr, values, flag, _ = sorted_samples(kbr, own_tags(kbr), (*READINGS, "ant_centr_corr", "qualflg"))
     quality = values[:, 7].astype(int)
     readings = [values[:, k] + values[:, k + 3] for k in range(3)]  # range, rate, acceleration
     phase_break = ((quality & PHASE_BREAK) != 0) | breaks(time_kbr, *readings, break_limit_m)
@@ -84,10 +83,6 @@ def _joined(observed):
     return joined
 
 
-def _tags(observed):
-    return timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
-
-
 def states(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Time (n,) s and inertial position (n, 3) m of the usable records of an orbit file."""
     time, position, velocity = states_of_file(orbit)
@@ -98,14 +93,13 @@ def states(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 def states_of_file(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time (n,) s, position (n, 3) m and velocity (n, 3) m s-1 of the usable records, in the frame of the file."""
-    time, values, flag, _ = sorted_samples(orbit, _tags(orbit), STATE)
-    good = (flag == 0) & np.isfinite(values).all(axis=1)
-    return time[good], values[good, :3], values[good, 3:]
+    time, values = usable(orbit, STATE)
+    return time, values[:, :3], values[:, 3:]
 
 
 def _attitudes(camera):
     """Time and quaternions, continuous in sign, of the usable records."""
-    time, values, flag, _ = sorted_samples(camera, _tags(camera), QUATERNION)
+    time, values, flag, _ = sorted_samples(camera, own_tags(camera), QUATERNION)
     norm = np.linalg.norm(values, axis=1)
     good = (flag == 0) & np.isfinite(norm) & (np.abs(norm - 1) < 1e-3)
     return time[good], frames.continuous(values[good] / norm[good, None])

@@ -9,11 +9,11 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, sorted_samples
+from gravcal.calibrations.align import QUATERNION, usable
 from gravcal.calibrations.building import build
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError
-from gravcal.estimation import least_squares, timing
+from gravcal.estimation import least_squares
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 SCHEMAS = schemas.of("magnetometer.toml")
@@ -67,9 +67,9 @@ def align(
     """
     columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
     mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
-    time, values = _usable(mag, (*columns, *(f"current_{a}" for a in "xyz")))
-    sca_time, quaternion = _usable(camera, QUATERNION)
-    orbit_time, state = _usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    time, values = usable(mag, (*columns, *(f"current_{a}" for a in "xyz")))
+    sca_time, quaternion = usable(camera, QUATERNION)
+    orbit_time, state = usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
     inside = np.zeros(time.size, dtype=bool)
     if sca_time.size > 1 and orbit_time.size > 1:
         inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
@@ -100,13 +100,6 @@ def align(
         "velocity_error": checks.velocity_error(orbit_time, *inertial) if dense else 0.0,
     }
     return build(SCHEMAS["align"], found)
-
-
-def _usable(observed, names):
-    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
-    time, values, flag, _ = sorted_samples(observed, tags, names)
-    good = (flag == 0) & np.isfinite(values).all(axis=1)
-    return time[good], values[good]
 
 
 def _body_field(orbit_time, position_e, sca_time, quaternion, generation):

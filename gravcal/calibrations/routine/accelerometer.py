@@ -10,11 +10,11 @@ import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline
 
 from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples
+from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples, usable
 from gravcal.calibrations.building import build
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError
-from gravcal.estimation import chi2_tail, least_squares, timing
+from gravcal.estimation import chi2_tail, least_squares
 from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
 
@@ -71,8 +71,8 @@ def align(
     tags = gps_tags(acc, tim1b, clk1b, clock_gap_limit_s)
     names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
     time, values, flag, _ = sorted_samples(acc, tags, tuple(names))
-    sca_time, quaternion = _usable(camera, QUATERNION)
-    orbit_time, state = _usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    sca_time, quaternion = usable(camera, QUATERNION)
+    orbit_time, state = usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
     good = (flag == 0) & np.isfinite(values).all(axis=1)
     for covered in (sca_time, orbit_time):
         good &= (time >= covered[0]) & (time <= covered[-1]) if covered.size > 3 else False
@@ -113,13 +113,6 @@ def align(
     return build(SCHEMAS["align"], found)
 
 
-def _usable(observed, names):
-    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
-    time, values, flag, _ = sorted_samples(observed, tags, names)
-    good = (flag == 0) & np.isfinite(values).all(axis=1)
-    return time[good], values[good]
-
-
 def _torquers(mag, ends, dipole_per_current):
     """Mean dipole of every step and its rate.
 
@@ -128,7 +121,7 @@ def _torquers(mag, ends, dipole_per_current):
     if mag is None:
         return {name: np.zeros((ends.shape[1], 3)) for name in ("dipole_b", "dipole_rate_b")}
     mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
-    time, current = _usable(mag, tuple(f"current_{a}" for a in "xyz"))
+    time, current = usable(mag, tuple(f"current_{a}" for a in "xyz"))
     fine = np.linspace(*ends, 21)[1::2]
     dipole = np.stack([np.interp(fine, time, one).mean(axis=0) for one in current.T], axis=1) * dipole_per_current
     between = np.stack([np.interp(ends, time, one) for one in current.T], axis=2)
@@ -143,10 +136,9 @@ def _firings(fired):
     if fired is None:
         return {"firing": np.zeros(0), "on": np.zeros((0, 6))}
     names = [name for name in fired.data_vars if name.startswith("on_time")][:12]
-    tags = timing.normalised(fired["time_second"].values, fired["time_fraction"].values)
-    time, values, flag, _ = sorted_samples(fired, tags, tuple(names))
+    time, values = usable(fired, tuple(names))
     on = 5e-4 * (values[:, :6] + values[:, 6:])  # ms in the file, two thrusters a pair
-    used = (flag == 0) & (on.sum(axis=1) > 0)
+    used = on.sum(axis=1) > 0
     return {"firing": time[used], "on": on[used]}
 
 

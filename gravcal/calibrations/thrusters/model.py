@@ -11,10 +11,10 @@ from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import expm
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, sorted_samples
+from gravcal.calibrations.align import QUATERNION, own_tags, sorted_samples, usable
 from gravcal.calibrations.building import build
 from gravcal.errors import EstimationError
-from gravcal.estimation import least_squares, timing
+from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
 
@@ -91,9 +91,8 @@ def align(
     -------
     aligned : Dataset, "thrusters.align"
     """
-    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
     low = (observed["qualflg"].values & LOW_RATE) != 0
-    time, values, flag, _ = sorted_samples(observed, tags, (*QUATERNION, "sca_id", "qual_rss"), low)
+    time, values, flag, _ = sorted_samples(observed, own_tags(observed), (*QUATERNION, "sca_id", "qual_rss"), low)
     norm = np.linalg.norm(values[:, :4], axis=1)
     good = (flag == 0) & np.isfinite(values).all(axis=1) & (np.abs(norm - 1) < 1e-3)
     if good.sum() < QUIET_LEAST:
@@ -122,12 +121,11 @@ def align(
 def _firings(observed, position_b, force_b):
     """Attitude firings of THR1B with the impulses of the thruster table."""
     names = [name for name in observed.data_vars if name.startswith("on_time")][:THRUSTERS]
-    tags = timing.normalised(observed["time_second"].values, observed["time_fraction"].values)
-    time, values, flag, _ = sorted_samples(observed, tags, tuple(names))
-    seconds = 1e-3 * values[flag == 0]  # ms in the file
+    time, values = usable(observed, tuple(names))
+    seconds = 1e-3 * values  # ms in the file
     torque = np.cross(np.asarray(position_b)[:THRUSTERS], np.asarray(force_b)[:THRUSTERS])
     used = seconds.sum(axis=1) > 0
-    middle = time[flag == 0] + seconds.max(axis=1) / 2
+    middle = time + seconds.max(axis=1) / 2
     return Firings(middle[used], seconds[used] @ torque)
 
 
