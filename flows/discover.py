@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import functools
 import itertools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from flows import calibration as calibrations
-from flows.calibration import Calibration
+from flows.calibration import Calibration, Discovery
 from flows.engine import flow
-from flows.published_table import STUDY, Study
+from gravcal import catalog
 from gravcal.store import results
 from tasks import common, discovery
+
+
+@dataclass(frozen=True)
+class Study:
+    """Printed numbers that can be searched: what a discovery asks of a calibration, and of the source of an event."""
+
+    name: str
+    event: str
+    satellite: str
+    discovery: Discovery
 
 
 @functools.cache
@@ -118,7 +128,21 @@ def document(ref):
     return common.document(ref, "discovery.json")
 
 
+def _printed(study, chosen):
+    """Rows of the chosen variant, and what the torquers did to the satellite."""
+    records = [one for one in catalog.published("com_offset")["manoeuvres"] if one.labels["variant"] == chosen.variant]
+    rows = [
+        {"order": int(one.labels["order"]), "value": one.value, "sigma": one.sigma}
+        | {name: one.labels[name] for name in ("kind", "latitude_class")}
+        for one in records
+    ]
+    satellite = catalog.satellite(study.satellite).settings()
+    known = {"rows": rows, "inertia": satellite["inertia"], "dipole": satellite["dipole_full_scale"]}
+    return known | chosen.for_stage("observe")
+
+
+TABLE = Discovery(_printed, "gravcal.calibrations.published_table.observations", products=lambda *_: {})
 #: Printed numbers by name; they have no files, so each is the source of its event.
-STUDIES = {STUDY.name: STUDY}
+STUDIES = {"published_table": Study("published_table", "grace-c-2020-02-01", "C", TABLE)}
 #: Other names of calibrations, as they were searched before.
 ALIASES = {"attitude": "thrusters"}

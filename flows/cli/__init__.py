@@ -39,7 +39,6 @@ from flows.cli.options import (
     writable,
 )
 from flows.engine import single_threaded
-from flows.published_table import STUDY
 from gravcal.errors import GravcalError
 
 HELP = """
@@ -74,7 +73,7 @@ APART = "causes that the session is to tell apart (gravcal effects)"
 BUDGET = "of manoeuvres in all, without: as many as the published session"
 CONSTRAINTS = "TOML with rods, latitude_deg, duration_s, current_ma, spacing_s, most, probability"
 VERIFY = "flights of the design that are simulated and calibrated, to compare errors with those predicted"
-WHAT = f"{KINDS}, or printed numbers: {STUDY.name}"
+WHAT = f"{KINDS}, or printed numbers: published_table"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
 SERVED = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
 PAPER = "com_offset, kbr_phase_centre, inertial_sensor or gradient_torque: its source"

@@ -12,7 +12,6 @@ from gravcal import catalog
 from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.magnetometer import observations as magnetometer
-from gravcal.calibrations.published_table import geometry
 from gravcal.calibrations.published_table import observations as table
 from gravcal.calibrations.thrusters import model
 from gravcal.calibrations.thrusters import observations as thrusters
@@ -144,7 +143,7 @@ def rows(rng, leak):
     offset, found = np.array([107e-6, 4e-6, 12e-6]), []
     kinds = [("pitch", "low"), ("pitch", "high"), ("pitch", "high"), ("roll", "high"), ("roll", "high")]
     for order, key in enumerate([*kinds, ("yaw", "low"), ("yaw", "low")], 1):
-        arc = geometry.arc(*key, 1, about)
+        arc = table.arc(*key, 1, about)
         reading = np.zeros((len(arc.dipole_b), 3, 1))
         reading[:, 1, 0] = leak * arc.dipole_b[:, 1]
         sigma = np.array([1.5e-6, 0.8e-6, 0.8e-6])

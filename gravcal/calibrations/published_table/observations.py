@@ -12,10 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.calibrations.published_table import geometry
 from gravcal.effects import Context, catalogue
 from gravcal.estimation.records import Block, Candidate, Observations, Reported
+from gravcal.physics import earth, magnetic
 
+EPOCH = 633830400.0  # s GPS, 2020-02-01 12:00
+HEIGHT_M = 490e3
+SPEED = 2 * np.pi / 5660.0  # rad s-1, along the orbit
+WEIGHTS = np.array([1.0, 0.09, 1.0])  # CoM paper eq. 7
+PERIOD_S, LENGTH_S, STEP_S = 12.0, 180.0, 0.5
+#: Rod and middle of the area (latitude, longitude in deg) by kind and latitude class; Tables 2 and 3, erratum C-8.
+AREAS = {
+    ("pitch", "low"): (2, 15.0, -45.0),
+    ("pitch", "high"): (0, 70.0, 0.0),
+    ("roll", "high"): (1, 70.0, 0.0),
+    ("yaw", "low"): (1, 15.0, 130.0),
+}
 HEADINGS = {(1, 1): "+x north", (-1, -1): "+x south", (1, -1): "+x north, yaw south", (-1, 1): "+x south, yaw north"}
 
 
@@ -31,6 +43,72 @@ def observe(_products: Mapping, *, rows: Sequence[Mapping], inertia, dipole: flo
     """
     arrays = [dict(row) | {n: 1e-6 * np.array(row[n], dtype=float) for n in ("value", "sigma")} for row in rows]
     return Table(arrays, (tuple(np.diag(inertia)), dipole, igrf_generation))
+
+
+@dataclass(frozen=True)
+class Arc:
+    """One manoeuvre."""
+
+    dipole_b: np.ndarray  #: (n, 3) A m2
+    alpha_b: np.ndarray  #: (n, 3) rad s-2, angular acceleration by it
+    solution: np.ndarray  #: (3, 3 n) offset from the weighted rows of the reading, CoM paper eq. 6
+
+    def answer(self, reading_b: np.ndarray) -> np.ndarray:
+        """Change (3, q) m of the estimated offset by errors (n, 3, q) m s-2 of the reading.
+
+        Parameters
+        ----------
+        reading_b : (n, 3, q) m s-2
+        """
+        return self.solution @ detrended(reading_b)
+
+
+def detrended(reading_b: np.ndarray) -> np.ndarray:
+    """Weighted rows (3 n, q) of a reading (n, 3, q) with mean and trend of each axis removed."""
+    time = np.linspace(-1, 1, reading_b.shape[0])
+    shape = np.linalg.qr(np.stack([np.ones_like(time), time], axis=1))[0]
+    slow = shape @ (shape.T @ reading_b.reshape(len(shape), -1))
+    rest = reading_b - slow.reshape(reading_b.shape)
+    return (np.sqrt(WEIGHTS)[:, None] * rest).reshape(-1, reading_b.shape[2])
+
+
+def euler_columns(alpha_b: np.ndarray) -> np.ndarray:
+    """Reading (n, 3, 3) per offset from the proof mass to the centre of mass: -[alpha x].
+
+    Parameters
+    ----------
+    alpha_b : (n, 3) rad s-2
+
+    Notes
+    -----
+    CoM paper eq. 5, its first term; the centrifugal one is below 1 % of it at 12 s.
+    """
+    return np.stack([-np.cross(alpha_b, unit) for unit in np.eye(3)], axis=2)
+
+
+@functools.lru_cache(maxsize=32)
+def arc(kind: str, latitude_class: str, heading: int, about: tuple) -> Arc:
+    """Manoeuvre in the middle of its area.
+
+    Parameters
+    ----------
+    kind, latitude_class : key of AREAS
+    heading : +1 where x of the body points north, -1 south
+    about : principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF
+    """
+    moments, dipole, generation = about
+    rod, latitude, longitude = AREAS[kind, latitude_class]
+    time = np.arange(-LENGTH_S / 2, LENGTH_S / 2, STEP_S)
+    position = earth.position_from_geodetic(
+        np.radians(latitude) + SPEED * time, np.full(time.size, np.radians(longitude)), np.full(time.size, HEIGHT_M)
+    )
+    field_e = magnetic.field_e(EPOCH + time, position, generation)
+    north_east_down = np.matvec(earth.R_en_from_position(position).swapaxes(1, 2), field_e)
+    field_b = north_east_down * np.array([heading, heading, 1.0])
+    wave = np.where((time // (PERIOD_S / 2)) % 2 == 0, 1.0, -1.0)
+    dipole_b = dipole * wave[:, None] * np.eye(3)[rod]
+    alpha = np.cross(dipole_b, field_b) / np.array(moments)
+    return Arc(dipole_b, alpha, np.linalg.pinv(detrended(euler_columns(alpha))))
 
 
 @dataclass(frozen=True)
@@ -137,7 +215,7 @@ class Table(Observations):
         found, mean, count = [], self.mean, len(self.rows)
         for (pitch, yaw), form in HEADINGS.items():
             heading = {"pitch": pitch, "roll": pitch, "yaw": yaw}
-            arcs = {k: geometry.arc(*k, heading[k[0]], self.about) for k in geometry.AREAS}
+            arcs = {k: arc(*k, heading[k[0]], self.about) for k in AREAS}
             each = [arcs[r["kind"], r["latitude_class"]] for r in self.rows]
             whole = [_readings(slug, form, each, mean) for slug in READINGS]
             whole += [_rate(form, each), _scale(form, each, mean)]
@@ -189,7 +267,7 @@ def _readings(slug, form, arcs, mean):
     """Effect of the catalogue on the linear reading, as an error of each manoeuvre's offset."""
     entry, columns = catalogue()[slug], []
     for arc in arcs:
-        linear = geometry.euler_columns(arc.alpha_b) @ mean
+        linear = euler_columns(arc.alpha_b) @ mean
         time = np.arange(len(linear), dtype=float)
         context = Context(time=time, dipole_b=arc.dipole_b, angular_b=arc.alpha_b, linear_b=linear)
         columns.append(arc.answer(entry.columns(context)))
@@ -200,7 +278,7 @@ def _rate(form, arcs):
     """Reading that follows the rate of the current of each rod: spikes at the edges of its wave."""
     entry, columns = catalogue()["accelerometer.current_leak"], []
     for arc in arcs:
-        rate = np.gradient(arc.dipole_b, geometry.STEP_S, axis=0)
+        rate = np.gradient(arc.dipole_b, STEP_S, axis=0)
         columns.append(arc.answer(entry.columns(Context(time=np.arange(len(rate), dtype=float), dipole_b=rate))))
     return RATE, form, [p.name for p in entry.parameters], ["m s-1 A-1 m-2"] * len(entry.parameters), columns
 
@@ -215,7 +293,7 @@ def _scale(form, arcs, mean):
     """Angular acceleration too large by a share about each axis: a gain of dipole or inertia, or of the sensor."""
     entry, columns = catalogue()["accelerometer.angular_scale"], []
     for arc in arcs:
-        parts = [geometry.euler_columns(arc.alpha_b * unit) @ -mean for unit in np.eye(3)]
+        parts = [euler_columns(arc.alpha_b * unit) @ -mean for unit in np.eye(3)]
         columns.append(arc.answer(np.stack(parts, axis=2)))
     return entry.slug, form, [p.name for p in entry.parameters], ["1"] * 3, columns
 
