@@ -8,6 +8,7 @@ from gravcal import catalog
 from gravcal.store import history, housekeeping, location, product, store
 from gravcal.store import origin as origins
 
+SEARCHES = ("discovery.json", "joint.json")  # documents of an event, and of all events of a satellite together
 TRACED = 200  # products of a list whose inputs are looked into
 _known = {}  # folder -> record; a product is never changed, so its record is read once
 
@@ -165,9 +166,9 @@ def differing(found) -> dict[str, list[str]]:
 
 
 def searches(event, configuration=location.OPERATIONAL) -> list[tuple[housekeeping.Entry, dict]]:
-    """Products of discoveries of an event with their documents, that with detection limits first."""
+    """Products of discoveries of an event, or of all events of a satellite, with their documents; limits first."""
     own = [one for one in entries() if one.ref.event == event and configuration in one.configurations]
-    found = [(one, _json(path)) for one in own if (path := file(one, "discovery.json"))]
+    found = [(one, _json(path)) for one in own for name in SEARCHES if (path := file(one, name))]
     return sorted(found, key=lambda pair: "limits" not in pair[1])
 
 
@@ -216,6 +217,9 @@ def _result(event, calibration, own, runs):
     run = runs.get((event, calibration))
     found = document(report) if report else None
     state, mood, said = _state(found, run)
+    together = [path for one in own if (path := file(one, "joint.json"))]
+    if together and not report:
+        state, said = "all events", _json(together[-1])["verdict"]["text"]
     made_of = [one for one in own if one.ref.kind != "ingest"] or own  # files may have been read for others only
     told = found["origin"] if found and "origin" in found else origins.together(origin(one.ref.path) for one in made_of)
     made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")

@@ -143,6 +143,18 @@ def test_discovery_limits_and_designs_have_pages(day, ask):
     assert "latitude" in ask("/designs?event=grace-c-2020-02-01").text
 
 
+def test_all_events_of_a_satellite_have_a_page(day, ask):
+    """Contract: the joint model is in the list of events, says its verdict, and shows its own page."""
+    document = {"calibration": "com_offset", "origin": "measured", "verdict": {"text": "20 events: a gain in all."}}
+    files = {"joint.html": "<!DOCTYPE html><title>j</title>", "joint.json": json.dumps(document)}
+    key = put("grace-c/com_offset.joint", dataset(10), files=files).key
+    assert "20 events: a gain in all." in ask("/").text
+    assert "all events together" in ask("/event/grace-c").text
+    text = ask("/event/grace-c/discovery").text
+    assert f'src="/report/{key}/joint.html"' in text
+    assert "Findings" not in text
+
+
 def test_what_is_drawn_comes_as_csv(shop, ask):
     """Contract: every sample of the view, calendar time beside GPS seconds; spectra with their frequencies."""
     where = f"/csv/{shop['again']['align'].key}/acceleration_b"
