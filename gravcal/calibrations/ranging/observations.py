@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicHermiteSpline
 
 from gravcal.calibrations.ranging import model
 from gravcal.effects import Context, effect
 from gravcal.estimation import least_squares, records
 from gravcal.estimation.noise import unwhiten
-from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Reported
+from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Parameter, Reported
 
 #: Effects that a range can show; a phase break begins another block.
 EFFECTS = (
@@ -33,6 +34,7 @@ EFFECTS = (
 )
 
 LATE_S = 10.0  # pointing off the line of sight by milliradians looks like a few seconds
+WHOLE_S = 0.5  # delays are looked for in whole seconds
 
 
 def observe(
@@ -58,13 +60,31 @@ def observe(
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
     added = 0.0 if correction_left_out else rows["correction"].values
     settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
-    parts = model.blocks(rows, **settings, added=added, following=True)
-    if not correction_left_out:  # the noise is that beside any noise of the star cameras
-        band, range_ = rows["correction_band"].values, rows["observed"].values + added
+    late = late_columns(rows).get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
+    parts = model.blocks(rows, **settings, added=added - late, following=True)
+    if not correction_left_out:  # the noise is that beside late tags, and beside any noise of the star cameras
+        band, range_ = rows["correction_band"].values, rows["observed"].values + added - late
         weight, right, _ = model.equations_of(parts, range_, band, rows["time"].values)
         share = least_squares.stable_inverse(weight.sum(axis=0)) @ right.sum(axis=0)
-        parts = model.blocks(rows, **settings, added=added - band @ share, following=True)
+        parts = model.blocks(rows, **settings, added=added - late - band @ share, following=True)
     return Routine(rows, parts, nominal, added, determined_limit_mm)
+
+
+def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
+    """Columns m s-1 of late tags {slug: (n, 1)}, of their whole size, where records are off by more than pointing is.
+
+    Nothing else can be told from records of different times. Lines of sight by late star cameras are those of a
+    satellite turned by degrees, so that their antenna correction is all error.
+    """
+    ranging, camera = rows["late"].values[0], np.mean(rows["late"].values[1:])
+    time, distance, found = rows["time"].values, rows["range"].values, {}
+    if abs(ranging) > LATE_S:
+        then = CubicHermiteSpline(time, distance, rows["range_rate"].values)
+        at = np.clip(time + ranging, time[0], time[-1])
+        found["ranging.delay"] = (distance - then(at))[:, None] / ranging
+    if abs(camera) > LATE_S:
+        found["timing.star_camera_delay"] = rows["correction"].values[:, None] / camera
+    return found
 
 
 @dataclass(frozen=True)
@@ -114,7 +134,7 @@ class Routine(Observations):
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Effects of the catalogue, less what bias and slow orbit error take of them."""
-        made, late = [], self._late()
+        made, late = [], late_columns(self.rows)
         for entry in map(effect, late or EFFECTS):
             columns = late[entry.slug] if late else entry.columns(self.context)
             columns = columns[:, : None if entry.linear else 4]  # of a ripple the sines
@@ -124,22 +144,6 @@ class Routine(Observations):
             made.append(Candidate(entry.slug, "", names, units, rows, prior))
         return made
 
-    def _late(self):
-        """Columns of late tags {slug: (n, 1)}, of their whole size, where records are off by more than pointing is.
-
-        Nothing else can be told from records of different times. Lines of sight by late star cameras are those of a
-        satellite turned by degrees, so that their antenna correction is all error.
-        """
-        ranging, *cameras = self.rows["late"].values
-        camera = max(cameras, key=abs)
-        time, distance = self.rows["time"].values, self.rows["range"].values
-        found = {}
-        if abs(ranging) > LATE_S:
-            found["ranging.delay"] = (distance - np.interp(time + ranging, time, distance))[:, None] / ranging
-        if abs(camera) > LATE_S:
-            found["timing.star_camera_delay"] = self.rows["correction"].values[:, None] / camera
-        return found
-
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
         """Time, range less orbit as the phase centres of the catalogue predict it, and rows in metres."""
         part, block = self.parts[number], self.blocks[number]
@@ -148,7 +152,12 @@ class Routine(Observations):
         return block.time, predicted[:, None], unwhiten(part.noise, rows, valid).T[:, :, None]
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
-        """Phase centres, null where this day does not determine a component."""
+        """Delays as the records show them, phase centres null where this day does not determine a component."""
+        if entry.cause in late_columns(self.rows):
+            ranging, *cameras = self.rows["late"].values
+            one = [ranging] if entry.cause == "ranging.delay" else cameras
+            error = max(np.ptp(one) / 2, WHOLE_S)
+            return replace(entry, parameters={"delay": Parameter(float(np.mean(one)), float(error), "s")})
         if entry.cause != "ranging.phase_centre":
             return entry
         lost = [
@@ -159,9 +168,12 @@ class Routine(Observations):
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Rows without the effects of a model; noise of the star cameras is in the correction only."""
-        rows = self.rows.copy(deep=True)
+        rows, late = self.rows.copy(deep=True), late_columns(self.rows)
         for entry in (one for one in model if one.cause in EFFECTS):
             known = effect(entry.cause)
+            if entry.cause in late:
+                rows["observed"].values[:] -= late[entry.cause][:, 0] * known.values(entry.values)[0]
+                continue
             name = "correction" if entry.cause == "attitude.star_camera_noise" else "observed"
             rows[name].values[:] -= known.contribution(self.context, known.values(entry.values))
         return rows.assign_attrs(model=" ".join(entry.cause for entry in model))
