@@ -18,7 +18,7 @@ from gravcal.physics.sensing import offset_tensor
 
 DOCUMENTED = (
     *(f"gravcal.calibrations.{one}.arrays" for one in ("com_offset", "kbr_phase_centre", "inertial_sensor")),
-    "gravcal.calibrations.gradient_torque.arrays",
+    "gravcal.calibrations.gradient_torque.laws",
 )
 
 

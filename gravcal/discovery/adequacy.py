@@ -15,10 +15,17 @@ from functools import partial
 import numpy as np
 
 from gravcal.discovery import attribution, scan
-from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, observed_rows, prepare, residuals_of
+from gravcal.discovery.problem import (
+    Problem,
+    baseline_of,
+    inverse_of_baseline,
+    observed_rows,
+    parallel,
+    prepare,
+    residuals_of,
+)
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
-from gravcal.estimation.parallel import parallel
 
 BANDS = 4
 DRAWS = 199

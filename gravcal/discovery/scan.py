@@ -10,8 +10,7 @@ from functools import partial
 import numpy as np
 from scipy import fft, special
 
-from gravcal.discovery.problem import Problem, inverse_of_baseline, weighted_rows
-from gravcal.estimation.parallel import parallel
+from gravcal.discovery.problem import Problem, inverse_of_baseline, parallel, weighted_rows
 from gravcal.estimation.records import Block
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from scipy.integrate import DOP853
 
+from gravcal.physics import check_increasing, check_shape, refuse
 from gravcal.physics.frames import vex
-from gravcal.physics.shapes import check_increasing, check_shape, refuse
 
 SENSITIVITY_PARAMETERS = (
     *(f"angle_{axis}" for axis in "xyz"),  # rad, attitude error at the epoch of the state, in b

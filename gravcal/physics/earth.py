@@ -13,6 +13,7 @@ import erfa
 import numpy as np
 import scipy
 
+from gravcal.physics import check_shape, refuse
 from gravcal.physics.constants import (
     ARCSECOND,
     DAY,
@@ -22,7 +23,6 @@ from gravcal.physics.constants import (
     TAI_MINUS_GPS,
     TT_MINUS_GPS,
 )
-from gravcal.physics.shapes import check_shape, refuse
 
 PRECESSION_STEP = 3 * 3600.0  # s; the fastest nutation takes days, a cubic over 3 h is good to 1e-13 rad
 

@@ -7,7 +7,7 @@ frame by phi about n into the body frame. ``R_bi`` takes inertial components to 
 import numpy as np
 import scipy
 
-from gravcal.physics.shapes import check_increasing, check_shape, refuse
+from gravcal.physics import check_increasing, check_shape, refuse
 
 
 def cross_matrix(vector):

@@ -5,8 +5,8 @@ A field of full degree can stand beside these functions: same arguments, same sh
 
 import numpy as np
 
+from gravcal.physics import check_shape, refuse
 from gravcal.physics.constants import EARTH_RADIUS, GM, J2
-from gravcal.physics.shapes import check_shape, refuse
 
 NORTH = (0.0, 0.0, 1.0)  # the z axis of i; the pole of date differs by 20 arcseconds a year, 1e-7 of the J2 term
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
+from gravcal.physics import check_shape, refuse
 from gravcal.physics.constants import EARTH_RADIUS, GM
-from gravcal.physics.shapes import check_shape, refuse
 
 LIMIT = 600  # highest degree: the recursion stays within the range of float64 at the poles up to there
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")

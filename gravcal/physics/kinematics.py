@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
+from gravcal.physics import check_increasing, check_shape, refuse
 from gravcal.physics.frames import (
     R_bi_from_quaternion,
     conjugate,
@@ -12,7 +13,6 @@ from gravcal.physics.frames import (
     quaternion_product,
     rotation_vector,
 )
-from gravcal.physics.shapes import check_increasing, check_shape, refuse
 
 
 def rates_from_attitude(time, quaternion, half_width=2, degree=4):

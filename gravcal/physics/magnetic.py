@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gravcal.physics import check_shape, refuse
 from gravcal.physics.constants import IGRF_RADIUS
 from gravcal.physics.gravity_field import derivative, kernel_tables, sum_series
-from gravcal.physics.shapes import check_shape, refuse
 
 GENERATIONS = (13, 14)
 DEGREE = 13

@@ -5,8 +5,8 @@ Every offset p points from the satellite's centre of mass (CoM) to the sensor. T
 
 import numpy as np
 
+from gravcal.physics import check_shape
 from gravcal.physics.frames import cross_matrix
-from gravcal.physics.shapes import check_shape
 
 
 def offset_tensor(rate_b, rate_dot_b, gradient_b):

@@ -7,6 +7,6 @@ def __getattr__(name):
     """Estimators on plain arrays, imported when they are asked for: commands load without them."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gravcal.calibrations.gradient_torque import arrays
+    from gravcal.calibrations.gradient_torque import laws
 
-    return getattr(arrays, name)
+    return getattr(laws, name)

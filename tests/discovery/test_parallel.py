@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from gravcal.estimation.parallel import parallel
+from gravcal.discovery.problem import parallel
 
 
 @pytest.mark.parametrize("cores", [1, 2])
