@@ -84,7 +84,8 @@ def test_where_nothing_is_named_the_least_likely_band_is_shown():
 
 def viewed(folder, effects):
     """Source and settings of a simulated day, products of its baseline, and its observations."""
-    com_offset.CALIBRATION.simulate(folder / "day", seed=7, truth=None, effects=effects, settings={})
+    three = {"manoeuvres": "pitch_high,roll_high,yaw_low"}
+    com_offset.CALIBRATION.simulate(folder / "day", seed=7, truth=None, effects=effects, settings=three)
     source, chosen = com_offset.CALIBRATION.source(data=folder / "day"), catalog.parameters("com_offset")
     made = {name: stage.read(ref) for name, ref in com_offset.DISCOVERY.baseline(source, chosen).items()}
     settings = com_offset.scene_settings(source, chosen) | chosen.for_stage("discovery")

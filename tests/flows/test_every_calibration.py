@@ -363,9 +363,13 @@ print(json.dumps(found))
 """
 
 
+#: Each another kind of flow: variants, a pair of satellites, a product from no file of the day.
+AS_TASKS = [name for name in ("com_offset", "kbr_phase_centre", "gradient_torque") if name in SMALL]
+
+
 def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_path):
-    """Contract: every calibration runs as a flow of Prefect tasks; keys and contents are those of the inline engine."""
-    command_line = [sys.executable, "-c", THROUGH_PREFECT, str(level_one), *SMALL]
+    """Contract: a calibration runs as a flow of Prefect tasks; keys and contents are those of the inline engine."""
+    command_line = [sys.executable, "-c", THROUGH_PREFECT, str(level_one), *AS_TASKS]
     own = {"GRAVCAL_PRODUCTS": str(tmp_path / "products"), "PREFECT_HOME": str(prefect_home)}
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | own
     done = subprocess.run(command_line, capture_output=True, text=True, check=False, env=environment)

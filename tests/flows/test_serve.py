@@ -143,7 +143,7 @@ def artifacts(url, run):
     return {one["key"]: one["data"] for one in found}
 
 
-def test_new_data_and_the_clock_start_campaigns(served, events, pipeline, store_folder):
+def new_data_and_the_clock_start_campaigns(served, events, store_folder):
     """Contract: what is in the folder is processed, then what arrives, then all on demand; the page says it all.
 
     The run by the clock also removes from the store what nothing refers to and is older than a month.
@@ -194,7 +194,7 @@ def shell(file):
     return {"pull_steps": [{"prefect.deployments.steps.run_shell_script": {"script": f"touch {file}"}}]}
 
 
-def test_strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect_home):
+def strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect_home):
     """Contract: without the string no change and no run; no foreign page, no foreign name, no other machine.
 
     The string is in files for the user alone, one of which opens Prefect's page; on no command line, in no log.
@@ -238,7 +238,7 @@ def test_strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect
     assert not any(secret in text or coded in text for text in shown)
 
 
-def test_a_deployment_that_was_changed_is_refused(served, events, tmp_path):
+def a_deployment_that_was_changed_is_refused(served, events, tmp_path):
     """Contract: also from who knows the string, only what gravcal registered is run; no command before it."""
     finished(served, events, 1)
     deployment = server.ask(served, "/deployments/name/reprocess-all/fakecal")
@@ -263,13 +263,23 @@ def test_a_deployment_that_was_changed_is_refused(served, events, tmp_path):
     assert not made.exists()
 
 
-def test_a_second_process_does_not_serve_the_same_calibration(served, environment, events):  # noqa: ARG001
+def a_second_process_does_not_serve_the_same_calibration(served, environment, events):
     """Contract: refused at once, with what to do; the first goes on."""
     command = [sys.executable, str(SCRIPT), "serve", "fakecal", "--watch", str(events)]
     second = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert second.returncode == 1
     assert "another gravcal serve" in " ".join(second.stderr.split())  # lines are as wide as a terminal
     assert server.ask(served, "/health") is True
+
+
+def test_a_server_runs_what_it_is_to_and_nothing_else(  # one, for its start and its end take 10 s
+    served, environment, events, tmp_path, prefect_home, store_folder
+):
+    """Contract: the four functions above: data and clock, strangers, changed deployments, a second process."""
+    new_data_and_the_clock_start_campaigns(served, events, store_folder)
+    strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect_home)
+    a_deployment_that_was_changed_is_refused(served, events, tmp_path)
+    a_second_process_does_not_serve_the_same_calibration(served, environment, events)
 
 
 def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environment, events, pipeline, store_folder):

@@ -27,7 +27,6 @@ class Scene:
     rate: np.ndarray
     rate_dot: np.ndarray
     current: np.ndarray
-    moment: np.ndarray
     field: np.ndarray
     linear: np.ndarray | None = None  # filled by the accelerometer
 
@@ -54,11 +53,6 @@ class Scene:
     def strength(self):
         """Magnitude of the field, T."""
         return np.linalg.norm(self.field, axis=1)
-
-    @property
-    def control_torque(self):
-        """Torque of the rods."""
-        return np.cross(self.moment, self.field)
 
     @cached_property
     def latitude(self):
@@ -142,6 +136,6 @@ def simulate(world, window, samples, ticks, state):
     state = start_state(world, start) if state is None else state
     control, parts = (s.dipole_per_current, world.step_ma), world.body.parts()
     table, state = attitude.propagate(t, envs, mode, held(world, t), reference, dither, state, parts, control)
-    quaternion, rate, current, moment, rate_dot = np.split(table, [4, 7, 10, 13], axis=1)
+    quaternion, rate, current, _, rate_dot = np.split(table, [4, 7, 10, 13], axis=1)
     field = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(envs[0][:, 0])
-    return Scene(world, t, quaternion, rate, rate_dot, current, moment, field), state
+    return Scene(world, t, quaternion, rate, rate_dot, current, field), state

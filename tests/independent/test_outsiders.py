@@ -5,11 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from draws import document_of
+from commands import document
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
-from flows import cli
 from gravcal.store import store
 from tasks.stage import read
 
@@ -25,20 +23,9 @@ def called(tmp_path, monkeypatch):
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
 
     def call(command, calibration, *settings):
-        words = [
-            command,
-            calibration,
-            "--data",
-            tmp_path / "data",
-            "--engine",
-            "inline",
-            "--json",
-            tmp_path / "out.json",
-        ]
-        words += [word for setting in settings for word in ("--set", setting)]
-        document = document_of(CliRunner().invoke(cli.app, list(map(str, words))), tmp_path / "out.json")
-        assert document["origin"] == "measured"  # headers of another hand, which say nothing
-        return document
+        words = [word for setting in settings for word in ("--set", setting)]
+        # headers of another hand say nothing of their origin
+        return document(command, calibration, tmp_path / "data", *words, origin="measured")[1]
 
     return call
 
@@ -48,18 +35,16 @@ def within(value, sigma, truth, limit=4.0):
     assert np.abs((np.array(value) - truth) / sigma).max() < limit
 
 
-def checked(document):
+def checked(said):
     """The largest value of each check of a delivered document, by name."""
-    assert document["status"] == "delivered", [check for check in document["checks"] if not check["passed"]]
-    return {check["name"]: check["value"] for check in document["checks"]}
+    assert said["status"] == "delivered", [check for check in said["checks"] if not check["passed"]]
+    return {check["name"]: check["value"] for check in said["checks"]}
 
 
-def only(document):
+def only(said):
     """The one finding of a search, tied with nothing."""
-    assert [(one["cause"], one["tied_with"]) for one in document["findings"]] == [
-        (document["findings"][0]["cause"], [])
-    ]
-    return document["findings"][0]["cause"], document["findings"][0]["parameters"]
+    assert [(one["cause"], one["tied_with"]) for one in said["findings"]] == [(said["findings"][0]["cause"], [])]
+    return said["findings"][0]["cause"], said["findings"][0]["parameters"]
 
 
 @pytest.mark.measured
@@ -100,11 +85,11 @@ def test_the_tensor_is_the_second_derivative_and_has_no_trace():
 def test_both_phase_centres_come_back(tmp_path, called):
     """Recovery: exact orbits, so that light time and filter show in range minus orbit."""
     truth = ranging.make_campaign(tmp_path / "data", 1, orbit_error_m=0.0)
-    document = called("run", "kbr_phase_centre")
-    apart = checked(document)
+    said = called("run", "kbr_phase_centre")
+    apart = checked(said)
     for letter, centre in truth["phase_centre_mm"].items():
         for kind in ("range", "range_rate", "range_acceleration"):
-            found = document["satellites"][letter][kind]["ls"]
+            found = said["satellites"][letter][kind]["ls"]
             within(found["phase_centre_mm"], found["sigma_mm"], centre)
     assert apart["range against orbits, rms"] < 0.03  # mm; half of a light time left out is 0.2
     assert apart["range rate against orbits, rms"] < 0.3  # um/s
@@ -113,8 +98,8 @@ def test_both_phase_centres_come_back(tmp_path, called):
 def test_swing_and_roll_come_back(tmp_path, called):
     """Recovery: factors, offset and bias, the roll about -y."""
     truth = taiji.make_event(tmp_path / "data", 1)
-    document = called("run", "inertial_sensor")
-    apart, swing, bias = checked(document), document["swing"], document["roll"]["bias"]
+    said = called("run", "inertial_sensor")
+    apart, swing, bias = checked(said), said["swing"], said["roll"]["bias"]
     for axis, number in (("x", 0), ("z", 2)):
         within(swing["k"][axis]["value"], swing["k"][axis]["sigma_total"], truth["k"][number])
         within(swing["beta"][axis]["value"], swing["beta"][axis]["sigma"], truth["beta"][number])
@@ -129,15 +114,15 @@ def test_swing_and_roll_come_back(tmp_path, called):
 def test_drag_and_centre_of_pressure_come_back(tmp_path, called):
     """Recovery: a planet whose order two is ten times that of the Earth; one sensor and two."""
     truth = gradient.make_day(tmp_path / "data", 3)
-    document = called("run", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
-    checked(document)
+    said = called("run", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
+    checked(said)
     for method in ("one_sensor", "two_sensor"):
-        series = read(store.find(document["drag"][method]["series"]))
+        series = read(store.find(said["drag"][method]["series"]))
         off = series["drag_b"].values - truth["drag"]
         sigma = np.sqrt(np.einsum("nii->ni", series["covariance"].values))
         within(off.mean(0), sigma.mean(0) / np.sqrt(len(off) / 50), 0.0)  # errors of the attitude last 50 s
         assert_allclose(np.sqrt(np.mean(off**2 / sigma**2, axis=0)), 1.0, atol=0.15)
-    centre = document["centre_of_pressure_m"]
+    centre = said["centre_of_pressure_m"]
     within(centre["value"], centre["sigma"], truth["centre_of_pressure_m"])
 
 
@@ -165,8 +150,8 @@ def test_a_turned_star_tracker_is_named(tmp_path, called):
 def test_a_residual_dipole_is_named(tmp_path, called):
     """Recovery: with its size; five revolutions, in fewer it passes for noise of the torque."""
     gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0)
-    document = called("discover", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
-    (found,) = [one for one in document["findings"] if one["cause"] == "torque.residual_dipole"]
+    said = called("discover", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
+    (found,) = [one for one in said["findings"] if one["cause"] == "torque.residual_dipole"]
     assert not found["tied_with"]
     for axis, size in zip("xyz", (1.0, 0.0, 1.0), strict=True):
         within(found["parameters"][axis]["value"], found["parameters"][axis]["sigma"], size)
