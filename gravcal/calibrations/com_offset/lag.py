@@ -47,7 +47,7 @@ def signal(one: Manoeuvre, tau: float, leads) -> dict[str, np.ndarray]:
 def _acceleration(one, tau, leads):
     """Angular acceleration (n, 3, q) rad s-2 of lagging rods less that of the edges as they were fitted."""
     arc, time = one.arc, one.context.time
-    edges = arc.edges + one.shift
+    edges = arc.edges + one.seen
     dipole = lagging(time, edges, arc.dipole_b, missing_of(arc, tau)[0], tau, np.asarray(leads, dtype=float))
     key = ("turning", CAUSE)
     if key not in one.memory:  # what a unit dipole on each axis does

@@ -34,13 +34,13 @@ class Manoeuvre:
     index: int  #: of the manoeuvre
     window: motion.Window  #: its observations and torques
     time: np.ndarray  #: (n,) s, accelerometer epochs
-    true: np.ndarray  #: (n,) s, the same less the shift of the accelerometer
     rows: np.ndarray  #: indices of these epochs in the aligned product
     operator: Resampler  #: low-pass and resampling of the accelerometer
     transition: np.ndarray  #: (k, 6, 6) of angle and rate from the origin, at the epochs of the window
     local_attitude: np.ndarray  #: (k, 3, p) rad, start angle, rate, slow torque and edge shift
     scale_attitude: np.ndarray  #: (k, 3, 3) rad, torque scale
     shift: float  #: s, edges seen by the star camera
+    seen: float  #: s, edges seen by the accelerometer
     #: {channel: noise model of each axis}, shared by all manoeuvres, may be completed later
     noise: dict[str, list[NoiseModel]]
     context: Context  #: Context at the accelerometer epochs
@@ -134,13 +134,13 @@ def _manoeuvre(products, index, window, estimates, settings):
     shift = float(smoothed["sca_shift"].values[index])
     if smooth.size < 200 or window.rod < 0 or not np.isfinite(shift):
         return None
-    late = float(np.nan_to_num(smoothed["acc_shift"].values[index] - shift))
+    seen = float(np.nan_to_num(smoothed["acc_shift"].values[index], nan=shift))
     time = smoothed["time_acc"].values[smooth]
     rows = np.searchsorted(aligned["time_acc"].values, time)
     good = aligned["acc_flag"].values[rows] == 0
     good &= np.isfinite(aligned["linear_b"].values[rows]).all(axis=1)
     good &= np.isfinite(aligned["angular_b"].values[rows]).all(axis=1)
-    first, last = window.arc.edges[[0, -1]] + shift + late
+    first, last = window.arc.edges[[0, -1]] + seen
     filters = (settings["lowpass_hz"], settings["half_width_s"], settings["step_s"])
     operator = operator_for(time, good, max(first, time[0]), min(last, time[-1]), *filters)
     if operator.valid.sum() < 60:
@@ -157,10 +157,10 @@ def _manoeuvre(products, index, window, estimates, settings):
     _, _, _, sensitivity = dynamics.integrate_with_sensitivity(window.time, state, path, max_step=step)
     slow = slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
     local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 12:13]], axis=2)
-    # what effects look at
-    true, orbit = time - late, (aligned["time_orbit"].values, aligned["position_i"].values)
+    # what effects look at; tags are taken as they are, for edges tell a delay to 0.1 s and the field would take that up
+    orbit = aligned["time_orbit"].values, aligned["position_i"].values
     bare = Context(
-        time=true,
+        time=time,
         rate_b=smoothed["rate_b"].values[smooth],
         gradient_b=smoothed["gradient_b"].values[smooth],
         inertia_b=window.arc.inertia,
@@ -168,16 +168,16 @@ def _manoeuvre(products, index, window, estimates, settings):
         stop=aligned["stop"].values,
         extra={"mass": settings["mass"]},
     )
-    context = _context(window, shift, bare, orbit, true)
+    context = _context(window, seen, bare, orbit, time)
     torque = np.cross(context.dipole_b, context.field_b)
     rate_dot = smoothed["smooth_b"].values[smooth] + np.linalg.solve(context.inertia_b, torque.T).T
     context = replace(context, rate_dot_b=rate_dot, angular_b=rate_dot)
     offset, noise = estimates
     context = replace(context, linear_b=catalogue()["accelerometer.offset"].contribution(context, offset))
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
-    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 9:12], shift
+    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 9:12], shift, seen
     now = context, offset, settings["linear_drift_degree"], sampled, orbit
-    return Manoeuvre(index, window, time, true, rows, operator, *about, noise, *now)
+    return Manoeuvre(index, window, time, rows, operator, *about, noise, *now)
 
 
 def offset_of(solved: xr.Dataset) -> np.ndarray:
@@ -281,8 +281,8 @@ def _local(one, settings):
     angle = np.cumsum((context.rate_b - context.rate_b.mean(axis=0)) * step, axis=0)
     swung = np.stack([np.cross(unit, angle) for unit in np.eye(3)], axis=2)
     columns += [{"attitude": one.local_attitude}, {"linear": swung}]
-    rest = one.true, context.field_b, float(np.median(np.diff(one.time)))
-    ends = [motion.magnetic_acceleration(one.arc, one.shift + d, *rest) for d in (-0.15, 0.15)]
+    rest = one.time, context.field_b, float(np.median(np.diff(one.time)))
+    ends = [motion.magnetic_acceleration(one.arc, one.seen + d, *rest) for d in (-0.15, 0.15)]
     columns.append(at_accelerometer(one, _edge_by_edge(one, ends[1] - ends[0])))
     places = np.cumsum([0, *(next(iter(c.values())).shape[2] for c in columns)])
     joined: dict[str, np.ndarray] = {}
@@ -299,9 +299,9 @@ def _edge_by_edge(one, jump):
     Where between two samples an edge falls is known to neither model; a momentary sample near it may be on either side,
     and from one edge of the wave to the next it may change sides.
     """
-    near = np.searchsorted(one.true, motion.large_edges(one.arc) + one.shift)[:, None] + np.array([-1, 0])
-    near = np.clip(near, 0, one.true.size - 1).ravel()
-    columns = np.zeros((one.true.size, 3, near.size))
+    near = np.searchsorted(one.time, motion.large_edges(one.arc) + one.seen)[:, None] + np.array([-1, 0])
+    near = np.clip(near, 0, one.time.size - 1).ravel()
+    columns = np.zeros((one.time.size, 3, near.size))
     columns[near, :, np.arange(near.size)] = jump[near]
     return columns
 

@@ -116,7 +116,7 @@ class ComOffset(Observations):
         _, rows = self.quiet, []
         for one in self.views:
             added = responses.contribution(one, entry)
-            signal = None if added or not entry.listed else responses.field_of_delay(one, entry.cause)
+            signal = None if added or not entry.listed else responses.of_delay(one, entry.cause)
             if signal:  # what a delay does to the field, where `without` moves tags
                 delay = effect(entry.cause).values(entry.values)[0]
                 added = {channel: columns[..., 0] * delay for channel, columns in signal.items()}

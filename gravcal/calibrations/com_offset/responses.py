@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import lag
-from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, attitude_at, field_at, of_torque
+from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer, attitude_at, field_at, of_torque
 from gravcal.effects import Context, catalogue, effect
 from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
@@ -182,27 +182,41 @@ def _reading(one, entry, values_of):
     """Signal of what an effect adds to a reading; None where the channel is not observed."""
     channel = READ.get(entry.channel)
     if channel is None:
-        return field_of_delay(one, entry.slug)
+        return of_delay(one, entry.slug)
     if channel == "magnetometer":
         time = one.magnetometer[0]
         return {channel: values_of(one.at(time))} if time.size else None
     return {channel: values_of(Context(time=one.window.time) if channel == "attitude" else one.context)}
 
 
-def field_of_delay(one: Manoeuvre, slug: str) -> Signal | None:
-    """What a delay of one second does to the difference of measured and predicted field, T s-1; None where nothing.
+def of_delay(one: Manoeuvre, slug: str) -> Signal | None:
+    """What a delay of one second, or a drift of one second per second, does where the field counts; None if nothing.
 
-    A late tag of the magnetometer shows the field of before, one of the star camera predicts it with the attitude of
-    before: -dB/dt and -w x B in the body.
+    A late magnetometer shows the field of before, a late star camera predicts it with the attitude of before: -dB/dt,
+    -w x B in the body, T s-1, in the difference of measured and predicted field. The torque that is predicted for
+    readings is that of the field at their tags, so that they differ by as much.
     """
-    time = one.magnetometer[0]
-    if not time.size or slug not in ("timing.magnetometer_delay", "timing.star_camera_delay"):
+    word, since = slug.partition(".")[2], 1.0
+    if slug == "timing.clock_drift":
+        word, since = "accelerometer_delay", one.context.start[one.index] - one.context.start[0]
+    if word not in ("accelerometer_delay", "star_camera_delay", "magnetometer_delay"):
         return None
-    if slug == "timing.star_camera_delay":
-        there = one.at(time)
-        return {"magnetometer": -np.cross(there.rate_b, there.field_b)[..., None]}
-    fields = [field_at(one.arc, t, attitude_at(one.window, t)) for t in (time - STEP_S, time + STEP_S)]
-    return {"magnetometer": -(fields[1] - fields[0])[..., None] / (2 * STEP_S)}
+    found, time = {}, one.magnetometer[0]
+    if time.size and word != "accelerometer_delay":
+        found["magnetometer"] = _earlier(one, one.at(time), word)[..., None]
+    if word != "magnetometer_delay":
+        torque = np.cross(one.context.dipole_b, since * _earlier(one, one.context, word))
+        found |= at_accelerometer(one, np.linalg.solve(one.context.inertia_b, torque.T).T[..., None])
+    return found
+
+
+def _earlier(one, there, word):
+    """Change (n, 3) T s-1 of the field in the body by an earlier attitude, or by an earlier epoch."""
+    if word == "star_camera_delay":
+        return -np.cross(there.rate_b, there.field_b)
+    ends = [there.time + d for d in (-STEP_S, STEP_S)]
+    before, after = (field_at(one.arc, t, attitude_at(one.window, t)) for t in ends)
+    return (before - after) / (2 * STEP_S)
 
 
 def _ringing(frequency, damping):
