@@ -1,18 +1,13 @@
-"""A working day with the pages: what changed and why, tables kept in the address, data of plots, any screen, anyone.
-
-The accessibility check is axe-core where its script is at hand: GRAVCAL_AXE names the file, or axe_core_python is
-installed; in any case rules of our own are checked.
-"""
+"""A working day with the pages: what changed and why, tables kept in the address, data of plots, any screen, anyone."""
 
 import csv
-import importlib.util
 import io
 import json
-import os
 import re
 from pathlib import Path
 from types import SimpleNamespace
 
+import axe_core_python
 import numpy as np
 import pytest
 from invented_store import EVENT, calibration, dataset, put
@@ -23,29 +18,13 @@ from gravcal.store import configurations, history, housekeeping, location
 
 PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
          "/compare/com_offset", "/designs", "/designs?event=grace-c-2020-02-01")  # fmt: skip
-#: What any page owes its readers: names of controls, links, figures and frames; heads of tables; one main heading.
-OURS = """
-const bad = [], named = (one) => (one.getAttribute("aria-label") || one.title || one.textContent || "").trim();
-for (const one of document.querySelectorAll("a[href], button, iframe, [role=figure], [role=region]"))
-  if (!named(one)) bad.push(one.outerHTML.slice(0, 80));
-for (const one of document.querySelectorAll("input:not([type=hidden]), select"))
-  if (!one.labels.length && !one.getAttribute("aria-label")) bad.push(one.outerHTML.slice(0, 80));
-for (const one of document.querySelectorAll("th")) if (!one.textContent.trim()) bad.push("a head without a word");
-if (document.querySelectorAll("h1").length !== 1 || !document.documentElement.lang) bad.push("heading or language");
-return bad;
-"""
+#: Of axe-core: every page for screen readers and weak eyes.
+SCRIPT = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text()
 AXE = """
 const done = arguments[0];
 const told = (found) => done(found.violations.map((one) => `${one.id}: ${one.nodes[0].html}`));
 axe.run(document, {iframes: false}).then(told);
 """
-
-
-def axe():
-    """Script of axe-core, None where it is not at hand."""
-    named, package = os.environ.get("GRAVCAL_AXE"), importlib.util.find_spec("axe_core_python")
-    path = Path(named) if named else package and Path(package.origin).parent / "axe.min.js"
-    return path.read_text() if path and path.is_file() else None
 
 
 def searched(event):
@@ -283,14 +262,11 @@ def test_dark_and_paper_have_styles_and_focus_is_seen(at):
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, dark):
-    """Contract: rules of our own, and no violation that axe-core finds where it is at hand (contrast, names, roles)."""
-    script = axe()
+    """Contract: no violation that axe-core finds (contrast, names, roles, headings)."""
     for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
         browser = at(path, dark=dark)  # noqa: F811
-        assert browser.execute_script(OURS) == [], path
-        if script:
-            browser.execute_script(script)
-            assert browser.execute_async_script(AXE) == [], path
+        browser.execute_script(SCRIPT)
+        assert browser.execute_async_script(AXE) == [], path
         assert complaints(browser) == []
 
 
@@ -299,7 +275,5 @@ def test_the_accessibility_check_finds_what_is_wrong(at):
     browser = at("/")  # noqa: F811
     browser.execute_script("document.querySelector('.filter').removeAttribute('aria-label')")
     browser.execute_script("document.querySelector('.filter').removeAttribute('placeholder')")
-    assert len(browser.execute_script(OURS)) == 1
-    if axe():
-        browser.execute_script(axe())
-        assert any(one.startswith("label:") for one in browser.execute_async_script(AXE))
+    browser.execute_script(SCRIPT)
+    assert any(one.startswith("label:") for one in browser.execute_async_script(AXE))
