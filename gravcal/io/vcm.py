@@ -22,17 +22,6 @@ EXPECTED = "time GRACEC VCM 3 x y z comment"
 CALIBRATIONS = {"CMCAL": "com_offset", "KBRCAL": "kbr_phase_centre"}  # events that bound manoeuvres: 1 begin, 0 end
 
 
-@dataclass(frozen=True, eq=False)
-class VectorRecord:
-    """One vector in force from ``time`` on: GPS seconds, letter, name ("VCM", "VKB"), (3,) m in SRF, comment."""
-
-    time: float
-    satellite: str
-    name: str
-    vector_b: np.ndarray
-    comment: str
-
-
 def vector_line(time, satellite, vector_b, name="VCM", comment=""):
     """Line of the sequence-of-events file, ``time GRACEC VCM 3 x y z comment``, without its end.
 
@@ -49,16 +38,8 @@ def vector_line(time, satellite, vector_b, name="VCM", comment=""):
 
 
 def commented(line, origin):
-    """A line as a comment, which `read_vector_line` refuses: its values were not measured."""
+    """A line as a comment, which `read_line` refuses: its values were not measured."""
     return f"# {origin.upper()} data, no line for the sequence-of-events file: {line}"
-
-
-def read_vector_line(line):
-    """VectorRecord of a line of the sequence-of-events file, None for a deleted line (first field ``x``)."""
-    entry = read_line(line)
-    if entry is not None and len(entry.values) != 3:
-        refuse(_where(line), f"{len(entry.values)} values", EXPECTED, "Correct the line.")
-    return entry and VectorRecord(entry.time, entry.satellite, entry.name, np.array(entry.values), entry.comment)
 
 
 @dataclass(frozen=True)

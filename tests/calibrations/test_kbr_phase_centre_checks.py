@@ -213,7 +213,7 @@ def test_a_questionable_result_says_so_everywhere(tmp_path, monkeypatch):
     assert f"QUESTIONABLE: {name}" in document["verdict"]["text"]
     folder = next((tmp_path / "store" / "latest").glob("*")) / "kbr_phase_centre.report"
     assert name in (folder / "report.html").read_text(encoding="utf-8")
-    lines = [vcm.read_vector_line(line) for line in (folder / "result.soe").read_text().splitlines()]
+    lines = [vcm.read_line(line) for line in (folder / "result.soe").read_text().splitlines()]
     assert lines
     assert all("QUESTIONABLE" in one.comment for one in lines)
     assert all("QUESTIONABLE" in path.read_text() for path in folder.glob("VKB1B*"))

@@ -67,7 +67,7 @@ def test_files_in_vectors_out(campaign, tmp_path):
         time, vector = vcm.read_vector_file(path)
         assert_allclose(vector[0], adopted, rtol=1e-12)
         assert time[0] == np.ceil(max(one["stop"] for one in document["manoeuvres"]))
-    lines = [vcm.read_vector_line(line) for line in files["result.soe"].splitlines()]
+    lines = [vcm.read_line(line) for line in files["result.soe"].splitlines()]
     assert [(one.satellite, one.name) for one in lines] == [("C", "VKB"), ("D", "VKB")]
     assert not list(ref.folder.glob("VKB1B*"))
     written = (ref.folder / "result.soe").read_text().splitlines()
@@ -76,7 +76,7 @@ def test_files_in_vectors_out(campaign, tmp_path):
         assert line.startswith("# SIMULATED")
         assert line.endswith(kept)
         with pytest.raises(ProductError):
-            vcm.read_vector_line(line)
+            vcm.read_line(line)
     assert json.loads((folder / "truth.json").read_text())["phase_centre_mm"] == truth["phase_centre_mm"]
 
 

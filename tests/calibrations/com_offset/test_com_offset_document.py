@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from gravcal.calibrations.com_offset.document import document as make_document
 from gravcal.calibrations.com_offset.document import vcm_line
 from gravcal.errors import ProductError
-from gravcal.io.vcm import read_vector_line
+from gravcal.io.vcm import read_line
 from gravcal.report import documents
 from gravcal.store.schemas import validate
 
@@ -126,9 +126,9 @@ def test_the_smallest_total_error_is_adopted(products, documented):
 
 def test_the_adopted_offset_goes_into_a_vcm_line(document):
     """Analytic: round trip; in force from the whole second after the last manoeuvre."""
-    record = read_vector_line(vcm_line(document, "C"))
+    record = read_line(vcm_line(document, "C"))
     adopted = document["variants"]["mtq"]["offset_um"]
-    assert_allclose(record.vector_b, 1e-6 * np.array(adopted), rtol=1e-12)
+    assert_allclose(record.values, 1e-6 * np.array(adopted), rtol=1e-12)
     assert record.time == np.ceil(invented.START[-1] + 180)
     assert record.satellite == "C"
 
@@ -140,4 +140,4 @@ def test_what_was_not_measured_gives_no_vcm_line_that_can_be_read(document, orig
     assert line.startswith(f"# {origin.upper()} data")
     assert line.endswith(vcm_line(document, "C"))
     with pytest.raises(ProductError):
-        read_vector_line(line)
+        read_line(line)
