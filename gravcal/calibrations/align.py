@@ -31,10 +31,10 @@ QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ...], bad=None):
     """Samples of an "ingest" in order of their GPS tags, repeated ones dropped, doubtful and bad (n,) ones marked.
 
-    Time (m,) s, values (m, k) of the variables wanted, flag (m,) uint8 (0 usable), and counts of records: out_of_order,
-    repeated, conflicting, marked and undated.
+    Time (m,) s, values (m, k) of the variables wanted, each of one column or more, flag (m,) uint8 (0 usable), and
+    counts of records: out_of_order, repeated, conflicting, marked and undated.
     """
-    columns = [np.asarray(observed[n].values, dtype=float) for n in names]
+    columns = [one for n in names for one in np.atleast_2d(np.asarray(observed[n].values, dtype=float).T)]
     flagged = (observed["flag"].values & UNUSABLE) != 0
     if "qualflg" in observed:
         mask = QUALITY.get(observed.attrs.get("product", ""), 0)
@@ -99,12 +99,11 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     parts, counts = {}, {}
     linear = tuple(f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz")
     acc = acc.assign({n: ("record", np.full(acc.sizes["record"], np.nan)) for n in linear if n not in acc})
-    mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
     field = tuple(f"Mfv{a}{suffix}" for a in "XYZ" for suffix in ("_RAW", "") if f"Mfv{a}{suffix}" in mag)
     sources = {
         "acc": (acc, gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
         "sca": (sca, own_tags(sca), QUATERNION),
-        "mag": (mag, own_tags(mag), (*field, *(f"current_{a}" for a in "xyz"))),
+        "mag": (mag, own_tags(mag), (*field, "current_b")),
         "orbit": (orbit, own_tags(orbit), STATE),
     }
     for name, (source, tags, columns) in sources.items():

@@ -113,10 +113,8 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
     -------
     manoeuvres : Dataset, "com_offset.detect"
     """
-    magnetometer = magnetometer.assign({f"current_{a}": magnetometer["current_b"][:, i] for i, a in enumerate("xyz")})
     names = [f"Mfv{a}_RAW" if f"Mfv{a}_RAW" in magnetometer else f"Mfv{a}" for a in "XYZ"]
-    names = (*(f"current_{a}" for a in "xyz"), *names)
-    time, values, flag, _ = sorted_samples(magnetometer, own_tags(magnetometer), names)
+    time, values, flag, _ = sorted_samples(magnetometer, own_tags(magnetometer), ("current_b", *names))
     time, current, field_b = time[flag == 0], values[flag == 0, :3], values[flag == 0, 3:]
     waves = [w for rod in range(3) for w in find_waves(time, current[:, rod], rod, settings)]
     kept: list[Wave] = []

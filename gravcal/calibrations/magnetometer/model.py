@@ -66,8 +66,7 @@ def align(
     aligned : Dataset, "magnetometer.align"
     """
     columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
-    mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
-    time, values = usable(mag, (*columns, *(f"current_{a}" for a in "xyz")))
+    time, values = usable(mag, (*columns, "current_b"))
     sca_time, quaternion = usable(camera, QUATERNION)
     orbit_time, state = usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
     inside = np.zeros(time.size, dtype=bool)

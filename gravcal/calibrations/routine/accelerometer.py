@@ -120,8 +120,7 @@ def _torquers(mag, ends, dipole_per_current):
     """
     if mag is None:
         return {name: np.zeros((ends.shape[1], 3)) for name in ("dipole_b", "dipole_rate_b")}
-    mag = mag.assign({f"current_{a}": mag["current_b"][:, i] for i, a in enumerate("xyz")})
-    time, current = usable(mag, tuple(f"current_{a}" for a in "xyz"))
+    time, current = usable(mag, ("current_b",))
     fine = np.linspace(*ends, 21)[1::2]
     dipole = np.stack([np.interp(fine, time, one).mean(axis=0) for one in current.T], axis=1) * dipole_per_current
     between = np.stack([np.interp(ends, time, one) for one in current.T], axis=2)
