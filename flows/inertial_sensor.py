@@ -49,12 +49,12 @@ def _solved(source, chosen, *, widened, found=None):
     if detected["swing_start"].size:
         files += _files(days, detected["swing_start"][0], detected["swing_stop"][0], chosen.margin_s)
         aligned = inertial_sensor.align(products["detect"], *files, event=event, **chosen.for_stage("align"))
-        products |= _without_model(chosen, _swing, aligned, {}, (widened, found))
+        products |= _without_model(source, chosen, _swing, aligned, {}, (widened, found))
     if detected["roll_start"].size:
         own = _files(days, detected["roll_start"][0], detected["roll_stop"][-1], 0.0)
         segmented = inertial_sensor.segment(products["detect"], *own, event=event, **chosen.for_stage("segment"))
         known = {name: products[name] for name in ("scale", "offset") if name in products}
-        products |= _without_model(chosen, _roll, segmented, known, (widened, found))
+        products |= _without_model(source, chosen, _roll, segmented, known, (widened, found))
         files += own
     return products, files
 
@@ -72,22 +72,20 @@ def _roll(chosen, segmented, known):
     return {"segment": segmented, "bias": inertial_sensor.bias(segmented, *known.values(), **settings)}
 
 
-def _without_model(chosen, solve, records, known, how):
+def _without_model(source, chosen, solve, records, known, how):
     """Products of records; with a model without its effects, and widened by its errors or without what was found."""
     products, (widened, found) = solve(chosen, records, known), how
     if found:
         if chosen.model:
-            products = _without_model(chosen, solve, records, known, (False, None))
+            products = _without_model(source, chosen, solve, records, known, (False, None))
         parts = products | known
         about = {"observations": DISCOVERY.observations, "settings": views(None, chosen), "tentative": True}
         about |= {"records": records.kind, "names": list(parts), "variant": found["variant"], "event": records.event}
         return solve(chosen, discovery.extend_by(found["found"], *parts.values(), **about), known)
-    if not chosen.model:
+    one = lambda moved: solve(chosen, moved, known)  # noqa: E731
+    without, moved = DISCOVERY.taken_out(source, chosen, records, one, products | known, alone=not widened)
+    if without is records:  # no model, or none of this day
         return products
-    parts = products | known
-    if not widened:
-        return solve(chosen, DISCOVERY.without(None, chosen, records, chosen.model, products=parts), known)
-    without, moved = DISCOVERY.taken_out(None, chosen, records, lambda one: solve(chosen, one, known), parts)
     products = solve(chosen, without, known)
     for name in ("scale", "offset", "bias") if moved else ():
         if name in products:

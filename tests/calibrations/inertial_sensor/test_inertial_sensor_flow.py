@@ -1,10 +1,14 @@
 """The whole way: voltages and attitude in, document and page out."""
 
+import json
+from types import SimpleNamespace
+
 import h5py
 import numpy as np
 import pytest
 from inertial_events import ROLL, one, run, simulated, within
 
+from flows import inertial_sensor as flow
 from flows.engine import models
 from gravcal.errors import EstimationError
 from gravcal.store.schemas import validate
@@ -138,3 +142,15 @@ def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(tmp_path):
     sharp, wrong, wide = (one["com_to_test_mass_um"] for one in swings)
     moved = np.subtract(wrong["value"], sharp["value"])
     np.testing.assert_allclose(wide["sigma"], np.hypot(sharp["sigma"], moved), rtol=0.02)
+
+
+@pytest.mark.parametrize("widened", [True, False])
+def test_a_model_of_other_days_changes_nothing(widened, monkeypatch):
+    """Contract: an effect of the model of a satellite holds between its days, in a run and where discovery looks."""
+    entry = {"cause": "inertial_sensor.tracker_misalignment", "form": "", "parameters": {}, "to": "2022-05-19"}
+    chosen, made = SimpleNamespace(model=json.dumps([entry])), []
+    monkeypatch.setattr(type(flow.DISCOVERY), "without", lambda *_, **__: made.append("without") or "without")
+    for date in ("2022-05-18", "2022-05-19"):
+        how = SimpleNamespace(date=date), chosen, lambda _, records, __: {"solved": records}
+        made.append(flow._without_model(*how, "records", {}, (widened, None))["solved"])
+    assert made == ["without", "without", "records"]
