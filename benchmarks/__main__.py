@@ -21,9 +21,10 @@ NAMES = {
     "mutants": ("benchmarks.mutants", "run"),
     "worlds": ("benchmarks.worlds", "study"),
     "folder": ("benchmarks.worlds", "folder"),
+    "joint": ("benchmarks.joint", "run"),
     "others": ("benchmarks.__main__", "others"),
 }
-HOURS = ("fuzz", "mutants", "worlds", "folder")  # asked for by name
+HOURS = ("fuzz", "mutants", "worlds", "folder", "joint")  # asked for by name
 #: Modules of studies that print tables of their own, and how they are called.
 STUDIES = (
     ("kbr_phase_centre", "200"),

@@ -95,6 +95,7 @@ def scene_settings(source, chosen):
     satellite = catalog.satellite(source.satellite).settings()
     known = {n: satellite[n] for n in TORQUERS} | {"mass": float(satellite["mass_at_launch"])}
     known["period_s"] = chosen.for_stage("detect")["period_s"]
+    known["drag_sigma_m_s2"] = chosen.for_stage("combine")["drag_sigma_m_s2"]
     known["linear_drift_degree"] = chosen.for_stage("discovery")["linear_drift_degree"]
     for stage in ("attitude", "quiet", "equations", "noise", "solve"):
         known |= chosen.for_stage(stage)

@@ -29,14 +29,14 @@ ANY_PRODUCT = ["*"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=13, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=14, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     found = driver.discover(observations_of(products, observations, names, settings), _limits(limits))
     return found.assign_attrs(records=product.digest_as_read(products[0]) if products else "")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=13, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=14, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -83,13 +83,13 @@ def report(found, *combined, calibration, observations, event, satellite, settin
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=1, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=2, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
     """What an event tells of the causes of the catalogue, for a search over many events."""
     return joint_science.evidence(observations_of(products, observations, names, settings))
 
 
-@stage(reads=["*.evidence"], writes="{calibration}.joint", version=1)
+@stage(reads=["*.evidence"], writes="{calibration}.joint", version=2)
 def joint(*products, calibration, event, satellite, events, history, settings, **limits):
     """Causes that many events share, the calibration's values in each, and how they move; with page and model."""
     found = joint_science.Search(joint_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))

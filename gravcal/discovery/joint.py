@@ -19,7 +19,6 @@ import numpy as np
 import xarray as xr
 
 from gravcal.discovery import attribution
-from gravcal.discovery.model_average import BEYOND, ODDS
 from gravcal.discovery.problem import inverse_of, prepare
 from gravcal.errors import refuse
 from gravcal.estimation import chi2_tail
@@ -27,6 +26,10 @@ from gravcal.estimation.records import Observations, slug_of
 
 YEAR_S = 365.25 * 86400
 CUTS = 4  # change points of a cause at most
+#: Common sizes of a cause over its prior, and their odds. Many events see a hundredth of what is plausible, so that any
+#: smaller size is as likely; an order of magnitude more is three times less likely, as in a single event.
+SIZES = np.geomspace(1e-4, 1e6, 41)
+ODDS = np.minimum(SIZES**-0.5, 1.0) / np.sum(np.minimum(SIZES**-0.5, 1.0))
 ALIKE = 0.8  # of the gain of a cause that another leaves, above which it is none that could be taken for it
 
 
@@ -78,7 +81,9 @@ class Named:
     heldout: float  #: twice the log likelihood gained in each event as all others predict it; NaN of one event
     value: np.ndarray  #: (k, q)
     sigma: np.ndarray  #: (k, q)
-    ties: Sequence[Mapping] = ()  #: other causes: expected and observed chi-square between, deciding event
+    #: {"cause", "expected_chi2", "observed", "single", "event", "tied"} of other causes: chi-square between them, that
+    #: of the best single event, and the event that decides
+    ties: Sequence[Mapping] = ()
 
 
 @dataclass(frozen=True)
@@ -95,14 +100,12 @@ class Result:
 
 
 def evidence(observed: Observations | None) -> xr.Dataset:
-    """Product of what an event tells, all whole forms of listed causes that more than one block can show."""
+    """Product of what an event tells, of all listed causes with all their parameters, in every form."""
     if observed is None:
         return xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}, attrs={"numbers": "{}"})
-    every = {}
-    for one in sorted(observed.candidates, key=lambda one: len(one.names)):
-        if one.listed and len(one.prior) == len(one.names) and not one.local:
-            every[slug_of(one.cause)] = one
-    problem, count = prepare(observed.blocks, list(every.values())), len(observed.parameters)
+    every = [one for one in observed.candidates if one.listed and len(one.prior) == len(one.names)]
+    every = [one for one in every if not one.form.endswith("alone") and slug_of(one.cause) == one.cause]
+    problem, count = prepare(observed.blocks, every), len(observed.parameters)
     nuisance = np.arange(1 + count, problem.shared.stop)
     kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
     gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
@@ -114,7 +117,8 @@ def evidence(observed: Observations | None) -> xr.Dataset:
         "scale": np.broadcast_to(observed.scale, count).tolist(),
         "start": np.asarray(observed.start, dtype=float).tolist(),
         "measured": {"year": float(np.median(time)) / YEAR_S} | dict(observed.circumstances),
-        "causes": [[slug, one.form, one.names, one.units, list(map(float, one.prior))] for slug, one in every.items()],
+        "common": np.broadcast_to(observed.common, count).tolist(),
+        "causes": [[one.cause, one.form, one.names, one.units, list(map(float, one.prior))] for one in every],
     }
     about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
     values = {"gram": gram, "size": problem.size[kept]}
@@ -128,12 +132,12 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
     read = sorted((row for row in read if row[0]), key=lambda row: row[0]["time"])
     if len(read) < 2:
         refuse("joint search", f"{len(read)} events with manoeuvres", "two at least", "Name more events.")
-    shared = set.intersection(*({(slug, *names) for slug, _, names, *_ in one["causes"]} for one, *_ in read))
+    shared = set.intersection(*({(slug, form, *names) for slug, form, names, *_ in one["causes"]} for one, *_ in read))
     found = []
     for numbers, product, name in read:
         place, index, causes = 1 + len(numbers["start"]), [*range(1 + len(numbers["start"]))], []
         for slug, form, names, units, prior in numbers["causes"]:
-            if (slug, *names) in shared:
+            if (slug, form, *names) in shared:
                 index += range(place, place + len(names))
                 causes.append(Cause(slug, form, names, units, np.array(prior)))
             place += len(names)
@@ -142,7 +146,7 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
         size = product["size"].values[order]
         found.append(Event(name, numbers["time"], start, gram, size, causes, numbers["measured"]))
     first = found[0].causes
-    if any([c.slug for c in one.causes] != [c.slug for c in first] for one in found):
+    if any([(c.slug, c.form) for c in one.causes] != [(c.slug, c.form) for c in first] for one in found):
         refuse("joint search", "causes in different orders", "one order", "Make the evidence of all events again.")
     return found
 
@@ -156,20 +160,15 @@ class Search:
         ends = 1 + np.cumsum([0, *(len(one.names) for one in self.causes)])
         self.places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
         self.kept = np.r_[0, np.arange(1 + self.count, events[0].gram.shape[0])]
-        self.size = np.sqrt(sum(one.size[self.kept] ** 2 for one in events))
+        self.slugs = [one.slug for one in self.causes]
+        self.whole = np.stack([one.gram for one in events])
         self.grams = self.projected(())
 
-    def local(self, each: Sequence[tuple[int, float]]) -> list[np.ndarray]:
-        """Products of each event less what causes that are different in each take, so many times their prior."""
-        made = []
-        for one in self.events:
-            gram = one.gram
-            for cause, size in each:
-                place, prior = self.count + self.places[cause], size * self.causes[cause].prior
-                inner = np.eye(prior.size) + gram[np.ix_(place, place)] * np.outer(prior, prior)
-                cross = gram[:, place] * prior
-                gram = gram - cross @ np.linalg.solve(inner, cross.T)
-            made.append(gram)
+    def local(self, each: Sequence[tuple[int, float]]) -> np.ndarray:
+        """Products (n, ...) less what causes that are different in each event take, so many times their prior."""
+        made = self.whole
+        for cause, size in each:
+            made = _taken(made, self.count + self.places[cause], size * self.causes[cause].prior)
         return made
 
     def projected(self, each: Sequence[tuple[int, float]]) -> np.ndarray:
@@ -180,6 +179,7 @@ class Search:
     def laws(self, cause: int) -> list[Law]:
         """Laws that a cause may follow."""
         count, names = len(self.events), [one.name for one in self.events]
+        forms = -2 * np.log(self.slugs.count(self.slugs[cause]))
         found = [Law(cause, "constant", np.ones((count, 1)), ["all"])]
         if count > 3:
             cuts = -2 * np.log(count - 1)
@@ -195,7 +195,8 @@ class Search:
                 labels = [f"at {name} {values.mean():.6g}", f"per {values.std():.6g} of {name}"]
                 weights = np.column_stack([np.ones(count), centred])
                 found.append(Law(cause, name, weights, labels, -2 * np.log(len(known))))
-        return [*found, Law(cause, "each", np.zeros((count, 0)), [])]
+        found.append(Law(cause, "each", np.zeros((count, 0)), []))
+        return [replace(law, odds=law.odds + forms) for law in found]
 
     def ranges(self, cause: int, cuts: Sequence[int], odds: float) -> Law:
         """Law with one value in each range of events; cuts are the first events of ranges."""
@@ -223,33 +224,49 @@ class Search:
             prior.append(np.tile(self.causes[law.cause].prior, many))
         return np.concatenate(index), np.concatenate(weight, axis=1), np.concatenate(prior)
 
-    def products(self, laws: Sequence[Law], grams=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def products(self, laws: Sequence[Law]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Products (n, c, c) of the values of some laws in each event, their priors (c,) and norms (c,)."""
         index, weight, prior = self.columns(laws)
-        grams = self.grams if grams is None else grams
-        made = grams[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
+        made = self.grams[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
         own = np.stack([one.size[self.kept][index] for one in self.events])
         return made, prior, np.sqrt(np.sum((own * weight) ** 2, axis=0))
 
-    def judged(self, law: Law, beside: Sequence[Law], frame=None) -> tuple[float, int, float, float]:
-        """Gain, independent parameters, score and most likely size over its prior of a law beside others."""
-        if law.scope == "each":
-            return self._judged_each(law, beside)
-        inner, cross, inverse, right, own = frame or self._frame(law.cause, beside)
-        weights, many, count = law.weights, law.weights.shape[1], inner.shape[1]
-        away = np.tensordot(weights, cross, axes=(0, 0)).transpose(1, 0, 2).reshape(-1, many * count)
-        pairs = (weights[:, :, None] * weights[:, None, :]).reshape(len(weights), -1)
-        total = (pairs.T @ inner.reshape(len(weights), -1)).reshape(many, many, count, count)
-        gram = np.zeros((1 + many * count,) * 2)
-        gram[1:, 1:] = total.transpose(0, 2, 1, 3).reshape(many * count, -1) - away[1:].T @ inverse @ away[1:]
-        gram[1:, 0] = away[0] - right @ away[1:]
-        size = np.append(0.0, np.sqrt((weights**2).T @ own).ravel())
-        prior = np.tile(self.causes[law.cause].prior, many)
-        gain, dof, _ = attribution.gained(gram, slice(1, None), size)
-        known, vectors = np.linalg.eigh(gram[1:, 1:] * np.outer(prior, prior))
-        known, score = np.maximum(known, 0.0), (vectors.T @ (prior * gram[1:, 0])) ** 2
-        more = 1 + np.outer(BEYOND**2, known)
-        return gain, dof, *_mixed(np.sum(BEYOND[:, None] ** 2 * score / more - np.log(more), axis=1), law.odds)
+    def judged(self, laws: Sequence[Law], beside: Sequence[Law]) -> list[tuple]:
+        """(gain, independent parameters, score, likeliest size over its prior, law) of laws of one cause."""
+        frame, found = self._frame(laws[0].cause, beside), {}
+        for many in {law.weights.shape[1] for law in laws}:
+            alike = [k for k, law in enumerate(laws) if law.weights.shape[1] == many]
+            if many:
+                rows = self._judged(np.stack([laws[k].weights for k in alike]), self.causes[laws[0].cause].prior, frame)
+            else:
+                rows = zip(*(self._judged_each(laws[k].cause, beside) for k in alike), strict=True)
+            for k, gain, dof, score in zip(alike, *rows, strict=True):
+                found[k] = float(gain), int(dof), *_mixed(score, laws[k].odds), laws[k]
+        return [found[k] for k in range(len(laws))]
+
+    @staticmethod
+    def _judged(weights, prior, frame):
+        """Gains (l,), independent parameters (l,) and scores (l, s) of laws with weights (l, n, k), for each size."""
+        inner, cross, inverse, right, own = frame
+        count, events, many = weights.shape
+        width = many * prior.size
+        away = np.einsum("lnm,ncq->lcmq", weights, cross).reshape(count, -1, width)
+        pairs = np.einsum("lni,lnj->lijn", weights, weights).reshape(-1, events)
+        total = (pairs @ inner.reshape(events, -1)).reshape(count, many, many, prior.size, prior.size)
+        total = total.transpose(0, 1, 3, 2, 4).reshape(count, width, width)
+        gram = total - np.swapaxes(away[:, 1:], 1, 2) @ inverse @ away[:, 1:]
+        rest = away[:, 0] - right @ away[:, 1:]
+        size = np.sqrt(np.einsum("lnm,nq->lmq", weights**2, own)).reshape(count, width)
+        size = np.where(size > 0, size, 1.0)
+        known, vectors = np.linalg.eigh(gram / (size[:, :, None] * size[:, None, :]))
+        seen, part = known > attribution.SEEN**2, np.einsum("lab,la->lb", vectors, rest / size)
+        gain = np.sum(np.where(seen, part**2 / np.where(seen, known, 1.0), 0.0), axis=1)
+        prior = np.tile(prior, many)
+        known, vectors = np.linalg.eigh(gram * np.outer(prior, prior))
+        known, part = np.maximum(known, 0.0)[:, None], np.einsum("lab,la->lb", vectors, prior * rest)[:, None]
+        square = SIZES[:, None] ** 2
+        more = 1 + square * known
+        return gain, seen.sum(axis=1), np.sum(square * part**2 / more - np.log(more), axis=2)
 
     def _frame(self, cause, beside):
         """What all laws of a cause share: products in each event, and with the laws beside it."""
@@ -261,56 +278,48 @@ class Search:
         own = np.stack([one.size[self.kept][place] ** 2 for one in self.events])
         return self.grams[:, place[:, None], place], cross, inverse, total[0, 1:] @ inverse, own
 
-    def _judged_each(self, law, beside):
+    def _judged_each(self, cause, beside):
         """The same of a cause that is different in each event, its parameters projected out there."""
-        place, prior = self.places[law.cause], self.causes[law.cause].prior
-        chi2, scores, dof = self._left(self.grams, beside), [], 0
-        for one, event in zip(self.grams, self.events, strict=True):
-            dof += attribution.spread(one, slice(place[0], place[-1] + 1), event.size[self.kept]).shape[0]
-        inner = self.grams[:, place[:, None], place] * np.outer(prior, prior)
-        for size in BEYOND:
-            left = self._left(self._without(law.cause, size), beside)
-            scores.append(chi2 - left - np.linalg.slogdet(np.eye(prior.size) + size**2 * inner)[1].sum())
-        return chi2 - self._left(self._without(law.cause, 1e4), beside), dof, *_mixed(np.array(scores), law.odds)
+        place, prior = self.places[cause], self.causes[cause].prior
+        made = self.products([*beside, Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])])[0]
+        last, seen = np.arange(made.shape[1] - place.size, made.shape[1]), []
+        for one, whole, event in zip(made, self.grams, self.events, strict=True):
+            factor = attribution.spread(whole, slice(place[0], place[-1] + 1), event.size[self.kept])
+            seen.append(factor @ one[last])
 
-    def _without(self, cause, size):
-        """Products (n, m, m) with a cause different in each event taken out, so many times its prior."""
-        place, prior = self.places[cause], size * self.causes[cause].prior
-        inner = np.eye(prior.size) + self.grams[:, place[:, None], place] * np.outer(prior, prior)
-        cross = self.grams[:, :, place] * prior
-        return self.grams - cross @ np.linalg.solve(inner, np.swapaxes(cross, 1, 2))
+        def left(grams):
+            total = grams.sum(axis=0)[: last[0], : last[0]]
+            return float(attribution.projected(total, np.arange(1, last[0]))[0, 0])
 
-    def _left(self, grams, laws):
-        """Chi-square that is left with some laws fitted."""
-        total = self.products(laws, grams)[0].sum(axis=0)
-        return float(attribution.projected(total, np.arange(1, total.shape[0]))[0, 0])
+        chi2, rest = left(made), left(np.stack([one - r.T @ r for one, r in zip(made, seen, strict=True)]))
+        inner = made[:, last[:, None], last] * np.outer(prior, prior)
+        price = np.log1p(np.multiply.outer(SIZES**2, np.maximum(np.linalg.eigvalsh(inner), 0.0))).sum(axis=(1, 2))
+        score = chi2 - np.array([left(_taken(made, last, size * prior)) for size in SIZES]) - price
+        return chi2 - rest, sum(map(len, seen)), score
 
-    def best(self, cause: int, beside: Sequence[Law]) -> tuple[list, int]:
-        """(gain, dof, score, size, law) of the laws of a cause, and how many; epochs are split on while that pays."""
-        frame = self._frame(cause, beside)
-        rows = [(*self.judged(law, beside, frame), law) for law in self.laws(cause)]
-        count, last = (
-            len(self.events),
-            max((r for r in rows if r[4].scope == "epochs"), default=None, key=lambda r: r[2]),
-        )
+    def best(self, cause: int, beside: Sequence[Law]) -> list[tuple]:
+        """What `judged` says of all laws of a cause; epochs are split on while that pays."""
+        rows, count = self.judged(self.laws(cause), beside), len(self.events)
+        last = max((r for r in rows if r[4].scope == "epochs"), default=None, key=lambda r: r[2])
         while last and last[4].weights.shape[1] <= CUTS:
             cuts = np.flatnonzero(np.any(np.diff(last[4].weights, axis=0), axis=1)) + 1
             odds = last[4].odds - 2 * np.log(count - 1)
             near = {j + k for j in (0, *cuts, count) for k in (-1, 0, 1)}  # a range of one event contradicts, see below
             more = [self.ranges(cause, (*cuts, k), odds) for k in range(count) if k not in near]
-            split = max(((*self.judged(law, beside, frame), law) for law in more), key=lambda r: r[2], default=None)
+            split = max(self.judged(more, beside), key=lambda r: r[2]) if more else None
             if split is None or split[2] <= last[2] + self.tie:
                 break
             rows.append(split)
             last = split
-        return rows, len(rows)
+        return rows
 
     def run(self) -> Result:
         """Rounds: the best significant law of any cause, until there is none; then ties and offsets."""
         named, chance = [], {}
         for _ in range(self.rounds):
             beside = [law for law, _ in named if law.scope != "each"]
-            rows = {k: self.best(k, beside)[0] for k in range(len(self.causes)) if k not in {n.cause for n, _ in named}}
+            known = {self.slugs[law.cause] for law, _ in named}
+            rows = {k: self.best(k, beside) for k, slug in enumerate(self.slugs) if slug not in known}
             tried = sum(map(len, rows.values()))
             every = [row for some in rows.values() for row in some if row[1]]
             log_p = chi2_tail.log_tail([r[0] for r in every], [r[1] for r in every]) + np.log(max(tried, 1))
@@ -333,7 +342,7 @@ class Search:
             self.grams = self.projected(
                 [(o.cause, s) for j, (o, s) in enumerate(named) if j != k and o.scope == "each"]
             )
-            row = max(self.best(law.cause, others)[0], key=lambda r: r[2])
+            row = max(self.best(law.cause, others), key=lambda r: r[2])
             named[k] = row[4], row[3]
         return named
 
@@ -344,7 +353,7 @@ class Search:
         shared, contradicting = self._contradictions(shared)
         for law in shared if contradicting else ():  # what was named for an event that now has its own values
             others = [one for one in shared if one is not law]
-            if self.judged(law, others)[2] <= 0:
+            if self.judged([law], others)[0][2] <= 0:
                 scales = [size for one, size in zip(shared, scales, strict=True) if one is not law]
                 shared, named = others, [row for row in named if row[0].cause != law.cause]
         value, covariance = self._values(shared, scales)
@@ -354,7 +363,7 @@ class Search:
             k = order.get(law.cause)
             mine = law if k is None else shared[k]
             others = [one for one in shared if one is not mine]
-            gain, dof, score = chance[law.cause][1:] if k is None else self.judged(mine, others)[:3]
+            gain, dof, score = chance[law.cause][1:] if k is None else self.judged([mine], others)[0][:3]
             part = slice(0, 0) if k is None else slice(ends[k], ends[k + 1])
             shape = mine.weights.shape[1], self.places[law.cause].size
             held = self._held_out(mine, others) if k is not None else np.nan
@@ -371,10 +380,8 @@ class Search:
         """Values (r,) of the laws with their covariance, held by so many times their priors."""
         made, prior, _ = self.products(laws)
         total = made.sum(axis=0)
-        wide = [
-            np.full(law.weights.shape[1] * self.places[law.cause].size, s) for law, s in zip(laws, scales, strict=True)
-        ]
-        held = np.concatenate([np.zeros(0), *wide]) * prior[1:]
+        many = [law.weights.shape[1] * self.places[law.cause].size for law in laws]
+        held = np.repeat(scales, many) * prior[1:]
         covariance = np.linalg.inv(total[1:, 1:] + np.diag(1 / held**2)) if held.size else np.zeros((0, 0))
         return covariance @ total[1:, 0], covariance
 
@@ -436,20 +443,19 @@ class Search:
         return {"event": self.events[event].name, "chi2": chi2, "dof": dof, "p": p}
 
     def _ties(self, one: Named, others):
-        """Other causes beside one that was named: {"cause", "expected_chi2", "observed", "single", "event", "tied"}."""
+        """Other causes beside one that was named, each in its form most like it, see `Named`."""
         made, _, size = self.products([*others, one.law])
         first = size.size - one.value.size
         found = []
         for k, cause in enumerate(self.causes):
-            if k in {law.cause for law in (*others, one.law)}:
+            if cause.slug in {self.slugs[law.cause] for law in (*others, one.law)}:
                 continue
             swapped = replace(one.law, cause=k)
             both, _, size = self.products([*others, one.law, swapped])
             mine, theirs = slice(first, first + one.value.size), slice(first + one.value.size, size.size)
             gram = attribution.projected(both.sum(axis=0), np.arange(1, first))
             expected = attribution.misfit(gram, mine, one.value.ravel(), theirs, size) - one.dof
-            rows = [*(row[2] for row in self.best(k, others)[0]), self.judged(swapped, others)[2]]
-            observed = one.score - max(rows)
+            observed = one.score - max(row[2] for row in (*self.best(k, others), *self.judged([swapped], others)))
             if expected > ALIKE * (one.gain - one.dof) and observed >= self.tie:
                 continue
             single = [attribution.misfit(b, mine, one.value.ravel(), theirs, size) for b in both]
@@ -457,7 +463,8 @@ class Search:
             words = {"cause": cause.slug, "expected_chi2": max(expected, 0.0), "observed": float(observed)}
             words |= {"single": float(max(single)), "event": self.events[int(np.argmax(share))].name}
             found.append(words | {"tied": bool(expected < self.tie or observed < self.tie)})
-        return sorted(found, key=lambda row: row["expected_chi2"])
+        found.sort(key=lambda row: min(row["expected_chi2"], row["observed"]), reverse=True)
+        return sorted({row["cause"]: row for row in found}.values(), key=lambda row: row["expected_chi2"])
 
     @staticmethod
     def _share(both, baseline, mine, theirs):
@@ -487,8 +494,15 @@ class Search:
         return np.stack(centre), spread
 
 
+def _taken(grams, place, prior):
+    """Products (n, m, m) less what the columns at a place take in each, held by their priors (q,)."""
+    inner = np.eye(prior.size) + grams[:, place[:, None], place] * np.outer(prior, prior)
+    cross = grams[:, :, place] * prior
+    return grams - cross @ np.linalg.solve(inner, np.swapaxes(cross, 1, 2))
+
+
 def _mixed(score, odds):
-    """Twice the logarithm of the evidence over all common sizes, and the most likely of these."""
+    """Twice the logarithm of the evidence over all common sizes (s,), and the most likely of these."""
     score = score + 2 * np.log(ODDS)
     best = int(np.argmax(score))
-    return float(score[best] + 2 * np.log(np.sum(np.exp((score - score[best]) / 2))) + odds), float(BEYOND[best])
+    return float(score[best] + 2 * np.log(np.sum(np.exp((score - score[best]) / 2))) + odds), float(SIZES[best])

@@ -253,6 +253,7 @@ class Observations(Protocol):
     epoch : s, GPS, at which a parameter that moves is given, None where the calibration has none
     expected : {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable
     circumstances : quantities of the event that a cause may follow from event to event, such as the angle of the Sun
+    common : (p,) SI, error of the parameters that all events share and no data show
     """
 
     name: str
@@ -279,6 +280,7 @@ class Observations(Protocol):
     epoch: float | None = None
     expected: Mapping[str, tuple[float, float]] = {}
     circumstances: Mapping[str, float] = {}
+    common: np.ndarray | float = 0.0
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""

@@ -42,8 +42,21 @@ def report(search, products, *, history, settings, calibration, event, satellite
     for k, name in enumerate(names):
         steps = sorted(seconds(t["date"]) for t in history["trims"] if t["axis"] == name)
         moves[name] = moving(time, value[:, k], spread[:, k, :, k], steps)
-    rows = [_event(search, result, k, moves, (value, spread, scale), names) for k in range(len(time))]
-    strange = _strange(search, moves)
+    left_out, sigma = [one.left_out() for one in moves.values()], np.sqrt(np.einsum("ipip->ip", spread))
+    rows = [
+        {
+            "event": one.name,
+            "time": one.time,
+            "value": value[k].tolist(),
+            "sigma": sigma[k].tolist(),
+            "alone": (scale * result.alone[k, :, 0]).tolist(),
+            "sigma_alone": (scale * result.alone[k, :, 1]).tolist(),
+            "left_out": [float(away[k]) for away in left_out],
+            "measured": dict(one.measured),
+        }
+        for k, one in enumerate(search.events)
+    ]
+    common = scale * np.array(known["common"])
     document = {
         "schema_version": VERSION,
         "status": "delivered",
@@ -56,14 +69,14 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "events": rows,
         "causes": [_cause(search, one) for one in result.named],
         "covariance": result.covariance.tolist(),
-        "contradicting": [*result.contradicting, *strange],
+        "contradicting": [*result.contradicting, *_strange(search, names, left_out)],
         "motion": {name: _motion(one, history["trims"], name) for name, one in moves.items()},
-        "predicted": predicted(moves, np.arange(time[0], time[-1] + AHEAD_S + STEP_S, STEP_S)),
+        "predicted": predicted(moves, np.arange(time[0], time[-1] + AHEAD_S + STEP_S, STEP_S), common),
         "tried": result.tried,
         "level": search.level,
         "provenance": {
             "settings": settings,
-            "products": {n: product.digest_as_read(one)[:12] for n, one in products.items()},
+            "products": {n: product.digest_as_read(p)[:12] for n, p in products.items()},
         },
     }
     document["verdict"] = {"text": verdict(document)}
@@ -74,14 +87,11 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "satellite_model.toml": model_text(document, search, result),
         "joint.html": page(document, moves, history),
     }
+    of_each, said = ("event", "parameter"), {"units": "1", "long_name": f"parameters in {unit}"}
     kept = {
         "time_event": ("event", time, {"units": "s", "long_name": "middle of the manoeuvres, GPS"}),
-        "value": (("event", "parameter"), value, {"units": "1", "long_name": f"parameters in {unit}"}),
-        "sigma": (
-            ("event", "parameter"),
-            np.sqrt(np.einsum("ipip->ip", spread)),
-            {"units": "1", "long_name": "errors"},
-        ),
+        "value": (of_each, value, said),
+        "sigma": (of_each, sigma, said | {"long_name": "errors"}),
     }
     return xr.Dataset(kept, attrs={"status": "delivered"}), files
 
@@ -96,26 +106,11 @@ def day(time: float) -> str:
     return (EPOCH + datetime.timedelta(seconds=float(time))).date().isoformat()
 
 
-def _event(search, result, k, moves, about, names):
-    """Values of an event alone and with all events, with the model of the others foretelling it."""
-    (value, spread, scale), one = about, search.events[k]
-    return {
-        "event": one.name,
-        "time": one.time,
-        "value": value[k].tolist(),
-        "sigma": np.sqrt(np.diag(spread[k, :, k])).tolist(),
-        "alone": (scale * result.alone[k, :, 0]).tolist(),
-        "sigma_alone": (scale * result.alone[k, :, 1]).tolist(),
-        "left_out": [float(moves[name].left_out()[k]) for name in names],
-        "measured": dict(one.measured),
-    }
-
-
-def _strange(search, moves):
+def _strange(search, names, left_out):
     """Events whose value the motion of the others does not foretell."""
-    count, found = len(search.events) * len(moves), []
-    for name, one in moves.items():
-        for event, away in zip(search.events, one.left_out(), strict=True):
+    count, found = len(search.events) * len(names), []
+    for name, scores in zip(names, left_out, strict=True):
+        for event, away in zip(search.events, scores, strict=True):
             chance = float(np.exp(chi2_tail.log_tail(away**2, 1))) * count
             if chance < search.level and len(search.events) > 3:
                 found.append({"event": event.name, "chi2": float(away**2), "dof": 1, "p": chance, "parameter": name})
@@ -125,13 +120,10 @@ def _strange(search, moves):
 def _cause(search, one) -> dict:
     """A cause with its law, values and ties."""
     cause = search.causes[one.law.cause]
+    row = lambda k: zip(cause.names, one.value[k], one.sigma[k], cause.units, strict=True)  # noqa: E731
     values = [
-        {"of": label, "parameters": {n: {"value": float(v), "sigma": float(s), "unit": u} for n, v, s, u in row}}
-        for label, row in zip(
-            one.law.labels,
-            [zip(cause.names, v, s, cause.units, strict=True) for v, s in zip(one.value, one.sigma, strict=True)],
-            strict=True,
-        )
+        {"of": label, "parameters": {n: {"value": float(v), "sigma": float(s), "unit": u} for n, v, s, u in row(k)}}
+        for k, label in enumerate(one.law.labels)
     ]
     held = one.heldout if np.isfinite(one.heldout) else None
     numbers = {"gain": one.gain, "dof": one.dof, "significance": one.significance, "evidence": one.score}
@@ -157,14 +149,13 @@ def _motion(one: Moving, trims, name):
     }
 
 
-def predicted(moves, times) -> list[dict]:
-    """Value and error of each parameter at times, one row each."""
-    rows = [{"date": day(t), "value": [], "sigma": []} for t in times]
-    for one in moves.values():
-        for row, value, sigma in zip(rows, *one.predicted(np.asarray(times)), strict=True):
-            row["value"].append(float(value))
-            row["sigma"].append(float(sigma))
-    return rows
+def predicted(moves, times, common=None) -> list[dict]:
+    """Value and error of each parameter at times, one row each; `common` (p,) is an error that all events share."""
+    value, sigma = np.transpose([one.predicted(np.asarray(times)) for one in moves.values()], (1, 2, 0))
+    sigma = np.hypot(sigma, 0.0 if common is None else common)
+    return [
+        {"date": day(t), "value": v.tolist(), "sigma": e.tolist()} for t, v, e in zip(times, value, sigma, strict=True)
+    ]
 
 
 def verdict(document) -> str:
@@ -194,32 +185,23 @@ def model_text(document, search, result) -> str:
     lines = [
         f"# Found by gravcal discover --joint in {len(document['events'])} events; gravcal run takes it with --model."
     ]
-    lines += [
-        f"satellite = {inline_text(document['satellite'])}",
-        f"calibration = {inline_text(document['calibration'])}",
-    ]
+    lines += [f"{name} = {inline_text(document[name])}" for name in ("satellite", "calibration")]
     place = 0
     for one, said in zip(result.named, document["causes"], strict=True):
         many, count = one.value.shape if one.value.size else (0, 0)
+        names, units = search.causes[one.law.cause].names, search.causes[one.law.cause].units
         covariance = result.covariance[place : place + many * count, place : place + many * count]
         place += many * count
         for begin, end, weights in _spans(search, one.law):
             turn = np.kron(weights, np.eye(count))
             spread = turn @ covariance @ turn.T
             sigma = np.sqrt(np.diag(spread))
-            lines += ["", "[[effect]]", f"cause = {inline_text(said['cause'])}", f"form = {inline_text(said['form'])}"]
-            lines += [f"scope = {inline_text(said['scope'])}", f"tied_with = {json.dumps(said['tied_with'])}"]
+            told = ("cause", "form", "scope", "tied_with")
+            lines += ["", "[[effect]]", *(f"{name} = {inline_text(said[name])}" for name in told)]
             lines += [f'from = "{begin}"'] * bool(begin) + [f'to = "{end}"'] * bool(end)
-            for k, (name, v) in enumerate(
-                zip(search.causes[one.law.cause].names, turn @ one.value.ravel(), strict=True)
-            ):
-                others = [j for j in range(count) if j != k]
-                related = {
-                    search.causes[one.law.cause].names[j]: round(float(spread[k, j] / sigma[k] / sigma[j]), 6)
-                    for j in others
-                }
-                unit = search.causes[one.law.cause].units[k]
-                row = {"value": float(v), "sigma": float(sigma[k]), "unit": unit, "correlation": related}
+            for k, (name, v) in enumerate(zip(names, turn @ one.value.ravel(), strict=True)):
+                others = {names[j]: round(float(spread[k, j] / sigma[k] / sigma[j]), 6) for j in range(count) if j != k}
+                row = {"value": float(v), "sigma": float(sigma[k]), "unit": units[k], "correlation": others}
                 lines.append(f"parameters.{name} = {inline_text(row)}")
     lines += ["", "[motion]", *(f"{n} = {inline_text(document[n])}" for n in ("unit", "parameters", "covariance"))]
     lines += [f"{n} = {inline_text(v)}" for n, v in document["motion"].items()]
@@ -294,26 +276,20 @@ def _draw(document, moves, history):
     dates = [date(t) for t in grid_time]
     for k, (panel, name) in enumerate(zip(panels[:, 0], names, strict=True)):
         mean, sigma = moves[name].predicted(grid_time)
-        panel.fill_between(
-            dates, mean - sigma, mean + sigma, color=COLOURS["sky"], alpha=0.3, linewidth=0, label="predicted"
-        )
+        band = {"color": COLOURS["sky"], "alpha": 0.3, "linewidth": 0, "label": "predicted"}
+        panel.fill_between(dates, mean - sigma, mean + sigma, **band)
         panel.plot(dates, mean, color=COLOURS["sky"], linewidth=0.8)
         look = {"linestyle": "none", "capsize": 2, "markersize": 3.8, "elinewidth": 0.9}
         own = zip(*((date(e["time"]), e["value"][k], e["sigma"][k]) for e in document["events"]), strict=True)
         panel.errorbar(*own, marker="s", color=COLOURS["vermilion"], label="all events together", **look)
-        printed = [
-            (date(p["time"]), p["value"], p["sigma"] or 0.0) for p in history["printed"] if p["parameter"] == name
-        ]
+        points = [p for p in history["printed"] if p["parameter"] == name]
+        printed = [(date(p["time"]), p["value"], p["sigma"] or 0.0) for p in points]
         if printed:
             hollow = look | {"markerfacecolor": "white"}
             panel.errorbar(*zip(*printed, strict=True), marker="o", color=COLOURS["blue"], label="printed", **hollow)
         for step in document["motion"][name]["steps"]:
-            panel.axvline(
-                date(seconds(step["date"])),
-                color=COLOURS["black"],
-                linewidth=0.8,
-                linestyle=":" if step["found"] else "--",
-            )
+            look = {"color": COLOURS["black"], "linewidth": 0.8, "linestyle": ":" if step["found"] else "--"}
+            panel.axvline(date(seconds(step["date"])), **look)
         panel.set_ylabel(f"{name} ({document['unit'].replace('um', 'µm')})")
         panel.margins(y=0.1)
     legend(figure, panels[0, 0], 3)
@@ -341,8 +317,7 @@ def _motion_table(document):
     """Slope, walk and steps of each parameter."""
     rows = []
     for name, one in document["motion"].items():
-        slope = one["slope_per_year"]
-        walk = one["walk_per_root_year"]
+        slope, walk = one["slope_per_year"], one["walk_per_root_year"]
         rows.append([name, "slope per year", "", plus_minus(slope["value"], slope["sigma"]), f"{walk:.2g}"])
         for s in one["steps"]:
             what = "step that was found" if s["found"] else f"trim, printed {signed(s['printed'], 0)}"
@@ -357,9 +332,8 @@ def _cause_table(document):
     for one in document["causes"]:
         held = "" if one["heldout"] is None else f"{one['heldout']:.0f}"
         scope = SCOPES.get(one["scope"], f"follows {one['scope']}")
-        rows.append(
-            [words.title(one["cause"]), scope, f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""]
-        )
+        told = scope, f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
+        rows.append([words.title(one["cause"]), *told])
         for values in one["values"]:
             for name, p in values["parameters"].items():
                 rows.append([None, f"{name}, {values['of']}", "", "", "", *measured(p["value"], p["sigma"], p["unit"])])

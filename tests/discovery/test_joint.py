@@ -46,7 +46,7 @@ def theta(**values):
 
 LAWS = {
     "constant": lambda _: theta(_4=0.05),
-    "epochs": lambda k: theta(_4=0.06 * (k >= 9)),
+    "epochs": lambda k: theta(_4=0.08 * (k >= 9)),
     "beta_deg": lambda k: theta(_4=0.06 * np.sin(3.0 * k)),
     "event": lambda k: theta(_4=0.2 * (k == 5)),
     "tied": lambda _: theta(_0=0.05),
@@ -111,7 +111,7 @@ def test_a_step_that_nobody_told_of_is_found(rng):
 def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     """Written, read as any model, with the values of the day; and what a later search changed is said."""
     made = events(rng, LAWS["epochs"])
-    numbers = {"scale": [1e6] * 3, "parameters": ["x", "y", "z"], "unit": "um"}
+    numbers = {"scale": [1e6] * 3, "common": [0.0] * 3, "parameters": ["x", "y", "z"], "unit": "um"}
     products = {one.name: xr.Dataset(attrs={"numbers": json.dumps(numbers), "origin": "simulated"}) for one in made}
     about = {"history": {"trims": [], "printed": []}, "settings": {"configuration": "operational", "left_out": {}}}
     about |= {"calibration": "com_offset", "event": "grace-c", "satellite": "C"}
@@ -123,7 +123,7 @@ def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     (early,) = json.loads(models.of_event(text, source))
     source.date = "2020-08-01"
     (late,) = json.loads(models.of_event(text, source))
-    assert [one["parameters"]["x_from_x"]["value"] for one in (early, late)] == pytest.approx([0.0, 0.06], abs=0.03)
+    assert [one["parameters"]["x_from_x"]["value"] for one in (early, late)] == pytest.approx([0.0, 0.08], abs=0.03)
     after = json.loads(files["joint.json"])
     before = after | {"causes": [], "events": after["events"][:-1]}
     assert report.changes(before, after)[0] == "new: accelerometer: current leak, another value after a change"

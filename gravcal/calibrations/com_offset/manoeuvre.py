@@ -264,7 +264,7 @@ def _steps(one):
 
 
 def _local(one, settings):
-    """Drift of each channel, start, slow torque and edges of the attitude, swung drag, edges of the accelerometer."""
+    """Drift of each channel, start, slow torque and edges of the attitude, edges of the accelerometer."""
     grid, mag, columns = one.operator.time, one.magnetometer[0], []
     for channel, time, degree in (
         ("linear", one.time, settings["linear_drift_degree"]),
@@ -275,13 +275,8 @@ def _local(one, settings):
             ends = (grid[0], grid[-1]) if channel != "magnetometer" else (time[0], max(time[-1], time[0] + 1))
             shape = least_squares.polynomial(time, degree, *ends)
             columns.append({channel: np.einsum("nk,ac->nakc", shape, np.eye(3)).reshape(time.size, 3, -1)})
-    # reading of a unit force that stays in place while the body swings about its mean rotation
-    context = one.context
-    step = np.diff(context.time, prepend=context.time[0])[:, None]
-    angle = np.cumsum((context.rate_b - context.rate_b.mean(axis=0)) * step, axis=0)
-    swung = np.stack([np.cross(unit, angle) for unit in np.eye(3)], axis=2)
-    columns += [{"attitude": one.local_attitude}, {"linear": swung}]
-    rest = one.time, context.field_b, float(np.median(np.diff(one.time)))
+    columns.append({"attitude": one.local_attitude})
+    rest = one.time, one.context.field_b, float(np.median(np.diff(one.time)))
     ends = [motion.magnetic_acceleration(one.arc, one.seen + d, *rest) for d in (-0.15, 0.15)]
     columns.append(at_accelerometer(one, _edge_by_edge(one, ends[1] - ends[0])))
     places = np.cumsum([0, *(next(iter(c.values())).shape[2] for c in columns)])

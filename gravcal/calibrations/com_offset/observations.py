@@ -27,7 +27,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | None:
     ----------
     products : "align", "field", "attitude" and "solve" of com_offset, solved with variant mtq
     settings : of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the blocks also
-        linear_drift_degree and angular_drift_degree
+        linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s
     """
     if not products["align"].sizes["manoeuvre"]:
         return None
@@ -110,6 +110,14 @@ class ComOffset(Observations):
         beta = np.degrees(np.arcsin(np.sum(normal * sun_i(at), axis=1)))
         latitude = np.degrees(np.arcsin(np.abs(place[:, 2]) / radius))
         return {"beta_deg": float(np.mean(beta)), "latitude_deg": float(np.mean(latitude))}
+
+    @property
+    def common(self) -> float:
+        """Offset m that a force looks like which stays while the body swings, as in "com_offset.combine".
+
+        A free force in each manoeuvre would leave an offset to be told by the harmonics of the wave alone.
+        """
+        return self.settings["drag_sigma_m_s2"] * (self.settings["period_s"] / (2 * np.pi)) ** 2
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows of each manoeuvre and of the edge times."""

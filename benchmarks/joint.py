@@ -1,0 +1,226 @@
+"""Search over many events: pairs of causes that it separates, false alarms, offsets at dates left out, time.
+
+`python -m benchmarks joint --runs N --seed S --out FOLDER` simulates ten days into the folder, keeps what each of them
+tells (`com_offset.evidence`), and draws observed rows for 20 events (`--events`) of these days anew: one cause of the
+catalogue that is the same in all of them, at a signal-to-noise ratio of 2 to 6 in one event, beside offsets that walk.
+
+A pair of causes counts where no single event tells them apart (expected chi-square below `TIE` in each). Its predicted
+separation is the root of the chi-square expected between them in all events, the best form of the other fitted. It is
+separated if the set that is named, with what is tied with it, holds the true cause and not the other; falsely if it
+holds the other and not the true one.
+"""
+
+from __future__ import annotations
+
+import datetime
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.tables import Figure, grid, say, show, title
+from flows import calibration, campaign
+from gravcal.discovery import attribution, design
+from gravcal.discovery import joint as science
+from gravcal.estimation.moving import YEAR_S, moving
+from gravcal.store import configurations, store
+from tasks.stage import read
+
+DAYS = 10
+LEVEL, TIE, ROUNDS = 0.005, 9.0, 4
+BANDS = ((3.0, 4.0), (4.0, 5.0), (5.0, 7.0), (7.0, 10.0), (10.0, np.inf))  # of the predicted separation
+ALIKE = 0.5  # of the chi-square of a cause that another explains, above which the pair is a hard one
+PLAUSIBLE = 5.0  # times the prior of the catalogue, largest size that is drawn
+
+
+def evidence(folder: Path) -> list:
+    """What simulated days of three years tell."""
+    one, first = calibration.load("com_offset"), datetime.date(2019, 8, 10)
+    for k in range(DAYS):
+        day = str(first + datetime.timedelta(100 * k))
+        if not (folder / day).exists():
+            one.simulate(folder / day, seed=100 + k, settings={"date": day, "satellite": "C"})
+    chosen = configurations.chosen("com_offset", {})
+    told = campaign.Campaign("com_offset", chosen, "inline", workers=0, search="joint")
+    rows = campaign.run(told, campaign.sources("com_offset", "C", folder), lambda _: None)["events"]
+    found = [read(store.find(Path(row["report"]).name)) for row in rows]
+    return science.events_of(found, [row["event"] for row in rows])
+
+
+class World:
+    """Events whose products are those of simulated days, observed rows drawn anew."""
+
+    def __init__(self, days, count):
+        self.events, self.count = [days[k % len(days)] for k in range(count)], count
+        self.causes, self.own = days[0].causes, days[0].start.size
+        ends = 1 + self.own + np.cumsum([0, *(len(one.names) for one in self.causes)])
+        self.places = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.grams = [attribution.projected(one.gram, np.arange(1, 1 + self.own)) for one in self.events]
+        self.total, self.size = sum(self.grams), np.sqrt(sum(one.size**2 for one in self.events))
+        self.roots = {one.name: _root(one.gram[1:, 1:]) for one in self.events}
+
+    def cause(self, rng):
+        """A cause (its number) and its values, as strong as is wanted and plausible."""
+        slugs = sorted({one.slug for one in self.causes})
+        while True:
+            slug = slugs[rng.integers(len(slugs))]
+            k = rng.choice([j for j, one in enumerate(self.causes) if one.slug == slug])
+            place, prior = self.places[k], self.causes[k].prior
+            value = prior * rng.standard_normal(prior.size)
+            known = value @ self.total[place, place] @ value / self.count
+            value = value * rng.uniform(2, 6) / np.sqrt(known) if known > 0 else np.inf * value
+            if np.all(np.abs(value) <= PLAUSIBLE * prior):
+                return int(k), value
+
+    def drawn(self, rng, offset, cause=None, value=None, times=None):
+        """Events with offsets (n, p) and a cause in all of them."""
+        times, found = np.arange(self.count) * YEAR_S / 6 if times is None else times, []
+        for k, one in enumerate(self.events):
+            truth = np.zeros(one.gram.shape[0] - 1)
+            truth[: self.own] = offset[k]
+            if cause is not None:
+                truth[self.places[cause].start - 1 : self.places[cause].stop - 1] = value
+            root, gram = self.roots[one.name], one.gram.copy()
+            right = gram[1:, 1:] @ truth + root @ rng.standard_normal(root.shape[1])
+            gram[1:, 0] = gram[0, 1:] = right
+            gram[0, 0] = truth @ right + 1e4
+            measured = dict(one.measured, year=times[k] / YEAR_S, beta_deg=float(rng.uniform(-70, 70)))
+            about = (f"event {k + 1:03d}", float(times[k]), np.zeros(self.own), gram, one.size, one.causes, measured)
+            found.append(science.Event(*about))
+        return found
+
+    def pairs(self, cause, value):
+        """{slug: (sigma that all events and that the best single one tell, share that the other explains)}."""
+        mine, found = self.places[cause], {}
+        whole = float(value @ self.total[mine, mine] @ value)
+        for slug in {one.slug for one in self.causes} - {self.causes[cause].slug}:
+            forms = [p for p, one in zip(self.places, self.causes, strict=True) if one.slug == slug]
+            apart = [
+                min(max(attribution.misfit(gram, mine, value, place, size), 0.0) for place in forms)
+                for gram, size in ((self.total, self.size), *((g, self.size) for g in self.grams))
+            ]
+            found[slug] = np.sqrt(apart[0]), np.sqrt(max(apart[1:])), 1 - apart[0] / whole
+        return found
+
+
+def _root(gram):
+    """Matrix R with R R' = gram (m, m), noise of the products."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    known, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    return vectors * np.sqrt(np.clip(known, 0, None)) * size[:, None]
+
+
+def search(events):
+    """Result of a search with the settings of the catalogue, and the sets of causes that it names."""
+    looked = science.Search(events, LEVEL, TIE, ROUNDS)
+    found = looked.run()
+    sets = [{looked.slugs[one.law.cause], *(t["cause"] for t in one.ties if t["tied"])} for one in found.named]
+    return found, sets
+
+
+def walked(rng, count, own):
+    """Offsets (n, p) m that walk by 3 um from event to event."""
+    return 3e-6 * np.cumsum(rng.standard_normal((count, own)), axis=0)
+
+
+def ties(world, rng, runs) -> list[Figure]:
+    """Pairs of causes that no single event tells apart."""
+    said, rows, started = {"right": 0, "alone": 0, "wrong": 0, "missed": 0}, [], time.process_time()
+    for _ in range(runs):
+        cause, value = world.cause(rng)
+        slug = world.causes[cause].slug
+        _, sets = search(world.drawn(rng, walked(rng, world.count, world.own), cause, value))
+        said["right"] += any(slug in one for one in sets)
+        said["alone"] += {slug} in sets
+        wrong = [one for one in sets if slug not in one]
+        said["wrong"] += bool(wrong)
+        said["missed"] += not sets
+        named, right = set().union(*sets), any(slug in one for one in sets)
+        if wrong:
+            say(f"wrong: {slug} was {', '.join(' = '.join(sorted(one)) for one in sets)}")
+        for other, (sigma, single, share) in world.pairs(cause, value).items():
+            if single**2 < TIE:
+                apart, false = right and other not in named, other in named and not right
+                rows.append((sigma, share, apart, false))
+                if sigma >= np.sqrt(design.needed(0.9, TIE)) and not apart:
+                    say(f"not separated: {slug} from {other}, predicted {sigma:.1f} sigma")
+    say(f"{runs} draws: {', '.join(f'{k} {n}' for k, n in said.items())}")
+    table = [("predicted separation", "pairs", "separated", "falsely", "hard pairs", "separated", "falsely")]
+    hard = [row for row in rows if row[1] > ALIKE]
+    count = lambda some: (str(len(some)), str(sum(r[2] for r in some)), str(sum(r[3] for r in some)))  # noqa: E731
+    for low, high in ((0.0, BANDS[0][0]), *BANDS):
+        inside = [[row for row in some if low <= row[0] < high] for some in (rows, hard)]
+        table.append((f"{low:g} to {high:g} sigma", *count(inside[0]), *count(inside[1])))
+    grid(table)
+    return [
+        _share(f"{words} separated, at {low:.2g} sigma or more", [r[2] for r in some if r[0] >= low], 0.9)
+        for words, some in (("pairs", rows), ("hard pairs", hard))
+        for low in (np.sqrt(design.needed(0.9, TIE)), 5.0)
+    ] + [
+        _share("pairs falsely separated", [r[3] for r in rows], 0.02, least=False),
+        Figure("processor time of a search", f"{(time.process_time() - started) / runs:.1f} s"),
+    ]
+
+
+def _share(name, hits, limit, least=True):
+    value = np.mean(hits) if hits else np.nan
+    met = bool(value >= limit if least else value <= limit)
+    return Figure(name, f"{sum(hits)} of {len(hits)}", f"{value:.1%}", f"{'>=' if least else '<='} {limit:.0%}", met)
+
+
+def clean(world, rng, runs) -> list[Figure]:
+    """Searches of events without any effect, and the chi-square of their offsets."""
+    named, scores = 0, []
+    for _ in range(runs):
+        offset = walked(rng, world.count, world.own)
+        found, sets = search(world.drawn(rng, offset))
+        named += bool(sets)
+        for one in sets:
+            say(f"false: {' = '.join(sorted(one))}")
+        away = (found.offset - offset).ravel()
+        scores.append(away @ np.linalg.solve(found.spread.reshape(away.size, -1), away) / away.size)
+    return [
+        Figure("clean series in which something is named", f"{named} of {runs}", "", f"level {LEVEL:.1%}"),
+        Figure("chi-square of offsets over their number", f"{np.mean(scores):.3f}"),
+    ]
+
+
+def recovery(world, rng, runs) -> list[Figure]:
+    """Offset at a date left out: slope, walk, and a trim of 113 um along x."""
+    from scipy import stats
+
+    score = []
+    for _ in range(runs):
+        times = np.sort(rng.uniform(0, 5 * YEAR_S, world.count))
+        steps = np.sqrt(np.diff(times, prepend=0) / YEAR_S)[:, None] * [20, 10, 3] * rng.choice([0, 0.3, 1])
+        trim, years = rng.uniform(1, 4) * YEAR_S, times[:, None] / YEAR_S
+        offset = (
+            [100, -40, 10] + np.cumsum(steps * rng.standard_normal(steps.shape), axis=0) + years * rng.normal(0, 10, 3)
+        )
+        offset[times > trim, 0] -= 113
+        out = int(rng.integers(3, world.count - 3))
+        kept = np.arange(world.count) != out
+        events = [one for one, k in zip(world.drawn(rng, 1e-6 * offset, times=times), kept, strict=True) if k]
+        found = science.Search(events, LEVEL, TIE, ROUNDS).run()
+        for axis in range(3):
+            spread = 1e12 * found.spread[:, axis, :, axis]
+            one = moving(times[kept], 1e6 * found.offset[:, axis], spread, [trim] if axis == 0 else [])
+            mean, sigma = one.predicted(times[out : out + 1])
+            score.append((mean[0] - offset[out, axis]) / sigma[0])
+    low, high = np.sqrt(stats.chi2.ppf([0.005, 0.995], len(score)) / len(score))
+    rms = float(np.sqrt(np.mean(np.square(score))))
+    told = f"{low:.2f} to {high:.2f}"
+    return [
+        Figure("error over sigma at dates left out, rms", f"{rms:.2f}", f"n {len(score)}", told, low <= rms <= high),
+        Figure("largest", f"{np.abs(score).max():.1f}"),
+    ]
+
+
+def run(options) -> list[Figure]:
+    """Study."""
+    runs, rng = options.runs or (4 if options.quick else 30), np.random.default_rng(options.seed)
+    folder = Path(options.out or tempfile.mkdtemp(prefix="gravcal-joint-"))
+    world = World(evidence(folder), options.events or 20)
+    title(f"joint search, {world.count} events, seed {options.seed}")
+    return show(sum((study(world, rng, runs) for study in (ties, clean, recovery)), []), "share")
