@@ -139,7 +139,8 @@ class _Scored:
         gains = self.gains(self.gram[:, :1] + column[:, None] * sizes)
         score = gains - trials.COST * self.dof[:, None]
         more = self.more[:, None]
-        score[chi2_tail.log_tail(gains + more, self.dof[:, None] + more) > self.limit[:, None]] = -np.inf
+        log_p = chi2_tail.log_tail(gains + more, self.dof[:, None] + more, self.choice.freedom)
+        score[log_p > self.limit[:, None]] = -np.inf
         known = np.where(self.listed[:, None], score, -np.inf)
         first = np.where(known.max(axis=0) > score.max(axis=0) - self.choice.tie / 2, known.argmax(0), score.argmax(0))
         apart = np.maximum(power - self.gains(column[:, None])[:, 0], 0.0)  # left by each where the column is true

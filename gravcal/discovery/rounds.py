@@ -12,6 +12,7 @@ import numpy as np
 
 from gravcal.discovery import adequacy, attribution, scan, shaping, trials
 from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, extended, inverse_of, prepare
+from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Block, Candidate, Shape, epoch_of, slug_of
 
 
@@ -32,6 +33,15 @@ class Choice:
     #: {s: highest harmonic} of the manoeuvre and of the orbit, at which no line is offered
     periods: Mapping[float, int] = field(default_factory=dict)
     excess: bool = True  #: True to name power beyond noise that nothing else takes
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the noise as measured, in the channel that is known worst.
+
+        The density of a model of p coefficients from N samples is off by sqrt(2 p / N) of itself (Berk, Ann. Stat. 2,
+        1974), as a variance estimated with N / p degrees of freedom is.
+        """
+        return min((n / self.order[c] for c, n in self.quiet.items() if n and self.order.get(c)), default=np.inf)
 
 
 @dataclass(frozen=True)
@@ -141,7 +151,7 @@ def _best(problem, used, rows, choice):
     problem, rows = shaping.sized(problem, baseline_of(problem, used), rows)
     ranked = _ranked(problem, baseline_of(problem, used), rows, choice.tie)
     if ranked and ranked[0].kind == "unknown":
-        pair = trials.best_pair(problem, baseline_of(problem, used), everything, choice.level)
+        pair = trials.best_pair(problem, baseline_of(problem, used), everything, choice)
         if pair and pair[1] > ranked[0].score - choice.tie:
             ranked = [pair[0], *ranked]
     for trial in ranked[:12]:
@@ -496,7 +506,8 @@ def _passes(problem, others, one, choice):
     """Whether a name is significant beside others, corrected as it was when it was named."""
     index, trial = one
     gram = attribution.projected(problem.total, baseline_of(problem, others))
-    log_p = attribution.ratio(gram, problem.places[index], problem.size).log_p
+    gain, dof, _ = attribution.gained(gram, problem.places[index], problem.size)
+    log_p = float(chi2_tail.log_tail(gain, max(dof, 1), choice.freedom))
     times = np.log(trial.significance) - trial.log_p if trial.significance > 0 else MANY
     return log_p + times < np.log(choice.level)
 

@@ -69,7 +69,7 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
             kind, fitted = "listed" if candidate.listed else "unknown", candidate.shape
             dof += 0 if candidate.listed or fitted is None else fitted.value.size  # each constant is a parameter
             rows.append((kind, candidate.cause, candidate.form, k, gain, dof))
-    log_p = chi2_tail.log_tail([row[4] for row in rows], [row[5] for row in rows]).tolist()
+    log_p = chi2_tail.log_tail([row[4] for row in rows], [row[5] for row in rows], choice.freedom).tolist()
     rows = [(*row, p) for row, p in zip(rows, log_p, strict=True)]
     return _corrected(rows + _along(problem, baseline, choice))
 
@@ -107,7 +107,7 @@ def _along(problem, baseline, choice):
     rows = []
     for one in found:
         gain = one.gain[:, 0] if one.at.size else np.zeros(0)
-        log_p = chi2_tail.log_tail(gain, np.maximum(one.dof, 1))
+        log_p = chi2_tail.log_tail(gain, np.maximum(one.dof, 1), choice.freedom)
         spacing = float(np.median(np.abs(np.diff(one.at)))) / np.sqrt(12) if one.at.size > 1 else np.nan
         name = choice.step_cause if one.kind == "step" else choice.tone_causes[one.channel]
         first = (one.kind, name, f"{one.channel} reading", -1)
@@ -271,14 +271,14 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
 PAIRED = 30
 
 
-def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], level: float) -> tuple[Trial, float] | None:
+def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) -> tuple[Trial, float] | None:
     """Better half of the best pair of listed causes, and the score of the pair; None if no pair passes.
 
     Each of the two has to be significant beside the other, corrected for the number of listed trials.
     """
     gram = attribution.projected(problem.total, baseline)
     listed = [t for t in rows if t.kind == "listed"]
-    limit = np.log(level * SHARES["listed"] / max(len(listed), 1))
+    limit = np.log(choice.level * SHARES["listed"] / max(len(listed), 1))
     tops = sorted(listed, key=lambda t: -t.score)[:PAIRED]
     found = None
     for i, one in enumerate(tops):
@@ -287,7 +287,8 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], level: 
                 continue
             places = [problem.places[t.index] for t in (one, other)]
             gain, dof = _joint_gain(gram, np.r_[places[0], places[1]], problem.size)
-            alone = [chi2_tail.log_tail(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
+            lost = [(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
+            alone = [chi2_tail.log_tail(*each, choice.freedom) for each in lost]
             score = gain - COST * dof
             if max(alone) < limit and (found is None or score > found[1]):
                 found = (one if one.score > other.score else other, score)

@@ -6,10 +6,16 @@ import numpy as np
 from scipy import special
 
 
-def log_tail(chi2, dof) -> np.ndarray:
-    """Logarithm of the probability that a chi-square of so many degrees of freedom is larger; -inf below 1e-308."""
+def log_tail(chi2, dof, freedom: float = np.inf) -> np.ndarray:
+    """Logarithm of the probability that a chi-square of so many degrees of freedom is larger; -inf below 1e-308.
+
+    Where the variance that it is counted in was itself measured, with some freedom, chi2 / dof has an F distribution.
+    """
+    chi2, dof = np.maximum(chi2, 0.0), np.asarray(dof)
     with np.errstate(divide="ignore"):
-        return np.log(special.chdtrc(dof, np.maximum(chi2, 0.0)))
+        if np.isfinite(freedom):
+            return np.log(special.fdtrc(dof, freedom, chi2 / dof))
+        return np.log(special.chdtrc(dof, chi2))
 
 
 def least_log_tail(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
