@@ -38,7 +38,10 @@ WALL = 600  # s, after which a case that waits is ended
 #: Simulation of each calibration's event, and how its run is called beside --data.
 EVENTS = {
     "com_offset": ({"manoeuvres": "pitch_high,roll_high,yaw_low"}, []),
-    "kbr_phase_centre": ({"manoeuvres": "+pitch_a,-yaw_a,+pitch_b,-yaw_b", "quiet_s": 900.0, "phase_step_s": 1.0}, []),
+    "kbr_phase_centre": (
+        {"manoeuvres": "+pitch_a,-yaw_a,+pitch_b,-yaw_b", "quiet_s": 900.0, "phase_step_s": 1.0, "noise": "benign"},
+        [],
+    ),
     "inertial_sensor": ({"roll_s": "13000", "swing_at_s": "900"}, []),
     "gradient_torque": ({"duration_s": "3000", "field_degree": "8"}, ["--set", "truth={truth}"]),
 }

@@ -101,6 +101,7 @@ def study(count, settings):
     """Errors, sigmas (count, observable, estimator, parameter), bounds, exact scatters (parameter), mm; seconds."""
     chosen = catalog.parameters("kbr_phase_centre")
     invented = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0} | settings)
+    invented = simulation.with_noise(invented)
     errors, sigmas, bounds, exact, seconds = [], [], [], [], []
     for seed in range(count):
         columns, truth = simulation.simulate("CD", invented, DAY, 10_000 + seed, {})

@@ -76,13 +76,16 @@ def quadratic():
     return np.stack([np.sign(np.sin(2 * np.pi * 7.5 * time)), np.ones_like(time), time, 1.5 * time**2 - 0.5], axis=1)
 
 
-def kbr_phase_centre(runs):
-    """K-2, K-3, K-9: one-sided sets, columns not detrended, formal errors of robust weights."""
+def kbr_phase_centre(runs, noise=""):
+    """K-2, K-3, K-9: one-sided sets, columns not detrended, formal errors of robust weights; without noise both."""
+    if not noise:
+        return {name: kbr_phase_centre(runs, name) for name in ("measured", "benign")}
     from benchmarks import kbr_phase_centre as study
     from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES
     from gravcal.simulation import kbr_phase_centre as simulation
 
-    invented = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0})
+    settings = {"phase_step_s": 1.0, "noise": noise}
+    invented = catalog.parameters("simulate_kbr_phase_centre").with_settings(settings)
     found = {"published": [], "gravcal": []}
     for seed in range(runs):
         columns, truth = simulation.simulate("CD", invented, study.DAY, 20_000 + seed, {})
@@ -92,7 +95,7 @@ def kbr_phase_centre(runs):
             *_, combined = study.process(columns, chosen)
             sigma = np.sqrt(np.diagonal(combined["covariance"].values, axis1=-2, axis2=-1))
             kept.append((1e3 * combined["centre"].values - true, 1e3 * sigma))
-    print(f"kbr_phase_centre, {runs} campaigns: rms error mm, rms error/sigma; x y z of C and D")
+    print(f"kbr_phase_centre, {noise} noise, {runs} campaigns: rms error mm, rms error/sigma; x y z of C and D")
     summary = {}
     for method, kept in found.items():
         error, sigma = (np.array(part) for part in zip(*kept, strict=True))

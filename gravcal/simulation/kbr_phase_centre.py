@@ -22,6 +22,7 @@ EDGE = 70.0  # s flown before and after the day, for the filters
 
 #: Settings that are as on 2014-01-15, GRACE RL02.
 MEASURED = {"orbit_red_m": 3.5e-3, "orbit_red_slope": 2.2, "star_camera_white_rad": 2.5e-4}
+BENIGN = {"orbit_red_m": 0.0, "star_camera_white_rad": 1.5e-6}
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,7 @@ class Pair:
 
 def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
     """Level-1 columns by (product, letter), the ranging of "Y", and the truth; arguments as of `gravcal.simulation`."""
-    if "noise" in chosen.entries and chosen.noise == "measured":
-        chosen = chosen.with_settings(MEASURED)
+    chosen = with_noise(chosen)
     within(effects, of_channels("range", "sca_delay", "pointing_b"))
     rng = np.random.default_rng(seed)
     pair = draw_pair(chosen, day, rng)
@@ -73,6 +73,13 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
         "effects": {slug: dict(given) for slug, given in effects.items()},
     }
     return columns, truth
+
+
+def with_noise(chosen):
+    """Settings with the noise that `noise` names: of what is as measured, if it is benign."""
+    if "noise" not in chosen.entries or chosen.noise == "measured":
+        return chosen
+    return chosen.with_settings({n: v for n, v in BENIGN.items() if getattr(chosen, n) == MEASURED[n]})
 
 
 def draw_pair(chosen, day: float, rng) -> Pair:

@@ -14,13 +14,14 @@ DAY = 652968000.0  # 2020-09-10 00:00:00 GPS
 NOMINAL = tuple(tuple(catalog.satellite(letter).com_to_antenna.value) for letter in "CD")
 NOISELESS = dict.fromkeys(("ranging_noise_m", "orbit_error_m", "orbit_red_m", "noise_scale", "ranging_corner_hz"), 0.0)
 NOISELESS |= {"phase_breaks": 0}
+BENIGN = {"phase_step_s": 1.0, "noise": "benign"}
 STILL = (("pointing_rad", 0.0), ("pointing_mean_rad", 0.0), ("phase_centre_scatter_mm", 0.0))
 
 
 @lru_cache(maxsize=4)
 def simulated(seed=1, settings=(), noiseless=False, effects=()):
     """Columns and truth; `settings` and `effects` as tuples of pairs."""
-    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0} | dict(settings))
+    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings(BENIGN | dict(settings))
     if noiseless:
         chosen = chosen.with_settings(NOISELESS)
     return simulation.simulate("CD", chosen, DAY, seed, {slug: dict(given) for slug, given in effects})
@@ -52,7 +53,7 @@ def drawn(seed, **settings):
 
 @lru_cache(maxsize=2)
 def campaign(seed=1):
-    """One campaign with the default noise: truth (6,) mm and products."""
+    """One campaign with benign noise: truth (6,) mm and products."""
     return drawn(seed)
 
 

@@ -13,7 +13,7 @@ from gravcal.store.schemas import validate
 
 RNG_LEVEL = ALARM + 3 * MISSED  # of all its draws, see seeds.py
 
-SHORT = {"phase_step_s": 1.0}
+SHORT = {"phase_step_s": 1.0, "noise": "benign"}
 #: One satellite's four wiggles, far apart: what is of first order in the wiggle looks alike.
 FOUR = SHORT | {"manoeuvres": "+pitch_a,,,-pitch_a,+yaw_a,,,-yaw_a", "amplitude_deg": 0.5}
 #: At a signal-to-noise ratio of about 30, three times that of the study.

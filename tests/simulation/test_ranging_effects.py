@@ -23,7 +23,7 @@ SIZE = {
 
 def ranges(effects):
     """Biased range of a simulated day, and truth."""
-    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0})
+    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0, "noise": "benign"})
     columns, truth = simulation.simulate("CD", chosen, DAY, 3, effects)
     return columns["KBR1B", "Y"]["biased_range"], truth
 
