@@ -1,6 +1,5 @@
 """Hidden effects drawn afresh at every run, and how many draws have to be right."""
 
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -40,16 +39,3 @@ def enough(draw: Callable, rng: np.random.Generator, folder: Path, right=RIGHT, 
 def clean(draw: Callable, rng: np.random.Generator, folder: Path) -> tuple[bool, list[str]]:
     """The same of clean records at the delivered level: two of three, and one of one with the seed of every run."""
     return enough(draw, rng, folder, 2, 2)
-
-
-def document_of(result, target: Path) -> dict:
-    """Document that a command wrote; without one the test fails with the command's own error.
-
-    Parameters
-    ----------
-    result : of `typer.testing.CliRunner`
-    target : of its option --json
-    """
-    if not target.exists():
-        raise AssertionError(f"no document, exit code {result.exit_code}: {result.output}") from result.exception
-    return json.loads(target.read_text())

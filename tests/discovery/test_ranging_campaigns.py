@@ -3,13 +3,12 @@
 from unittest import mock
 
 import numpy as np
-from draws import ALARM, MISSED, clean, document_of, enough
+from commands import document as document_of
+from draws import ALARM, MISSED, clean, enough
 from independent import damage
-from typer.testing import CliRunner
 
-from flows import cli, kbr_phase_centre
+from flows import kbr_phase_centre
 from gravcal.simulation import kbr_phase_centre as simulation
-from gravcal.store.schemas import validate
 
 RNG_LEVEL = ALARM + 3 * MISSED  # of all its draws, see seeds.py
 
@@ -36,13 +35,7 @@ def written(folder, seed, effects, settings=SHORT):
 
 def called(command, folder, *options):
     """Exit code and document of a command on the files of a campaign."""
-    target = folder.parent / f"{command}.json"
-    arguments = [command, "kbr_phase_centre", "--data", str(folder), "--engine", "inline", "--json", str(target)]
-    result = CliRunner().invoke(cli.app, [*arguments, *map(str, options)])
-    document = document_of(result, target)
-    validate(document, "discovery" if command == "discover" else None)
-    assert document["origin"] == "simulated"
-    return result.exit_code, document
+    return document_of(command, "kbr_phase_centre", folder, *options)
 
 
 def true_mm(truth):
