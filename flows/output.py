@@ -97,21 +97,28 @@ def plan(steps, json_path, every=False):
     if every:
         rows = [[s["event"], s["stage"], s["action"], took(s["seconds"]), "; ".join(s["reasons"])] for s in steps]
         table(["event", "stage", "action", "about", "why"], rows)
+    elif rows := _by_stage(step for step in steps if step["action"] != "reuse"):
+        table(["stage", "events", "products", "action", "about", "why"], rows)
+    say(_total(steps, every))
+
+
+def _by_stage(steps):
+    """Rows of the steps of all events, one for each stage and action."""
     groups = {}
-    for step in [] if every else steps:
-        if step["action"] != "reuse":
-            groups.setdefault((".".join(step["stage"].split(".")[:2]), step["action"]), []).append(step)
+    for step in steps:
+        groups.setdefault((".".join(step["stage"].split(".")[:2]), step["action"]), []).append(step)
     rows = []
     for (stage, action), own in groups.items():
         times = [step["seconds"] for step in own if step["seconds"] is not None]
         why = list(dict.fromkeys(_after(reason) for step in own for reason in step["reasons"]))
         more = f"; and {len(why) - REASONS} more" if len(why) > REASONS else ""
-        count = len({step["event"] for step in own})
-        rows.append(
-            [stage, count, len(own), action, took(sum(times) if times else None), "; ".join(why[:REASONS]) + more]
-        )
-    if rows:
-        table(["stage", "events", "products", "action", "about", "why"], rows)
+        said = took(sum(times) if times else None), "; ".join(why[:REASONS]) + more
+        rows.append([stage, len({step["event"] for step in own}), len(own), action, *said])
+    return rows
+
+
+def _total(steps, every):
+    """How many products are made and reused, and the processor time of those that are made."""
     counts = {action: sum(step["action"] == action for step in steps) for action in ("reuse", "run", "may run")}
     made = [step["seconds"] for step in steps if step["action"] != "reuse"]
     time_ = took(sum(one for one in made if one is not None)) if set(made) - {None} else ""
@@ -119,7 +126,7 @@ def plan(steps, json_path, every=False):
     told = f"; about {time_} of processor time" if time_ else ""
     told += f"{',' if told else ';'} {unknown} not known yet" if unknown else ""
     hint = "" if every or not counts["reuse"] else " (--all shows what is reused)"
-    say(", ".join(f"{action}: {count}" for action, count in counts.items()) + told + hint)
+    return ", ".join(f"{action}: {count}" for action, count in counts.items()) + told + hint
 
 
 def _after(reason):
