@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, help="cases of a study")
     parser.add_argument("--seed", type=int, default=1, help="first seed")
     parser.add_argument("--calibration", help="of the fuzzing, by default all four; of the worlds")
-    parser.add_argument("--world", default="open", help="that makes the cases: open, second or own")
+    parser.add_argument("--world", help="that makes the cases: open (of worlds by default), second or own")
     parser.add_argument("--sort", default="clean", help="of the cases: clean, listed or unlisted")
     parser.add_argument("--folder", metavar="DIR", help="of cases without truth")
     parser.add_argument("--out", metavar="PATH", help="for lines of cases, or documents of a folder")

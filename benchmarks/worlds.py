@@ -621,6 +621,7 @@ def _result(change, true):
 
 def study(options) -> list[Figure]:
     """Scores of a study, its cases added to a file of lines."""
+    options.world = options.world or "open"
     if options.world == "open" and not OPEN.exists():
         say(f"{OPEN} is not at hand")
         return []

@@ -43,6 +43,7 @@ class Discovery:
     rebuilt: Callable | None = None
     #: (source, chosen, records) -> product with the result of the calibration from such records
     result: Callable | None = None
+    masses: tuple[str, ...] = ()  #: Level-1 products with the fuel, which causes and parameters may follow
 
     @staticmethod
     def chosen_for(chosen) -> tuple[dict, dict]:

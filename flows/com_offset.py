@@ -156,6 +156,7 @@ DISCOVERY = Discovery(
     products=with_torquers,
     again=1,
     result=combined,
+    masses=("MAS1B",),
 )
 CALIBRATION = Calibration(
     name="com_offset",

@@ -115,7 +115,8 @@ def _evidence(one: Calibration, source, chosen):
     products = looked.baseline(source, chosen)
     settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
     about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
-    return discovery.evidence(*products.values(), **about, settings=settings, event=source.event)
+    masses = [common.ingest(file, event=source.event) for file in source.files(*looked.masses)] if looked.masses else ()
+    return discovery.evidence(*products.values(), *masses, **about, settings=settings, event=source.event)
 
 
 def names() -> tuple[str, ...]:

@@ -16,15 +16,15 @@ report = lazy("gravcal.report.joint")
 
 
 def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=None, listener=None):
-    """Document of a joint search, its files, and what has changed beyond its error since the last one.
+    """(document, files, what has changed beyond its error since the last one) of a joint search, for each satellite.
 
     Parameters
     ----------
-    name : calibration; satellite : letters; data : folder with Level-1 files of many days, None for GRAVCAL_DATA
+    name : calibration; satellite : letters, None for all; data : folder with Level-1 files of many days, None for
+        GRAVCAL_DATA
     chosen : parameters; events : names of those that are used, none for all
     engine, workers, listener : as of a campaign
     """
-    one = calibrations.load(name)
     sources = campaign.sources(name, satellite, data)
     unknown = sorted(set(events) - {command.name_of(source) for source in sources})
     if unknown:
@@ -32,12 +32,21 @@ def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=
         refuse(f"--events {','.join(unknown)}", "no such event", f"some of {there}", "Correct the names.", NoDataError)
     sources = [source for source in sources if not events or command.name_of(source) in events]
     told = campaign.run(campaign.Campaign(name, chosen, engine, workers=workers, search="joint"), sources, listener)
-    rows = [row for row in told["events"] if "report" in row]
-    left_out = {row["event"]: row["error"] for row in told["events"] if "report" not in row}
-    if len(rows) < 2:
-        found = "; ".join(f"{event} ({reason})" for event, reason in left_out.items())
-        refuse(f"{name} --joint", f"{len(rows)} events that can be used, not {found}", "two", "Give more data.")
-    letter = satellite[0]
+    owners, left_out = {}, {row["event"]: row["error"] for row in told["events"] if "report" not in row}
+    for source, row in zip(sources, told["events"], strict=True):
+        if "report" in row:
+            owners.setdefault(source.satellite, []).append(row)
+    left_out |= {rows[0]["event"]: "the only one of its satellite" for rows in owners.values() if len(rows) < 2}
+    found = [_of_one(name, one, rows, chosen, left_out) for one, rows in sorted(owners.items()) if len(rows) > 1]
+    if not found:
+        reasons = "; ".join(f"{event} ({reason})" for event, reason in left_out.items())
+        refuse(f"{name} --joint", f"no two events of a satellite, not {reasons}", "two", "Give more data.")
+    return found
+
+
+def _of_one(name, satellite, rows, chosen, left_out):
+    """Document, files and changes of the search over the events of one satellite, or of one pair."""
+    one, letter = calibrations.load(name), satellite[0]
     settings = {"configuration": chosen.configuration, "left_out": left_out}
     about = {"event": catalog.satellite(letter).name, "satellite": satellite, "calibration": name}
     last = store.newest_record(about["event"], f"{name}.joint")

@@ -206,12 +206,24 @@ def discovery(document, files, json_path):
         say(str(path))
 
 
-def joint(document, files, notes, json_path):
+def joint(found, json_path):
+    """What many events of each satellite say, and what their models share."""
+    from gravcal.report.joint import shared
+
+    documents = [document | {"changes": notes} for document, _, notes in found]
+    both = shared(documents) if len(documents) > 1 else []
+    if not delivered(documents[0] | ({"others": documents[1:], "shared": both} if documents[1:] else {}), json_path):
+        return
+    for one in found:
+        _joint(*one)
+    for text in both:
+        say(text)
+
+
+def _joint(document, files, notes):
     """Verdict over many events, causes, the next prediction, and what has changed since the last time."""
     from gravcal.report import plain
 
-    if not delivered(document | {"changes": notes}, json_path):
-        return
     say(f"{document['event']}: {document['verdict']['text']}")
     rows = []
     for one in document["causes"]:

@@ -17,13 +17,17 @@ from prefect.states import Completed, Failed
 from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows import campaign, command
+from flows import joint as watching
+from flows.calibration import load
 from flows.engine import server
 from flows.serve import digest
+from gravcal.errors import GravcalError
 from gravcal.store import housekeeping, location, memory
 
 REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
 REGISTERED = "GRAVCAL_REGISTERED"  # deployments as gravcal serve registered them, if it started this run
 HOW = {"persist_result": False, "task_runner": ThreadPoolTaskRunner(max_workers=2 * (os.cpu_count() or 1))}
+TOGETHER = "What all events of a satellite say together, and what changed beyond its error"
 REUSED = 100  # events with nothing to make that a run shows as tasks; the table has them all
 
 
@@ -34,13 +38,14 @@ def reprocess_all(
     data: str | None = None,
     settings: list[str] | None = None,
     workers: int | None = None,
+    joint: bool = True,
     prune_days: float | None = None,
     quota_gb: float | None = None,
 ):
     """All events of the catalogue, or of a folder; what has not changed is reused. Then the store is pruned."""
     if refused := refusal():
         return refused
-    state = _campaign(calibration, satellite, data, settings, workers)
+    state = _campaign(calibration, satellite, data, settings, workers, joint)
     if prune_days is not None or quota_gb is not None:
         _prune(prune_days, quota_gb)
     return state
@@ -53,6 +58,7 @@ def new_data(
     satellite: str | None = None,
     settings: list[str] | None = None,
     workers: int | None = None,
+    joint: bool = True,
 ):
     """All events of a folder, if its inventory is not that of the last run."""
     if refused := refusal():
@@ -62,7 +68,7 @@ def new_data(
     found = digest(Path(data))
     if found is None or memory.recall(name) == found:
         return Completed(name="Nothing new", message=f"{data}: nothing that the last run has not seen")
-    state = _campaign(calibration, satellite, data, settings, workers)
+    state = _campaign(calibration, satellite, data, settings, workers, joint)
     memory.remember(name, found)
     return state
 
@@ -82,8 +88,8 @@ def refusal():
     return Failed(name="Refused", message=said)
 
 
-def _campaign(calibration, satellite, data, settings, workers):
-    """State of a campaign inside the flow that is running."""
+def _campaign(calibration, satellite, data, settings, workers, joint):
+    """State of a campaign inside the flow that is running; then what its events say together is written."""
     chosen = command.recorded(command.chosen(calibration, settings))
     sources = campaign.sources(calibration, satellite, Path(data) if data else None)
     seen = itertools.count()
@@ -95,7 +101,22 @@ def _campaign(calibration, satellite, data, settings, workers):
 
     summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
     _show(summary)
+    if joint and load(calibration).discovery is not None:
+        _together(calibration, satellite, data, chosen, workers)
     return _state(summary)
+
+
+def _together(calibration, satellite, data, chosen, workers):
+    """Bring the models of the satellites up to date; a note beside the run says what changed beyond its error."""
+    found, lines, data = [], [], Path(data) if data else None
+    try:
+        found = watching.joint(calibration, satellite, data, chosen, engine="flow", workers=workers)
+    except GravcalError as error:  # too few events, say: no failure of the campaign
+        lines.append(str(error))
+    for document, files, changes in found:
+        lines += ["", f"{document['event']}: {document['verdict']['text']}", "", *(f"- changed: {t}" for t in changes)]
+        lines += [f"- [{path.name}]({_address(path)})" for path in files if path.suffix == ".html"]
+    create_markdown_artifact("\n".join(lines), key=f"{campaign.slug(calibration)}-joint", description=TOGETHER)
 
 
 def _prune(days, quota_gb):
@@ -130,10 +151,15 @@ def _table_row(row):
 
 def _links(row):
     """Addresses of the pages of a report: where they are served, otherwise the files themselves."""
-    folder, served = row.get("report"), os.environ.get(REPORTS)
+    folder = row.get("report")
     for page in sorted(Path(folder).resolve().glob("*.html")) if folder else []:
-        inside = page.relative_to((location.folder() / "objects").resolve())
-        yield served.format(inside.as_posix()) if served else page.as_uri()
+        yield _address(page)
+
+
+def _address(page):
+    """Address of a page of the store: where it is served, otherwise the file itself."""
+    served, inside = os.environ.get(REPORTS), page.resolve().relative_to((location.folder() / "objects").resolve())
+    return served.format(inside.as_posix()) if served else page.resolve().as_uri()
 
 
 def _state(summary):

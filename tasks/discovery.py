@@ -16,6 +16,7 @@ from gravcal.store import product
 from tasks.stage import lazy, stage
 
 driver = lazy("gravcal.discovery.driver")
+evidence_science = lazy("gravcal.discovery.evidence")
 joint_science = lazy("gravcal.discovery.joint")
 report_science = lazy("gravcal.report.discovery")
 joint_report = lazy("gravcal.report.joint")
@@ -83,16 +84,17 @@ def report(found, *combined, calibration, observations, event, satellite, settin
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=2, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=3, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
-    """What an event tells of the causes of the catalogue, for a search over many events."""
-    return joint_science.evidence(observations_of(products, observations, names, settings))
+    """What an event tells of the causes of the catalogue, for a search over many events; masses after the products."""
+    observed = observations_of(products[: len(names)], observations, names, settings)
+    return evidence_science.evidence(observed, *products[len(names) :])
 
 
 @stage(reads=["*.evidence"], writes="{calibration}.joint", version=2)
 def joint(*products, calibration, event, satellite, events, history, settings, **limits):
     """Causes that many events share, the calibration's values in each, and how they move; with page and model."""
-    found = joint_science.Search(joint_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))
+    found = joint_science.Search(evidence_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))
     named = {"calibration": calibration, "event": event, "satellite": satellite}
     told = dict(zip(events, products, strict=True))
     return joint_report.report(found, told, history=history, settings=settings, **named)

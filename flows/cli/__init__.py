@@ -217,12 +217,14 @@ def _joint(calibration, satellite, data, given, events, engine, workers, out, js
 
     command.searched(calibration)
     if satellite is None:
-        raise typer.BadParameter("--joint: expected --satellite, that of the events")
+        raise typer.BadParameter("--joint: expected --satellite, that of the events, or those of both")
     chosen = command.recorded(command.chosen(calibration, *given))
     named = [one.strip() for one in events.split(",") if one.strip()]
-    document, files, notes = joint.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
-    files += [shutil.copy(path, out) for path in files if out and path.name == "joint.html"]
-    output.joint(document, files, notes, json)
+    found = joint.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
+    for document, files, _ in found if out else ():
+        named = out.with_stem(f"{out.stem}-{document['satellite']}") if len(found) > 1 else out
+        shutil.copy(next(path for path in files if path.name == "joint.html"), named)
+    output.joint(found, json)
 
 
 @app.command()
@@ -441,6 +443,7 @@ def serve(
     satellite: Annotated[str | None, typer.Option("--satellite", metavar=LETTERS)] = None,
     settings: Settings = None,
     workers: Annotated[int | None, typer.Option("--workers", help="processes here; 0: one, without Dask")] = None,
+    joint: Annotated[bool, typer.Option("--joint/--no-joint", help=JOINT)] = True,
     prune_days: Annotated[float, typer.Option("--prune-days", metavar="DAYS", min=0.0, help=PRUNE)] = 30.0,
     quota_gb: Annotated[float | None, typer.Option("--quota-gb", metavar="GB", min=0.0, help=QUOTA)] = None,
 ) -> None:
@@ -452,6 +455,7 @@ def serve(
         if folder is not None and not folder.is_dir():
             raise typer.BadParameter(f"{option} {folder}: found no folder, expected one with Level-1 files")
     arguments = {"calibration": calibration, "satellite": satellite, "settings": settings, "workers": workers}
+    arguments["joint"] = joint
     pruning = {"prune_days": prune_days, "quota_gb": quota_gb}
     serve.serve(serve.Served(cron, watched, every_s, data or watched, arguments, pruning), output.say_at_once)
 

@@ -11,51 +11,22 @@ priors of the catalogue, as in a single event (`model_average`).
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import xarray as xr
 
 from gravcal.discovery import attribution
-from gravcal.discovery.problem import inverse_of, prepare
-from gravcal.errors import refuse
+from gravcal.discovery.evidence import Event
+from gravcal.discovery.problem import inverse_of
 from gravcal.estimation import chi2_tail
-from gravcal.estimation.records import Observations, slug_of
 
-YEAR_S = 365.25 * 86400
 CUTS = 4  # change points of a cause at most
 #: Common sizes of a cause over its prior, and their odds. Many events see a hundredth of what is plausible, so that any
 #: smaller size is as likely; an order of magnitude more is three times less likely, as in a single event.
 SIZES = np.geomspace(1e-4, 1e6, 41)
 ODDS = np.minimum(SIZES**-0.5, 1.0) / np.sum(np.minimum(SIZES**-0.5, 1.0))
 ALIKE = 0.8  # of the gain of a cause that another leaves, above which it is none that could be taken for it
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A cause of the catalogue with all its parameters."""
-
-    slug: str  #: of the catalogue
-    form: str  #: in which its columns are
-    #: names, units: (q,); prior: (q,) plausible sizes
-    names: Sequence[str]
-    units: Sequence[str]
-    prior: np.ndarray
-
-
-@dataclass(frozen=True)
-class Event:
-    """What an event tells."""
-
-    name: str
-    time: float  #: s, GPS, middle of its manoeuvres
-    start: np.ndarray  #: (p,) SI, parameters of the calibration that the observed rows were formed with
-    gram: np.ndarray  #: (1 + p + q, ...) products of the observed rows, parameters and causes
-    size: np.ndarray  #: (1 + p + q,) norm of the columns, to which what is seen is compared
-    causes: Sequence[Cause]
-    measured: Mapping[str, float] = field(default_factory=dict)  #: quantities of the event that a cause may follow
 
 
 @dataclass(frozen=True)
@@ -97,58 +68,6 @@ class Result:
     alone: np.ndarray  #: (n, p, 2) SI, value and error without any cause
     contradicting: Sequence[Mapping]  #: {"event", "chi2", "dof", "p"} that others do not foretell
     tried: int  #: laws tried in a round
-
-
-def evidence(observed: Observations | None) -> xr.Dataset:
-    """Product of what an event tells, of all listed causes with all their parameters, in every form."""
-    if observed is None:
-        return xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}, attrs={"numbers": "{}"})
-    every = [one for one in observed.candidates if one.listed and len(one.prior) == len(one.names)]
-    every = [one for one in every if not one.form.endswith("alone") and slug_of(one.cause) == one.cause]
-    problem, count = prepare(observed.blocks, every), len(observed.parameters)
-    nuisance = np.arange(1 + count, problem.shared.stop)
-    kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
-    gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
-    time = np.concatenate([block.time for block in observed.blocks])
-    numbers = {
-        "time": float(np.median(time)),
-        "parameters": list(observed.parameters),
-        "unit": observed.unit,
-        "scale": np.broadcast_to(observed.scale, count).tolist(),
-        "start": np.asarray(observed.start, dtype=float).tolist(),
-        "measured": {"year": float(np.median(time)) / YEAR_S} | dict(observed.circumstances),
-        "common": np.broadcast_to(observed.common, count).tolist(),
-        "causes": [[one.cause, one.form, one.names, one.units, list(map(float, one.prior))] for one in every],
-    }
-    about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
-    values = {"gram": gram, "size": problem.size[kept]}
-    made = {n: (d.split(), values[n], {"units": "1", "long_name": said}) for n, (d, said) in about.items()}
-    return xr.Dataset(made, attrs={"numbers": json.dumps(numbers, allow_nan=False, sort_keys=True)})
-
-
-def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Event]:
-    """Events of their products in order of time, with the causes that all of them have; none without manoeuvre."""
-    read = [(json.loads(one.attrs["numbers"]), one, name) for one, name in zip(products, names, strict=True)]
-    read = sorted((row for row in read if row[0]), key=lambda row: row[0]["time"])
-    if len(read) < 2:
-        refuse("joint search", f"{len(read)} events with manoeuvres", "two at least", "Name more events.")
-    shared = set.intersection(*({(slug, form, *names) for slug, form, names, *_ in one["causes"]} for one, *_ in read))
-    found = []
-    for numbers, product, name in read:
-        place, index, causes = 1 + len(numbers["start"]), [*range(1 + len(numbers["start"]))], []
-        for slug, form, names, units, prior in numbers["causes"]:
-            if (slug, form, *names) in shared:
-                index += range(place, place + len(names))
-                causes.append(Cause(slug, form, names, units, np.array(prior)))
-            place += len(names)
-        order = np.array(index)
-        start, gram = np.array(numbers["start"]), product["gram"].values[np.ix_(order, order)]
-        size = product["size"].values[order]
-        found.append(Event(name, numbers["time"], start, gram, size, causes, numbers["measured"]))
-    first = found[0].causes
-    if any([(c.slug, c.form) for c in one.causes] != [(c.slug, c.form) for c in first] for one in found):
-        refuse("joint search", "causes in different orders", "one order", "Make the evidence of all events again.")
-    return found
 
 
 class Search:

@@ -1,4 +1,4 @@
-"""A parameter that moves from event to event: constant, slope, steps at known or found epochs, and a random walk.
+"""A parameter that moves from event to event: constant, slope, steps at known or found epochs, fuel, and a random walk.
 
 Everything is Gaussian, so that a value at any time follows from all events with its error (Rasmussen and Williams 2006,
 Gaussian Processes for Machine Learning, eq. 2.25-2.26). What is not known of the walk, its size and that of scatter
@@ -8,7 +8,7 @@ beyond the stated errors, is averaged over by the evidence (eq. 2.30).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,16 +31,26 @@ class Moving:
     found: Sequence[float]  #: those of them that were found
     scale: float  #: spread that steps, slope and walk are compared with
     weights: np.ndarray  #: (w, s) of each size of walk and scatter
+    follows: Mapping[str, np.ndarray]  #: (n,) quantities of the events that it follows, f of them
+    score: float = 0.0  #: twice the logarithm of the evidence
 
     def basis(self, time: np.ndarray) -> np.ndarray:
-        """Constant, slope per year from the first event and steps, (m, 2 + k)."""
-        return np.column_stack([np.ones(time.size), (time - self.time[0]) / YEAR_S, *(time >= s for s in self.steps)])
+        """Constant, slope per year from the first event, steps and quantities, (m, 2 + k + f)."""
+        steps, quantities = (time >= s for s in self.steps), (self._at(time, q) for q in self.follows.values())
+        return np.column_stack([np.ones(time.size), (time - self.time[0]) / YEAR_S, *steps, *quantities])
+
+    def _at(self, time, values):
+        """A quantity less its mean, between events on a line, beyond them on that of all."""
+        slope, start = np.polyfit(self.time - self.time[0], values, 1)
+        line = lambda t: start + slope * (t - self.time[0])  # noqa: E731
+        return line(time) + np.interp(time, self.time, values - line(self.time)) - values.mean()
 
     @property
     def prior(self) -> np.ndarray:
-        """Plausible sizes (2 + k,) of these."""
+        """Plausible sizes (2 + k + f,) of these."""
         years = max(np.ptp(self.time) / YEAR_S, 0.1)
-        return np.array([1e3 * self.scale, self.scale / years, *(self.scale for _ in self.steps)])
+        steps, quantities = (self.scale for _ in self.steps), (self.scale / np.ptp(v) for v in self.follows.values())
+        return np.array([1e3 * self.scale, self.scale / years, *steps, *quantities])
 
     def kernel(self, one: np.ndarray, other: np.ndarray, walk: float) -> np.ndarray:
         """Covariance (a, b) of basis and walk at two sets of times."""
@@ -69,7 +79,7 @@ class Moving:
         return means / total, np.sqrt(np.maximum(squares / total - (means / total) ** 2, 0.0))
 
     def terms(self) -> tuple[np.ndarray, np.ndarray]:
-        """Value and error (2 + k,) of constant, slope and steps, at the most likely size of the walk."""
+        """Value and error (2 + k + f,) of constant, slope, steps and quantities, at the likeliest size of the walk."""
         _, _, inner = max(self.options(), key=lambda row: row[0])
         design = self.basis(self.time) * self.prior**2
         factor = cho_factor(inner)
@@ -85,18 +95,23 @@ class Moving:
         return score
 
 
-def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: Sequence[float] = ()) -> Moving:
+def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: Sequence[float] = (), follows=None):
     """How a parameter moves, with steps that are found between events beside those that are known.
 
     Parameters
     ----------
     time : (n,) s, increasing; value : (n,); covariance : (n, n)
     steps : s, epochs at which it may have jumped, such as trims
+    follows : {name: (n,)} quantities of the events that it may follow, such as fuel: those that pay as a step has to
     """
     known = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
     error = float(np.median(np.sqrt(np.diag(covariance))))
     scale = max(float(np.ptp(value)), 3 * error)
-    one = _weighed(time, value, covariance, (known, [], scale))
+    one = _weighed(time, value, covariance, (known, [], scale, {}))
+    for name, quantity in (follows or {}).items():
+        if np.ptp(quantity) > 0:
+            more = _weighed(time, value, covariance, (known, [], scale, one.follows | {name: quantity}))
+            one = more if more.score > one.score + FOUND else one
     middles = np.array([(a + b) / 2 for a, b in itertools.pairwise(time)])
     while time.size > 3:
         taken = np.searchsorted(time, one.steps)
@@ -105,7 +120,7 @@ def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: S
         if not free.size or gain.max() < FOUND:
             return one
         at = float(free[np.argmax(gain)])
-        one = _weighed(time, value, covariance, ([*one.steps, at], [*one.found, at], scale))
+        one = _weighed(time, value, covariance, ([*one.steps, at], [*one.found, at], scale, one.follows))
     return one
 
 
@@ -122,10 +137,11 @@ def _stepped(one, epochs):
 
 def _weighed(time, value, covariance, about):
     """Motion with the evidence of each size of walk and scatter."""
-    steps, found, scale = about
+    steps, found, scale, follows = about
     count = WALKS.size, SCATTERS.size
-    one = Moving(time, value, covariance, steps, found, scale, np.ones(count))
+    one = Moving(time, value, covariance, steps, found, scale, np.ones(count), follows)
     score = [-np.linalg.slogdet(inner)[1] - value @ np.linalg.solve(inner, value) for _, _, inner in one.options()]
     score = np.reshape(score, count)
     weights = np.exp((score - score.max()) / 2)
-    return replace(one, weights=weights / weights.sum())
+    total = score.max() + 2 * np.log(weights.sum())
+    return replace(one, weights=weights / weights.sum(), score=float(total))

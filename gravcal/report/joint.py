@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 import json
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -38,10 +40,11 @@ def report(search, products, *, history, settings, calibration, event, satellite
     scale, names, unit = np.array(known["scale"]), known["parameters"], known["unit"]
     time = np.array([one.time for one in search.events])
     value, spread = result.offset * scale, result.spread * np.multiply.outer(scale, np.ones((len(time), 1))) * scale
-    moves = {}
+    moves, shared = {}, set.intersection(*(set(one.measured) for one in search.events))
+    fuel = {q: np.array([one.measured[q] for one in search.events]) for q in sorted(shared) if q.startswith("fuel")}
     for k, name in enumerate(names):
         steps = sorted(seconds(t["date"]) for t in history["trims"] if t["axis"] == name)
-        moves[name] = moving(time, value[:, k], spread[:, k, :, k], steps)
+        moves[name] = moving(time, value[:, k], spread[:, k, :, k], steps, fuel)
     left_out, sigma = [one.left_out() for one in moves.values()], np.sqrt(np.einsum("ipip->ip", spread))
     rows = [
         {
@@ -70,7 +73,7 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "causes": [_cause(search, one) for one in result.named],
         "covariance": result.covariance.tolist(),
         "contradicting": [*result.contradicting, *_strange(search, names, left_out)],
-        "motion": {name: _motion(one, history["trims"], name) for name, one in moves.items()},
+        "motion": {name: _motion(one, history["trims"], name, fuel) for name, one in moves.items()},
         "predicted": predicted(moves, np.arange(time[0], time[-1] + AHEAD_S + STEP_S, STEP_S), common),
         "tried": result.tried,
         "level": search.level,
@@ -133,18 +136,24 @@ def _cause(search, one) -> dict:
     return said | numbers | {"heldout": held, "tied_with": tied, "broken": broken, "separation": list(one.ties)}
 
 
-def _motion(one: Moving, trims, name):
-    """Slope per year, steps and size of the walk of a parameter."""
+def _motion(one: Moving, trims, name, fuel):
+    """Slope per year, steps, change with fuel (null where it follows none) and size of the walk of a parameter."""
     value, sigma = one.terms()
+    first = 2 + len(one.steps)
+    follows = dict.fromkeys(fuel) | {
+        quantity: {"value": v, "sigma": s}
+        for quantity, v, s in zip(one.follows, value[first:].tolist(), sigma[first:].tolist(), strict=True)
+    }
     printed = {seconds(t["date"]): t for t in trims if t["axis"] == name}
     steps = [
         {"date": day(at), "value": v, "sigma": s, "found": at in one.found, "printed": printed.get(at, {}).get("size")}
-        for at, v, s in zip(one.steps, value[2:].tolist(), sigma[2:].tolist(), strict=True)
+        for at, v, s in zip(one.steps, value[2:first].tolist(), sigma[2:first].tolist(), strict=True)
     ]
     walk = float(np.sqrt(sum(w * (q * one.scale) ** 2 for w, q, _ in one.options())))
     return {
         "slope_per_year": {"value": float(value[1]), "sigma": float(sigma[1])},
         "steps": steps,
+        "follows": follows or None,
         "walk_per_root_year": walk,
     }
 
@@ -251,6 +260,34 @@ def changes(before: dict, after: dict) -> list[str]:
     return lines
 
 
+def shared(documents: Sequence[dict]) -> list[str]:
+    """Causes that the models of several satellites have in common, and whether their values agree, one line each."""
+    lines = []
+    for one, other in itertools.combinations(documents, 2):
+        for (a, value, spread), (b, known, error) in itertools.product(_values(one), _values(other)):
+            names = {a["cause"], *a["tied_with"]} & {b["cause"], *b["tied_with"]}
+            text = f"{one['satellite']} and {other['satellite']}: {', '.join(map(words.title, sorted(names)))} in both"
+            if a["cause"] == b["cause"] and a["form"] == b["form"] and value.size == known.size:
+                away = value - known
+                chi2 = float(away @ np.linalg.solve(spread + error, away))
+                chance = float(np.exp(chi2_tail.log_tail(chi2, away.size)))
+                agree = "agree" if chance > one["level"] else "differ"
+                text += f", values {agree} (chi-square {chi2:.1f} of {away.size})"
+            lines += [text] * bool(names)
+    return lines
+
+
+def _values(document):
+    """(cause, values (r,), covariance (r, r)) of each cause with values of its own."""
+    place = 0
+    for one in document["causes"]:
+        value = np.array([p["value"] for v in one["values"] for p in v["parameters"].values()])
+        own = slice(place, place + value.size)
+        place = own.stop
+        if value.size:
+            yield one, value, np.array(document["covariance"])[own, own]
+
+
 def page(document, moves, history) -> str:
     """Page of a joint search."""
     drawn = Figure(partial(_draw, document, moves, history), (), FIGURE, arguments=())
@@ -322,6 +359,9 @@ def _motion_table(document):
         for s in one["steps"]:
             what = "step that was found" if s["found"] else f"trim, printed {signed(s['printed'], 0)}"
             rows.append([None, what, s["date"], plus_minus(s["value"], s["sigma"]), ""])
+        for quantity, v in (one["follows"] or {}).items():
+            text = plus_minus(v["value"], v["sigma"]) if v else "none seen"
+            rows.append([None, f"per unit of {quantity}", "", text, ""])
     heads = ["parameter", "", "date", f"value ({document['unit']})", "walk in a root of a year"]
     return Table("How the calibration moves from event to event.", heads, rows, words=(0, 1, 2), wide=True)
 

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from flows.engine import models
-from gravcal.discovery import joint
+from gravcal.discovery import evidence, joint
 from gravcal.effects import effect
 from gravcal.estimation import moving
 from gravcal.report import joint as report
@@ -29,10 +29,10 @@ def events(rng, law, count=16, alike=0.05, rows=200, size=3.0):
         rows_ = columns[:, :3] @ offset + columns[:, 3:] @ law(k) + rng.standard_normal(rows)
         whole = np.column_stack([rows_, columns])
         gram = whole.T @ whole
-        causes = [joint.Cause(slug, "", NAMES[slug], ["1", "1"], np.full(2, 0.05)) for slug in SLUGS]
+        causes = [evidence.Cause(slug, "", NAMES[slug], ["1", "1"], np.full(2, 0.05)) for slug in SLUGS]
         day = f"2020-{1 + k // 2:02}-{1 + 14 * (k % 2):02}"
         about = (f"grace-c-{day}", report.seconds(day), np.zeros(3), gram, np.sqrt(np.diag(gram)), causes)
-        made.append(joint.Event(*about, {"beta_deg": float(np.sin(3.0 * k)), "year": k / 24}))
+        made.append(evidence.Event(*about, {"beta_deg": float(np.sin(3.0 * k)), "year": k / 24}))
     return made
 
 
@@ -128,3 +128,29 @@ def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     before = after | {"causes": [], "events": after["events"][:-1]}
     assert report.changes(before, after)[0] == "new: accelerometer: current leak, another value after a change"
     assert report.changes({}, after) == []
+    other = json.loads(json.dumps(after | {"satellite": "D"}))
+    (same,) = report.shared([after, other])
+    assert same.startswith("C and D: accelerometer: current leak in both, values agree (chi-square 0.0 of ")
+    other["causes"][0]["values"][1]["parameters"]["x_from_x"]["value"] += 1.0
+    assert "values differ" in report.shared([after, other])[0]
+
+
+def test_a_parameter_follows_the_fuel_where_it_is_told(rng):
+    """A coefficient with its error where fuel moves it, none where it does not; dates between have it too."""
+    time = np.arange(14) * 60 * DAY_S
+    fuel = 27.0 - 0.1 * np.arange(14) + np.cumsum(rng.standard_normal(14) * 0.1)
+    noise = 2 * rng.standard_normal(14)
+    one = moving.moving(time, 80.0 * fuel + noise, 4.0 * np.eye(14), (), {"fuel_kg": fuel})
+    value, sigma = one.terms()
+    assert (value[-1] - 80) / sigma[-1] == pytest.approx(0, abs=3.5)
+    assert list(one.follows) == ["fuel_kg"]
+    assert one.predicted(time[6:7])[0] == pytest.approx(80 * fuel[6], abs=8)
+    assert not moving.moving(time, noise, 4.0 * np.eye(14), (), {"fuel_kg": fuel}).follows
+
+
+def test_fuel_is_read_from_the_mass_of_both_tanks():
+    """Sum and difference at the time of the event, nothing where a tank is not told."""
+    tanks = {"gas_mass_tnk1": ("time", [13.0, 12.0, np.nan]), "gas_mass_tnk2": ("time", [11.0, 11.0, 9.0])}
+    masses = xr.Dataset(tanks | {"time_tag": ("time", [0.0, 10.0, 20.0])})
+    assert evidence.fuel([masses], 5.0) == {"fuel_kg": 23.5, "fuel_difference_kg": 1.5}
+    assert evidence.fuel([masses.drop_vars("gas_mass_tnk1")], 5.0) == evidence.fuel([], 5.0) == {}

@@ -18,7 +18,7 @@ import requests
 from flows import campaign as campaigns
 from flows import serve
 from flows.engine import server
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, ProductError
 from gravcal.store import memory
 
 ROOT = Path(__file__).parents[2]
@@ -391,6 +391,27 @@ def test_the_row_of_an_event_shows_its_values_and_links_its_report(monkeypatch, 
 
 
 @pytest.mark.usefixtures("_prefect")
+@pytest.mark.usefixtures("_prefect")
+def test_a_note_says_what_all_events_say_and_too_few_are_no_failure(monkeypatch, store_folder):
+    """Contract: watching is part of serve: verdict and changes of each satellite, with the address of its page."""
+    from flows import scheduled
+
+    page, notes = store_folder / "objects" / "ab" / "key" / "joint.html", []
+    monkeypatch.setattr(scheduled, "create_markdown_artifact", lambda text, **about: notes.append((about["key"], text)))
+    found = [({"event": "grace-c", "verdict": {"text": "3 events."}}, [page], ["z moved by 31 +- 4 um"])]
+    monkeypatch.setattr(scheduled.watching, "joint", lambda *_, **__: found)
+    scheduled._together("com_offset", "C", None, None, 0)
+    lines = ["", "grace-c: 3 events.", "", "- changed: z moved by 31 +- 4 um", f"- [joint.html]({page.as_uri()})"]
+    assert notes == [("com-offset-joint", "\n".join(lines))]
+
+    def refused(*_, **__):
+        raise ProductError("one event")
+
+    monkeypatch.setattr(scheduled.watching, "joint", refused)
+    scheduled._together("com_offset", "C", None, None, 0)
+    assert notes[1][1] == "one event"
+
+
 def test_a_port_that_is_taken_is_replaced():
     """Contract: the wanted port if nobody listens there, otherwise another."""
     with serve.reports() as address:
