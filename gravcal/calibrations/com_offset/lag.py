@@ -13,6 +13,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 import xarray as xr
+from scipy.linalg import solve_triangular
 
 from gravcal.calibrations.com_offset import motion
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer
@@ -166,7 +167,7 @@ def edge_rows(views: list[Manoeuvre], smoothed: xr.Dataset, tau: float, leads) -
     """
     each = np.full(smoothed["acc_shift"].size, usual_lead(tau))
     each[[one.index for one in views]] = leads
-    return edge_rows_of(smoothed, np.append(each - tau, each.mean()))
+    return whitened_edges(smoothed, np.append(each - tau, each.mean()))[:, None]
 
 
 def shape(views: list[Manoeuvre], smoothed: xr.Dataset, tau: float) -> Shape:
@@ -218,27 +219,25 @@ def known_lead(one: Manoeuvre, entry: Entry) -> float | None:
     return next((each.lead for each in entry.leads if abs(each.start - start) < 5.0), None)
 
 
-def edge_rows_of(smoothed: xr.Dataset, delays: np.ndarray) -> np.ndarray:
-    """Whitened column (k + 1, 1) of the edge times.
+def whitened_edges(smoothed: xr.Dataset, delays: np.ndarray) -> np.ndarray:
+    """Edge times (k + 1,) s, or a column of them, over their error; 0 for those without one.
+
+    Where between two samples of the accelerometer an edge falls cannot be told from momentary readings: the wave's
+    period is a whole number of samples, so that all edges of a manoeuvre fall on the same part of it. Manoeuvres that
+    are commanded a whole number of samples apart share it, others do not; which, no record says, and the covariance
+    holds one error of a sample over the square root of 12 that all share and one of each.
 
     Parameters
     ----------
     smoothed : Dataset, "com_offset.attitude"
     delays : (k + 1,) edges of the accelerometer less those of the star camera in each manoeuvre, and against telemetry
     """
-    spread = edge_sigma(smoothed)
-    used = np.isfinite(spread) & (spread > 0)
-    return np.where(used, delays / np.where(used, spread, 1), 0.0)[:, None]
-
-
-def edge_sigma(smoothed: xr.Dataset) -> np.ndarray:
-    """Errors (k + 1,) s of the edge times.
-
-    Where between two samples of the accelerometer an edge falls cannot be told from momentary readings: the wave's
-    period is a whole number of samples, so that all edges of a manoeuvre fall on the same part of it.
-    """
     steps = np.diff(smoothed["time_acc"].values)
-    between = float(np.median(steps)) / np.sqrt(12) if steps.size else 0.0
+    between = float(np.median(steps)) ** 2 / 12 if steps.size else 0.0
     parts = smoothed["acc_shift_sigma"].values, smoothed["sca_shift_sigma"].values
-    each = np.sqrt(parts[0] ** 2 + parts[1] ** 2 + between**2)
-    return np.append(each, np.hypot(float(smoothed["acc_delay_sigma"]), between))
+    each = np.append(parts[0] ** 2 + parts[1] ** 2, float(smoothed["acc_delay_sigma"]) ** 2) + between
+    known = np.flatnonzero(np.isfinite(each) & (each > 0))
+    rows = np.zeros(np.shape(delays))
+    root = np.linalg.cholesky(np.diag(each[known]) + between)
+    rows[known] = solve_triangular(root, delays[known], lower=True)
+    return rows

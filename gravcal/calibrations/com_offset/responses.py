@@ -468,9 +468,7 @@ def _play(values, width):
 def edge_block(smoothed: xr.Dataset) -> Block:
     """Edges of the accelerometer less those of the star camera, and their delay against the telemetry."""
     rows = np.append(smoothed["acc_shift"].values - smoothed["sca_shift"].values, float(smoothed["acc_delay"]))
-    spread = lag.edge_sigma(smoothed)
-    used = np.isfinite(rows) & np.isfinite(spread) & (spread > 0)
-    observed, count = np.where(used, rows / np.where(used, spread, 1), 0.0), rows.size
+    observed, count = lag.whitened_edges(smoothed, rows), rows.size
     words = np.array(["timing"] * count), np.zeros(count, dtype=int), np.arange(count, dtype=float)
     return Block("timing", observed, np.zeros((count, 3)), np.zeros((count, 0)), *words)
 
@@ -491,7 +489,7 @@ def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarr
         "timing.magnetometer_delay": lambda: np.append(0 * one, -1.0),
         "timing.clock_drift": lambda: np.append(middle, middle.mean()),
     }.get(slug)
-    return None if column is None else lag.edge_rows_of(smoothed, column())
+    return None if column is None else lag.whitened_edges(smoothed, column())[:, None]
 
 
 # lines

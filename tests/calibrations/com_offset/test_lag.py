@@ -5,11 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.integrate import quad, solve_ivp
 
-from gravcal.calibrations.com_offset import lag
+from gravcal.calibrations.com_offset import lag, responses
 from gravcal.estimation.records import Entry
 
+RNG_LEVEL = 1e-5  # a mean square of 1000 draws 0.9 +- 0.04 below 1.1
 EDGES = np.array([2.0, 8.0, 14.0, 20.0])
 DIPOLE = np.array([[0.0, 3.0, 1.0], [0.5, -3.0, 1.0], [0.0, 3.0, 0.0]])
 ARC = SimpleNamespace(edges=EDGES, dipole_b=DIPOLE)
@@ -71,3 +73,15 @@ def test_an_entry_keeps_its_leads_by_manoeuvre():
     assert [lag.known_lead(v, entry) for v in views] == [0.1, 0.2]
     elsewhere = SimpleNamespace(time=np.array([2000.0]))
     assert lag.known_lead(elsewhere, entry) is None
+
+
+def test_the_part_of_a_sample_that_all_manoeuvres_share_is_in_the_error_of_a_late_star_camera(rng):
+    """Commanded a whole number of samples apart, every edge falls on the same part of one; or on a part of its own."""
+    sigma = {f"{name}_shift_sigma": ("manoeuvre", np.full(7, size)) for name, size in (("acc", 2e-4), ("sca", 0.012))}
+    smoothed = xr.Dataset({"time_acc": np.arange(20) / 10, "acc_shift": ("manoeuvre", np.zeros(7)), **sigma})
+    smoothed = smoothed.assign(acc_delay_sigma=0.07)
+    column = responses.edge_column("timing.star_camera_delay", smoothed, np.arange(7.0))[:, 0]
+    for part in (np.repeat(rng.uniform(-0.05, 0.05, (1000, 1)), 8, axis=1), rng.uniform(-0.05, 0.05, (1000, 8))):
+        seen = part + rng.standard_normal((1000, 8)) * np.append(np.full(7, 0.012), 0.07)
+        rows = lag.whitened_edges(smoothed, seen.T).T
+        assert np.mean((rows @ column) ** 2) / (column @ column) < 1.1
