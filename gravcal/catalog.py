@@ -16,7 +16,6 @@ import difflib
 import io
 import json
 import os
-import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,26 +24,15 @@ from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
+import jsonschema_rs
 import numpy as np
 
 from gravcal.errors import CatalogError, refuse
 
-QUANTITY = ("value", "unit", "frame", "sigma", "source")
-HEADING = ("letter", "mission", "platform", "launched")
-FRAMES = ("none", "i", "e", "o", "b", "s", "bs")
-REQUIRED = ("calibration", "satellites", "date", "date_status", "source", "design", "release", "found")
-OPTIONAL = ("end_date", "date_as_printed", "note", "printed", "sha256", "origin")
-STATUS = ("printed", "corrected", "unknown")
-ORIGINS = ("measured", "simulated")
-FOUND = ("kind", "start", "stop")
-DESIGN = ("calibration", "source", "manoeuvre")
-DESIGNED = ("kind", "count", "duration_s", "period_s")
 SUFFIXES = {"GRACE": "dat", "GRACE-FO": "txt"}
 PAIRS = {"GRACE": ("AB", "X"), "GRACE-FO": ("CD", "Y")}
 RELEASES = {"GRACE": "02", "GRACE-FO": "04"}
-TABLE = ("file", "calibration", "section", "doi", "table", "labels", "value", "sigma", "unit", "direction", "note")
-PARAMETER = ("value", "stage", "reason")
-PARAMETER_OPTIONAL = ("unit", "minimum", "maximum", "allowed")
+DESIGNED = ("kind", "count", "duration_s", "period_s")
 WORDS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 ENVIRONMENT = "GRAVCAL_CATALOG"
 _added = []  # folders of calibrations of other packages
@@ -173,25 +161,13 @@ def _satellite(key, path, content):
     """Satellite from the content of its file."""
     tables = {name: entry for name, entry in content.items() if isinstance(entry, dict)}
     heading = {name: entry for name, entry in content.items() if name not in tables}
-    _require(heading, HEADING, path)
-    for name in HEADING[:3]:
-        if not isinstance(heading[name], str):
-            _wrong(path, name, heading[name], "a text", "Put it in quotes.")
-    launched = heading.pop("launched")
-    if launched != "none" and not isinstance(launched, datetime.date):
-        _wrong(path, "launched", launched, 'a date or "none"', "Write it as 2018-05-22, without quotes.")
+    heading["launched"] = None if heading["launched"] == "none" else _date(heading, "launched")
     quantities = {name: _quantity(table, path, name) for name, table in tables.items()}
-    return Satellite(key, **heading, launched=None if launched == "none" else launched, quantities=quantities)
+    return Satellite(key, **heading, quantities=quantities)
 
 
 def _quantity(table, path, key):
-    """Quantity from its TOML table; every departure from the form is named."""
-    _require(table, QUANTITY, f"{path}: [{key}]")
-    for text in ("unit", "frame", "source"):
-        if not isinstance(table[text], str) or not table[text].strip():
-            _wrong(path, f"{key}.{text}", table[text], "a text that is not empty", "State it.")
-    if table["frame"] not in FRAMES:
-        _wrong(path, f"{key}.frame", table["frame"], f"one of {', '.join(FRAMES)}", "Name the frame.")
+    """Quantity from its TOML table."""
     value = _value(table["value"], path, f"{key}.value")
     sigma = None if table["sigma"] == "unknown" else _value(table["sigma"], path, f"{key}.sigma")
     if sigma is not None and (isinstance(value, (str, tuple)) or np.shape(sigma) != np.shape(value)):
@@ -204,17 +180,13 @@ def _quantity(table, path, key):
 
 def _value(entry, path, key):
     """Float, read-only array, text or tuple of texts."""
-    if isinstance(entry, str):
-        return entry
-    if isinstance(entry, list) and entry and all(isinstance(item, str) for item in entry):
-        return tuple(entry)
+    if isinstance(entry, str) or isinstance(entry, list) and isinstance(entry[0], str):
+        return entry if isinstance(entry, str) else tuple(entry)
     try:
         array = np.array(entry, dtype=float)
-    except (TypeError, ValueError):
-        array = None
-    if array is None or isinstance(entry, bool):
-        _wrong(path, key, entry, "a number or a full list of numbers", "Correct it.")
-    if array.size == 0 or not np.all(np.isfinite(array)):
+    except ValueError:
+        _wrong(path, key, entry, "a full list of numbers", "Correct it.")
+    if not np.isfinite(array).all():
         _wrong(path, key, entry, "finite numbers", "Leave the quantity out if it is not known.")
     array.flags.writeable = False
     return float(array) if array.ndim == 0 else array
@@ -226,18 +198,10 @@ def event(name):
     if name not in known:
         raise _unknown("event", name, known, where="catalogue")
     path, content = read("events", name)
-    _require(content, REQUIRED, path, OPTIONAL)
-    if not isinstance(content["calibration"], str):
-        _wrong(path, "calibration", content["calibration"], "its name", "Name the calibration.")
-    if not isinstance(content["satellites"], list) or not content["satellites"]:
-        _wrong(path, "satellites", content["satellites"], "a list of names", 'Write ["grace-c"].')
-    date = _date(content, "date", path)
-    status = content["date_status"]
-    if status not in STATUS:
-        _wrong(path, "date_status", status, f"one of {', '.join(STATUS)}", "Say where the date is from.")
+    date, status = _date(content, "date"), content["date_status"]
     if (status == "unknown") != (date is None):
         _wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
-    end_date = _date(content, "end_date", path) or date
+    end_date = _date(content, "end_date") or date
     flown = design(content["design"])
     members = tuple(satellite(member) for member in content["satellites"])
     return Event(
@@ -248,25 +212,22 @@ def event(name):
         date=date,
         end_date=end_date,
         date_status=status,
-        date_as_printed=_date(content, "date_as_printed", path),
+        date_as_printed=_date(content, "date_as_printed"),
         source=content["source"],
         note=content.get("note", ""),
         designed=flown.manoeuvres,
         printed=tuple(content.get("printed", [])),
         found=tuple(_found(table, path) for table in content["found"]),
-        raw_files=() if date is None else _raw_files(content, flown.products, members, (date, end_date), path),
-        origin=_origin(path, content),
+        raw_files=() if date is None else _raw_files(content, flown.products, members, (date, end_date)),
+        origin=content.get("origin", ""),
     )
 
 
 def design(name):
     """Design of the catalogue by name, or of a file by its path (a name that ends with .toml)."""
-    path, content = read_file(Path(name)) if str(name).endswith(".toml") else read("designs", name)
-    _require(content, DESIGN, path, ("products",))
+    _, content = read_file(Path(name), "designs") if str(name).endswith(".toml") else read("designs", name)
     made = []
     for table in content["manoeuvre"]:
-        if missing := [key for key in DESIGNED if key not in table]:
-            _wrong(path, "manoeuvre", sorted(table), f"also {', '.join(missing)}", "Add the key.")
         facts = {key: item for key, item in table.items() if key not in DESIGNED}
         made.append(Designed(*(table[key] for key in DESIGNED), facts=facts))
     return Design(content["calibration"], content["source"], tuple(made), content.get("products", {}))
@@ -274,7 +235,7 @@ def design(name):
 
 def event_origin(name):
     """Origin that an event of the catalogue states for its files, "" where it states none or there is no such event."""
-    return _origin(*read("events", name)) if name in names("events") else ""
+    return read("events", name)[1].get("origin", "") if name in names("events") else ""
 
 
 def events(satellite=None, calibration=None):
@@ -290,36 +251,22 @@ def _name_of(member):
     return satellite(member).name
 
 
-def _origin(path, content):
-    """Origin that an event states: its files may be simulated without saying so."""
-    origin = content.get("origin", "")
-    if origin not in ("", *ORIGINS):
-        _wrong(path, "origin", origin, f"one of {', '.join(ORIGINS)}", "Leave it out where the files say it.")
-    return origin
-
-
-def _date(content, key, path):
+def _date(content, key):
     """Date, or None where there is none or it is unknown."""
     date = content.get(key, "unknown")
-    if date != "unknown" and not isinstance(date, datetime.date):
-        _wrong(path, key, date, 'a date or "unknown"', "Write it as 2020-02-01, without quotes.")
-    return None if date == "unknown" else date
+    return None if date == "unknown" else datetime.date.fromisoformat(str(date))
 
 
 def _found(table, path):
     """Manoeuvre found in the data."""
-    _require(table, FOUND, f"{path}: [[found]]", ("satellite",))
     if not table["stop"] > table["start"]:
         _wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
     return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]), table.get("satellite", ""))
 
 
-def _raw_files(content, designed, members, span, path):
+def _raw_files(content, designed, members, span):
     """Every Level-1 file the event needs, day by day; ranging needs both satellites and the pair's own."""
     digests = content.get("sha256", {})
-    for name, digest in digests.items():
-        if not re.fullmatch("[0-9a-f]{64}", str(digest)):
-            _wrong(path, f"sha256.{name}", digest, "64 hexadecimal digits", "Run sha256sum on the file.")
     needed = {}  # in the order of the design, each once
     for member in members:
         pair, both = PAIRS.get(member.mission, (member.letter, ""))
@@ -416,10 +363,9 @@ def published(calibration, event=None):
 
     Of an event, or of none in particular, where one is given.
     """
-    path, tables = read("published", "tables")
+    _, tables = read("published", "tables")
     sections = {}
-    for name, table in tables.items():
-        _require(table, TABLE, f"{path}: [{name}]", ("events",))
+    for table in tables.values():
         if table["calibration"] == calibration:
             file = find("published", table["file"], suffix="")
             records = _parsed(file, file.read_text(encoding="utf-8"), json.dumps(table))
@@ -436,10 +382,8 @@ def published(calibration, event=None):
 
 def trims(satellite=None, confirmed=None):
     """Mass trims by date, of a satellite (letter or name), and such as the series of offsets does or does not show."""
-    path, content = read("published", "trims")
+    _, content = read("published", "trims")
     wanted = None if satellite is None else _name_of(satellite)
-    for table in content["trim"]:
-        _require(table, tuple(Trim.__dataclass_fields__), f"{path}: [[trim]]")
     chosen = [Trim(**table) for table in content["trim"]]
     return tuple(t for t in chosen if wanted in (None, t.satellite) and confirmed in (None, t.confirmed))
 
@@ -561,11 +505,6 @@ def parameters(calibration):
 
 def _parameter(name, table, path):
     """Parameter from its TOML table."""
-    if not isinstance(table, dict):
-        _wrong(path, name, table, "a table with value, stage and reason", f"Write [{name}] and its keys.")
-    _require(table, PARAMETER, f"{path}: [{name}]", PARAMETER_OPTIONAL)
-    if not isinstance(table["reason"], str) or not table["reason"].strip():
-        _wrong(path, f"{name}.reason", table["reason"], "a sentence", "Say why the value is what it is.")
     stages = (table["stage"],) if isinstance(table["stage"], str) else tuple(table["stage"])
     rest = {key: table[key] for key in ("unit", "minimum", "maximum") if key in table}
     allowed = tuple(_typed(item, table) for item in table["allowed"]) if "allowed" in table else None
@@ -650,26 +589,38 @@ def find(kind, name, suffix=".toml"):
 
 def read(kind, name):
     """Path of one TOML entry, for messages, and its content as a dict; what is wrong with it is said with the line."""
-    return read_file(find(kind, name))
+    return read_file(find(kind, name), name if kind == "published" else kind)
 
 
-def read_file(path):
-    """The same of a file anywhere."""
-    if not path.is_file():
-        refuse(path, "no file", "a TOML file", "Correct the path.", CatalogError)
+def read_file(path, form="any"):
+    """The same of a file anywhere, of the form of that name in `catalog/schema.json`."""
     try:
-        return path, _loads(path.read_text(encoding="utf-8"))
+        return path, _loads(path.read_text(encoding="utf-8"), form)
+    except FileNotFoundError:
+        return refuse(path, "no file", "a TOML file", "Correct the path.", CatalogError)
     except UnicodeDecodeError as error:
         found = f"bytes that are not UTF-8 ({error.reason} at byte {error.start})"
         return refuse(path, found, "a TOML file", "Save it as UTF-8.", CatalogError)
     except tomllib.TOMLDecodeError as error:
         return refuse(path, f"text that is not valid TOML ({error})", "a TOML file", "Correct it.", CatalogError)
+    except jsonschema_rs.ValidationError as error:
+        where = f"{path}: {'.'.join(map(str, error.instance_path)) or 'the whole'}"
+        return refuse(where, error.message, "what catalog/schema.json says", "Correct it.", CatalogError)
 
 
 @lru_cache(maxsize=128)
-def _loads(text):
-    """Content of a TOML text; the same satellite stands in many events."""
-    return tomllib.loads(text)
+def _loads(text, form):
+    """Content of a TOML text of a form; the same satellite stands in many events."""
+    content = tomllib.loads(text)
+    _form(form).validate(json.loads(json.dumps(content, default=str), parse_constant=str))
+    return content
+
+
+@lru_cache
+def _form(name):
+    """Validator of the entries of a kind."""
+    schema = json.loads((resources.files("catalog") / "schema.json").read_text(encoding="utf-8"))
+    return jsonschema_rs.Draft202012Validator(schema | {"$ref": f"#/$defs/{name}"})
 
 
 def _unknown(what, name, known, where):
@@ -679,17 +630,6 @@ def _unknown(what, name, known, where):
     return CatalogError(
         f"{where}: no {what} named {name!r} among the {len(known)} known. {hint}", name=str(name), nearest=near
     )
-
-
-def _require(content, keys, path, optional=()):
-    """Check that a table holds exactly these keys (and perhaps the optional ones)."""
-    missing = [key for key in keys if key not in content]
-    surplus = [key for key in content if key not in keys and key not in optional]
-    if missing:
-        refuse(path, sorted(content), f"also {', '.join(missing)}", "Add the missing key.", CatalogError)
-    if surplus:
-        expected = f"only {', '.join([*keys, *optional])}"
-        refuse(path, f"the unknown key {surplus[0]!r}", expected, "Correct or remove it.", CatalogError)
 
 
 def _wrong(path, key, found, expected, remedy):

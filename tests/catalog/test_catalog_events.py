@@ -115,16 +115,16 @@ def test_without_an_own_catalogue_nothing_is_written(monkeypatch):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('"com_offset"\ns', "1\ns"), "calibration: found 1; expected its name"),
-        (('["grace-c"]', '"grace-c"'), "satellites: found 'grace-c'; expected a list"),
+        (('"com_offset"\ns', "1\ns"), "calibration: found 1 is not of type"),
+        (('["grace-c"]', '"grace-c"'), 'satellites: found "grace-c" is not of type "array"'),
         (('["grace-c"]', '["grace-z"]'), "no satellite named 'grace-z'"),
-        (("2030-01-01", '"soon"'), "date: found 'soon'; expected a date"),
-        (('"printed"', '"perhaps"'), "date_status: found 'perhaps'"),
+        (("2030-01-01", '"soon"'), 'date: found "soon" does not match'),
+        (('"printed"', '"perhaps"'), 'date_status: found "perhaps"'),
         (('"printed"', '"unknown"'), "date_status: found 'unknown'; expected a status that fits"),
         (('"com_offset_session"', '"sesion"'), "no design named 'sesion'"),
         (("found = []", '[[found]]\nkind = "yaw"\nstart = 2\nstop = 1'), r"found\.stop: found 1; expected later"),
-        (("found = []", 'found = []\n[sha256]\n"a.txt" = "12"'), r"sha256\.a\.txt: found '12'; expected 64 hex"),
-        (('release = "04"\n', ""), "expected also release"),
+        (("found = []", 'found = []\n[sha256]\n"a.txt" = "12"'), r'sha256\.a\.txt: found "12" does not match'),
+        (('release = "04"\n', ""), '"release" is a required'),
     ],
 )
 def test_a_broken_event_file_says_file_key_found_and_expected(own_folder, change, message):

@@ -131,14 +131,14 @@ def test_the_prior_of_the_torque_scale_covers_those_of_dipole_and_inertia():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("lowpass_hz = 1.0\n", "expected a table with value, stage and reason"),
-        ("[a_s]\nvalue = 1\nstage = 'x'\n", "expected also reason"),
+        ("lowpass_hz = 1.0\n", 'lowpass_hz: found 1.0 is not of type "object"'),
+        ("[a_s]\nvalue = 1\nstage = 'x'\n", '"reason" is a required'),
         ("[a_s]\nvalue = 1\nstage = 'x'\nreason = ''\n", r"a_s\.reason"),
         (
             "[a_s]\nvalue = 1\nunit = 's'\nmaximum = 0.5\nstage = 'x'\nreason = 'r'\n",
             r"a_s: found 1\.0; expected between",
         ),
-        ("[a_s]\nvalue = 1\nstage = 'x'\nreason = 'r'\ndefault = 3\n", "unknown key 'default'"),
+        ("[a_s]\nvalue = 1\nstage = 'x'\nreason = 'r'\ndefault = 3\n", "'default' was unexpected"),
     ],
 )
 def test_a_broken_parameter_file_says_file_key_found_and_expected(tmp_path, monkeypatch, text, message):
