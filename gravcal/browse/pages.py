@@ -1,6 +1,7 @@
 """One function for each page: asks the shelf, fills a template. Names from the address are looked up, never joined."""
 
 import functools
+import graphlib
 import math
 import re
 
@@ -21,7 +22,6 @@ KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc"
 WIDTH, HEIGHT = 138, 50  # of a box, px
 ACROSS, DOWN = 158, 60  # from one box to the next, px
 MARGIN = 6
-SWEEPS = 6
 
 
 def page(body):
@@ -319,64 +319,25 @@ def _signed(text):
 
 
 def placed(nodes):
-    """Picture of a chain, few lines crossed: "width", "height", "boxes" (x, y, node), "lines" as path texts."""
-    known = {node.key: node for node in nodes if node.key}
-    depths = _depths(known)
-    columns = {}
+    """Picture of a chain, stages beside inputs: "width", "height", "boxes" (x, y, node), "lines" as path texts."""
+    known, depths, columns, places = {node.key: node for node in nodes if node.key}, {}, {}, {}
+    inputs = {node.key or node.stage: [key for key in node.inputs if key in known] for node in nodes}
+    for key in graphlib.TopologicalSorter(inputs).static_order():
+        depths[key] = 1 + max((depths[below] for below in inputs[key]), default=-1)
     for node in nodes:
-        depth = depths[node.key] if node.key else max(depths.values(), default=-1) + 1
+        depth = depths[node.key] if node.key else max((depths[key] for key in known), default=-1) + 1
         columns.setdefault(depth, []).append(node)
-    columns = [columns.get(depth, []) for depth in range(max(columns, default=-1) + 1)]
-    rows = _ordered(columns)
-    tallest = max((len(column) for column in columns), default=0)
-    places = {}
-    for depth, column in enumerate(columns):
-        top = (tallest - len(column)) * DOWN / 2
-        for node in column:
-            places[id(node)] = (MARGIN + depth * ACROSS, MARGIN + top + rows[id(node)] * DOWN)
-    lines = [
-        _line(places[id(known[key])], places[id(node)], depths[node.key] - depths[key])
-        for node in known.values()
-        for key in node.inputs
-        if key in known
-    ]
-    boxes = [(*places[id(node)], node) for column in columns for node in column]
-    size = {"width": 2 * MARGIN + max(len(columns) - 1, 0) * ACROSS + WIDTH, "height": 2 * MARGIN + tallest * DOWN}
-    return size | {"boxes": boxes, "lines": sorted(lines)}
-
-
-def _depths(known):
-    """Column of each product: one further than the furthest of its inputs."""
-    depths = {}
-
-    def depth(key):
-        if key not in depths:
-            depths[key] = 1 + max((depth(below) for below in known[key].inputs if below in known), default=-1)
-        return depths[key]
-
-    for key in known:
-        depth(key)
-    return depths
-
-
-def _ordered(columns):
-    """Row of each node in its column: at the mean of its neighbours, a few sweeps there and back."""
-    rows = {id(node): row for column in columns for row, node in enumerate(column)}
-    keys = {node.key: node for column in columns for node in column if node.key}
-    beside = {id(node): [] for column in columns for node in column}
-    for node in keys.values():
-        for key in node.inputs:
-            if key in keys:
-                beside[id(node)].append(id(keys[key]))
-                beside[id(keys[key])].append(id(node))
-    size = {id(node): max(len(column), 1) for column in columns for node in column}
-    for sweep in range(SWEEPS):
-        for column in columns[:: 1 if sweep % 2 == 0 else -1]:
-            near = {id(n): [(rows[o] + 0.5) / size[o] for o in beside[id(n)]] for n in column}
-            wish = {n: sum(places) / len(places) if places else rows[n] for n, places in near.items()}
-            for row, node in enumerate(sorted(column, key=lambda n: (wish[id(n)], n.stage))):
-                rows[id(node)] = row
-    return rows
+    tallest = max(map(len, columns.values()), default=0)
+    for depth, column in sorted(columns.items()):
+        beside = {id(node): [places[key][1] for key in inputs[node.key or node.stage]] for node in column}
+        wish = lambda node, near=beside: (sum(near[id(node)]) / max(len(near[id(node)]), 1), node.stage)  # noqa: E731
+        for row, node in enumerate(sorted(column, key=wish)):
+            top = MARGIN + (tallest - len(column)) * DOWN / 2
+            places[node.key or node.stage] = (MARGIN + depth * ACROSS, top + row * DOWN, node)
+    lines = [_line(places[key], places[node], depths[node] - depths[key]) for node in known for key in inputs[node]]
+    width = 2 * MARGIN + max(columns, default=0) * ACROSS + WIDTH
+    boxes = {"width": width, "height": 2 * MARGIN + tallest * DOWN, "boxes": list(places.values())}
+    return boxes | {"lines": sorted(lines)}
 
 
 def _line(start, stop, columns):

@@ -59,10 +59,10 @@ class Wish:
 
 @dataclass(frozen=True)
 class Trace:
-    """One line: label, overview of its data, shift of its coordinate, number of product and column."""
+    """One line: label, its data, shift of its coordinate, number of product and column."""
 
     label: str
-    whole: series.Overview
+    whole: series.Series
     shift: float
     product: int
     column: int
@@ -136,12 +136,11 @@ def _traces(wish):
     """Lines of a figure; kind and label of the axis along; unit."""
     own, variable = _asked(wish.key, wish.variable)
     coordinate, kind, label = _along(own, variable, wish)
-    wholes = [_whole(own, variable, number, wish) for number in chosen(variable, wish.columns)]
-    traces = [_trace(variable, *pair, 0, wish) for pair in zip(chosen(variable, wish.columns), wholes, strict=True)]
+    numbers = chosen(variable, wish.columns)
+    traces = [_trace(own, variable, number, 0, wish) for number in numbers]
     if wish.other:
         other, second = _asked(wish.other, wish.variable)
-        known = [number for number in chosen(variable, wish.columns) if number < len(second.columns)]
-        more = [_trace(second, number, _whole(other, second, number, wish), 1, wish) for number in known]
+        more = [_trace(other, second, number, 1, wish) for number in numbers if number < len(second.columns)]
         traces = _differences(traces, more, wish) if wish.view == "difference" else traces + more
     if wish.from_start and coordinate is not None:
         kind, label = "value", "time since the start (s)" if kind == "time" else f"{label}, from its start"
@@ -164,16 +163,11 @@ def _along(path, variable, wish):
     return series.coordinate(path, variable)
 
 
-def _whole(path, variable, number, wish):
-    """Overview of one series."""
-    coordinate, _, _ = _along(path, variable, wish)
-    return series.overview(series.column(path, variable, number), coordinate)
-
-
-def _trace(variable, number, whole, product, wish):
+def _trace(path, variable, number, product, wish):
     """One line of one product."""
-    name = variable.columns[number] or variable.name
-    origin = store_index.origin(store_index.entry((wish.key, wish.other)[product]).ref.path)
+    coordinate, _, _ = _along(path, variable, wish)
+    whole = series.series(series.column(path, variable, number), coordinate)
+    name, origin = variable.columns[number] or variable.name, store_index.origin(path)
     name = name if origin in ("", "measured") else f"{name} ({origin})"
     mark = f"{'AB'[product]} {name}" if wish.other else name
     return Trace(mark, whole, -float(whole.x[0]) if wish.from_start else 0.0, product, number)
@@ -186,7 +180,7 @@ def _differences(first, second, wish):
         shift = float(one.whole.x[0] - other.whole.x[0]) if wish.from_start else 0.0
         x, y = series.difference(one.whole, other.whole, shift)
         if x.size:
-            whole = series.of_arrays(x, y)
+            whole = series.Series(x, y)
             names = dict.fromkeys(trace.label[2:] for trace in (one, other))
             found.append(Trace(f"A - B {' - '.join(names)}", whole, one.shift, 0, one.column))
     return found
@@ -196,7 +190,7 @@ def _lines(wish):
     """Figure of lines along the coordinate, and a sentence on what was left out."""
     traces, kind, along, unit = _traces(wish)
     drawn = _empty(kind, along, f"difference of {unit}" if wish.view == "difference" and wish.other else unit)
-    ends = [(one.whole.x[0] + one.shift, one.whole.end + one.shift) for one in traces]
+    ends = [(one.whole.x[0] + one.shift, one.whole.x[-1] + one.shift) for one in traces]
     low, high = (_drawn(np.array([f(side) for f, side in zip((min, max), zip(*ends, strict=True), strict=True)]), kind)
                  if ends else (0.0, 1.0))  # fmt: skip
     drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
@@ -271,7 +265,7 @@ def _said(traces):
     """How many samples stand behind the picture."""
     if not traces:
         return "The two products do not overlap. Count both from their start, or choose another."
-    count = sum(one.whole.size for one in traces)
+    count = sum(one.whole.x.size for one in traces)
     said = f"{count:,} samples in {len(traces)} series; a point stands for the range of all samples it covers"
     gaps = 1 - min(one.whole.filled() for one in traces)
     return f'{said}. Gaps fill {100 * gaps:.0f} % of the axis: tick "without gaps".' if gaps > GAPS else said

@@ -1,13 +1,11 @@
 """What a product file holds, and one column of it at the resolution of the screen; files are opened to read only.
 
-The first look at a column reads it once, piece by piece, and keeps the lowest and highest value of every 64 samples;
-from then on a wide view needs no file, and a narrow one reads only what it shows. Every peak of the data is drawn: a
-pixel shows the range of all samples it stands for. Gaps stay gaps.
+A column is read once and kept as long as it is looked at. Every peak of the data is drawn: a pixel shows the range of
+all samples it stands for. Gaps stay gaps.
 """
 
 import functools
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +14,6 @@ from scipy.signal import welch
 
 from gravcal.store import product
 
-BLOCK = 64
-PIECE = BLOCK * 16384  # samples that are read at a time
 BINS = 1500  # ranges across the screen; each is drawn as its lowest and highest value
 GAP = 4.0  # a step longer than this many typical ones is not drawn as a line
 SEGMENT = 65536  # samples of one segment of a spectrum, at most
@@ -101,12 +97,12 @@ def coordinate(path, variable):
     return where, "value", f"{found.attributes.get('long_name', name)} ({found.units or '1'})"
 
 
-def read(column: Column, start=0, stop=None) -> np.ndarray:
-    """Samples (n,) of a column as floats."""
+@functools.lru_cache(maxsize=8)
+def read(column: Column) -> np.ndarray:
+    """Samples (n,) of a column as floats; products never change, so the last ones are kept."""
     with product.opened(column.path) as file:
-        index = list(column.index)
-        index.insert(column.axis, slice(start, column.size if stop is None else stop))
-        return np.asarray(file[column.variable][tuple(index)], dtype=float)
+        index = (*column.index[: column.axis], slice(None), *column.index[column.axis :])
+        return np.asarray(file[column.variable][index], dtype=float)
 
 
 def table(path, variable):
@@ -173,74 +169,56 @@ def _text(value):
     return str(value)
 
 
-@dataclass(frozen=True)
-class Overview:
-    """Coarse view of a column, and how to read it finely."""
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Samples of a column against its coordinate."""
 
-    size: int  #: samples
-    x: np.ndarray  #: (m,) coordinate of the first sample of each block
-    end: float  #: coordinate of the last sample
-    #: low, high: (m,) lowest and highest value of each block, NaN where it holds none
-    low: np.ndarray
-    high: np.ndarray
-    finely: Callable  #: function of (start, stop) that returns x and y of these samples
+    #: x, y: (n,) coordinate, in order, and value
+    x: np.ndarray
+    y: np.ndarray
+
+    @functools.cached_property
+    def step(self) -> float:
+        """Typical step of the coordinate."""
+        return _typical(self.x)
 
     def filled(self) -> float:
-        """Share of the coordinate's span in which samples lie, by the typical length of a block."""
-        span = self.end - self.x[0]
-        return 1.0 if self.x.size < 4 or span <= 0 else min(1.0, self.size * _typical(self.x) / (BLOCK * span))
+        """Share of the coordinate's span in which samples lie, by the typical step."""
+        span = self.x[-1] - self.x[0]
+        return 1.0 if self.x.size < 4 or span <= 0 else min(1.0, self.x.size * self.step / span)
 
 
-@functools.lru_cache(maxsize=64)
-def overview(column: Column, coordinate: Column | None) -> Overview:
-    """Overview of a column against another or the number of the sample; products never change, so it is kept."""
-    low, high = (np.concatenate(part) for part in zip(*map(_extremes, _pieces(column)), strict=True))
-    x, end = _coarse(coordinate) if coordinate else (np.arange(0.0, column.size, BLOCK), column.size - 1.0)
-
-    def finely(start, stop):
-        own = read(coordinate, start, stop) if coordinate else np.arange(start, stop, dtype=float)
-        return own, read(column, start, stop)
-
-    return Overview(column.size, x, end, low, high, finely)
-
-
-def of_arrays(x, y) -> Overview:
-    """Overview of a series (n,) in memory."""
-    low, high = _extremes(y)
-    return Overview(y.size, x[::BLOCK], float(x[-1]), low, high, lambda start, stop: (x[start:stop], y[start:stop]))
+@functools.lru_cache(maxsize=8)
+def series(column: Column, coordinate: Column | None) -> Series:
+    """Samples of a column against another, or the number of the sample."""
+    return Series(read(coordinate) if coordinate else np.arange(float(column.size)), read(column))
 
 
 def view(whole, start=None, stop=None, bins=BINS):
-    """Points x, y (m,) of an Overview to draw between two values of the coordinate, by default all.
+    """Points x, y (m,) of a Series to draw between two values of the coordinate, by default all.
 
     There are at most four for each bin; y is NaN where the line breaks.
     """
-    first, last = _blocks(whole, start, stop)
-    if last - first > bins:
-        x, low, high = whole.x[first:last], whole.low[first:last], whole.high[first:last]
-        return _broken(*_ranges(x, low, high, bins))
-    x, y = samples(whole, start, stop)
-    return _broken(*_ranges(x, y, y, bins)) if x.size > 2 * bins else _broken(x, y)
+    inside = _inside(whole.x, start, stop)
+    x, y = whole.x[inside], whole.y[inside]
+    return _broken(*(_ranges(x, y, bins, GAP * whole.step) if x.size > 2 * bins else (x, y)))
 
 
 def samples(whole, start=None, stop=None, most=LONGEST):
-    """Samples x, y (n,) of an Overview between two values of the coordinate; ValueError if more than `most`."""
-    first, last = _blocks(whole, start, stop)
-    if (last - first) * BLOCK > most + 2 * BLOCK:
-        raise ValueError(f"{(last - first) * BLOCK:,} samples: zoom in to {most:,} at most, or take product.nc")
-    x, y = whole.finely(first * BLOCK, min(last * BLOCK, whole.size))
-    inside = slice(*_inside(x, start, stop))
-    return x[inside], y[inside]
+    """Samples x, y (n,) of a Series between two values of the coordinate; ValueError if more than `most`."""
+    inside = _inside(whole.x, start, stop)
+    if inside.stop - inside.start > most:
+        raise ValueError(f"{inside.stop - inside.start:,} samples: zoom in to {most:,} at most, or take product.nc")
+    return whole.x[inside], whole.y[inside]
 
 
 def difference(one, other, shift=0.0):
-    """First Overview minus the second at the samples x, y (n,) of the first that both cover, none without overlap.
+    """First Series minus the second at the samples x, y (n,) of the first that both cover, none without overlap.
 
     The second is interpolated linearly; the shift is added to its coordinate.
     """
-    x, y = one.finely(0, min(one.size, LONGEST))
-    u, v = other.finely(0, min(other.size, LONGEST))
-    u = u + shift
+    x, y = one.x[:LONGEST], one.y[:LONGEST]
+    u, v = other.x[:LONGEST] + shift, other.y[:LONGEST]
     common = (x >= u[0] - 1e-9 * abs(u[0])) & (x <= u[-1] + 1e-9 * abs(u[-1]))
     x, y = x[common], y[common]
     if x.size == u.size and np.allclose(x, u, rtol=0, atol=1e-7):
@@ -255,7 +233,7 @@ def spectrum(whole):
 
     Frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; and what was used, in words.
     """
-    x, y = whole.finely(0, min(whole.size, LONGEST))
+    x, y = whole.x[:LONGEST], whole.y[:LONGEST]
     first, last = _longest_even(x, y)
     count = last - first
     if count < 16:
@@ -267,45 +245,19 @@ def spectrum(whole):
     return frequency[1:], np.sqrt(power[1:]), said
 
 
-def _pieces(column):
-    """Values of a column, piece by piece."""
-    return (read(column, start, min(start + PIECE, column.size)) for start in range(0, column.size, PIECE))
-
-
-def _extremes(values):
-    """Lowest and highest of every block, NaN where all are."""
-    starts = np.arange(0, values.size, BLOCK)
-    return np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
-
-
-@functools.lru_cache(maxsize=32)
-def _coarse(coordinate):
-    """Every 64th value of a coordinate, and the last one."""
-    kept = [piece[::BLOCK].copy() for piece in _pieces(coordinate)]
-    return np.concatenate(kept), float(read(coordinate, coordinate.size - 1)[0])
-
-
-def _blocks(whole, start, stop):
-    """Blocks that a view touches."""
-    first = 0 if start is None else int(np.searchsorted(whole.x, start, side="right")) - 1
-    last = whole.x.size if stop is None else int(np.searchsorted(whole.x, stop, side="left")) + 1
-    first = min(max(first, 0), whole.x.size - 1)
-    return first, min(max(last, first + 1), whole.x.size)
-
-
 def _inside(x, start, stop):
     """Samples of a view, with one more at each side so that lines run out of the picture."""
     first = 0 if start is None else max(int(np.searchsorted(x, start)) - 1, 0)
     last = x.size if stop is None else min(int(np.searchsorted(x, stop, side="right")) + 1, x.size)
-    return first, max(last, first)
+    return slice(first, max(last, first))
 
 
-def _ranges(x, low, high, bins):
+def _ranges(x, y, bins, gap):
     """Lowest and highest value of each bin, at its first coordinate, lowest first; no bin reaches over a gap."""
     starts = np.linspace(0, x.size, bins, endpoint=False).astype(int)
-    gaps = np.flatnonzero(np.diff(x) > GAP * _typical(x)) + 1
+    gaps = np.flatnonzero(np.diff(x) > gap) + 1
     starts = np.unique(np.concatenate([starts, gaps[:bins]]))
-    pairs = np.column_stack([np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)])
+    pairs = np.column_stack([np.fmin.reduceat(y, starts), np.fmax.reduceat(y, starts)])
     return np.repeat(x[starts], 2), pairs.ravel()
 
 
@@ -319,8 +271,9 @@ def _broken(x, y):
 
 
 def _typical(x):
-    """Typical step of a coordinate; those of zero length do not count."""
-    steps = np.diff(x)
+    """Typical step of a coordinate, of some 100,000 at the most; those of zero length do not count."""
+    some = np.arange(0, x.size - 1, max(1, x.size // 100_000))
+    steps = x[some + 1] - x[some]
     steps = steps[steps > 0]
     return float(np.median(steps)) if steps.size else np.inf
 

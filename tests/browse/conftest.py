@@ -12,7 +12,8 @@ def shop(store_folder):
     """Return the references of an invented store."""
     store_index._known.clear()
     store_index._json.cache_clear()
-    series.overview.cache_clear()
+    series.series.cache_clear()
+    series.read.cache_clear()
     series.listed.cache_clear()
     first = calibration(EVENT, 1.0, gain=1.0)
     again = calibration(EVENT, 1.0, gain=1.5)

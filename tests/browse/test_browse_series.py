@@ -1,30 +1,27 @@
 """Series at the resolution of the screen, differences and spectra."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 import xarray as xr
 from invented_store import TIME
-from numpy.testing import assert_array_equal
 
 from gravcal.browse import series
 from gravcal.store import product
 
 
-def overview_of(x, y):
-    """Overview of a series in memory."""
-    return series.of_arrays(np.asarray(x, float), np.asarray(y, float))
+def series_of(x, y):
+    """Return a series in memory."""
+    return series.Series(np.asarray(x, float), np.asarray(y, float))
 
 
 def written(path, x, values):
-    """Overview of the first column of a variable in a file."""
+    """First column of a variable in a file."""
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
     product.write(data, path)
     variable = series.find(path, "v")
     coordinate, kind, _ = series.coordinate(path, variable)
     assert kind == "time"
-    return series.overview(series.column(path, variable, 0), coordinate)
+    return series.series(series.column(path, variable, 0), coordinate)
 
 
 def test_no_peak_is_lost_at_any_zoom(tmp_path):
@@ -39,7 +36,7 @@ def test_no_peak_is_lost_at_any_zoom(tmp_path):
         assert drawn.size <= 4 * series.BINS
         peak = drawn[np.nanargmax(y)]
         shown = (x[-1] - x[0]) if width is None else width
-        assert abs(peak - x[765_432]) <= max(shown / series.BINS, series.BLOCK * 0.1) * 2  # s, one bin
+        assert abs(peak - x[765_432]) <= max(shown / series.BINS, 0.1) * 2  # s, one bin
 
 
 def test_a_narrow_view_is_the_data_themselves(tmp_path):
@@ -56,7 +53,7 @@ def test_a_narrow_view_is_the_data_themselves(tmp_path):
 def test_a_gap_is_not_bridged(count):
     """Contract: a NaN stands where the coordinate jumps."""
     x = np.concatenate([np.arange(count), 10.0 * count + np.arange(count)])
-    drawn, y = series.view(overview_of(x, np.ones(2 * count)))
+    drawn, y = series.view(series_of(x, np.ones(2 * count)))
     (gap,) = np.flatnonzero(np.isnan(y))
     assert drawn[gap - 1] < count <= 10 * count <= drawn[gap + 1]
 
@@ -66,7 +63,7 @@ def test_nan_is_left_out_of_a_range():
     y = np.ones(100_000)
     y[::2] = np.nan
     y[50_000:60_000] = np.nan
-    drawn, low = series.view(overview_of(np.arange(100_000.0), y))
+    drawn, low = series.view(series_of(np.arange(100_000.0), y))
     assert np.isnan(low[(drawn > 50_200) & (drawn < 59_800)]).all()
     assert (low[(drawn < 49_800)] == 1).all()
 
@@ -74,19 +71,19 @@ def test_nan_is_left_out_of_a_range():
 def test_difference_of_shifted_grids_interpolates():
     """Analytic: a straight line minus itself on another grid is zero; gaps of the second are not bridged."""
     x, u = np.arange(0.0, 100.0, 1.0), np.arange(10.25, 60.0, 0.5)
-    at, rest = series.difference(overview_of(x, 3 * x), overview_of(u, 3 * u))
+    at, rest = series.difference(series_of(x, 3 * x), series_of(u, 3 * u))
     assert (at[0], at[-1]) == (11.0, 59.0)
     np.testing.assert_allclose(rest, 0, atol=1e-12)  # rounding
     holed = np.concatenate([u[:20], u[60:]])
-    at, rest = series.difference(overview_of(x, 3 * x), overview_of(holed, 3 * holed))
+    at, rest = series.difference(series_of(x, 3 * x), series_of(holed, 3 * holed))
     assert np.isnan(rest[(at > holed[19]) & (at < holed[20])]).all()
 
 
 def test_differences_of_strangers_are_empty():
     """Contract: two series that do not overlap have no difference."""
     x = np.arange(100.0)
-    assert series.difference(overview_of(x, x), overview_of(x + 1e6, x))[0].size == 0
-    assert series.difference(overview_of(x, x), overview_of(x + 1e6, x), shift=-1e6)[0].size == 100
+    assert series.difference(series_of(x, x), series_of(x + 1e6, x))[0].size == 0
+    assert series.difference(series_of(x, x), series_of(x + 1e6, x), shift=-1e6)[0].size == 100
 
 
 def test_spectrum_of_white_noise_is_its_density():
@@ -94,63 +91,15 @@ def test_spectrum_of_white_noise_is_its_density():
     rng = np.random.default_rng(2)
     x, y = 0.5 * np.arange(200_000), 3.0 * rng.standard_normal(200_000)
     y[150_000] = np.nan
-    frequency, density, said = series.spectrum(overview_of(x, y))
+    frequency, density, said = series.spectrum(series_of(x, y))
     assert "Welch" in said
     assert frequency[-1] == pytest.approx(1.0)  # Hz, half the rate of 2 Hz
     assert np.sqrt(np.mean(density**2)) == pytest.approx(3.0 * np.sqrt(2 * 0.5), rel=0.02)  # 150,000 samples
 
 
-def test_sixteen_million_samples_are_read_once_in_pieces(tmp_path, monkeypatch):
-    """Contract: the first view holds a fraction of the column in memory, and a zoom reads only what it shows."""
-    count = 16_000_000
-    rng = np.random.default_rng(3)
-    values = np.tile(rng.standard_normal(1_000_000), 16)[:, None]
-    whole_of = tmp_path / "product.nc"
-    x = 7e8 + 0.1 * np.arange(count)
-    data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
-    product.write(data, whole_of)
-    del data, values
-    variable = series.find(whole_of, "v")
-    coordinate, _, _ = series.coordinate(whole_of, variable)
-    tracemalloc.start()
-    whole = series.overview(series.column(whole_of, variable, 0), coordinate)
-    series.view(whole)
-    assert tracemalloc.get_traced_memory()[1] < 0.4 * 8 * count  # bytes; the column alone has 8 for each sample
-    tracemalloc.reset_peak()
-    held = tracemalloc.get_traced_memory()[0]
-    read = []
-    plainly = series.read
-    monkeypatch.setattr(series, "read", lambda *of: read.append(of[2] - of[1]) or plainly(*of))
-    series.view(whole, x[5_000_000], x[5_050_000])
-    assert 2 * 50_000 <= sum(read) < 2 * 51_000  # values and times
-    assert tracemalloc.get_traced_memory()[1] - held < 0.1 * 8 * count
-    tracemalloc.stop()
-
-
-@pytest.mark.parametrize("count", [64 * 16384 + 37, 5000, 63])
-def test_packed_and_plain_series_give_the_same_overview(tmp_path, count):
-    """Contract: mapped, unpacked by threads, or read through HDF5: the same blocks, gaps and last values included."""
-    x = 7e8 + 0.1 * np.arange(count)
-    noisy = np.random.default_rng(5).standard_normal(count)
-    noisy[40:count:50] = np.nan
-    steady = np.round(noisy, 1)
-    data = xr.Dataset({name: ("time", one, {"units": "V"}) for name, one in (("noisy", noisy), ("steady", steady))},
-                      {"time": ("time", x, TIME)})  # fmt: skip
-    path = tmp_path / "product.nc"
-    product.write(data, path)
-    for name, values in (("noisy", noisy), ("steady", steady)):
-        variable = series.find(path, name)
-        whole = series.overview(series.column(path, variable, 0), series.coordinate(path, variable)[0])
-        starts = np.arange(0, count, 64)
-        assert_array_equal(whole.low, np.fmin.reduceat(values, starts))
-        assert_array_equal(whole.high, np.fmax.reduceat(values, starts))
-        assert_array_equal(whole.x, x[::64])
-        assert whole.end == x[-1]
-
-
 def test_gaps_are_noticed():
     """Analytic: two stretches of 2000 s at the ends of 40,000 s fill a tenth of the axis; without a gap all of it."""
     x = np.concatenate([np.arange(2000.0), 38000 + np.arange(2000.0)])
-    assert overview_of(x, x).filled() == pytest.approx(0.1, rel=0.01)
-    assert overview_of(x[:2000], x[:2000]).filled() == pytest.approx(1.0, rel=0.01)
-    assert overview_of(x[:3], x[:3]).filled() == 1.0
+    assert series_of(x, x).filled() == pytest.approx(0.1, rel=0.01)
+    assert series_of(x[:2000], x[:2000]).filled() == pytest.approx(1.0, rel=0.01)
+    assert series_of(x[:3], x[:3]).filled() == 1.0
