@@ -596,12 +596,12 @@ def read_file(path, form="any"):
     """The same of a file anywhere, of the form of that name in `catalog/schema.json`."""
     try:
         return path, _loads(path.read_text(encoding="utf-8"), form)
-    except FileNotFoundError:
-        return refuse(path, "no file", "a TOML file", "Correct the path.", CatalogError)
+    except OSError as error:
+        return refuse(path, f"no file to read ({error.strerror})", "a TOML file", "Correct the path.", CatalogError)
     except UnicodeDecodeError as error:
         found = f"bytes that are not UTF-8 ({error.reason} at byte {error.start})"
         return refuse(path, found, "a TOML file", "Save it as UTF-8.", CatalogError)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         return refuse(path, f"text that is not valid TOML ({error})", "a TOML file", "Correct it.", CatalogError)
     except jsonschema_rs.ValidationError as error:
         where = f"{path}: {'.'.join(map(str, error.instance_path)) or 'the whole'}"
