@@ -202,9 +202,17 @@ def _tested(families, problem):
 
 
 def _rank(least):
-    """Rank of the first among all, or the corrected probability itself where it lies far below every draw."""
-    rank = (1 + np.sum(least[1:] <= least[0])) / least.size
-    return float(min(rank, np.exp(least[0]) * 10) if rank <= 1 / least.size else rank)
+    """Probability of a log as small as the first by the others, which are draws: its rank among them.
+
+    Below a quarter of the draws it falls as their own tail does, at most as a probability should (Hill, Ann. Stat. 3,
+    1975).
+    """
+    draws = np.sort(least[1:])
+    near = draws.size // 4
+    if least[0] >= draws[near]:
+        return float((1 + np.sum(draws <= least[0])) / least.size)
+    slope = min(near / max(np.sum(draws[near] - draws[:near]), 1e-9), 1.0)
+    return float(near / draws.size * np.exp(slope * (least[0] - draws[near])))
 
 
 def _candidates(problem, baseline, rest):

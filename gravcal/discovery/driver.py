@@ -230,7 +230,7 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
         about = one.cause, one.unit, replace(choice, level=choice.level / len(observed.lines))
         found += joint_lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
-    if found or steps or result.after.excess_p < choice.level:
+    if found or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
         tried = [*observed.candidates, *near, *(one.candidate for one in found)]
         result = search(rows, tried, choice, random_source(seed, rows))

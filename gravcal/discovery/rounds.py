@@ -35,6 +35,11 @@ class Choice:
     excess: bool = True  #: True to name power beyond noise that nothing else takes
 
     @property
+    def excess_level(self) -> float:
+        """What power beyond noise that follows nothing may spend of the family-wise level."""
+        return self.level * trials.SHARES["excess"]
+
+    @property
     def freedom(self) -> float:
         """Degrees of freedom of the noise as measured, in the channel that is known worst.
 
@@ -467,7 +472,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
     after : adequacy of the names
     """
     for _ in range(EXCESSES):
-        candidate = trials.excess_of(problem, after.excess) if after.excess_p < choice.level else None
+        candidate = trials.excess_of(problem, after.excess) if after.excess_p < choice.excess_level else None
         if candidate is None:
             break
         baseline = baseline_of(problem, [k for k, _ in chosen])
