@@ -17,6 +17,7 @@ NAMES = {
     "simulate": ("benchmarks.speed", "simulate"),
     "day": ("benchmarks.day", "run"),
     "campaign": ("benchmarks.campaign", "run"),
+    "many": ("benchmarks.many", "run"),
     "browse": ("benchmarks.browse", "run"),
     "fuzz": ("benchmarks.fuzz", "run"),
     "mutants": ("benchmarks.mutants", "run"),
@@ -25,7 +26,7 @@ NAMES = {
     "joint": ("benchmarks.joint", "run"),
     "others": ("benchmarks.__main__", "others"),
 }
-HOURS = ("fuzz", "mutants", "worlds", "folder", "joint")  # asked for by name
+HOURS = ("fuzz", "mutants", "worlds", "folder", "joint", "many")  # asked for by name
 #: Modules of studies that print tables of their own, and how they are called.
 STUDIES = (
     ("kbr_phase_centre", "200"),

@@ -6,7 +6,9 @@ starts. Nothing here imports Prefect before it is wanted: workers import this mo
 
 import collections
 import contextlib
+import itertools
 import os
+import threading
 import time
 import traceback
 from dataclasses import dataclass, field
@@ -24,6 +26,7 @@ ORDER = ("failed", "questionable", "delivered", "no_manoeuvre", "no_data")
 SHOWN = 6  # values of an event that a table shows; all of them are in the summary
 ROWS = 1000  # rows of a table that a page can show
 TASKS = 1000  # of Prefect, each with rows of its database; of more events several are one task
+AHEAD = 500  # events that Dask holds at a time, at least: each with all settings of its campaign
 #: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
 WORKERS = {
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
@@ -276,19 +279,27 @@ def _made(campaign, waiting, listener):
         return rows
     count = min(campaign.workers or os.cpu_count() or 1, len(waiting))
     with server.early(campaign.engine == "prefect") as begun, cluster(campaign, count) as client:
-        futures = {
-            number: client.submit(make, campaign, source, folder, pure=False, retries=2)
-            for number, source in waiting.items()
-        }
+        futures, rest, gate = {}, iter(waiting.items()), threading.Lock()
+
+        def hand_out(more):
+            for number, source in itertools.islice(rest, more):
+                futures[number] = client.submit(make, campaign, source, folder, pure=False, retries=2)
+
+        hand_out(AHEAD)
 
         def row_of(number):
             """Row of one event, made by a worker; one that dies is replaced twice."""
+            with gate:
+                while number not in futures:
+                    hand_out(1)
             try:
                 row = futures[number].result()
             except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
                 text = f"{type(error).__name__}: {error}"
                 row = {"event": command.name_of(waiting[number]), "status": "failed", "error": text}
-            futures.pop(number).release()
+            with gate:
+                futures.pop(number).release()
+                hand_out(max(0, AHEAD - len(futures)))
             if campaign.engine != "flow":  # its tasks show them
                 listener(row)
             return row

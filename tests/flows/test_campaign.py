@@ -1,13 +1,17 @@
 """Campaigns: failures are tabulated, killed workers replaced, kill -9 at any moment leaves the same products."""
 
+import contextlib
 import hashlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -316,37 +320,127 @@ def test_of_many_events_several_are_one_task(monkeypatch):
     assert campaigns.as_tasks({}, row_of) == {}
 
 
-def test_a_cluster_by_hand(environment, events, tmp_path):
-    """Contract: the recipe of docs/scale.md: TLS with one's own keys, workers in folders and homes of their own."""
-    key, cert, address, running = tmp_path / "dask.key", tmp_path / "dask.pem", tmp_path / "scheduler.json", []
+def test_a_cluster_is_handed_so_many_events_at_a_time(fakecal, events, monkeypatch):
+    """Contract: of many events Dask holds a few, whichever is waited for first, and all are made."""
+    held, most = set(), []
+
+    class Client:
+        def submit(self, make, campaign, source, folder, **_):
+            held.add(source.event)
+            most.append(len(held))
+            row = make(campaign, source, folder)
+            return SimpleNamespace(result=lambda: row, release=lambda: held.remove(source.event))
+
+    monkeypatch.setattr(campaigns, "cluster", lambda *_: contextlib.nullcontext(Client()))
+    monkeypatch.setattr(campaigns, "AHEAD", 2)
+    chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline")
+    summary = campaigns.run(chosen, campaigns.sources("fakecal", None, events))
+    assert [row["event"] for row in summary["events"]] == [f"fake-{number}" for number in range(1, 5)]
+    assert (summary["counts"], max(most), held) == ({"delivered": 4}, 2, set())
+    monkeypatch.setattr(campaigns, "as_tasks", lambda waiting, row_of: {one: row_of(one) for one in reversed(waiting)})
+    last_first = campaigns.Campaign("fakecal", command.chosen("fakecal", None).with_settings({"gain": 3.0}), "flow")
+    assert campaigns.run(last_first, campaigns.sources("fakecal", None, events))["counts"] == {"delivered": 4}
+
+
+def paths():
+    """Where the project and its libraries are, for an interpreter with a standard library of its own."""
+    return os.pathsep.join(one for one in sys.path if one and not one.startswith(sys.base_prefix))
+
+
+def shared_python():
+    """An interpreter of this version that other users of the machine can run with these libraries, or None."""
+    for path in (sys.executable, f"/usr/bin/python3.{sys.version_info.minor}"):
+        if os.getuid() == 0 and Path(path).exists():
+            own = {"PYTHONPATH": paths(), "PATH": os.environ["PATH"]}
+            probe = [path, "-c", "import gravcal, flows.campaign, distributed"]
+            with contextlib.suppress(OSError):
+                if not subprocess.run(probe, env=own, cwd="/", capture_output=True, check=False, **user(0)).returncode:
+                    return path
+    return None
+
+
+def user(number):
+    """Arguments of a process of another user, all of one group and with rights for it; the umask alone for None."""
+    own = {} if number is None else {"user": 61000 + number, "group": 61000, "extra_groups": []}
+    return own | {"umask": 0o002}
+
+
+@pytest.fixture
+def public(environment, events, tmp_path):  # noqa: ARG001 - events are to be copied
+    """Return a copy of the invented calibration where every user may read, its environment, and a store for a group."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "public"
+        shutil.copytree(tmp_path, place, symlinks=True)
+        subprocess.run(["chmod", "-R", "a+rX", folder], check=True)
+        store = Path(folder) / "store"
+        store.mkdir()
+        known = {name: value.replace(str(tmp_path), str(place)) for name, value in environment.items()}
+        yield place, known | {"GRAVCAL_PRODUCTS": str(store)}
+
+
+def test_a_cluster_by_hand(public, events, tmp_path, monkeypatch):
+    """Contract: the recipe of docs/scale.md: TLS with one's own keys, workers in folders and homes of their own.
+
+    Where this is the superuser and others can run an interpreter, each is of a user of its own, the store of a group.
+    """
+    place, known = public
+    python = shared_python()
+    users = [None, 1, 2] if python else 3 * [None]
+    store, address, running = Path(known["GRAVCAL_PRODUCTS"]), place / "scheduler.json", []
+    if python:
+        os.chown(store, 0, 61000)
+        store.chmod(0o2775)
+    key, cert = tmp_path / "dask.key", tmp_path / "dask.pem"
     made = ["openssl", "req", "-x509", "-newkey", "rsa:3072", "-nodes", "-days", "2", "-subj", "/CN=gravcal"]
     subprocess.run([*made, "-keyout", str(key), "-out", str(cert)], check=True, capture_output=True)
-    tls = {f"{role}__{part}": file for role in ("SCHEDULER", "WORKER", "CLIENT") for part, file in
-           (("KEY", key), ("CERT", cert))} | {"CA_FILE": cert}  # fmt: skip
-    known = environment | {f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(file) for name, file in tls.items()}
-    known |= {"DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true", "PYTHONPATH": os.pathsep.join(sys.path)}
+    known |= {"DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true"}
+    known |= {"PYTHONPATH": paths().replace(str(tmp_path), str(place))}
     roles = {
         "scheduler": ["scheduler", "--protocol", "tls", "--host", "127.0.0.1", "--port", "0"],
         "one": ["worker", "--nthreads", "1", "--no-nanny"],
         "two": ["worker", "--nthreads", "1", "--no-nanny"],
     }
+    before = os.umask(0o002)
     try:
-        for name, role in roles.items():
-            folder = tmp_path / name
+        for (name, role), number in zip(roles.items(), users, strict=True):
+            folder = place / name
             folder.mkdir()
-            command = [sys.executable, "-m", "dask", *role, "--no-dashboard", "--scheduler-file", str(address)]
-            own = known | {"HOME": str(folder), "DASK_TEMPORARY_DIRECTORY": str(folder)}
+            own = known | {"HOME": str(folder), "DASK_TEMPORARY_DIRECTORY": str(folder)} | keys_in(folder, key, cert)
+            if number:
+                for path in (folder, *folder.iterdir()):
+                    os.chown(path, 61000 + number, 61000)
+            command = [python or sys.executable, "-m", "dask", *role, "--no-dashboard", "--scheduler-file", address]
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            running.append(subprocess.Popen(command, cwd=folder, env=own, **quiet))
+            running.append(subprocess.Popen(map(str, command), cwd=folder, env=own, **quiet, **user(number)))
             limit = time.monotonic() + 60
-            while not address.exists() and time.monotonic() < limit:
+            while not address.exists() and running[0].poll() is None and time.monotonic() < limit:
                 time.sleep(0.1)
         url = json.loads(address.read_text())["address"]
         assert url.startswith("tls://")
-        code, summary = campaign(known, events, "--engine", "inline", "--scheduler", url)
+        (place / "own").mkdir()
+        monkeypatch.setattr(sys, "executable", python or sys.executable)
+        here = place / events.relative_to(tmp_path)
+        code, summary = campaign(
+            known | keys_in(place / "own", key, cert), here, "--engine", "inline", "--scheduler", url
+        )
     finally:
+        os.umask(before)
         for process in reversed(running):
             process.terminate()
             process.wait()
-    assert (code, summary["counts"]) == (0, {"delivered": 4})
+    assert (code, summary["counts"]) == (0, {"delivered": 4}), summary["events"]
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(store))
     assert housekeeping.verify() == []
+    if python:
+        owners = {(folder / "product.nc").stat().st_uid for folder in housekeeping.folders()}
+        assert owners <= {61001, 61002}
+
+
+def keys_in(folder, key, cert):
+    """Copy key and certificate to a folder, for its owner alone; the environment in which Dask finds them."""
+    for path in (key, cert):
+        shutil.copy(path, folder)
+    (folder / key.name).chmod(0o600)
+    roles = {f"{role}__{part}": folder / path.name for role in ("SCHEDULER", "WORKER", "CLIENT") for part, path in
+             (("KEY", key), ("CERT", cert))} | {"CA_FILE": folder / cert.name}  # fmt: skip
+    return {f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(file) for name, file in roles.items()}
