@@ -49,7 +49,12 @@ def with_equations(source, chosen, aligned, observables):
 
 def inputs_checked(source, chosen, files, aligned, pointed, equations):
     """Checks of orbits, attitudes and ranging against each other, with the equations of range and range rate."""
-    orbits = _orbits(source, files)
+    wanted, other = ORBIT
+    orbits = [one for k, one in enumerate(files) if k % 5 in (1, 2)]  # that were read, and others of the same days
+    for day, letter in product(_days(source), source.satellite):
+        if all(archive.holds(source.folder, name, letter, day) for name in (wanted, other)):
+            file = replace(source, date=day).file(other, satellite=letter)
+            orbits.append(common.ingest(file, event=source.event))
     settings = nominal_of(source) | chosen.for_stage("checks")
     return kbr_phase_centre.checks(aligned, pointed, *equations[:2], *orbits, **settings)
 
@@ -113,17 +118,6 @@ def level_one_files(source, first="KBR1B"):
 def ingested(source, chosen):
     """The files, read."""
     return [common.ingest(file, event=source.event) for file in level_one_files(source, chosen.ranging)]
-
-
-def _orbits(source, observed):
-    """Orbits that were read, and the other product where a day has both."""
-    wanted, other = ORBIT
-    found = [one for k, one in enumerate(observed) if k % 5 in (1, 2)]
-    for day, letter in product(_days(source), source.satellite):
-        if all(archive.holds(source.folder, name, letter, day) for name in (wanted, other)):
-            file = replace(source, date=day).file(other, satellite=letter)
-            found.append(common.ingest(file, event=source.event))
-    return found
 
 
 def _days(source):

@@ -47,7 +47,14 @@ def reprocess_all(
         return refused
     state = _campaign(calibration, satellite, data, settings, workers, joint)
     if prune_days is not None or quota_gb is not None:
-        _prune(prune_days, quota_gb)
+        limits = ((prune_days, 86400), (quota_gb, 1e9))
+        age, quota = (None if value is None else value * scale for value, scale in limits)
+        gone = housekeeping.prune(age, True, quota)
+        left, freed = housekeeping.size(), sum(size for _, size in gone)
+        said = f"{len(gone)} entries, {freed / 1e6:.1f} MB removed; {left / 1e9:.3f} GB stay"
+        if quota is not None and left > quota:
+            said += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
+        create_markdown_artifact(said, key="store", description="What was removed from the store")
     return state
 
 
@@ -117,17 +124,6 @@ def _together(calibration, satellite, data, chosen, workers):
         lines += ["", f"{document['event']}: {document['verdict']['text']}", "", *(f"- changed: {t}" for t in changes)]
         lines += [f"- [{path.name}]({_address(path)})" for path in files if path.suffix == ".html"]
     create_markdown_artifact("\n".join(lines), key=f"{campaign.slug(calibration)}-joint", description=TOGETHER)
-
-
-def _prune(days, quota_gb):
-    """Remove what nothing refers to and is older, or more than the store may have; say so beside the run."""
-    age, quota = (None if value is None else value * scale for value, scale in ((days, 86400), (quota_gb, 1e9)))
-    gone = housekeeping.prune(age, True, quota)
-    left, freed = housekeeping.size(), sum(size for _, size in gone)
-    said = f"{len(gone)} entries, {freed / 1e6:.1f} MB removed; {left / 1e9:.3f} GB stay"
-    if quota is not None and left > quota:
-        said += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
-    create_markdown_artifact(said, key="store", description="What was removed from the store")
 
 
 def _show(summary):

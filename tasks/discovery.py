@@ -10,7 +10,7 @@ import importlib
 import json
 import sys
 
-from gravcal.discovery.schemas import DISCOVERY
+from gravcal.discovery import DISCOVERY
 from gravcal.estimation.records import Reported, entries
 from gravcal.store import product
 from tasks.stage import lazy, stage

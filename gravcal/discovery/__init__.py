@@ -5,3 +5,9 @@ first; a `baseline` (p,) gives the indices of the columns that are fitted; `gram
 projected out, `place` the slice of a candidate in them and `size` (m,) the norms beside own columns; `rest` (n, d) a
 block are residuals; `rows` the trials of a round and `chosen` the (index, trial) of every name.
 """
+
+import tomllib
+from pathlib import Path
+
+#: Schema of the products of discovery, as `gravcal.store.product` has them.
+DISCOVERY = tomllib.loads(Path(__file__).with_name("discovery.toml").read_text(encoding="utf-8"))

@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import xarray as xr
 
+from gravcal.discovery import DISCOVERY
 from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Choice, Finding, Result
-from gravcal.discovery.schemas import DISCOVERY
 
 
 def nothing() -> xr.Dataset:
@@ -103,6 +103,10 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
     -------
     numbers : plain lists and floats, NaN where not determined
     """
+    rows = {}
+    for trial in result.first:
+        one = {"cause": trial.cause, "form": trial.form, "chi2": trial.gain, "parameters": trial.dof}
+        rows.setdefault(trial.cause, one | {"significance": trial.significance})
     return {
         "adequate_before": result.before.adequate(choice.level),
         "adequate_after": result.after.adequate(choice.level),
@@ -119,7 +123,7 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
         "unexplained": _unexplained(result, choice),
         "calibration_change": _change(result, names, unit, scale, start),
         "gain": _gain(result),
-        "tried": _tried(result),
+        "tried": list(rows.values()),
     }
 
 
@@ -203,15 +207,6 @@ def _rms(blocks, rest):
         values = values[values != 0]
         found[channel] = float(np.sqrt(np.mean(values**2))) if values.size else np.nan
     return found
-
-
-def _tried(result):
-    """Best trial of each cause in the first round."""
-    rows = {}
-    for trial in result.first:
-        one = {"cause": trial.cause, "form": trial.form, "chi2": trial.gain, "parameters": trial.dof}
-        rows.setdefault(trial.cause, one | {"significance": trial.significance})
-    return list(rows.values())
 
 
 #: Rows of a channel and block below which they are no curve.

@@ -119,7 +119,9 @@ def converted(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarra
     before = knot < 0
     knot = np.maximum(knot, 0)
     past = (tags.second - clock.second[knot]) + tags.fraction
-    slope = _slopes(clock)
+    steps = np.diff(clock.second)
+    rises = np.diff(clock.offset)
+    slope = np.append(np.divide(rises, steps, out=np.zeros(len(steps)), where=steps > 0), clock.drift[-1])
     offset = clock.offset[knot] + np.where(before, clock.drift[knot], slope[knot]) * past
     determined = _reachable(clock, limits)[knot] | (past == 0)
     outside = before | (knot == len(clock.second) - 1)
@@ -128,13 +130,6 @@ def converted(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarra
     determined |= (past == 0) & ~before
     undetermined = ~determined | ~np.isfinite(tags.fraction)
     return normalised(tags.second, np.where(undetermined, np.nan, tags.fraction + offset)), undetermined
-
-
-def _slopes(clock):
-    """Slope from each knot to the next, its own drift at the last one."""
-    steps = np.diff(clock.second)
-    rises = np.diff(clock.offset)
-    return np.append(np.divide(rises, steps, out=np.zeros(len(steps)), where=steps > 0), clock.drift[-1])
 
 
 def _reachable(clock, limits):
@@ -157,7 +152,11 @@ def ordered(tags: Tags, values=()) -> Ordering:
     repeats = np.zeros(n, bool)
     repeats[1:] = (second[1:] == second[:-1]) & (fraction[1:] == fraction[:-1])
     first = np.maximum.accumulate(np.where(repeats, 0, np.arange(n)))
-    differs = repeats & ~_equal(values, order, order[first])
+    equal = np.ones(len(order), bool)
+    for column in values if len(order) else ():
+        a, b = np.asarray(column)[order], np.asarray(column)[order[first]]
+        equal &= ((a == b) | ((a != a) & (b != b))).reshape(len(order), -1).all(axis=1)
+    differs = repeats & ~equal
     conflicting = np.zeros(n, bool)
     conflicting[first[differs]] = True
     time = tags.second[1:] - tags.second[:-1] + (tags.fraction[1:] - tags.fraction[:-1])
@@ -168,11 +167,3 @@ def ordered(tags: Tags, values=()) -> Ordering:
         "conflicting": int(differs.sum()),
     }
     return Ordering(order[~repeats], conflicting[~repeats], order[repeats], counts)
-
-
-def _equal(values, one, other):
-    equal = np.ones(len(one), bool)
-    for column in values if len(one) else ():
-        a, b = np.asarray(column)[one], np.asarray(column)[other]
-        equal &= ((a == b) | ((a != a) & (b != b))).reshape(len(one), -1).all(axis=1)
-    return equal

@@ -55,7 +55,9 @@ def write(observed, path, product=None, satellite=None) -> Path:
         refuse(path, f"product {product}", "one whose records are alike", "This product cannot be written.")
     values = _columns(observed, table, satellite, path)
     body = _records(values, table)
-    ticks = _ticks(values, table)
+    ticks = values[table.time[0]].astype(int) * TICKS["s"]
+    if len(table.time) > 1:
+        ticks = ticks + values[table.time[1]].astype(int) * TICKS[table.column(table.time[1]).units]
     platform = TOGETHER.get(satellite, f"GRACE {satellite}")
     if table.header == "label" or table.mission == "GRACE":
         about = {
@@ -134,13 +136,6 @@ def _default(column, table, satellite):
     elif default is None and column.kind in BITS:
         default = 0
     return default.encode() if isinstance(default, str) else default
-
-
-def _ticks(values, table):
-    ticks = values[table.time[0]].astype(int) * TICKS["s"]
-    if len(table.time) > 1:
-        ticks = ticks + values[table.time[1]].astype(int) * TICKS[table.column(table.time[1]).units]
-    return ticks
 
 
 def _records(values, table):

@@ -165,13 +165,6 @@ def orientation_parameters(time_gps):
     return scipy.interpolate.CubicSpline(table[0, rows], table[1:, rows], axis=1)(time_gps)
 
 
-def _tai_minus_utc(utc):
-    """Leap seconds (...,) s in force at UTC seconds past 2000-01-01 12:00:00; 10 s before 1972."""
-    rows = np.loadtxt(TABLES / "Leap_Second.dat", comments="#")
-    midnight, leap = (rows[:, 0] - GPS_EPOCH_MJD) * DAY, rows[:, -1]
-    return leap[np.clip(np.searchsorted(midnight, utc, side="right") - 1, 0, None)]
-
-
 @lru_cache
 def _lines():
     """Rows of finals2000A that hold polar motion and UT1, as (n, width) single characters."""
@@ -198,7 +191,9 @@ def _table():
         known = np.flatnonzero(np.isfinite(column))
         values[name] = column[known[np.clip(np.searchsorted(known, np.arange(column.size)), 0, known.size - 1)]]
     utc = (_numbers(lines, 7, 15) - GPS_EPOCH_MJD) * DAY
-    leap = _tai_minus_utc(utc)
+    rows = np.loadtxt(TABLES / "Leap_Second.dat", comments="#")
+    midnight, leap = (rows[:, 0] - GPS_EPOCH_MJD) * DAY, rows[:, -1]
+    leap = leap[np.clip(np.searchsorted(midnight, utc, side="right") - 1, 0, None)]
     time = utc + leap - TAI_MINUS_GPS
     ut1_minus_tai = values["ut1_minus_utc"] - leap
     return np.stack([time, values["xp"], values["yp"], ut1_minus_tai, values["dx"], values["dy"]])

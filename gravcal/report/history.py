@@ -88,7 +88,11 @@ def _draw(rows, band):
         for kind in MARKS:
             _mark(panel, kind, [row for row in own if row["kind"] == kind])
         for row in (row for row in own if row["kind"] == "trim"):
-            _mark_trim(panel, row)
+            confirmed = "not confirmed" not in row["event"]
+            panel.axvline(_date(row), color=COLOURS["black"], linewidth=0.9, linestyle="--" if confirmed else ":")
+            place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -3)}
+            text = f"trim {signed(row['value'], 0)}" + ("" if confirmed else ", not confirmed")
+            panel.annotate(text, (_date(row), 1.0), va="top", fontsize=6.5, **place)
         panel.set_ylabel(f"{name} ({unit})")
         panel.margins(y=0.12)
     legend(figure, panels[0, 0], len(MARKS) + 1)
@@ -105,15 +109,6 @@ def _mark(panel, kind, rows):
     look = {"markerfacecolor": "white", "linestyle": "-", "capsize": 0} if kind == "printed" else look
     look |= {"color": colour, "marker": mark, "markersize": 3.8, "linewidth": 0.7, "elinewidth": 0.9, "label": label}
     panel.errorbar(*columns, **look)
-
-
-def _mark_trim(panel, row):
-    """Line of a trim with its size; dotted where the series does not show it."""
-    confirmed = "not confirmed" not in row["event"]
-    panel.axvline(_date(row), color=COLOURS["black"], linewidth=0.9, linestyle="--" if confirmed else ":")
-    place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -3)}
-    text = f"trim {signed(row['value'], 0)}" + ("" if confirmed else ", not confirmed")
-    panel.annotate(text, (_date(row), 1.0), va="top", fontsize=6.5, **place)
 
 
 def _date(row):

@@ -102,7 +102,12 @@ def _accelerometer(epochs, motion, scene, satellite, chosen, effects, rng):
     shared["epoch"] = scene.spans[0, 0]
     extra = _extras(epochs.acc, motion, scene) if effects else {}
     context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, extra=extra, **shared)
-    linear = _drag(epochs, motion, scene, chosen) + effect("accelerometer.offset").contribution(context, scene.offset)
+    state = scene.orbit(epochs.acc)
+    flight = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
+    density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))
+    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
+    drag = np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * flight)  # against the flight
+    linear = drag + effect("accelerometer.offset").contribution(context, scene.offset)
     context = replace(context, linear_b=linear)
     linear = linear + added(effects, "linear_b", context)
     angular = motion.rate_dot_b + added(effects, "angular_b", context)
@@ -141,15 +146,6 @@ def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) 
         epoch=scene.spans[0, 0],
         extra={name: spread(value) for name, value in extra.items()},
     )
-
-
-def _drag(epochs, motion, scene, chosen):
-    """Non-gravitational acceleration (n, 3) in the body, against the flight and modulated along the orbit."""
-    state = scene.orbit(epochs.acc)
-    flight = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
-    density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))
-    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
-    return np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * flight)
 
 
 def _digitised(true, kind, names, satellite, chosen, rng):

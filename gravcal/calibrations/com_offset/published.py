@@ -48,15 +48,6 @@ def differenced(sca_time, quaternion, time) -> np.ndarray:
     return np.stack([np.interp(time, at, rate_dot[inside, axis]) for axis in range(3)], axis=1)
 
 
-def lowpassed(time, good, columns):
-    """Columns below 0.166 Hz with constant and trend removed; the ends keep the mean of what is there."""
-    half = 6.0
-    operator = lowpass_resampler(time, good, time, lowpass_hz=LOWPASS_HZ, half_width_s=half)
-    filtered = operator(columns)[operator.valid]
-    at = time[operator.valid]
-    return at, least_squares.without(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
-
-
 def components(kind: int, latitude: float) -> list[int]:
     """Components that the paper prints for a manoeuvre (Table 7): two of pitch and roll at high latitude, else all."""
     if abs(latitude) <= HIGH_LATITUDE:
@@ -80,7 +71,10 @@ def solve_one(time, good, linear, rates, solved) -> tuple[np.ndarray, np.ndarray
     covariance : (3, 3) m2, infinite variance for components not estimated
     """
     reading = linear - linear[good].mean(axis=0)
-    _, series = lowpassed(time, good, np.nan_to_num(np.concatenate([reading, *rates], axis=1)))
+    operator = lowpass_resampler(time, good, time, lowpass_hz=LOWPASS_HZ, half_width_s=6.0)
+    filtered = operator(np.nan_to_num(np.concatenate([reading, *rates], axis=1)))[operator.valid]
+    at = time[operator.valid]
+    series = least_squares.without(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
     A = sensing.published_offset_matrix(series[:, 3:6], series[:, 6:9]).reshape(-1, 3)[:, solved]
     weight, observed = np.tile(WEIGHTS, len(series)), series[:, :3].ravel()
     inverse = least_squares.stable_inverse(A.T @ (weight[:, None] * A))

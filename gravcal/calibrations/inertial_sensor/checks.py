@@ -186,7 +186,23 @@ def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:
     """
     tests = []
     if "scale" in products:
-        tests += _of_swing(products["scale"], products["offset"], limits)
+        scaled = products["scale"]
+        moved = products["offset"]
+        off_x, off_y = np.abs(scaled.beta.values[:2] / np.array(limits["expected_beta"]) - 1)
+        last = np.abs((scaled.filter_value.values[-1] - scaled.batch_value.values) / scaled.filter_sigma.values[-1])
+        first, second = moved.covariance.values  # the second solution has part of the data of the first
+        variance = np.diag(second - first) + np.sum(np.diff(moved["shift"].values, axis=0)[0] ** 2, axis=0)
+        apart = np.abs(np.diff(moved.offset.values, axis=0)[0]) / np.sqrt(np.maximum(variance, 1e-300))
+        tests += [
+            at_most("chi2 per degree of freedom, scale factors", scaled.chi2 / scaled.dof, limits["fit_limit"], "1"),
+            at_most("chi2 per degree of freedom, offset", moved.chi2 / moved.dof, limits["fit_limit"], "1"),
+            at_most("filter against batch", last.max(), limits["filter_limit"], "sigma"),
+            at_most("beta_x over the catalogue, from one", off_x, limits["factor_limit"], "1"),
+            at_most("beta_y over the catalogue, from one", off_y, limits["factor_limit"], "1"),
+            at_most("delay of the tracker", abs(scaled.delay), limits["delay_limit_s"], "s"),
+            at_most("size of the offset", 1e6 * np.abs(moved.offset).max(), limits["offset_limit_um"], "um"),
+            at_most("offset with and without a_y", apart.max(), limits["agreement_limit"], "sigma"),
+        ]
     if "bias" in products and "not_determined" not in products["bias"].attrs:
         tests += _of_roll(products["bias"], limits)
         if "align" in products:
@@ -195,25 +211,6 @@ def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:
             name = "mean linear reading, roll over swing, from one"
             tests.append(at_most(name, change, limits["reading_limit"], "1"))
     return tests
-
-
-def _of_swing(scaled, moved, limits):
-    """Fits, factors, delay and offset of a swing."""
-    off_x, off_y = np.abs(scaled.beta.values[:2] / np.array(limits["expected_beta"]) - 1)
-    last = np.abs((scaled.filter_value.values[-1] - scaled.batch_value.values) / scaled.filter_sigma.values[-1])
-    first, second = moved.covariance.values  # the second solution has part of the data of the first
-    variance = np.diag(second - first) + np.sum(np.diff(moved["shift"].values, axis=0)[0] ** 2, axis=0)
-    apart = np.abs(np.diff(moved.offset.values, axis=0)[0]) / np.sqrt(np.maximum(variance, 1e-300))
-    return [
-        at_most("chi2 per degree of freedom, scale factors", scaled.chi2 / scaled.dof, limits["fit_limit"], "1"),
-        at_most("chi2 per degree of freedom, offset", moved.chi2 / moved.dof, limits["fit_limit"], "1"),
-        at_most("filter against batch", last.max(), limits["filter_limit"], "sigma"),
-        at_most("beta_x over the catalogue, from one", off_x, limits["factor_limit"], "1"),
-        at_most("beta_y over the catalogue, from one", off_y, limits["factor_limit"], "1"),
-        at_most("delay of the tracker", abs(scaled.delay), limits["delay_limit_s"], "s"),
-        at_most("size of the offset", 1e6 * np.abs(moved.offset).max(), limits["offset_limit_um"], "um"),
-        at_most("offset with and without a_y", apart.max(), limits["agreement_limit"], "sigma"),
-    ]
 
 
 def _of_roll(biased, limits):

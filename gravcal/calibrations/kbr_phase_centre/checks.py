@@ -41,7 +41,14 @@ def of_inputs(
     checks : Dataset of the schema "checks"
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    found = _of_orbits(orbits, limits) + _of_pair(aligned, pointed, limits)
+    radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
+    apart = pointed["range_com"].values
+    found = _of_orbits(orbits, limits) + [
+        at_least("separation, smallest", 1e-3 * np.nanmin(apart), limits["separation_minimum_km"], "km"),
+        at_most("separation, largest", 1e-3 * np.nanmax(apart), limits["separation_maximum_km"], "km"),
+        at_least("height, smallest", 1e-3 * np.nanmin(radius), limits["height_minimum_km"], "km"),
+        at_most("height, largest", 1e-3 * np.nanmax(radius), limits["height_maximum_km"], "km"),
+    ]
     found += _of_pointing(aligned, pointed, limits) + _of_ranging(ranges, rates, nominal, limits)
     given = aligned["antenna_correction"].values
     if np.nanmax(np.abs(given), initial=0.0) > 0.1:
@@ -75,18 +82,6 @@ def orbit_difference(first, second) -> float:
     times, positions = [[np.concatenate([one[k] for one in files]) for files in (first, second)] for k in (0, 1)]
     _, a, b = np.intersect1d(*(np.round(time, 3) for time in times), return_indices=True)
     return float(np.linalg.norm(positions[0][a] - positions[1][b], axis=1).max()) if a.size else np.inf
-
-
-def _of_pair(aligned, pointed, limits):
-    """Distance of the satellites and their heights."""
-    radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
-    apart = pointed["range_com"].values
-    return [
-        at_least("separation, smallest", 1e-3 * np.nanmin(apart), limits["separation_minimum_km"], "km"),
-        at_most("separation, largest", 1e-3 * np.nanmax(apart), limits["separation_maximum_km"], "km"),
-        at_least("height, smallest", 1e-3 * np.nanmin(radius), limits["height_minimum_km"], "km"),
-        at_most("height, largest", 1e-3 * np.nanmax(radius), limits["height_maximum_km"], "km"),
-    ]
 
 
 def _of_pointing(aligned, pointed, limits):

@@ -85,7 +85,14 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
     _check_identity(file, header, table, arrays, (expect_satellite, expect_date))
     flag = flags(arrays, ticks, table, satellite)
     observed = _assembled(arrays, seconds, ticks, flag, table)
-    observed.attrs = _attributes(header, table, file, satellite, len(flag))
+    attrs = {"product": table.name, "mission": table.mission, "satellite": satellite, "date": file.date}
+    attrs |= {"release": file.release, "file": file.name, "time_scale": table.time_scale, "records": len(flag)}
+    if header.declared is not None:
+        attrs["records_declared"] = header.declared
+    if header.satellite and header.satellite != satellite:
+        attrs["header_satellite"] = header.satellite
+    attrs |= {"table_tested": str(table.sampled).lower()}
+    observed.attrs = attrs | {f"header_{k}": v for k, v in header.notes.items()}
     observed.attrs["origin"] = origin.of_header(data[: header.size].decode("latin-1"))
     return observed
 
@@ -193,17 +200,6 @@ def _bits(meanings):
     return {"flag_masks": list(meanings), "flag_meanings": " ".join(words), "flag_description": described}
 
 
-def _attributes(header, table, file, satellite, present):
-    attrs = {"product": table.name, "mission": table.mission, "satellite": satellite, "date": file.date}
-    attrs |= {"release": file.release, "file": file.name, "time_scale": table.time_scale, "records": present}
-    if header.declared is not None:
-        attrs["records_declared"] = header.declared
-    if header.satellite and header.satellite != satellite:
-        attrs["header_satellite"] = header.satellite
-    attrs |= {"table_tested": str(table.sampled).lower()}
-    return attrs | {f"header_{k}": v for k, v in header.notes.items()}
-
-
 def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np.ndarray:
     """Bits of what is doubtful in each record, (n,) uint8 as in ``MEANING``; ``ticks`` (n,) int64 ns are time tags."""
     flag = np.zeros(len(ticks), np.uint8)
@@ -211,7 +207,18 @@ def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np
     _mark(flag, _other_time(arrays, table), OUT_OF_RANGE)
     for column in (*table.columns, *table.optional):
         if column.name in arrays:
-            _check_column(flag, arrays, column, table)
+            values = arrays[column.name]
+            if column.kind in FLOATS:
+                present = arrays["prod_flag"] >> column.bit & 1 if column.bit is not None else 1
+                if not np.isfinite(values).all():
+                    _mark(flag, ~np.isfinite(values) & (present == 1), NOT_FINITE)
+            if column.kind in (*INTEGERS, *FLOATS) and len(column.range) == 2 and values.size:
+                low, high = column.range
+                if not (np.nanmin(values, initial=low) >= low and np.nanmax(values, initial=high) <= high):
+                    _mark(flag, (values < low) | (values > high), OUT_OF_RANGE)
+            if column.kind in BITS and column.bit is None and (table.flags or {}).get(column.name):
+                defined = sum(1 << int(bit) for bit in table.flags[column.name])
+                _mark(flag, (values & ~values.dtype.type(defined)) != 0, UNDEFINED)
     if table.id_name and satellite:
         _mark(flag, arrays[table.id_name] != satellite.encode(), OTHER_SATELLITE)
     _mark(flag, _off_length(arrays, table), NOT_UNIT)
@@ -222,21 +229,6 @@ def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np
 def _mark(flag, where, bit):
     if where is not None and where.any():
         flag[where] |= bit
-
-
-def _check_column(flag, arrays, column, table):
-    values = arrays[column.name]
-    if column.kind in FLOATS:
-        present = arrays["prod_flag"] >> column.bit & 1 if column.bit is not None else 1
-        if not np.isfinite(values).all():
-            _mark(flag, ~np.isfinite(values) & (present == 1), NOT_FINITE)
-    if column.kind in (*INTEGERS, *FLOATS) and len(column.range) == 2 and values.size:
-        low, high = column.range
-        if not (np.nanmin(values, initial=low) >= low and np.nanmax(values, initial=high) <= high):
-            _mark(flag, (values < low) | (values > high), OUT_OF_RANGE)
-    if column.kind in BITS and column.bit is None and (table.flags or {}).get(column.name):
-        defined = sum(1 << int(bit) for bit in table.flags[column.name])
-        _mark(flag, (values & ~values.dtype.type(defined)) != 0, UNDEFINED)
 
 
 def _check_order(flag, ticks, arrays, table):
