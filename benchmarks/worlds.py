@@ -757,7 +757,7 @@ def observed_of(kind: str, data: Path):
 
 
 def rows_of(observed, like) -> list:
-    """Blocks of observations, linear readings whitened with the noise of others: a strong effect changes its measure.
+    """Blocks of observations whitened with the noise of others: a strong effect changes what the noise is measured as.
 
     Parameters
     ----------
@@ -767,6 +767,10 @@ def rows_of(observed, like) -> list:
 
     if not (observed and like):
         return observed.blocks if observed else []
+    if like.name == "com_offset":
+        observed.noise.update(like.noise)
+    elif like.name == "kbr_phase_centre":
+        observed.__dict__["factors"] = like.factors
     swing, roll = (getattr(observed, name, None) for name in ("swing", "roll"))
     if swing and like.swing:
         swing = dataclasses.replace(swing, record=dataclasses.replace(swing.record, noise=like.swing.record.noise))
