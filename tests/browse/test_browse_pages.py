@@ -30,14 +30,18 @@ def seen(store_folder):
 
 
 def test_every_link_of_every_page_leads_somewhere(ask, shop, seen):
-    """Contract: following all links from the first page meets no error, and the store stays as it was."""
+    """Contract: following all links from the first page meets no error, and the store stays as it was.
+
+    Of the data and figures of products one of every kind of address is asked for.
+    """
     before = seen()
     waiting, known = ["/", "/products?all=1"], set()
     while waiting:
         where = waiting.pop()
-        if where in known or where.startswith("#"):
+        kind = re.sub("[0-9a-f]{64}", "", where) if where.startswith(("/csv/", "/figure/")) else where
+        if kind in known or where.startswith("#"):
             continue
-        known.add(where)
+        known.add(kind)
         answer = ask(where)
         assert answer.status_code == 200, where
         if answer.headers["content-type"].startswith("text/html"):

@@ -91,13 +91,18 @@ def read(text):
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """Folder with a day that holds a leak."""
-    folder = tmp_path_factory.mktemp("leak") / "files"
-    flow.CALIBRATION.simulate(
-        folder, seed=8, truth=None, effects={"accelerometer.current_leak.z_from_x": LEAK}, settings={}
-    )
+def leaking(tmp_path_factory):
+    """Folder with a day that holds a leak, beside the store of all that is made of it."""
+    folder, effects = tmp_path_factory.mktemp("leak") / "files", {"accelerometer.current_leak.z_from_x": LEAK}
+    flow.CALIBRATION.simulate(folder, seed=8, truth=None, effects=effects, settings={})
     return folder
+
+
+@pytest.fixture
+def files(leaking, monkeypatch):
+    """Return the folder, and let the store of this test be that beside it."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(leaking.parent / "products"))
+    return leaking
 
 
 def leak(value, error=""):
@@ -106,9 +111,8 @@ def leak(value, error=""):
     return read(f'{text}parameters.z_from_x = {{ value = {value}, {error}unit = "m s-2 A-1 m-2" }}')
 
 
-def test_the_error_of_a_leak_is_in_the_offset(files, tmp_path, monkeypatch):
+def test_the_error_of_a_leak_is_in_the_offset(files):
     """Recovery: a leak that is wrong by its error moves the offset by what the covariance holds beyond the noise."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
     given = (LEAK, ""), (0.97 * LEAK, ""), (LEAK, f"sigma = {0.03 * LEAK}, ")
     sharp, wrong, open_ = (adopted(files, leak(*one)) for one in given)
     moved = np.subtract(wrong["offset_um"], sharp["offset_um"])
@@ -117,9 +121,8 @@ def test_the_error_of_a_leak_is_in_the_offset(files, tmp_path, monkeypatch):
     np.testing.assert_allclose(open_["sigma_um"], np.hypot(sharp["sigma_um"], moved), rtol=0.02)
 
 
-def test_a_search_begins_with_the_model_that_is_given(files, tmp_path, monkeypatch):
+def test_a_search_begins_with_the_model_that_is_given(files):
     """Contract: what the model holds is not found again; half of it is, and the new model holds both halves."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
     whole, half = (found(files, leak(share * LEAK)) for share in (1.0, 0.5))
     assert json.loads((whole / "discovery.json").read_text())["findings"] == []
     assert not (whole / "model.toml").exists()
@@ -130,9 +133,8 @@ def test_a_search_begins_with_the_model_that_is_given(files, tmp_path, monkeypat
     assert entries[0]["parameters"]["z_from_x"]["unit"] == "m s-2 A-1 m-2"
 
 
-def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files, tmp_path, monkeypatch):
+def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files):
     """Contract: the averaged value and all of the error are in the model, for the records it was found in."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
     folder = found(files, "")
     change = json.loads((folder / "discovery.json").read_text())["calibration_change"]
     result = adopted(files, models.text_of(folder / "model.toml"))
