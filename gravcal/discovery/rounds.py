@@ -165,6 +165,8 @@ def _best(problem, used, rows, choice):
             trial = trial._replace(at=at, at_sigma=at_sigma)
         grown, index = trials.with_candidate(problem, trial)
         grown, index = shaping.refined(grown, baseline_of(grown, used), index)
+        if trial.kind == "step" and trial.place < 0 and not _agreed(grown, used, index):
+            continue
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
             if trial.kind == "step":
@@ -428,7 +430,7 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     epoch = {}
     for index, _ in chosen:
         one = problem.candidates[index]
-        if slug_of(one.cause) == choice.step_cause and one.names == ["x", "y", "z"]:
+        if slug_of(one.cause) == choice.step_cause and one.names == ["x", "y", "z"] and not one.apart:
             epoch[index] = one.at if np.isfinite(one.at) else epoch_of(one.cause)
     if len(epoch) < JUMPS:
         return problem, chosen

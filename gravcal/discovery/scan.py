@@ -20,7 +20,7 @@ class Scan:
 
     kind: str  #: "step" or "line"
     channel: str  #: name
-    place: np.ndarray  #: (k,) block of each step, or axis of each line, -1 for all three
+    place: np.ndarray  #: (k,) block of each step, -1 for all; axis of each line, -1 for all three
     at: np.ndarray  #: (k,) epoch s, or frequency Hz
     gain: np.ndarray  #: (k, d) reduction of chi-square for each column of the residual
     dof: np.ndarray  #: (k,) parameters
@@ -40,20 +40,29 @@ def looked_at(problem: Problem, channels) -> None:
 
 
 def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Scan:
-    """A step of the linear reading in one block, at every epoch that the block offers: on all axes, then on each."""
+    """A step of the linear reading at every epoch that the blocks offer, on all axes, then on each.
+
+    In one block; then in all, where there are several, of one size and as long after the first epoch of each.
+    """
     inverse = inverse_of_baseline(problem, baseline)
     place, at, dof, gain = [np.zeros(0, dtype=int)], [np.zeros(0)], [np.zeros(0, dtype=int)], []
+    parts = []
     for i, block in enumerate(problem.blocks):
         if block.steps:
             rows, shapes, own = _local(problem, i)
             cross = problem.columns[i].of(baseline)[rows].T @ shapes
-            inner = own - _paired(cross, inverse @ cross, len(block.steps))
-            right = (shapes.T @ rest[i][rows]).reshape(*inner.shape[:2], -1)
-            gain += [_step_gain(inner, right), *_axis_gains(inner, right)]
-            free = np.array([inner.shape[1], *[1] * inner.shape[1]])
-            dof.append(np.repeat(free, len(block.steps)))
-            at.append(np.tile(list(block.steps), free.size))
-            place.append(np.full(dof[-1].size, i))
+            parts.append((i, own, _grouped(cross, len(own)), _grouped(rest[i][rows].T @ shapes, len(own))))
+    if len(parts) > 1:
+        count = min(len(own) for _, own, _, _ in parts)
+        parts.append((-1, *(sum(part[k][:count] for part in parts) for k in (1, 2, 3))))
+    for i, own, cross, right in parts:
+        inner, right = own - cross.transpose(0, 2, 1) @ (inverse @ cross), right.transpose(0, 2, 1)
+        gain += [_step_gain(inner, right), *_axis_gains(inner, right)]
+        free = np.array([inner.shape[1], *[1] * inner.shape[1]])
+        dof.append(np.repeat(free, len(own)))
+        epochs = list(problem.blocks[i if i >= 0 else parts[0][0]].steps)[: len(own)]
+        at.append(np.tile(epochs, free.size))
+        place.append(np.full(dof[-1].size, i))
     gain = np.concatenate(gain) if gain else np.zeros((0, rest[0].shape[1]))
     return Scan("step", "linear", *map(np.concatenate, (place, at)), gain, np.concatenate(dof))
 
@@ -71,11 +80,14 @@ def _local(problem, index):
     return problem.memory[key]
 
 
+def _grouped(columns, count):
+    """Columns (n, count q) in groups (count, n, q)."""
+    return columns.reshape(columns.shape[0], count, columns.shape[1] // max(count, 1)).transpose(1, 0, 2)
+
+
 def _paired(one, other, count):
     """Products (count, q, q) of columns (n, count q) with those of the same group only."""
-    width = one.shape[1] // max(count, 1)
-    one, other = (m.reshape(m.shape[0], count, width).transpose(1, 0, 2) for m in (one, other))
-    return one.transpose(0, 2, 1) @ other
+    return _grouped(one, count).transpose(0, 2, 1) @ _grouped(other, count)
 
 
 def _step_gain(inner, right):

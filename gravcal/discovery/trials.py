@@ -14,11 +14,12 @@ from gravcal.discovery.problem import Problem, extended, halves, observed_rows, 
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Candidate, Shape
 
-#: Share of the family-wise level that each kind of trial may spend; lines have theirs twice, in each block by itself and
-#: as one wave through all.
+#: Share of the family-wise level that each kind of trial may spend; lines have theirs twice, in each block by itself
+#: and as one wave through all.
 SHARES = {"listed": 0.45, "unknown": 0.15, "line": 0.1, "step": 0.1, "excess": 0.1}
 #: Share of the largest block's information from which another block can test a cause.
 SHARED = 0.02
+EVERYWHERE = "every manoeuvre"  # of a step that all blocks share
 EXCESS = "unknown:excess"  # cause of power beyond noise that follows nothing
 WIDEST = 500  # columns of an excess
 AXES = "xyz"
@@ -162,9 +163,14 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
 
 
 def _step(problem, trial):
-    columns = [b.steps[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
-    form = f"{problem.blocks[trial.place].label}, time {trial.at:.0f} s"
-    where = {"at": trial.at, "at_sigma": trial.at_sigma}
+    if trial.place >= 0:
+        columns = [b.steps[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
+        form = f"{problem.blocks[trial.place].label}, time {trial.at:.0f} s"
+    else:
+        index = list(next(b.steps for b in problem.blocks if b.steps)).index(trial.at)
+        columns = [list(b.steps.values())[index] if b.steps else None for b in problem.blocks]
+        form = f"{EVERYWHERE}, in the first at time {trial.at:.0f} s"
+    where = {"at": trial.at, "at_sigma": trial.at_sigma, "apart": trial.place < 0}
     return Candidate(trial.cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns, **where)
 
 

@@ -139,7 +139,10 @@ class Wave:
 
 @dataclass(frozen=True)
 class Lead:
-    """Time s by which the commanded edges of a manoeuvre, which starts at `start` s, are earlier than those seen."""
+    """Time s of one manoeuvre, which starts at `start` s: by which its commanded edges are earlier than those seen.
+
+    Of a step that every manoeuvre has: after the start of the manoeuvre.
+    """
 
     start: float
     lead: float

@@ -59,7 +59,8 @@ def sentence(one: dict) -> str:
     stated = _stated({n: p for n, p in known.items() if n not in law}) + [n for n in law if n in known]
     said = [_phrase(one["cause"], name, known[name]) for name in stated]
     more = len(known) - len(said)
-    tail = f"; {more} more in the table" if more else ""
+    tail = ", in every manoeuvre as long after its start" if one["form"].startswith("every manoeuvre") else ""
+    tail += f"; {more} more in the table" if more else ""
     return f"{_upper('; '.join(said) or 'no size is determined')} ({title(one['cause'])}{tail})."
 
 

@@ -608,9 +608,13 @@ def test_steps_to_and_fro_of_one_size_are_a_signal_between_two_levels_and_others
     blocks, axis = blocks[:2], np.repeat([0, 1, 2], 100)
     time, rows = np.tile(np.arange(100.0), 3), []
     for k, block in enumerate(blocks):
-        steps = {t + 1000.0 * k: (time[:, None] >= t) * (axis[:, None] == np.arange(3)) * 1.0 for t in (30.0, 60.0)}
+        steps = {
+            t + 1000.0 * k: (time[:, None] >= t) * (axis[:, None] == np.arange(3)) * 1.0
+            for t in ((30.0, 60.0), (10.0, 30.0, 60.0))[k]
+        }
         rows.append(replace(block, axis=axis, time=time + 1000.0 * k, steps=steps))
-    for sizes, named in (((9.0, -9.2, 9.1, -8.9), ["unknown:excess"]), ((9.0, 6.0, 4.0, -12.0), ["case.step"] * 4)):
+    several = (9.0, -9.2, 0.0, 9.1, -8.9), (9.0, 6.0, 0.0, -4.0, -12.0)
+    for sizes, named in zip(several, (["unknown:excess"], ["case.step"] * 4), strict=True):
         each = iter(sizes)
         hidden = [replace(b, observed=b.observed + sum(next(each) * c[:, 0] for c in b.steps.values())) for b in rows]
         found = search(hidden, [], replace(CHOICE, rounds=6), np.random.default_rng(1)).findings

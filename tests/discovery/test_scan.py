@@ -30,14 +30,18 @@ def test_gain_of_a_step_is_that_of_least_squares():
     baseline = np.array([1])
     rest = residuals_of(problem, baseline, observed_rows(problem))
     found = scan.steps(problem, baseline, rest)
-    assert found.at.size == 2 * 4 * 4
+    assert found.at.size == 3 * 4 * 4  # in either block and in both
     assert sorted(set(found.dof)) == [1, 3]
     own = [np.concatenate([b.local_columns, np.zeros_like(b.local_columns)], axis=1) for b in blocks]
     own[1] = np.roll(own[1], own[1].shape[1] // 2, axis=1)
     plain = np.concatenate([np.concatenate([o, b.global_columns], axis=1) for o, b in zip(own, blocks, strict=True)])
     right = np.concatenate([b.observed for b in blocks])
     for k, (place, at, gain, dof) in enumerate(zip(found.place, found.at, found.gain[:, 0], found.dof, strict=True)):
-        columns = np.concatenate([b.steps[at] if i == place else np.zeros((240, 3)) for i, b in enumerate(blocks)])
+        shape = [
+            b.steps[at + 100 * i * (place < 0)] if place in (i, -1) else np.zeros((240, 3))
+            for i, b in enumerate(blocks)
+        ]
+        columns = np.concatenate(shape)
         one = columns if dof == 3 else columns[:, [k % 16 // 4 - 1]]
         left = [np.linalg.lstsq(m, right)[1][0] for m in (plain, np.concatenate([plain, one], axis=1))]
         assert gain == pytest.approx(left[0] - left[1], rel=1e-9)
@@ -53,6 +57,24 @@ def three_blocks(rng, added):
         rows = rng.standard_normal(600) + SIZE * size, rng.standard_normal((600, 1)), drift
         blocks.append(Block(f"block {k}", *rows, np.array(["linear"] * 600), axis, time + 1000.0 * k))
     return blocks
+
+
+def test_a_step_that_every_block_has_is_one_name_though_none_shows_it():
+    """Recovery: signal-to-noise 4 in each of eight blocks, as long after the start of each: one name in all of them."""
+    rng, axis, time, blocks = np.random.default_rng(11), np.repeat([0, 1, 2], 80), np.tile(np.arange(80.0), 3), []
+    for k in range(8):
+        steps = {
+            at + 100.0 * k: (axis[:, None] == np.arange(3)) * (time[:, None] > at) * 1.0 for at in range(20, 60, 4)
+        }
+        means = (axis[:, None] == np.arange(3)) * 1.0
+        seen = rng.standard_normal(240) + 4 / np.sqrt(20) * steps[40 + 100.0 * k][:, 1]
+        about = rng.standard_normal((240, 1)), means, np.array(["linear"] * 240), axis, time + 100.0 * k
+        blocks.append(Block(f"block {k}", seen, *about, steps=steps))
+    found = search(blocks, [], CHOICE, np.random.default_rng(1))
+    assert [(one.cause, one.form) for one in found.findings] == [
+        ("case.step", "every manoeuvre, in the first at time 40 s")
+    ]
+    assert found.findings[0].value[1] == pytest.approx(4 / np.sqrt(20), abs=4 * found.findings[0].sigma[1])
 
 
 SIZE = 12.0

@@ -14,7 +14,7 @@ from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.effects import effect
 from gravcal.errors import ProductError
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
 from gravcal.physics.orbit_environment import sun_i
 
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
@@ -54,7 +54,7 @@ class ComOffset(Observations):
     channels = manoeuvre.CHANNELS
     parameters = ("x", "y", "z")
     unit, scale = "um", np.full(3, 1e6)
-    step = "accelerometer.bias_step"
+    step = responses.STEP
     tones = responses.TONES
     widest, named_form, whole_manoeuvres = False, True, True
 
@@ -157,6 +157,11 @@ class ComOffset(Observations):
             full = max(float(np.abs(v.context.dipole_b).max()) for v in self.views)
             limit = parameters["limit"]
             parameters["limit"] = replace(limit, value=full - limit.value)
+        if entry.cause == self.step and fitted.candidate.apart:  # in every manoeuvre, as long after its start
+            starts, firsts = [float(v.time[0]) for v in self.views], [min(b.steps) for b in self.blocks if b.steps]
+            since = fitted.candidate.at - firsts[0]
+            leads = [Lead(a, first + since - a) for a, first in zip(starts, firsts, strict=True)]
+            return replace(entry, leads=tuple(leads))
         if shape is None:
             return replace(entry, parameters=parameters)
         errors = np.sqrt(np.diag(shape.covariance)) if shape.covariance is not None else shape.value * np.nan

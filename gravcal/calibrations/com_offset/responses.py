@@ -25,10 +25,11 @@ from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape
 from gravcal.physics import frames
 
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
+STEP = "accelerometer.bias_step"
 #: Baseline parameters, searched for along the time or frequency axis, or of records that are not read here.
 NOT_HERE = (
     "accelerometer.offset",
-    "accelerometer.bias_step",
+    STEP,
     "accelerometer.stray_tone",
     "torque.thruster_firings",
     "timing.thruster_delay",
@@ -583,6 +584,11 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
     if known.slug == lag.CAUSE:
         return lag.contribution(one, entry)
     values = known.values(entry.values)
+    if known.slug == STEP and entry.leads:
+        since = lag.known_lead(one, entry)
+        if since is None:
+            return {}
+        values = np.append(values[:3], one.time[0] + since)
     added_to = lambda context: known.contribution(context, values)[..., None]  # noqa: E731
     if known.channel in ("dipole_b", "torque_b"):
         signal = of_torque(one, _torque_of(known, added_to))

@@ -1,5 +1,7 @@
 """Records less the effects of a model."""
 
+from dataclasses import replace
+
 import com_offset_chain as tools
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from gravcal.calibrations.com_offset.equations import angular_acceleration
 from gravcal.calibrations.com_offset.motion import _star_camera
 from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.estimation.records import Entry, Parameter
+from gravcal.estimation.records import Candidate, Entry, Fitted, Parameter
 
 
 def field_written_twice(count=6):
@@ -148,3 +150,19 @@ def test_late_tags_show_in_the_readings_what_their_column_says(name):
     column = responses.of_delay(views[1], slug)["angular"][at[1], 0, 0]
     slope, _ = np.polyfit(column[away], (late - plain)[away, 0], 1)
     assert slope == pytest.approx(0.3, rel=0.05)
+
+
+def test_a_step_of_every_manoeuvre_is_in_the_model_as_it_was_in_the_search(moving):
+    """Analytic: rows of its entry are the columns that were fitted; a manoeuvre that it does not know has none."""
+    found = seen(moving[0])[0]
+    first, second = (list(block.steps) for block in found.blocks[:2])
+    columns = [block.steps[epochs[9]] for block, epochs in zip(found.blocks[:2], (first, second), strict=True)]
+    about = ["x", "y", "z"], ["m s-2"] * 3, [*columns, None]
+    candidate = Candidate("accelerometer.bias_step", "every manoeuvre", *about, at=first[9], apart=True)
+    sizes = {axis: Parameter(size, 1e-12, "m s-2") for axis, size in zip("xyz", (1e-9, -2e-9, 3e-9), strict=True)}
+    entry = Entry(candidate.cause, candidate.form, sizes | {"time": Parameter(first[9], 0.3, "s")})
+    entry = found.physical(entry, Fitted(candidate, np.array([1e-9, -2e-9, 3e-9]), np.full(3, 1e-12), [], []))
+    for rows, part in zip(found.response(entry), columns, strict=False):
+        np.testing.assert_allclose(rows, part @ [1e-9, -2e-9, 3e-9], atol=1e-9)
+    unknown = replace(entry, leads=entry.leads[:1])
+    assert not found.response(unknown)[1].any()
