@@ -280,12 +280,15 @@ def design(
 ) -> None:
     """Propose the manoeuvres of the next session: those that make the result best known and causes separable."""
     from flows import design
+    from gravcal.store import location
 
     command.check_satellite(calibration, satellite, command.record(calibration).satellites)
     causes = [one.strip() for one in separate.split(",") if one.strip()]
     limits = design.constraints(constraints)
     wanted = {"causes": causes, "minutes": budget, "limits": limits, "verify": verify, "out": out}
-    output.design(design.designed(calibration, satellite, date, **wanted, say=output.note), out, json)
+    document = design.designed(calibration, satellite, date, **wanted, say=output.note)
+    location.write_json(location.folder() / "designs" / f"{calibration}-{satellite}-{date}.json", document)
+    output.design(document, out, json)
 
 
 @app.command()

@@ -151,7 +151,8 @@ def designs(request):
     event = catalog.event(name) if name in catalog.names("events") else None
     rows = [row for row in store_index.results() if row["event"] == name]
     flown = [one for row in rows for one in (row["document"] or {}).get("manoeuvres") or []]
-    return _filled("designs.html", request, known=known, name=name, event=event, flown=flown)
+    proposed = store_index.proposed()
+    return _filled("designs.html", request, known=known, name=name, event=event, flown=flown, proposed=proposed)
 
 
 @page

@@ -172,6 +172,12 @@ def searches(event, configuration=location.OPERATIONAL) -> list[tuple[housekeepi
     return sorted(found, key=lambda pair: "limits" not in pair[1])
 
 
+def proposed() -> list[dict]:
+    """Documents of the designs that `gravcal design` left in this store, the last day first."""
+    found = [_json(path) for path in (location.folder() / "designs").glob("*.json")]
+    return sorted((one for one in found if one), key=lambda one: one["date"], reverse=True)
+
+
 def siblings(found):
     """Newest products of the same kind and event with another variant."""
     return [
@@ -230,6 +236,7 @@ def _result(event, calibration, own, runs):
         "report": report,
         "run": run,
         "document": found,
+        "fails": [one for one in (found or {}).get("checks") or () if not one["passed"]],
     }
 
 

@@ -10,14 +10,15 @@ from types import SimpleNamespace
 import axe_core_python
 import numpy as np
 import pytest
-from invented_store import EVENT, calibration, dataset, put
+from invented_store import EVENT, calibration, dataset, put, result
 from test_browse_chromium import DRAWN, browser, click, complaints, site, wait  # noqa: F401 - fixtures
 
 from gravcal.browse import store_index
 from gravcal.store import configurations, history, housekeeping, location
 
 PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
-         "/compare/com_offset", "/designs", "/designs?event=grace-c-2020-02-01")  # fmt: skip
+         "/compare/com_offset", "/designs", "/designs?event=grace-c-2020-02-01",
+         "/event/grace-d-2021-05-01")  # fmt: skip
 #: Of axe-core: every page for screen readers and weak eyes.
 SCRIPT = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text()
 AXE = """
@@ -211,19 +212,61 @@ def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     assert browser.execute_script(wide) == pytest.approx(1.25 * before, rel=0.01)
 
 
-def test_a_new_user_finds_by_clicks_alone(at):
-    """Contract: which events fail, why this result differs from the last, what discovery said, how to fly better."""
+@pytest.fixture
+def failing(day):
+    """Return an event of which one check of two fails, beside a proposed design."""
+    event, sigma = "grace-d-2021-05-01", {"x": 1.51, "y": 0.45}
+    checks = [{"name": "chi2 of the manoeuvres", "value": 7.25, "limit": 2.0, "unit": "1", "passed": False}]
+    checks.append(checks[0] | {"name": "gaps", "value": 1.0, "passed": True})
+    document = result(event, [1.0, 2.0, 3.0]) | {"status": "questionable", "checks": checks}
+    put(f"{event}/com_offset.report", dataset(10), files={"result.json": json.dumps(document)})
+    proposal = {"calibration": "com_offset", "satellite": "C", "date": "2026-03-01"}
+    proposal |= {"manoeuvres": [{"count": 5, "kind": "pitch", "rod": "x", "latitude_deg": [70, 80]}]}
+    proposal |= {"design": {"sigma": sigma, "unit": "um"}, "published": {"sigma": {"x": 2.25, "y": None}, "unit": "um"}}
+    location.write_json(location.folder() / "designs" / "com_offset-C-2026-03-01.json", proposal)
+    return event
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        (EVENT,),  # why does yesterday's run differ from that of last month
+        ("with a check that fails", "grace-d-2021-05-01"),  # which events fail a check
+        (EVENT, "findings and limits"),  # what did discovery say of an event
+        ("Designs",),  # how can a better session be flown
+    ],
+    ids=["differs", "fails", "discovery", "better"],
+)
+def test_a_new_user_finds_by_clicks_alone(at, failing, path):
+    """Contract: each of the four questions is answered from the first page with one or two clicks."""
+    browser = at("/")  # noqa: F811
+    shown = lambda: browser.find_element("tag name", "main").text  # noqa: E731
+    for words in path:
+        click(browser, words)
+        if words == "with a check that fails":
+            rows = [row.text for row in browser.find_elements("css selector", "tbody tr") if row.is_displayed()]
+            assert len(rows) == 1
+            assert failing in rows[0]
+            assert "fails: chi2 of the manoeuvres" in rows[0]
+    if path == (EVENT,):
+        because = browser.find_elements("css selector", "td[data-label='because of']")
+        assert {one.text for one in because} == {"gain: 9.0 -> 1.5", "gain: 1.0 -> 1.5"}
+        assert "15.0 \u00b1 1.0" in shown()
+    elif failing in path:
+        assert "chi2 of the manoeuvres: 7.25, limit 2" in shown()
+        assert "gaps" not in shown()
+    elif path == ("Designs",):
+        for said in ("C, 2026-03-01", "x (um) 2.25 1.51", "y (um) not determined 0.45", "count 5, kind pitch, rod x"):
+            assert said in shown()
+    else:
+        assert "A gain is named." in browser.find_element("css selector", ".verdict").text
+
+
+def test_what_has_no_result_says_why(at):
+    """Contract: an event without data says so."""
     browser = at("/")  # noqa: F811
     click(browser, "grace-d-2022-01-01")
     assert "no data" in browser.find_element("css selector", ".verdict.bad").text
-    click(browser, "Events")
-    click(browser, EVENT)
-    because = browser.find_elements("css selector", "td[data-label='because of']")
-    assert {one.text for one in because} == {"gain: 9.0 -> 1.5", "gain: 1.0 -> 1.5"}
-    click(browser, "findings and limits")
-    assert "A gain is named." in browser.find_element("css selector", ".verdict").text
-    click(browser, "Designs")
-    assert "gravcal design" in browser.find_element("tag name", "main").text
 
 
 def test_keys_are_shown_on_demand(at, day):
@@ -261,7 +304,7 @@ def test_dark_and_paper_have_styles_and_focus_is_seen(at):
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, dark):
+def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark):  # noqa: ARG001 - more to show
     """Contract: no violation that axe-core finds (contrast, names, roles, headings)."""
     for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
         browser = at(path, dark=dark)  # noqa: F811
