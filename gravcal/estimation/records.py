@@ -93,12 +93,13 @@ class Candidate:
 
     def each_alone(self) -> list[Candidate]:
         """The candidate with all its parameters, then with each alone."""
-        found = [self]
-        for k, name in enumerate(self.names if len(self.names) > 1 else ()):
-            columns = [c if c is None else c[:, k : k + 1] for c in self.columns]
-            words = {"form": f"{name} alone", "names": [name], "units": [self.units[k]], "prior": [self.prior[k]]}
-            found.append(replace(self, columns=columns, **words))
-        return found
+        return [self, *(self.part([k], name) for k, name in enumerate(self.names if len(self.names) > 1 else ()))]
+
+    def part(self, kept: Sequence[int], name: str) -> Candidate:
+        """The candidate with some of its parameters, by index, and what these are called."""
+        columns = [c if c is None else c[:, kept] for c in self.columns]
+        names, units, prior = ([values[k] for k in kept] for values in (self.names, self.units, self.prior))
+        return replace(self, form=f"{name} alone", names=names, units=units, prior=prior, columns=columns)
 
 
 def at_epoch(slug: str, epoch: float) -> str:

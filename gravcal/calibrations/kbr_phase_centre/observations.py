@@ -187,6 +187,7 @@ class Ranging(Observations):
     channels = ("range",)
     parameters = PARAMETERS
     unit, scale = "mm", np.full(6, 1e3)
+    widest = False
     step = BREAK
     lines = (LineSearch("range", -1, "unknown:time", "m"),)
     periods = {250.0: 4, 5640.0: 12}  # s, of the wiggle by design, and of the orbit as far as its errors reach
@@ -260,7 +261,7 @@ class Ranging(Observations):
             if np.isfinite(one.period):
                 made += [self._ripple(whole, one.period, form) for form in SATELLITES]
             else:
-                made += whole.each_alone() if whole.listed and not whole.form else [whole]
+                made += [*whole.each_alone(), *_of_satellites(whole)] if whole.listed and not whole.form else [whole]
             first = last
         for number in dict.fromkeys(self.groups):
             members = [half for half in self.halves if half.manoeuvre == number]
@@ -388,6 +389,12 @@ class Ranging(Observations):
             operator = crn.operator(self.filter_, derivative, self.good, (time[0], 1.0), at)
             records[f"reading_{name}"].values[:] -= np.where(operator.valid, operator(total), 0.0)
         return records.assign_attrs(model=" ".join(entry.cause for entry in model))
+
+
+def _of_satellites(whole: Candidate) -> list[Candidate]:
+    """A cause with the parameters of one satellite, where it has several of each."""
+    each = [[k for k, name in enumerate(whole.names) if name.endswith(f"_{letter}")] for letter in "ab"]
+    return [whole.part(one, letter) for letter, one in zip("ab", each, strict=True) if len(one) > 1]
 
 
 def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
