@@ -50,6 +50,7 @@ READ_BY_NO_STAGE = {
     "catalog/published/": "printed values are a setting of the reports",
     "catalog/events/": "an event's satellites and date choose the input files",
     "catalog/designs/": "designs of sessions make input files",
+    "catalog/schema.json": "what a file of the catalogue may say, checked where it is read",
     "gravcal/browse/": "pages of gravcal browse, which reads products and makes none",
     "gravcal/report/history.html": "gravcal series writes it, no stage",
     "gravcal/report/comparison.html": "gravcal compare writes it, no stage",

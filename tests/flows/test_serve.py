@@ -412,6 +412,7 @@ def test_a_note_says_what_all_events_say_and_too_few_are_no_failure(monkeypatch,
     assert notes[1][1] == "one event"
 
 
+@pytest.mark.usefixtures("_prefect")
 def test_a_port_that_is_taken_is_replaced():
     """Contract: the wanted port if nobody listens there, otherwise another."""
     with serve.reports() as address:

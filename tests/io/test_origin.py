@@ -153,7 +153,7 @@ def test_an_event_of_the_catalogue_may_state_it(pipeline, tmp_path, monkeypatch)
     assert [read(one).attrs["origin"] for one in (measured, simulated)] == ["measured", "simulated"]
     assert catalog.event("grace-c-2020-02-01").origin == "simulated"
     own.write_text('origin = "invented"\n' + shipped)
-    with pytest.raises(CatalogError, match="origin.*invented.*measured, simulated"):
+    with pytest.raises(CatalogError, match="origin.*invented.*measured.*simulated"):
         catalog.event("grace-c-2020-02-01")
 
 
