@@ -177,8 +177,11 @@ def _best(problem, used, rows, choice):
 
 
 def _ranked(problem, baseline, rows, tie):
-    """Best first; a listed cause goes before one in no list that is not clearly better."""
+    """Best first; a listed cause goes before one in no list that is not clearly better, time alone after all others."""
     rows = sorted(rows, key=lambda t: -t.score)
+    if rows and rows[0].cause == TIME:  # what was measured says why, time says when
+        near = [t for t in rows if t.score > rows[0].score - tie / 2 and t.cause != TIME and t.kind == "unknown"]
+        rows = [*near, *(t for t in rows if t not in near)]
     listed = [t for t in rows if not t.cause.startswith("unknown:")]
     near = [t for t in listed if t.score > rows[0].score - tie]
     if not near:
@@ -319,6 +322,7 @@ SHADOW = 0.05
 #: Share of the power of the smaller of two contributions that their sum keeps where they cancel each other.
 CANCELLED = 0.1
 EXCESSES = 3  # that are named at most
+TIME = "unknown:time"
 JUMPS = 3  # of one size and alternating sign, from which on they are one signal
 MANY = 10.0  # log of what a probability that is zero to rounding was corrected by
 
