@@ -130,8 +130,11 @@ class Calibration:
     design: str | None = None  #: name of the design of an event found in data, None if it has none
     library: Callable | None = None  #: limits of a design -> manoeuvres to choose from, as tables of one
     information: Callable | None = None  #: products of `Discovery` -> (k, p, p) SI of each manoeuvre, beside `library`
-    foretold: Callable | None = None  #: document -> values whose errors are those of `information`, beside `library`
-    truth: Callable | None = None  #: truth of a simulation -> true values of `result`, needed beside `library`
+    #: in place of `library` where manoeuvres are not chosen one by one: limits, s -> whole sessions, as lists of tables
+    sessions: Callable | None = None
+    limits: Mapping[str, tuple] = field(default_factory=dict)  #: {limit of a design: usual value, what it is}
+    foretold: Callable | None = None  #: document -> values whose errors a design makes small
+    truth: Callable | None = None  #: truth of a simulation -> true values of these
     schema: Path | None = None  #: JSON Schema of the result document, None if it ships with gravcal under the name
     catalogue: Path | None = None  #: folder with settings, published values and events, None if they ship with gravcal
     discovery: Discovery | None = None

@@ -24,6 +24,17 @@ PRODUCTS = {
     "clk": ("CLK1B",),
 }
 ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
+#: Of a design, with what they are.
+LIMITS = {
+    "rods": (["x", "y", "z"], "rods that may be driven"),
+    "latitude_deg": ([-85.0, 85.0], "south and north end of where manoeuvres may be"),
+    "duration_s": (180.0, "length of a manoeuvre"),
+    "period_s": (12.0, "of the square wave; detection looks for this one"),
+    "current_ma": (110.0, "amplitude of the square wave"),
+    "spacing_s": (1100.0, "shortest time between two starts; the quiet pieces on both sides need 1020"),
+    "most": (99, "manoeuvres with one rod in one belt of latitude"),
+    "probability": (0.9, "with which a pair of causes is to be told apart"),
+}
 
 
 @flow(name="com_offset")
@@ -177,6 +188,7 @@ CALIBRATION = Calibration(
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",
     library=lambda limits: importlib.import_module(SIMULATION).library(limits),
+    limits=LIMITS,
     information=lambda products: products["solve"]["information"].values,
     foretold=lambda document: values(document, "mtq"),
     truth=lambda truth: truth["offset_um"],

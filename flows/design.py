@@ -1,6 +1,11 @@
-"""Design of the next session: the manoeuvres that tell most, from the information of all that may be flown."""
+"""Design of the next session: the manoeuvres that tell most, of all that may be flown.
+
+Where manoeuvres share nothing but the result, what they tell adds, and their numbers are chosen (`library`). Elsewhere
+whole sessions are flown, and that with the least errors is chosen (`sessions`).
+"""
 
 import json
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -12,32 +17,21 @@ from flows.engine.remake import other_store
 from gravcal import catalog
 from gravcal.discovery import design
 from gravcal.effects import effect
-from gravcal.errors import refuse
+from gravcal.errors import GravcalError, refuse
 from gravcal.store import configurations
 from tasks import discovery
 from tasks.stage import read
 
-#: Limits of a design where the file of constraints says nothing, and what they are.
-LIMITS = {
-    "rods": (["x", "y", "z"], "rods that may be driven"),
-    "latitude_deg": ([-85.0, 85.0], "south and north end of where manoeuvres may be"),
-    "duration_s": (180.0, "length of a manoeuvre"),
-    "period_s": (12.0, "of the square wave; detection looks for this one"),
-    "current_ma": (110.0, "amplitude of the square wave"),
-    "spacing_s": (1100.0, "shortest time between two starts; the quiet pieces on both sides need 1020"),
-    "most": (99, "manoeuvres with one rod in one belt of latitude"),
-    "probability": (0.9, "with which a pair of causes is to be told apart"),
-}
-FLIGHTS = 3  # of the library that a design is chosen by, with other orbits and times, and as many that it is judged by
+FLIGHTS = 3  # that numbers are chosen by, with other orbits and times, and as many that a design is judged by
 
 
-def constraints(path=None):
-    """Limits of a design {name: value}, those of a TOML file before the usual ones."""
-    given = catalog.read_file(path)[1] if path else {}
-    for name in given:
-        if name not in LIMITS:
-            refuse(path, f"the constraint {name!r}", f"one of {', '.join(LIMITS)}", "Correct the name.")
-    return {name: given.get(name, usual) for name, (usual, _) in LIMITS.items()}
+def constraints(name, path=None):
+    """Limits of the designs of a calibration {limit: value}, those of a TOML file before the usual ones."""
+    given, known = catalog.read_file(path)[1] if path else {}, calibrations.load(name).limits
+    for limit in given:
+        if limit not in known:
+            refuse(path, f"the constraint {limit!r}", f"one of {', '.join(known)}", "Correct the name.")
+    return {limit: given.get(limit, usual) for limit, (usual, _) in known.items()}
 
 
 def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, verify=0, out=None, say=lambda _: None):
@@ -53,48 +47,33 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     out : folder for the plan and the document, or None
     say : is told what is being done
     """
-    one, limits = calibrations.load(name), limits or constraints()
-    if one.library is None:
-        able = [n for n in calibrations.known() if calibrations.load(n).library]
+    one, limits = calibrations.load(name), limits or constraints(name)
+    able = {n: r for n in calibrations.known() if (r := calibrations.load(n)).library or r.sessions}
+    if name not in able:
         refuse(f"design {name}", "no manoeuvres that it can choose from", " or ".join(able), "Name one of these.")
+    if causes and not one.library:
+        fit = " or ".join(n for n, record in able.items() if record.library)
+        refuse(f"--separate for {name}", "whole sessions to choose from", fit, "Leave it out.")
     for slug in causes:
         effect(slug)  # raises where there is none
-    session = catalog.design(one.design)
-    usual = sum(m.count * m.duration_s for m in session.manoeuvres) / 60
-    count = round((minutes or usual) * 60 / limits["duration_s"])
-    if count < 1:
-        refuse("--budget", f"{minutes} minutes", f"at least one manoeuvre of {limits['duration_s']} s", "Give more.")
-    tables = [table | {"count": 1} for table in one.library(limits)]
-    pairs = [(a, b) for i, a in enumerate(causes) for b in causes[i + 1 :]]
+    usual = sum(m.count * m.duration_s for m in catalog.design(one.design).manoeuvres) / 60
     chosen = configurations.chosen(name, {})
-    tied = chosen.for_stage("discovery")["tie_chi2"]
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
-        place = Place(one, Path(folder), satellite, date, limits, chosen)
-        flights, published = [], []
-        for seed in range(1, 2 * FLIGHTS + 1):
-            say(f"flight {seed} of {2 * FLIGHTS}: {len(tables)} manoeuvres to choose from")
-            flights.append(place.flown(f"library-{seed}", tables, seed, causes))
-            if seed > FLIGHTS:
-                published.append(place.flown(f"session-{seed}", one.design, seed, causes))
-        allowed = np.full(len(tables), int(limits["most"]))
-        wanted = design.needed(limits["probability"], tied)
-        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted)
-        found = design.judged(design.pooled(flights[FLIGHTS:]), counts, pairs)
-        before = design.judged(design.pooled(published), np.array([m.count for m in session.manoeuvres]), pairs)
-        plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
+        place = Place(one, Path(folder), satellite, date, limits, chosen, say)
+        plan, new, old = place.of_library(minutes or usual, causes) if one.library else place.best(minutes or usual)
         document = {
             "calibration": name,
             "satellite": satellite,
             "date": date,
-            "minutes": count * limits["duration_s"] / 60,
+            "minutes": sum(table["count"] * table["duration_s"] for table in plan) / 60,
             "constraints": limits,
             "manoeuvres": plan,
-            "design": _judged(flights[-1], found, tied),
-            "published": _judged(flights[-1], before, tied),
+            "design": new,
+            "published": old,
             "published_minutes": usual,
         }
         if verify:
-            document["verified"] = place.verified(plan, verify, say)
+            document["verified"] = place.verified(plan, verify)
     if out:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "plan.toml").write_text(plan_text(name, plan, f"gravcal design, {satellite} {date}"))
@@ -113,9 +92,83 @@ def plan_text(calibration, plan, source):
 class Place:
     """Where sessions are flown: a calibration, a folder, and what all flights share."""
 
-    def __init__(self, one, folder, satellite, date, limits, chosen):
+    def __init__(self, one, folder, satellite, date, limits, chosen, say):
         self.one, self.folder, self.satellite, self.date = one, folder, satellite, date
-        self.limits, self.chosen = limits, chosen
+        self.limits, self.chosen, self.say = limits, chosen, say
+
+    def of_library(self, minutes, causes):
+        """Plan of the best manoeuvres of a library, and errors and odds of it and of the published session."""
+        limits = self.limits
+        count = round(minutes * 60 / limits["duration_s"])
+        if count < 1:
+            expected = f"at least one manoeuvre of {limits['duration_s']} s"
+            refuse("--budget", f"{minutes} minutes", expected, "Give more.")
+        tables = [table | {"count": 1} for table in self.one.library(limits)]
+        pairs = [(a, b) for i, a in enumerate(causes) for b in causes[i + 1 :]]
+        flights, published = [], []
+        for seed in range(1, 2 * FLIGHTS + 1):
+            self.say(f"flight {seed} of {2 * FLIGHTS}: {len(tables)} manoeuvres to choose from")
+            flights.append(self.flown(f"library-{seed}", tables, seed, causes))
+            if seed > FLIGHTS:
+                published.append(self.flown(f"session-{seed}", self.one.design, seed, causes))
+        allowed, usual = np.full(len(tables), int(limits["most"])), catalog.design(self.one.design).manoeuvres
+        tied = self.chosen.for_stage("discovery")["tie_chi2"]
+        wanted = design.needed(limits["probability"], tied)
+        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted)
+        found = design.judged(design.pooled(flights[FLIGHTS:]), counts, pairs)
+        before = design.judged(design.pooled(published), np.array([m.count for m in usual]), pairs)
+        plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
+        return plan, *(_judged(flights[-1], one, tied) for one in (found, before))
+
+    def best(self, minutes):
+        """Plan of the session with the least errors, beside those of the published one, and the errors of both."""
+        later = range(FLIGHTS + 1, 2 * FLIGHTS + 1)
+        old, plans = self.errors(self.one.design, later), self.one.sessions(self.limits, minutes * 60)
+        names = set(self.limits["parameters"]) or set(old)
+        if not names <= set(old):
+            refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
+        size = {name: sigma for name, (sigma, *_) in old.items() if name in names and sigma}
+
+        def loss(errors):
+            return sum(((errors[name][0] or np.inf) / size[name]) ** 2 for name in size)
+
+        losses = []
+        for number, plan in enumerate(plans, start=1):
+            self.say(f"session {number} of {len(plans)}")
+            try:
+                losses.append(loss(self.errors(plan, (1,))))
+            except GravcalError as error:  # such as one in which nothing is detected
+                self.say(f"left out: {error}")
+                losses.append(np.inf)
+        if not np.min(losses) < np.inf:
+            found = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
+            refuse(f"design {self.one.name}", found, "one that does", "Give more time or loosen a constraint.")
+        plan = plans[int(np.argmin(losses))]
+        new = self.errors(plan, later)
+        say = lambda one: {  # noqa: E731
+            "sigma": {name: sigma for name, (sigma, *_) in one.items()},
+            "unit": {name: unit for name, (*_, unit) in one.items()},
+            "trace": loss(one),
+            "separated": [],
+        }
+        return plan, say(new), say(old)
+
+    def errors(self, plan, seeds):
+        """Mean sigma, rms error and unit {value: ...} of the result in simulated flights; None: not determined."""
+        rows = []
+        for seed in seeds:
+            source, truth = self.flight(f"flight-{seed}", plan, seed)
+            values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen))))
+            shutil.rmtree(self.folder / f"flight-{seed}")
+            if not values:
+                refuse(f"flight {seed}", "no manoeuvre", "those of the plan", "Loosen a constraint.")
+            rows.append(list(zip(values, self.one.truth(truth), strict=True)))
+        found = {}
+        for column in zip(*rows, strict=True):
+            known = [(v.sigma, v.value - true) for v, true in column if v.sigma is not None]
+            mean = np.sqrt(np.mean(np.square(known), axis=0)).tolist() if len(known) == len(rows) else (None, None)
+            found[column[0][0].label] = *mean, column[0][0].unit
+        return found
 
     def flight(self, label, plan, seed):
         """Source and truth of a simulated flight of a plan: tables, or the name of a design."""
@@ -123,8 +176,11 @@ class Place:
         if not isinstance(plan, str):
             named = self.folder / f"{label}.toml"
             named.write_text(plan_text(self.one.name, plan, label))
-        settings = {"design": str(named), "satellite": self.satellite, "date": self.date}
-        settings |= {"manoeuvre_spacing_s": self.limits["spacing_s"], "manoeuvre_period_s": self.limits["period_s"]}
+        known = catalog.parameters(f"simulate_{self.one.name}").entries
+        settings = {"satellite": self.satellite, "satellites": self.satellite}
+        settings |= {f"manoeuvre_{limit}": value for limit, value in self.limits.items()}
+        settings = {name: value for name, value in settings.items() if name in known}
+        settings |= {"design": str(named), "date": self.date}
         truth = self.one.simulate(files_, seed=seed, settings=settings)
         return self.one.source(event=None, data=files_, satellite=self.satellite, date=self.date), truth
 
@@ -141,22 +197,12 @@ class Place:
             observed, self.one.information(datasets), times, [m["item"] for m in truth["manoeuvres"]], causes
         )
 
-    def verified(self, plan, flights, say):
-        """Errors that simulated flights of a plan achieve: mean sigma, rms of the error, of each parameter."""
-        sigma, error, true = [], [], []
-        for seed in range(101, 101 + flights):
-            say(f"check {seed - 100} of {flights}")
-            source, truth = self.flight(f"check-{seed}", plan, seed)
-            values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen))))
-            sigma.append([v.sigma for v in values])
-            error.append([v.value for v in values])
-            true.append(self.one.truth(truth))
-        sigma, error = np.array(sigma, dtype=float), np.array(error, dtype=float) - np.array(true)
-        return {
-            "flights": flights,
-            "sigma": np.sqrt(np.nanmean(sigma**2, axis=0)).tolist(),
-            "error_rms": np.sqrt(np.nanmean(error**2, axis=0)).tolist(),
-        }
+    def verified(self, plan, flights):
+        """Errors that simulated flights of a plan achieve: mean sigma, rms of the error, of each value."""
+        self.say(f"{flights} flights to check")
+        found = self.errors(plan, range(101, 101 + flights))
+        sigma, error, _ = zip(*found.values(), strict=True)
+        return {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
 
 
 def _judged(flight, found, tied):
@@ -164,4 +210,5 @@ def _judged(flight, found, tied):
     spread, apart = found
     sigma = dict(zip(flight.parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
     odds = [{"causes": list(pair), "chi2": float(c), "odds": design.odds(c, tied)} for pair, c in apart.items()]
-    return {"sigma": sigma, "unit": flight.unit, "trace": float(np.trace(spread)), "separated": odds}
+    unit = dict.fromkeys(sigma, flight.unit)
+    return {"sigma": sigma, "unit": unit, "trace": float(np.trace(spread)), "separated": odds}

@@ -14,6 +14,14 @@ from tasks.stage import lazy, read
 simulator = lazy("gravcal.simulation.inertial_sensor")
 inertial_files = lazy("gravcal.io.inertial_files")
 
+#: Of the design of a swing, with what they are.
+LIMITS = {
+    "axes": (2, "that are driven at once"),
+    "rate_rad_s": (1e-4, "largest amplitude of the rate, as printed"),
+    "rate_dot_rad_s2": (1.6e-5, "largest angular acceleration, that of 1e-4 rad/s in 25 s"),
+    "period_s": ([20.0, 27.5, 40.0], "periods to choose from"),
+    "parameters": ([], "values that are to be best known, such as 'k y'; none: all"),
+}
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
 
 
@@ -178,6 +186,15 @@ def values(document):
         yield from results.vector("", "bias", "m s-2", roll["bias"])
 
 
+def foretold(document):
+    """Offset and scale factors of the linear readings, all six."""
+    swing = document.get("swing") or {}
+    yield from results.vector("", "offset", "um", swing.get("adopted") or {})
+    for axis in results.AXES:
+        one = (swing.get("k") or {}).get(axis) or {}
+        yield results.Value("", f"k {axis}", "m s-2 V-1", one.get("value"), one.get("sigma"), None)
+
+
 def printed_component(word, unit):
     """Function that gives the row of one printed component."""
     return lambda one: [(f"{word} {one.component}", unit, one.value[0], one.sigma[0], "")]
@@ -229,5 +246,9 @@ CALIBRATION = Calibration(
         "bias": printed_component("bias", "m s-2"),
     },
     design="inertial_sensor_swing",
+    sessions=lambda limits, seconds: simulator.sessions(limits, seconds),
+    limits=LIMITS,
+    foretold=foretold,
+    truth=lambda truth: truth["com_to_test_mass_um"] + truth["k"],
     discovery=DISCOVERY,
 )

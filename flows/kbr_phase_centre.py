@@ -24,6 +24,13 @@ COMMON = {pair: letter for letter, pair in PAIRS.items()}
 #: Level-1 products read, most wanted first.
 RANGING = ("KBR1B", "LRI1B")
 ORBIT = ("GNI1B", "GNV1B")
+#: Of a design, with what they are.
+LIMITS = {
+    "angle_deg": (3.0, "largest angle from the line of sight, offset and amplitude together; as printed"),
+    "rate_deg_s": (0.043, "largest rate; GRACE's 1.7 deg in 250 s"),
+    "period_s": (250.0, "of the wiggle; detection looks for this one"),
+    "parameters": ([], "values that are to be best known, such as 'C x'; none: all"),
+}
 
 
 @flow(name="kbr_phase_centre")
@@ -239,5 +246,9 @@ CALIBRATION = Calibration(
     recomputed=recomputed,
     printed={"vkb1b": results.printed_vector("mm")},
     design="kbr_wiggle",
+    sessions=lambda limits, seconds: simulator.sessions(limits, seconds),
+    limits=LIMITS,
+    foretold=values,
+    truth=lambda truth: sum(truth["phase_centre_mm"].values(), []),
     discovery=DISCOVERY,
 )

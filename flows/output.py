@@ -249,20 +249,28 @@ def design(document, out, json_path):
     """Document of a design, or its manoeuvres, and its errors and odds beside those of the published session."""
     if not delivered(document, json_path):
         return
-    where = lambda one: "{:.0f} to {:.0f}".format(*one["latitude_deg"])  # noqa: E731
-    rows = [
-        [m["count"], m["kind"], m["rod"], where(m), m["duration_s"], m["current_ma"]] for m in document["manoeuvres"]
-    ]
-    table(["count", "kind", "rod", "latitude (deg)", "length (s)", "current (mA)"], rows)
+    plain = lambda one: f"{one:.4g}" if isinstance(one, float) else str(one)  # noqa: E731
+    shown = lambda one: ", ".join(map(plain, one)) if isinstance(one, list) else plain(one)  # noqa: E731
+    heads = ["count", "kind", *(name for name in document["manoeuvres"][0] if name not in ("count", "kind"))]
+    table(heads, [[shown(one[name]) for name in heads] for one in document["manoeuvres"]])
     new, old, achieved = document["design"], document["published"], document.get("verified")
-    heads = [f"sigma ({new['unit']}, noise alone)", "design", f"published, {document['published_minutes']:.0f} min"]
-    rows = [[name, f"{new['sigma'][name]:.2f}", f"{old['sigma'][name]:.2f}"] for name in new["sigma"]]
+    heads = [
+        "sigma, noise alone",
+        f"design, {document['minutes']:.3g} min",
+        f"published, {document['published_minutes']:.3g} min",
+    ]
+    digits = lambda one: "not determined" if one is None else f"{one:.3g}"  # noqa: E731
+    rows = [
+        [f"{name} ({new['unit'][name]})", *(digits(one["sigma"][name]) for one in (new, old))] for name in new["sigma"]
+    ]
     if achieved:
         heads += [f"achieved in {achieved['flights']} flights", "rms error"]
         pairs = zip(rows, achieved["sigma"], achieved["error_rms"], strict=True)
-        rows = [[*row, f"{sigma:.2f}", f"{error:.2f}"] for row, sigma, error in pairs]
+        rows = [[*row, digits(sigma), digits(error)] for row, sigma, error in pairs]
     table(heads, rows)
-    say(f"trace of the covariance: {100 * (1 - new['trace'] / old['trace']):.0f} % below the published session")
+    less = 100 * (1 - new["trace"] / old["trace"])
+    said = "not less than that of" if less < 0.5 else f"{less:.0f} % below"
+    say(f"trace of the covariance: {said} the published session")
     rows = [
         [" and ".join(a["causes"]), f"{a['chi2']:.3g}", f"{a['odds']:.0%}", f"{b['chi2']:.3g}", f"{b['odds']:.0%}"]
         for a, b in zip(new["separated"], old["separated"], strict=True)

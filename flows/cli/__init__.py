@@ -71,7 +71,7 @@ WORKERS = "processes here; 0: none but this"
 FLOWN = "design of the catalogue, or plan.toml of gravcal design, that is flown"
 APART = "causes that the session is to tell apart (gravcal effects)"
 BUDGET = "of manoeuvres in all, without: as many as the published session"
-CONSTRAINTS = "TOML with rods, latitude_deg, duration_s, current_ma, spacing_s, most, probability"
+CONSTRAINTS = "TOML with limits; a name that is not one says which there are"
 VERIFY = "flights of the design that are simulated and calibrated, to compare errors with those predicted"
 WHAT = f"{KINDS}, or printed numbers: published_table"
 MANY = "folder with Level-1 files of many days, or with one folder per event"
@@ -284,7 +284,7 @@ def design(
 
     command.check_satellite(calibration, satellite, command.record(calibration).satellites)
     causes = [one.strip() for one in separate.split(",") if one.strip()]
-    limits = design.constraints(constraints)
+    limits = design.constraints(calibration, constraints)
     wanted = {"causes": causes, "minutes": budget, "limits": limits, "verify": verify, "out": out}
     document = design.designed(calibration, satellite, date, **wanted, say=output.note)
     location.write_json(location.folder() / "designs" / f"{calibration}-{satellite}-{date}.json", document)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
+from gravcal import catalog
 from gravcal.effects import Context
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.physics import dynamics, frames, gravity, sensing
@@ -81,7 +82,7 @@ def simulate(
 
     They are made when they are asked for, one day or less at a time, none across midnight; effects are of KNOWN.
     """
-    hidden = Hidden(within(effects or {}, KNOWN), day)
+    hidden, chosen = Hidden(within(effects or {}, KNOWN), day), with_design(chosen)
     first, second = np.random.SeedSequence(seed).spawn(2)
     rng = np.random.default_rng(first)
     truth = draw(satellite, chosen, rng)
@@ -118,6 +119,37 @@ def simulate(
         "effects": dict(hidden.effects),
     }
     return records(), plain
+
+
+def with_design(chosen):
+    """Settings with the swing and the roll of their design."""
+    if not chosen.design:
+        return chosen
+    found = {one.kind: one for one in catalog.design(chosen.design).manoeuvres}
+    new = {"manoeuvre": "both" if len(found) > 1 else next(iter(found))}
+    if "roll" in found:
+        new |= {"roll_s": found["roll"].duration_s, "roll_period_s": found["roll"].period_s}
+    if "swing" in found:
+        one = found["swing"]
+        new |= {"swing_s": one.duration_s}
+        new |= {f"swing_{name[5:]}": value for name, value in one.facts.items() if name.startswith("axes_")}
+    return chosen.with_settings(new)
+
+
+def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
+    """Swings that may be flown within some limits, as plans: the axes that are driven and their periods.
+
+    limits : rate_rad_s, rate_dot_rad_s2, axes, period_s as of `gravcal design --constraints`; seconds : of the swing
+    """
+    plans = []
+    for axes in ("xyz", "xy", "xz"):  # without x, k_z stays unknown
+        for period in limits["period_s"] if len(axes) <= limits["axes"] else ():
+            periods = [round(period * share, 3) for share in (10 / 11, 12 / 11, 1.0)]  # so that axes are told apart
+            rates = [round(min(limits["rate_rad_s"], limits["rate_dot_rad_s2"] * one / 4), 9) for one in periods]
+            how = {"kind": "swing", "count": 1, "duration_s": float(seconds), "period_s": float(period)}
+            rates = [rate * (axis in axes) for axis, rate in zip("xyz", rates, strict=True)]
+            plans.append([how | {"axes_period_s": periods, "axes_rate_rad_s": rates}])
+    return plans
 
 
 def draw(satellite: Mapping, chosen, rng) -> Truth:

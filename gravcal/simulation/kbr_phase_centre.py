@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import make_interp_spline
 
+from gravcal import catalog
 from gravcal.effects import Context
 from gravcal.effects.ranging import BANDS_HZ
+from gravcal.errors import CatalogError, refuse
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured, in_bands
 from gravcal.physics import constants, frames, orbit_environment
@@ -27,13 +29,17 @@ BENIGN = {"orbit_red_m": 0.0, "star_camera_white_rad": 1.5e-6}
 
 @dataclass(frozen=True)
 class Wiggle:
-    """One sub-manoeuvre: the satellite (0 or 1), the axis (0 pitch, 1 yaw), the sign of its offset and its start."""
+    """One sub-manoeuvre: the satellite (0 or 1), the axis (0 pitch, 1 yaw), what it is called, and how it turns."""
 
     satellite: int
     axis: int
-    sign: int
-    start: float
-    stop: float
+    kind: str  #: "+pitch", "-yaw", or "pitch" without offset
+    start: float  #: s, of the first slew
+    stop: float  #: s, of the last one
+    offset: float  #: rad, signed
+    amplitude: float  #: rad, of the sign of the offset
+    period: float  #: s
+    slew: float  #: s, of each of the two
 
 
 @dataclass(frozen=True)
@@ -58,10 +64,9 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
     for k, letter in enumerate(letters):
         columns[chosen.orbit_product, letter] = _orbit(pair, k, chosen, rng)
         columns["SCA1B", letter] = _star_camera(pair, k, chosen, effects, rng)
-    kinds = ["+-"[one.sign < 0] + ("pitch", "yaw")[one.axis] for one in pair.wiggles]
     manoeuvres = [
-        {"satellite": letters[one.satellite], "kind": kind, "start": one.start, "stop": one.stop}
-        for kind, one in zip(kinds, pair.wiggles, strict=True)
+        {"satellite": letters[one.satellite], "kind": one.kind, "start": one.start, "stop": one.stop}
+        for one in pair.wiggles
     ]
     truth = {
         "seed": seed,
@@ -84,17 +89,49 @@ def with_noise(chosen):
 
 def draw_pair(chosen, day: float, rng) -> Pair:
     """Orbits and pointing of a day that begins at `day`, GPS s."""
-    length = chosen.cycles * chosen.period_s + 2 * chosen.slew_s
     start, wiggles = day + chosen.first_start_s, []
-    for name in chosen.manoeuvres:  # such as "+pitch_b"; nothing leaves a place empty
+    for name, length, period, offset, amplitude, slew in _planned(chosen):
         if name:
-            axis, letter = name[1:].split("_")
-            place = "ab".index(letter), ("pitch", "yaw").index(axis), 1 - 2 * (name[0] == "-")
-            wiggles.append(Wiggle(*place, start, start + length))
-        start += length + chosen.quiet_s
+            kind, letter = name.split("_")
+            place, sign = ("ab".index(letter), int(kind.endswith("yaw"))), 1 - 2 * (kind[0] == "-")
+            turn = sign * np.radians(offset), sign * np.radians(amplitude), period, slew
+            wiggles.append(Wiggle(*place, kind, start, start + length + 2 * slew, *turn))
+        start += length + 2 * slew + chosen.quiet_s
+    if wiggles and wiggles[-1].stop > day + constants.DAY - 400:
+        found = f"sub-manoeuvres until {wiggles[-1].stop - day:.0f} s"
+        refuse("wiggles of a day", found, "an end 400 s before midnight", "Lower quiet_s, or fly less.", CatalogError)
     path = _paths(chosen, day, rng)
     pointing = tuple(_pointing(chosen, day, [one for one in wiggles if one.satellite == k], rng) for k in (0, 1))
     return Pair(day, path, pointing, tuple(wiggles))
+
+
+def _planned(chosen):
+    """Name such as "+pitch_b" ("" leaves a place empty), length s, period s, offset deg, amplitude deg, slew s."""
+    if not chosen.design:
+        usual = chosen.cycles * chosen.period_s, chosen.period_s, chosen.offset_deg, chosen.amplitude_deg, chosen.slew_s
+        return [(name, *usual) for name in chosen.manoeuvres]
+    made = []
+    for one in catalog.design(chosen.design).manoeuvres:
+        angles = abs(one.facts["offset_deg"]), one.facts["amplitude_deg"]
+        made += [(one.kind, one.duration_s, one.period_s, *angles, chosen.slew_s)] * one.count
+    return [(f"{kind}_{letter}", *how) for letter in "ab" for kind, *how in made]
+
+
+def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
+    """Wiggles that may be flown within some limits, as plans of four sub-manoeuvres of each satellite.
+
+    limits : angle_deg, rate_deg_s, period_s as of `gravcal design --constraints`; seconds : of all four
+    """
+    plans, period = [], float(limits["period_s"])
+    fixed = {"duration_s": period * max(int(seconds / 4 / period), 3), "period_s": period}
+    for share in np.arange(6) / 6:
+        offset = round(float(share * limits["angle_deg"]), 3)
+        amplitude = round(min(limits["angle_deg"] - offset, limits["rate_deg_s"] * period / (2 * np.pi)), 3)
+        kinds = {"+pitch": 1, "-pitch": -1, "+yaw": 1, "-yaw": -1} if offset else {"pitch": 1, "yaw": 1}
+        angles = [{"offset_deg": sign * offset, "amplitude_deg": amplitude} for sign in kinds.values()]
+        tables = zip(kinds, angles, strict=True)
+        plans.append([{"kind": kind, "count": 4 // len(kinds)} | fixed | angle for kind, angle in tables])
+    return plans
 
 
 def _paths(chosen, day, rng):
@@ -128,23 +165,22 @@ def _pointing(chosen, day, wiggles, rng):
     def at(time):
         angle = spline(time - day)
         for wiggle in wiggles:
-            angle[:, 1 + wiggle.axis] += wiggle.sign * profile(chosen, time - wiggle.start)
+            angle[:, 1 + wiggle.axis] += profile(wiggle, time - wiggle.start)
         return angle
 
     return at
 
 
-def profile(chosen, time: np.ndarray) -> np.ndarray:
-    """Angle (n,) rad of a sub-manoeuvre with positive offset at times (n,) s since its start.
+def profile(wiggle: Wiggle, time: np.ndarray) -> np.ndarray:
+    """Angle (n,) rad of a sub-manoeuvre at times (n,) s since its start.
 
     theta = theta0 + A sin(2 pi f t) between two slews; Remote Sens. 2022, 14, 3395, eqs. 1-4.
     """
-    length = chosen.cycles * chosen.period_s
-    inside = np.clip(time - chosen.slew_s, 0, length)
-    ramp = np.clip(np.minimum(time, length + 2 * chosen.slew_s - time) / chosen.slew_s, 0, 1)
+    length = wiggle.stop - wiggle.start
+    inside = np.clip(time - wiggle.slew, 0, length - 2 * wiggle.slew)
+    ramp = np.clip(np.minimum(time, length - time) / wiggle.slew, 0, 1)
     smooth = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
-    wave = np.sin(2 * np.pi * inside / chosen.period_s)
-    return np.radians(chosen.offset_deg) * smooth + np.radians(chosen.amplitude_deg) * wave
+    return wiggle.offset * smooth + wiggle.amplitude * np.sin(2 * np.pi * inside / wiggle.period)
 
 
 def nominal(state_a: np.ndarray, state_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

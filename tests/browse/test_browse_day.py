@@ -222,7 +222,8 @@ def failing(day):
     put(f"{event}/com_offset.report", dataset(10), files={"result.json": json.dumps(document)})
     proposal = {"calibration": "com_offset", "satellite": "C", "date": "2026-03-01"}
     proposal |= {"manoeuvres": [{"count": 5, "kind": "pitch", "rod": "x", "latitude_deg": [70, 80]}]}
-    proposal |= {"design": {"sigma": sigma, "unit": "um"}, "published": {"sigma": {"x": 2.25, "y": None}, "unit": "um"}}
+    proposal |= {"design": {"sigma": sigma, "unit": {"x": "um", "y": "um"}}}
+    proposal |= {"published": {"sigma": {"x": 2.25, "y": None}}}
     location.write_json(location.folder() / "designs" / "com_offset-C-2026-03-01.json", proposal)
     return event
 

@@ -6,10 +6,12 @@ import json
 import numpy as np
 import pytest
 
+from flows import calibration
 from flows import design as flow
 from gravcal import catalog
 from gravcal.discovery import design
 from gravcal.errors import GravcalError
+from gravcal.simulation import kbr_phase_centre
 
 
 def flight(information, columns=None, prior=1.0):
@@ -77,14 +79,61 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
     path = tmp_path / "limits.toml"
     path.write_text("rod = ['x']\n")
     with pytest.raises(GravcalError, match="rods"):
-        flow.constraints(path)
-    with pytest.raises(GravcalError, match="com_offset"):
-        flow.designed("kbr_phase_centre", "CD", "2026-03-01")
+        flow.constraints("com_offset", path)
+    with pytest.raises(GravcalError, match="com_offset or inertial_sensor or kbr_phase_centre"):
+        flow.designed("gradient_torque", "S", "2026-03-01")
+    with pytest.raises(GravcalError, match="com_offset. Leave it out"):
+        flow.designed("kbr_phase_centre", "CD", "2026-03-01", causes=("timing.star_camera_delay",))
+    path.write_text("parameters = ['x']\n")
+    ranging = calibration.load("kbr_phase_centre")
+    place = flow.Place(ranging, None, "CD", "", flow.constraints(ranging.name, path), None, print)
+    place.errors = lambda *_: {"C x": (1.0, 1.0, "mm"), "C y": (1.0, 1.0, "mm")}
+    with pytest.raises(GravcalError, match="of C x, C y"):
+        place.best(1.0)
+
+
+def test_a_wiggle_turns_as_its_plan_says_and_within_the_limits(tmp_path):
+    """Offset, amplitude and period of every sub-manoeuvre; sums and rates of all plans; a day has an end."""
+    limits = flow.constraints("kbr_phase_centre") | {"angle_deg": 2.4}
+    plans = kbr_phase_centre.sessions(limits, 4 * 1000.0)
+    chosen = catalog.parameters("simulate_kbr_phase_centre")
+    for plan in (plans[0], plans[2]):
+        path = tmp_path / "plan.toml"
+        path.write_text(flow.plan_text("kbr_phase_centre", plan, "a test"))
+        pair = kbr_phase_centre.draw_pair(chosen.with_settings({"design": str(path)}), 0.0, np.random.default_rng(1))
+        assert len(pair.wiggles) == 8
+        for one, table in zip(pair.wiggles, 2 * [t for t in plan for _ in range(t["count"])], strict=True):
+            assert one.kind == table["kind"]
+            time = one.start + one.slew + np.arange(table["duration_s"])
+            turned = np.degrees(kbr_phase_centre.profile(one, time - one.start))
+            assert np.abs(turned).max() <= 2.4 + 1e-9
+            assert np.degrees(np.abs(np.diff(np.radians(turned))).max()) <= limits["rate_deg_s"]
+            wave = 2 * np.mean(turned * np.sin(2 * np.pi * np.arange(time.size) / 250))
+            assert (turned.mean(), abs(wave)) == pytest.approx((table["offset_deg"], table["amplitude_deg"]), abs=0.01)
+    printed = chosen.with_settings({"design": "kbr_wiggle_grace"})
+    pitch, _, yaw, _ = kbr_phase_centre.draw_pair(printed, 0.0, np.random.default_rng(1)).wiggles[:4]
+    assert np.degrees([abs(pitch.amplitude), abs(yaw.amplitude)]) == pytest.approx([1.5, 1.7])
+    path.write_text(flow.plan_text("kbr_phase_centre", kbr_phase_centre.sessions(limits, 4 * 5000.0)[0], "a test"))
+    with pytest.raises(GravcalError, match="before midnight"):
+        kbr_phase_centre.draw_pair(chosen.with_settings({"design": str(path)}), 0.0, np.random.default_rng(1))
+
+
+def test_the_best_of_whole_sessions_is_flown(tmp_path):
+    """Of two swings; predicted errors are those that flights achieve."""
+    limits = flow.constraints("inertial_sensor") | {"period_s": [27.5], "parameters": ["k y"]}
+    made = flow.designed("inertial_sensor", "T", "2026-03-01", limits=limits, verify=2, out=tmp_path)
+    (swing,) = catalog.design(str(tmp_path / "plan.toml")).manoeuvres
+    driven = np.array(swing.facts["axes_rate_rad_s"])
+    assert (driven > 0).tolist() == [True, True, False]  # a_x = w'_y p_z gives p_z, a_y = -w'_x p_z then k_y
+    assert driven.max() <= limits["rate_rad_s"]
+    place = list(made["design"]["sigma"]).index("k y")
+    assert made["verified"]["sigma"][place] == pytest.approx(made["design"]["sigma"]["k y"], rel=0.25)
+    assert made["verified"]["error_rms"][place] < 4 * made["verified"]["sigma"][place]
 
 
 def test_a_small_library_gives_a_plan_that_is_flown(tmp_path):
     """Predicted errors are those that a flight achieves."""
-    limits = flow.constraints() | {"rods": ["x", "y"], "latitude_deg": [50.0, 80.0]}
+    limits = flow.constraints("com_offset") | {"rods": ["x", "y"], "latitude_deg": [50.0, 80.0]}
     made = flow.designed("com_offset", "C", "2026-03-01", minutes=9.0, limits=limits, verify=1, out=tmp_path)
     plan = catalog.design(str(tmp_path / "plan.toml"))
     assert sum(one.count for one in plan.manoeuvres) == 3
