@@ -135,14 +135,15 @@ def offered(found: Scan, periods: Mapping[float, int]) -> np.ndarray:
     """
     at, gain = found.at, found.gain[:, 0]
     width = 2 * float(np.median(np.diff(np.unique(at)))) if np.unique(at).size > 1 else 0.0  # 1 / T
-    near = np.zeros(at.size, dtype=bool)
-    for period, highest in periods.items():
-        near |= np.abs(at - np.clip(np.round(at * period), 1, highest) / period) < width
-    kept = ~near
-    for place in np.unique(found.place[near]):
+    harmonics = np.concatenate([np.zeros(0), *(np.arange(1, n + 1) / period for period, n in periods.items())])
+    harmonics = harmonics[(harmonics > at.min(initial=0.0)) & (harmonics < at.max(initial=0.0))]
+    kept = np.ones(at.size, dtype=bool)
+    for place in np.unique(found.place) if harmonics.size else ():
         here = found.place == place
-        apart = np.maximum(np.abs(at[here, None] - at[here & near]) * np.pi / width, 1.0)
-        kept[here] &= gain[here] > np.max(4 * gain[here & near] / apart**2, axis=1)
+        leaking = gain[here][np.abs(at[here, None] - harmonics).argmin(axis=0)]
+        away = np.abs(at[here, None] - harmonics)
+        leak = np.max(4 * leaking / np.maximum(away * np.pi / width, 1.0) ** 2, axis=1)
+        kept[here] = (away.min(axis=1) >= width) & (gain[here] > leak)
     return kept
 
 
