@@ -184,7 +184,7 @@ EFFECTS = {
         "quadratic": Hidden(("inertial_sensor.quadratic",), number(0.1)),
         "cross": Hidden(("inertial_sensor.cross_coupling",), matrix(1e-2, True)),
         "bias_drift": Hidden(("inertial_sensor.bias_drift",), number(1e-10)),
-        "stiffness": Hidden(("inertial_sensor.stiffness",), number(1.0)),
+        "stiffness": Hidden(("inertial_sensor.stiffness", "accelerometer.stray_tone"), number(1.0)),
         "wheel": Hidden(("accelerometer.stray_tone",), lambda rng: [float(rng.uniform(0.1, 3)), 1e-8], only(1)),
     },
     "sgrs": {
@@ -220,6 +220,11 @@ def sweep(low, high):
 
 #: Effects in no list that the models of the open world do not have: `put_in` adds them to readings in their files.
 ODD = {
+    "kbr": {
+        "telegraph": Hidden((), jumps(900.0), only(1), ("range",), ("excess",)),
+        "chirp": Hidden((), sweep(4e-3, 4e-2), only(1), ("range",), ("excess",)),
+        "speed_memory": Hidden((), number(1e-5), None, ("range",), ("rate",)),
+    },
     "swing": {
         "telegraph": Hidden((), jumps(15.0), only(1), ("linear",), ("excess",)),
         "chirp": Hidden((), sweep(0.02, 0.4), only(1), ("linear",), ("excess",)),
@@ -402,15 +407,27 @@ def make(kind: str, seed: int, effects: dict, folder: Path) -> dict:
 
 
 def put_in(kind: str, data: Path, name: str, value, truth: dict) -> None:
-    """Add an effect of `ODD` to the last day of files: to one axis of the linear readings, of S-GRS of sensor 1.
+    """Add an effect of `ODD` to the last day of files: to range, or one axis of linear readings, of S-GRS of sensor 1.
 
     Parameters
     ----------
-    kind : "swing", "roll" or "sgrs"; data : folder of the files, changed; truth : of the case
+    kind : "kbr", "swing", "roll" or "sgrs"; data : folder of the files, changed; truth : of the case
     name, value : of the effect
     """
     import xarray as xr
 
+    if kind == "kbr":
+        (path,) = data.glob("KBR1B_*")
+        head, mark, body = path.read_text().partition("# End of YAML header\n")
+        rows = [line.split(" ") for line in body.splitlines()]
+        time, _, rate = np.array([row[:3] for row in rows], dtype=float).T
+        added = _odd_reading(name, value, time, None, ({"rate": rate}, truth))
+        for order in range(3):  # range, rate and acceleration
+            for row, more in zip(rows, added, strict=True):
+                row[1 + order] = repr(float(row[1 + order]) + float(more))
+            added = np.gradient(added, time)
+        path.write_text(head + mark + "".join(" ".join(row) + "\n" for row in rows))
+        return
     path = sorted(data.glob("SGRS_*" if kind == "sgrs" else "IS1_*"))[-1]
     with xr.open_dataset(path) as opened:
         record = opened.load()
@@ -428,7 +445,7 @@ def put_in(kind: str, data: Path, name: str, value, truth: dict) -> None:
 
 
 def _odd_reading(name, value, time, place, about):
-    """What an effect of `ODD` adds to a reading, (n,) m s-2."""
+    """What an effect of `ODD` adds to a reading, (n,) m s-2, or m to a range."""
     since, (record, truth) = time - time[0], about
     if name == "telegraph":
         rng = np.random.default_rng(value[3])
@@ -436,6 +453,8 @@ def _odd_reading(name, value, time, place, about):
         return value[1] * np.where(np.searchsorted(edges, since) % 2, 1.0, -1.0)
     if name == "chirp":
         return value[1] * np.sin(2 * np.pi * (value[2] + (value[3] - value[2]) * since / since[-1] / 2) * since)
+    if name == "speed_memory":  # 300 s, of the square of the range rate
+        return value * _remembered(record["rate"] ** 2, since, 300.0)
     if name == "latitude_force":
         sine = place[:, 2] / np.linalg.norm(place, axis=1)
         return value * 4 * sine**2 * (1 - sine**2)  # square of the sine of twice the latitude
@@ -530,7 +549,7 @@ def truth_of(kind: str, truth: dict, epoch: float | None = None) -> dict[str, fl
     ----------
     kind : of the case
     truth : its file
-    epoch : s, GPS, that the document states for phase centres that move
+    epoch : s, GPS, that the document states for phase centres and biases that move
     """
     calibration = CALIBRATIONS.get(kind, kind)
     kept = {name: truth[own] for name, own in ALIASES.items() if own in truth} | truth
@@ -547,7 +566,10 @@ def truth_of(kind: str, truth: dict, epoch: float | None = None) -> dict[str, fl
         return {name: value + speed.get(name, 0.0) * ((epoch or begin) - begin) for name, value in found.items()}
     if calibration == "gradient_torque":
         return {f"centre_of_pressure_{axis}": 1e3 * value for axis, value in zip("xyz", kept["cp"], strict=True)}
-    vectors = {"offset": kept["p_um"], "bias": [1e9 * b for b in kept["bias"]]}  # nm s-2
+    since = (epoch + 43200.0) % 86400 - 3600.0 if epoch else 0.0  # a record of the open world begins at one o'clock
+    rise = truth["effects"].get("bias_drift", 0.0) * since  # of the readings
+    biases = np.array(kept["bias"]) - rise * np.array([1.0, 0.0, 1.0])
+    vectors = {"offset": kept["p_um"], "bias": (1e9 * biases).tolist()}  # nm s-2
     found = {f"{name}_{axis}": v for name, vector in vectors.items() for axis, v in zip("xyz", vector, strict=True)}
     found["k_y"] = 1e6 * kept["k"][1]  # 1e-6 m s-2 V-1
     return found | {"beta_x": 1e6 * kept["beta"][0], "beta_yz": 1e6 * kept["beta"][1]}  # 1e-6 rad s-2 V-1

@@ -88,6 +88,11 @@ class InertialSensor(Observations):
         return dict.fromkeys([*(self.swing.periods() if self.swing else ()), *roll], HARMONICS)
 
     @property
+    def epoch(self) -> float | None:
+        """Middle of the segments of a roll, at which a bias that drifts is given."""
+        return float(self.roll.time.mean()) if self.roll else None
+
+    @property
     def groups(self) -> list[int]:
         """A line has a phase of its own in the swing and in each segment of a roll."""
         rolled = [observed_roll.CHANNEL in block.channel for block in self.blocks]

@@ -156,7 +156,8 @@ class SwingView:
         """What effects of the sensor look at, from the fitted motion, at the epochs of the sensor or at others.
 
         A regressor made of the readings themselves would hold their noise, and explain it: the linear reading is that
-        of the model, drift and offset. Beside the record it is as at its ends.
+        of the model, drift and offset. Beside the record it is as at its ends. A force has no bias: the linear reading
+        is without its mean, beside which less than a ten thousandth of its columns would be left; voltages keep it.
         """
         record, swing = self.record, self.swing
         slow = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), self.start[3:6]))[self.good]
@@ -168,8 +169,9 @@ class SwingView:
         known["angular_b"] = self.rate_dot_b
         turning = (self.rate_dot_b - self.rate_dot_b.mean(axis=0)) / self.unknowns.factors[fits.OWNER]
         turning = swing.angular_volt.mean(axis=0) + turning
-        extra = {"displacement_b": -known["linear_b"] / electrodes.LOOP**2}
-        extra["volts"] = electrodes.volts(np.concatenate([known["linear_b"] / self.k, turning], axis=1))
+        extra = {"volts": electrodes.volts(np.concatenate([known["linear_b"] / self.k, turning], axis=1))}
+        known["linear_b"] = known["linear_b"] - trend.mean(axis=0)
+        extra["displacement_b"] = -known["linear_b"] / electrodes.LOOP**2
         if time is not None:
             at = np.clip(time, swing.time[0], swing.time[-1])
             known, extra = (
