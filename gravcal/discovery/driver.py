@@ -97,7 +97,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
     if observed is None or not observed.worth_another(gains, before.get("adequate_after", True)):
         return first
-    result, numbers = _searched(observed, limits, model)
+    result, numbers = _searched(observed, limits, model, before["calibration_change"]["before"])
     if not numbers["adequate_after"] and numbers["p_after"] < before["p_after"]:
         return first
     numbers |= {name: before[name] for name in ("adequate_before", "p_before", "p_quiet_before", "tried")}
@@ -153,13 +153,20 @@ def _choice(observed, limits):
     return Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
 
 
-def _searched(observed, limits, model):
-    """Result of a search in the observations with the effects of a model added, and its numbers."""
+def _searched(observed, limits, model, before=None):
+    """Result of a search in the observations with the effects of a model added, and its numbers.
+
+    A strong effect added in its linear form is not quite what the records hold: the calibration of the records as they
+    are, which stays where nothing is adopted, is given from the first search.
+    """
     added, choice = [observed.response(entry) for entry in model], _choice(observed, limits)
     rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
     result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
-    averaged = _reported(delivered(result, choice, observed.scale.size, observed.widest), observed)
-    count = observed.scale.size
+    count, whole = observed.scale.size, result
+    if before is not None:
+        shared = np.append(np.array(before) / observed.scale - observed.start, result.shared[0][count:])
+        whole = replace(result, shared=(shared, result.shared[1]))
+    averaged = _reported(delivered(whole, choice, count), observed)
     numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)
     for one in numbers["indistinguishable_from_calibration"]:
         one["bias"] = (observed.scale * np.array(one["bias"])).tolist()
@@ -270,11 +277,9 @@ def _described(finding: dict, result: Result, position: int, observed, waves):
     if spacing is not None:
         finding["parameters"]["time"] = _epoch(result, position, spacing)
     where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
-    models = [("parameters", finding["parameters"])]
-    if observed.named_form:
-        models.append(("model", named_parameters(result, position) | where))
-    for field, parameters in models:
-        rows = parameters.items()
+    finding["model"] = named_parameters(result, position) | where
+    for field in ("parameters", "model"):
+        rows = finding[field].items()
         known = {n: Parameter(p["value"], p["sigma"], p["unit"], p.get("correlation", {})) for n, p in rows}
         entry = observed.physical(Entry(slug_of(one.cause), one.form, known), fitted)
         finding[field] = {n: _plain(p) for n, p in entry.parameters.items()}

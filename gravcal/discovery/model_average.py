@@ -25,7 +25,7 @@ ODDS = BEYOND**-0.5 / np.sum(BEYOND**-0.5)
 SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause that was not named, over its prior
 
 
-def delivered(result: Result, choice: Choice, count: int, widest: bool = False) -> Result:
+def delivered(result: Result, choice: Choice, count: int) -> Result:
     """Result whose calibration after the search is the one number that is delivered, with its whole error.
 
     The value is the mean over the causes that are tied and their forms, by their evidence with the priors of the
@@ -42,9 +42,6 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     ----------
     result : of `rounds.search`
     choice : settings of the search; count : of the shared parameters that are reported, the first ones
-    widest : True if the calibration is reported beside named causes with all their parameters: a cause is often named
-        by one of them, and the others move the calibration too. Where the data do not determine them all, the cause
-        stays as it was named
 
     Returns
     -------
@@ -54,8 +51,8 @@ def delivered(result: Result, choice: Choice, count: int, widest: bool = False) 
     tones = set(choice.tone_causes.values())
     sure = [one.cause.partition(":")[0] != "unknown" and one.cause not in tones for one in names]
     adopted = [one.cause != trials.EXCESS for one in names]  # which no model takes out
-    value, covariance = _averaged(result, adopted, widest)
-    whole, least = (_averaged(result, used, widest) for used in ([True] * len(names), sure))
+    value, covariance = _averaged(result, adopted)
+    whole, least = (_averaged(result, used) for used in ([True] * len(names), sure))
     if np.any(np.abs(value - least[0])[:count] > result.sigma[0][:count]):
         adopted, (value, covariance) = sure, least
     kept = [one for one, known in zip(names, adopted, strict=True) if known]
@@ -104,10 +101,10 @@ def left_open(move: np.ndarray, covariance: np.ndarray, sigma: np.ndarray) -> np
         rest[kept] = 0.0
 
 
-def _averaged(result, used, widest):
+def _averaged(result, used):
     """Mean (p,) of the calibration over what may be there instead of some of the names, and its covariance (p, p)."""
     problem, width = result.problem, result.shared[1].size
-    named = list(itertools.compress(_widest(result) if widest else [one.index for one in result.findings], used))
+    named = list(itertools.compress([one.index for one in result.findings], used))
     fixed = baseline_of(problem, named)
     inverse = inverse_of(problem.total[np.ix_(fixed, fixed)])
     fitted, covariance = (inverse @ problem.total[fixed, 0])[:width], inverse[:width, :width]
@@ -118,25 +115,6 @@ def _averaged(result, used, widest):
         mean, spread = _over_forms(problem, others, tried, (named[position], fitted))
         value, covariance = value + mean, covariance + spread - np.outer(mean, mean)
     return value, covariance
-
-
-def _widest(result):
-    """Indices of the forms with all parameters of what was named, where the data determine them all."""
-    problem, named = result.problem, [one.index for one in result.findings]
-    for position, index in enumerate(named):
-        others = baseline_of(problem, [*named[:position], *named[position + 1 :]])
-        mine = problem.candidates[index]
-        forms = [k for k, c in enumerate(problem.candidates) if (c.cause, c.local) == (mine.cause, mine.local)]
-        forms = [
-            k
-            for k in forms
-            if mine.listed and mine.shape is None and set(mine.names) < set(problem.candidates[k].names)
-        ]
-        widest = max(forms, key=lambda k: len(problem.candidates[k].names), default=index)
-        gram = attribution.projected(problem.total, others)
-        if attribution.ratio(gram, problem.places[widest], problem.size).determined.all():
-            named[position] = widest
-    return named
 
 
 def _alternatives(problem, finding, index, others):

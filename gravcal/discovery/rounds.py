@@ -152,7 +152,8 @@ def _named(problem, choice):
 
 def _best(problem, used, rows, choice):
     """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
-    everything, rows = rows, [t for t in rows if t.significance < choice.level]
+    problem, everything = trials.sparse(problem, baseline_of(problem, used), rows, choice)
+    rows = [t for t in everything if t.significance < choice.level]
     problem, rows = shaping.sized(problem, baseline_of(problem, used), rows)
     ranked = _ranked(problem, baseline_of(problem, used), rows, choice.tie)
     if ranked and ranked[0].kind == "unknown":
@@ -236,7 +237,11 @@ def _finding(problem, chosen, position, choice):
     near = _near(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
     apart = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
-    names, units, value, sigma = _parameters(problem, gram, index)
+    wide = [
+        _widest(problem, k) if "," in problem.candidates[k].form else k for k in others
+    ]  # what was left out of them
+    beside = attribution.projected(problem.total, baseline_of(problem, wide))
+    names, units, value, sigma = _parameters(problem, beside, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
     alike = _as_good(problem, gram, index, ratio, choice.tie) | near if candidate.listed else {}
@@ -252,16 +257,21 @@ def _where(trial, candidate):
 
 def _parameters(problem, gram, index):
     """Every parameter of a cause from its widest form, NaN where the data do not determine it."""
-    candidate = problem.candidates[index]
-    forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed]
-    wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names) and candidate.shape is None]
-    wide = [k for k in wide if problem.candidates[k].local == candidate.local] or [index]
-    widest = max(wide, key=lambda k: len(problem.candidates[k].names))
+    widest = _widest(problem, index)
     ratio = attribution.ratio(gram, problem.places[widest], problem.size)
     known = np.where(ratio.determined, 1.0, np.nan)
     entry = problem.candidates[widest]
     covariance = ratio.covariance if entry.spread is None else ratio.covariance + entry.spread
     return entry.names, entry.units, ratio.value * known, np.sqrt(np.diag(covariance)) * known
+
+
+def _widest(problem, index):
+    """Index of the widest form of a cause that holds the parameters of one."""
+    candidate = problem.candidates[index]
+    forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed]
+    wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names) and candidate.shape is None]
+    wide = [k for k in wide if problem.candidates[k].local == candidate.local] or [index]
+    return max(wide, key=lambda k: len(problem.candidates[k].names))
 
 
 def _near(problem, gram, index, ratio, tie):

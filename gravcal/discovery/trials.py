@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import itertools
 from dataclasses import replace
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +100,48 @@ def widened(problem: Problem, rows: list[Trial]) -> Problem:
         return problem
     kept = [replace(c, wider=None) if c.wider and c.wider.key in made else c for c in problem.candidates]
     return replace(prepare(problem.blocks, [*kept, *more]), memory=problem.memory)
+
+
+def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) -> tuple[Problem, list[Trial]]:
+    """Problem and trials with those few parameters of a listed cause that describe the data better than one or all do.
+
+    Found one after the other, each the best beside those before it, of causes that are significant with all their
+    parameters; the number of ways to choose as many counts in the correction. A vector has all of its three components:
+    one that is left out because the data hardly see it would leave others better known than they are.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    rows : trials beside the baseline
+    choice : settings of the search
+    """
+    gram = attribution.projected(problem.total, baseline)
+    known = {(c.cause, c.form) for c in problem.candidates}
+    tried = sum(t.kind == "listed" for t in rows)
+    for whole in [t for t in rows if t.kind == "listed" and t.significance < choice.level and t.dof > len(AXES)]:
+        candidate, place = problem.candidates[whole.index], problem.places[whole.index]
+        if candidate.shape is not None or candidate.apart or candidate.local or "alone" in candidate.form:
+            continue
+        count, kept, best, most = len(candidate.names), [], whole, -np.inf
+        columns, few = np.arange(place.start, place.stop), []
+        while len(kept) < count - 1:
+            left = [k for k in range(count) if k not in kept]
+            gains = [_joint_gain(gram, columns[[*kept, k]], problem.size) for k in left]
+            (gain, dof), next_one = max(zip(gains, left, strict=True))
+            kept.append(next_one)
+            worth = gain - COST * dof - 2 * np.sum(np.log(np.arange(len(left), count + 1)))  # the best of so many, each
+            if worth > most:
+                best, few, most = whole._replace(gain=gain, dof=dof), sorted(kept), worth
+        words = ", ".join(candidate.names[k] for k in few)
+        if len(few) < 2 or (candidate.cause, f"{words} alone") in known or best.score < whole.score:
+            continue
+        log_p = float(chi2_tail.log_tail(best.gain, best.dof, choice.freedom))
+        chance = float(np.exp(min(log_p + np.log(tried * comb(count, len(few)) / SHARES["listed"]), 0.0)))
+        index, form = len(problem.candidates), f"{words} alone"
+        problem = extended(problem, candidate.part(few, words))
+        rows = [*rows, best._replace(index=index, form=form, log_p=log_p, significance=chance)]
+    return problem, rows
 
 
 def _along(problem, baseline, choice):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -98,7 +99,7 @@ class Candidate:
     def part(self, kept: Sequence[int], name: str) -> Candidate:
         """The candidate with some of its parameters, by index, and what these are called."""
         columns = [c if c is None else c[:, kept] for c in self.columns]
-        names, units, prior = ([values[k] for k in kept] for values in (self.names, self.units, self.prior))
+        names, units, prior = ([v[k] for k in kept if k < len(v)] for v in (self.names, self.units, self.prior))
         return replace(self, form=f"{name} alone", names=names, units=units, prior=prior, columns=columns)
 
 
@@ -248,8 +249,6 @@ class Observations(Protocol):
     step : cause of a step at the epochs of `Block.steps`; tones : {channel: cause of a line} of lines in the rounds
     lines : lines looked for in what the rounds leave; groups : number of the manoeuvre of each block, for their phases
     periods : {s: highest harmonic} of the manoeuvre and of the orbit: no line is looked for near them
-    widest : True if the calibration is reported beside named causes with all their parameters
-    named_form : True if a model takes causes out in the form that was named, else with all their parameters
     whole_manoeuvres : True if a block is a manoeuvre, else what is left out is called "blocks"
     contiguous : True if noise goes on from block to block, so that `reading` takes the rows of all blocks
     interleaved : True if blocks whose labels begin with the same word are stretches of one record
@@ -275,8 +274,6 @@ class Observations(Protocol):
     lines: tuple[LineSearch, ...] = ()
     groups: Sequence[int] = ()
     periods: Mapping[float, int] = {}
-    widest: bool = True
-    named_form: bool = False
     whole_manoeuvres: bool = False
     contiguous: bool = False
     interleaved: bool = False
@@ -287,13 +284,17 @@ class Observations(Protocol):
     common: np.ndarray | float = 0.0
 
     def response(self, entry: Entry) -> list[np.ndarray]:
-        """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""
+        """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form.
+
+        A few parameters of a listed cause that a search has put together are some of those of its whole form.
+        """
         values = entry.values
         total = [np.zeros(block.observed.size) for block in self.blocks]
-        for one in self.candidates:
-            if (one.cause, one.form) == (entry.cause, entry.form):
-                sizes = np.array([values.get(name, 0.0) for name in one.names])
-                total = [t if c is None else t + c @ sizes for t, c in zip(total, one.columns, strict=True)]
+        forms = [one for one in self.candidates if (one.cause, one.form) == (entry.cause, entry.form)]
+        wider = (one for one in self.candidates if one.cause == entry.cause and set(values) <= set(one.names))
+        for one in forms or (itertools.islice(wider, 1) if entry.listed else ()):
+            sizes = np.array([values.get(name, 0.0) for name in one.names])
+            total = [t if c is None else t + c @ sizes for t, c in zip(total, one.columns, strict=True)]
         return total
 
     def without(self, model: Sequence[Entry]) -> Any:

@@ -56,6 +56,25 @@ def test_a_column_that_is_nearly_a_drift_is_seen_by_what_it_has_beside_it():
     assert [one.cause for one in found] == ["case.a"]
 
 
+def test_two_of_six_parameters_are_named_before_a_cause_whose_nine_describe_as_much():
+    """Recovery: a coupling acts along two of six directions, a leak reaches both with nine; one of either does not."""
+    rng = np.random.default_rng(8)
+    blocks, _ = made(rng)
+    coupling = [rng.standard_normal((300, 6)) for _ in blocks]
+    leak = [np.concatenate([c[:, [1]] + c[:, [4]], rng.standard_normal((300, 7)), c[:, [4]]], axis=1) for c in coupling]
+    size = np.array([0, 15, 0, 0, 12, 0]) / np.sqrt(1200)
+    hidden = [replace(b, observed=b.observed + c @ size) for b, c in zip(blocks, coupling, strict=True)]
+    causes = (("case.coupling", coupling), ("case.leak", leak))
+    wide = [Candidate(n, "", [f"p{k}" for k in range(c[0].shape[1])], ["1"] * c[0].shape[1], c) for n, c in causes]
+    (one,) = search(hidden, [f for c in wide for f in c.each_alone()], CHOICE, rng).findings
+    assert {one.cause, *one.tied} == {"case.coupling", "case.leak"}
+    few = {"case.coupling": (("p1", "p4"), size[[1, 4]]), "case.leak": (("p0", "p8"), [size[1], size[4] - size[1]])}
+    names, true = few[one.cause]
+    assert set(names) <= (told := set(one.form.removesuffix(" alone").split(", ")))
+    assert len(told) <= 3
+    assert np.all(np.abs(one.value[np.isin(one.names, names)] - true) < 4 / np.sqrt(1200))
+
+
 def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
     """Recovery: the double is a regressor in no list; the listed cause is named, and the document says of the other."""
     blocks, candidates = made(np.random.default_rng(5), signal=12.0)
@@ -394,7 +413,7 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it(pl
     error = plain.shared[1][0] - 1.0
     alone = 5 * size * (plain.findings[0].cause == "case.a")
     assert abs(error - alone) < 5 * plain.sigma[1][0] + 0.1 * 5 * size
-    average = delivered(plain, CHOICE, 1, widest=True)
+    average = delivered(plain, CHOICE, 1)
     share, limit = (0.25, 4) if plausible else (0.4, 2)
     assert share * 5 * size < average.sigma[1][0] < 5 * size
     assert average.adopted == [False]  # for one would move it by as much as the other would not

@@ -36,7 +36,6 @@ class Readings(Observations):
     parameters = ("scale", "bias")
     unit, scale = "1", np.ones(2)
     step = "unknown:step"
-    widest = False
 
     @property
     def blocks(self):

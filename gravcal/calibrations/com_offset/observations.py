@@ -56,7 +56,7 @@ class ComOffset(Observations):
     unit, scale = "um", np.full(3, 1e6)
     step = responses.STEP
     tones = responses.TONES
-    widest, named_form, whole_manoeuvres = False, True, True
+    whole_manoeuvres = True
 
     @functools.cached_property
     def quiet(self) -> dict[str, float]:

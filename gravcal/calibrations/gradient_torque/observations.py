@@ -379,7 +379,7 @@ class GradientTorque(Observations):
     channels = CHANNELS
     parameters = tuple(f"centre_of_pressure_{axis}" for axis in "xyz")
     unit, scale = "mm", np.full(3, 1e3)
-    named_form = contiguous = True
+    contiguous = True
 
     @property
     def noise_order(self) -> dict[str, int]:

@@ -187,7 +187,6 @@ class Ranging(Observations):
     channels = ("range",)
     parameters = PARAMETERS
     unit, scale = "mm", np.full(6, 1e3)
-    widest = False
     step = BREAK
     lines = (LineSearch("range", -1, "unknown:time", "m"),)
     periods = {250.0: 4, 5640.0: 12}  # s, of the wiggle by design, and of the orbit as far as its errors reach

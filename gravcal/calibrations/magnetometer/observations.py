@@ -49,7 +49,6 @@ class Readings(Observations):
     parameters = ()
     unit, scale, start = "T", np.zeros(0), np.zeros(0)
     step = "unknown:step"
-    widest = False
 
     def _rows(self, values):
         """Whitened rows (3 n, q) of (n, 3, q) T, axis after axis."""

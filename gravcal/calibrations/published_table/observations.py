@@ -124,7 +124,6 @@ class Table(Observations):
     parameters = ("x", "y", "z")
     unit, scale, start = "um", np.full(3, 1e6), np.zeros(3)
     step = "unknown:step"
-    widest = False
     whole_manoeuvres = True
 
     @functools.cached_property

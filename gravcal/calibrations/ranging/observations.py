@@ -102,7 +102,6 @@ class Routine(Observations):
     parameters = ()
     unit, scale, start = "mm", np.zeros(0), np.zeros(0)
     step = "unknown:step"
-    widest = False
 
     @functools.cached_property
     def context(self) -> Context:

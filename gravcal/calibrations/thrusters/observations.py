@@ -47,7 +47,6 @@ class Attitude(Observations):
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
     step = "unknown:step"
-    widest = False
     readable = ("none",)
 
     @functools.cached_property
