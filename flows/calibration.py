@@ -43,6 +43,8 @@ class Discovery:
     rebuilt: Callable | None = None
     #: (source, chosen, records) -> product with the result of the calibration from such records
     result: Callable | None = None
+    #: (source, chosen, with limits or not) -> report of a discovery that is made of those of others; None: of its own
+    together: Callable | None = None
     masses: tuple[str, ...] = ()  #: Level-1 products with the fuel, which causes and parameters may follow
 
     @staticmethod

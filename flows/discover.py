@@ -80,6 +80,8 @@ def _read(looked, source, chosen):
 def _discover(one: Calibration | Study, shown: bool, source, chosen):
     """Causes of what a calibration leaves unexplained in one event."""
     looked, event, results = one.discovery, {"event": source.event}, ()
+    if looked.together is not None:
+        return looked.together(source, chosen, shown)
     records, products = _read(looked, source, chosen)
     found = searched(one, source, chosen, shown, (records, products))
     if looked.result is not None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 from flows import discover, engine, magnetometer, ranging, thrusters
-from flows.calibration import Calibration, of_one_satellite
+from flows.calibration import Calibration, Discovery, of_one_satellite
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
@@ -20,15 +21,48 @@ PAIRS = {"A": "AB", "B": "AB", "C": "CD", "D": "CD"}
 @flow(name="routine")
 def simulate_and_fit(source, chosen):
     """What every instrument of a day should read, its fit, and what the fit leaves."""
+    made, missing = _attempted(PARTS, source, chosen)
+    found = {f"{part}.{name}": one for part, done in made.items() for name, one in done.items()}
+    known = {"names": tuple(found), "missing": missing, "event": source.event}
+    return routine.report(*found.values(), settings=chosen.for_report(), **known)
+
+
+def search(source, chosen, shown):
+    """One report of the searches of all parts of a day: what each gets wrong, why, and what is gained."""
+    found, missing = _attempted({part: functools.partial(_search, part, shown) for part in PARTS}, source, chosen)
+    known = {"parts": {part: about for part, (_, about) in found.items()}, "missing": missing, "event": source.event}
+    return routine.discovered(*(ref for ref, _ in found.values()), settings=chosen.for_report(), **known)
+
+
+def _search(part, shown, source, chosen):
+    """Product of the search of a part, and what its report says of it."""
+    one, source, own = _owner(part, source, chosen)
+    about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
+    return discover.searched(one, source, own, shown), about
+
+
+def _owner(part, source, chosen):
+    """Calibration of a part with its own source and settings; that of the accelerometer is here."""
+    if part == "accelerometer":
+        return CALIBRATION, source, chosen
+    if part == "ranging":
+        pair = PAIRS[source.satellite]
+        event = f"{ranging.CALIBRATION.mission}-{pair.lower()}-{source.date}"
+        source = replace(source, satellite=pair, event=event)
+    one = {"magnetometer": magnetometer, "thrusters": thrusters, "ranging": ranging}[part].CALIBRATION
+    return one, source, catalog.parameters(part)
+
+
+def _attempted(parts, source, chosen):
+    """What each of some functions makes by part, and why others cannot."""
     found, missing = {}, {}
-    for part, made in PARTS.items():
+    for part, made in parts.items():
         done = engine.attempt(lambda made=made: made(source, chosen))
         if isinstance(done, engine.GravcalError):
             missing[part] = _said(done)
         else:
-            found |= {f"{part}.{name}": one for name, one in done.items()}
-    known = {"names": tuple(found), "missing": missing, "event": source.event}
-    return routine.report(*found.values(), settings=chosen.for_report(), **known)
+            found[part] = done
+    return found, missing
 
 
 def _said(error):
@@ -39,10 +73,14 @@ def _said(error):
 
 def _accelerometer(source, chosen):
     """Products of the accelerometer, by stage."""
-    aligned = _aligned(source, chosen)
-    found = routine.estimate(aligned, **chosen.for_stage("estimate"))
-    checked = routine.checks(found, **chosen.for_stage("checks"))
-    return {"estimate": found, "align": aligned, "checks": checked}
+    made = _estimated(source, chosen, _aligned(source, chosen))
+    checked = routine.checks(made["estimate"], **chosen.for_stage("checks"))
+    return _searched("accelerometer", source, chosen, checks=checked, **made)
+
+
+def _estimated(_source, chosen, aligned):
+    """Products that a search of the accelerometer is made of."""
+    return {"align": aligned, "estimate": routine.estimate(aligned, **chosen.for_stage("estimate"))}
 
 
 def _magnetometer(source, chosen):
@@ -50,7 +88,7 @@ def _magnetometer(source, chosen):
     aligned = magnetometer.aligned(source, own)
     found = magnetometer.estimated(own, aligned)
     checked = magnetometer_stages.checks(aligned, found, **own.for_stage("checks"))
-    return _searched(magnetometer.CALIBRATION, source, own, chosen, estimate=found, align=aligned, checks=checked)
+    return _searched("magnetometer", source, chosen, estimate=found, align=aligned, checks=checked)
 
 
 def _thrusters(source, chosen):
@@ -58,22 +96,20 @@ def _thrusters(source, chosen):
     made = thrusters.products(source, own, thrusters.aligned(source, own))
     found = thrusters.estimated(source, own, made["noise"], made["align"])
     checked = thruster_stages.checks(made["align"], found, **own.for_stage("checks"))
-    return _searched(thrusters.CALIBRATION, source, own, chosen, estimate=found, checks=checked, **made)
+    return _searched("thrusters", source, chosen, estimate=found, checks=checked, **made)
 
 
 def _ranging(source, chosen):
-    own, pair = catalog.parameters("ranging"), PAIRS[source.satellite]
-    event = f"{ranging.CALIBRATION.mission}-{pair.lower()}-{source.date}"
-    source = replace(source, satellite=pair, event=event)
-    rows, checked = ranging.quiet_rows(source, own)
+    _, pair, own = _owner("ranging", source, chosen)
+    rows, checked = ranging.quiet_rows(pair, own)
     found = ranging_stages.estimate(rows, **own.for_stage("estimate"))
     checked = ranging_stages.checks(checked, found, **own.for_stage("checks"))
-    return _searched(ranging.CALIBRATION, source, own, chosen, estimate=found, align=rows, checks=checked)
+    return _searched("ranging", source, chosen, estimate=found, align=rows, checks=checked)
 
 
-def _searched(one, source, own, chosen, **made):
+def _searched(part, source, chosen, **made):
     """Products of a part with those of its search, if it is wanted."""
-    return made | {"discovery": discover.searched(one, source, own)} if chosen.search else made
+    return made | {"discovery": discover.searched(*_owner(part, source, chosen))} if chosen.search else made
 
 
 def _aligned(source, chosen):
@@ -88,16 +124,24 @@ def _aligned(source, chosen):
 
 #: {part: function (source, chosen) -> its products by stage, as its own flow makes them}
 PARTS = {one.__name__[1:]: one for one in (_accelerometer, _magnetometer, _thrusters, _ranging)}
+DISCOVERY = Discovery(
+    lambda _source, chosen: chosen.for_stage("observe"),
+    "gravcal.calibrations.routine.observations",
+    records=_aligned,
+    products=_estimated,
+    together=search,
+)
 CALIBRATION = Calibration(
     name="routine",
     title="Routine day",
     quantity="What the instruments of a routine day read, in the SRF",
     begins=("SCA1B",),
     satellites=("A", "B", "C", "D"),
-    inputs={"acc": ("ACC1A",), "sca": ("SCA1B",), "orbit": ("GNV1B",), "tim": ("TIM1B",), "clk": ("CLK1B",)},
+    inputs={"acc": ("ACC1A", "ACT1A"), "sca": ("SCA1B",), "orbit": ("GNV1B",), "tim": ("TIM1B",), "clk": ("CLK1B",)},
     flow=simulate_and_fit,
     simulation=of_one_satellite("gravcal.simulation.com_offset"),
     products=routine.KINDS,
     result=results.parameters,
+    discovery=DISCOVERY,
     level_one_files=lambda source: source.files("SCA1B"),
 )

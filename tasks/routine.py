@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+
 from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
@@ -39,3 +41,14 @@ def report(*products, names, missing, event, settings):
     pages = {"accelerometer": page.PAGE, "magnetometer": magnetometer.PAGE}
     pages |= {"thrusters": thrusters.PAGE, "ranging": ranging.PAGE}
     return page.report(*products, names=names, missing=missing, pages=pages, event=event, settings=settings)
+
+
+OBSERVATIONS = {part: f"gravcal.calibrations.{part}.observations" for part in ("magnetometer", "thrusters", "ranging")}
+OBSERVATIONS = {"accelerometer": "gravcal.calibrations.routine.observations"} | OBSERVATIONS
+
+
+@stage(reads=["*.discovery"], writes="routine.discovery_report", version=1, also=[*OBSERVATIONS.values()])
+def discovered(*found, parts, missing, event, settings):
+    """Result document and page of the searches of all parts."""
+    reported = {part: importlib.import_module(name).REPORT for part, name in OBSERVATIONS.items()}
+    return page.discovered(*found, parts=parts, missing=missing, reported=reported, event=event, settings=settings)

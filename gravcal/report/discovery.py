@@ -37,17 +37,9 @@ def report(
     settings : mapping of all parameters
     reported : Reported, what the calibration says of its result and readings
     """
-    numbers = json.loads(found.attrs["numbers"])
-    if combined and "calibration_change" in numbers:
-        numbers = _with_result(numbers, *(reported.result(one) for one in combined))
-    label = product.digest_as_read(found)[:12]
-    provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
-    status, checks = numbers.pop("status", "delivered"), _of_result(numbers, numbers.pop("expected", {}))
-    head = {"schema_version": VERSION, "status": status, "calibration": calibration, "event": event}
-    said = {"verdict": {"text": words.verdict(numbers)}}
-    document = head | {"kind": "discovery"} | said | numbers | {"provenance": provenance}
-    document = documents.judged(document, (found, *combined), checks)
-    validate(document, "discovery")
+    document, numbers = judged(
+        found, *combined, calibration=calibration, event=event, settings=settings, reported=reported
+    )
     files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
     extended = model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
     if extended and combined and not settings.get("model"):
@@ -61,6 +53,22 @@ def report(
         for w, n in names.items()
     }
     return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
+
+
+def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
+    """Result document of a discovery, judged and valid, and the numbers in it; arguments as of `report`."""
+    numbers = json.loads(found.attrs["numbers"])
+    if combined and "calibration_change" in numbers:
+        numbers = _with_result(numbers, *(reported.result(one) for one in combined))
+    label = product.digest_as_read(found)[:12]
+    provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
+    status, checks = numbers.pop("status", "delivered"), _of_result(numbers, numbers.pop("expected", {}))
+    head = {"schema_version": VERSION, "status": status, "calibration": calibration, "event": event}
+    said = {"verdict": {"text": words.verdict(numbers)}}
+    document = head | {"kind": "discovery"} | said | numbers | {"provenance": provenance}
+    document = documents.judged(document, (found, *combined), checks)
+    validate(document, "discovery")
+    return document, numbers
 
 
 def _of_result(numbers, expected):

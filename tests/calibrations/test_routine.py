@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import seeds
 
-from flows import engine
+from flows import discover, engine
 from flows.routine import CALIBRATION
 from gravcal import catalog
-from gravcal.calibrations.routine import accelerometer
+from gravcal.calibrations.routine import accelerometer, observations
 from gravcal.io import archive, readers, writers
 from gravcal.simulation import com_offset, sensors
 from gravcal.store.schemas import validate
@@ -18,6 +18,7 @@ CHOSEN = catalog.parameters("routine")
 DAY = "2020-03-02"
 FILES = ("ACC1A", "SCA1B", "GNV1B", "TIM1B", "CLK1B", "MAG1B", "THR1B")
 MEASURED = Path(__file__).parents[3] / "shared" / "data"
+needs_measured = pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}")
 
 
 def aligned(folder, letter="C", day=DAY, files=FILES, **settings):
@@ -123,7 +124,7 @@ def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path, monkeyp
     assert found["instruments"]["magnetometer"]["statistics"][0]["residual_rms"] < 5e-8
 
 
-@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}")
+@needs_measured
 def test_seconds_of_a_measured_accelerometer_are_fitted():
     """Contract: ten seconds of GRACE-C: noise of a sample as it was measured elsewhere; no firing, so none is named."""
     records = aligned(MEASURED / "gracefo-2023-06-01", day="2023-06-01", step_s=0.1)
@@ -133,3 +134,44 @@ def test_seconds_of_a_measured_accelerometer_are_fitted():
     assert (left[3:] < [3e-7, 5e-7, 3e-7]).all()
     force = [str(name).startswith("force") for name in found["parameter"].values]
     assert np.isnan(found["value"].values[force]).all()
+
+
+def test_a_search_names_in_each_part_what_is_wrong_there(day, tmp_path, monkeypatch):
+    """Recovery: late tags, 1.5 times the nominal impulse and forces of an accelerometer; ranging is not there."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
+    found = discover.document(
+        engine.run(discover.flow_of("routine"), CALIBRATION.source(data=day[0]), CHOSEN, engine="inline")
+    )
+    validate(found, "discovery")
+    assert found["parts"]["ranging"] == {"status": "no_data", "said": "no KBR1B or LRI1B"}
+    own = {one["cause"]: one["parameters"] for one in found["findings"] if one["part"] == "accelerometer"}
+    assert set(own) == {"timing.thruster_delay", observations.FIRINGS, accelerometer.FORCE}
+    true = {"delay": day[1]["delay"]} | {f"share_{axis}": 1.5 for axis in "xyz"}
+    for name, known in (own["timing.thruster_delay"] | own[observations.FIRINGS]).items():
+        assert known["value"] == pytest.approx(true[name], abs=5 * known["sigma"])
+    for one in found["parts"]["accelerometer"]["findings"]:
+        assert one["heldout_gain"]["chi2"] > 1e4
+    page = next(tmp_path.glob("latest/*/routine.discovery_report/discovery.html")).read_text()
+    assert "Not searched: no KBR1B or LRI1B" in page
+
+
+@pytest.mark.parametrize("measured", [False, pytest.param(True, marks=needs_measured)])
+def test_a_transplant_has_a_linear_reading_only(day, tmp_path, measured):
+    """Contract: ACT1A, whose angular columns are zero, gives forces (or noise) and no torque."""
+    folder, when = (MEASURED / "gracefo-2023-06-01", "2023-06-01") if measured else (tmp_path, DAY)
+    if not measured:
+        for path in day[0].iterdir():
+            (tmp_path / path.name).symlink_to(path)
+        read = readers.read(archive.find(day[0], "ACC1A", "C", DAY))
+        columns = {name: one.values for name, one in read.data_vars.items()}
+        writers.write(
+            columns | {f"ang_accl_{a}": 0 * columns["ang_accl_x"] for a in "xyz"}, tmp_path / f"ACT1A_{DAY}_C_04.txt"
+        )
+    records = aligned(folder, day=when, files=("ACT1A", *FILES[1:]), step_s=0.1 if measured else 1.0)
+    found = accelerometer.estimate(records, **CHOSEN.for_stage("estimate"))
+    value = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True))
+    assert all(np.isnan(value[name]) for name in value if name.startswith(("torque", "torquer")))
+    seen = observations.observe({"align": records, "estimate": found}, **CHOSEN.for_stage("observe"))
+    assert {str(block.channel[0]) for block in seen.blocks} == {"linear"}
+    if not measured:
+        assert value["delay"] == pytest.approx(day[1]["delay"], abs=1e-2)

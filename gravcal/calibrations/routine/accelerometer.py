@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline
+from scipy.ndimage import binary_dilation
 
 from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples, usable
@@ -15,7 +16,7 @@ from gravcal.calibrations.building import build
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail, least_squares
-from gravcal.estimation.noise import fit_noise, whiten
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
 
 SCHEMAS = schemas.of("routine.toml")
@@ -25,6 +26,7 @@ LEAST = 40  # steps with a reading
 PAIRS = ("yaw_minus", "pitch_plus", "yaw_plus", "pitch_minus", "roll_minus", "roll_plus")
 COMPONENTS = ("linear_x", "linear_y", "linear_z", "angular_x", "angular_y", "angular_z")
 ITERATIONS = 5  # of noise and delay
+CALMER = 5  # times that samples beyond noise are left out of it
 TOGETHER_S = 8.0  # of the samples of a transient
 LATEST_S = 5.0  # by which tags of firings are late or early at most
 FORCE, TORQUE, DELAY = "unknown:thruster_force", "unknown:thruster_torque", "timing.thruster_delay"
@@ -229,8 +231,7 @@ def estimate(
     noise_order, parts : coefficients of the noise of each component; parts of the record that are also solved alone
     determined_ratio, transient_sigma : largest sigma over the plausible size; size of noise that is called a transient
     """
-    pieces, step = list(blocks(aligned, block_s, knot_s)), float(aligned["step"])
-    observed, noises = readings(aligned), [None] * 6
+    pieces, observed, by_component = list(blocks(aligned, block_s, knot_s)), readings(aligned), [None] * 6
     delay = _first_delay(aligned, pieces, observed)
     amplitude = np.concatenate([np.zeros((6, 3)), aligned["nominal_b"].values], axis=1)
     value, kept = None, pieces  # what is beyond noise is left out of the fit
@@ -240,16 +241,13 @@ def estimate(
         design = np.concatenate([one.columns for one in known], axis=2) * size
         if value is not None:
             left = _left(pieces, observed - design @ (value / size))
-            removed = design.shape[2] // 6 + sum(slow.shape[1] for _, slow, _ in pieces)
-            order = max(min(noise_order, sum(t.sum() for *_, t in pieces) // 40), 1)
-            noises = [fit_noise([one[:, c] for one in left], order, step, removed) for c in range(6)]
-            calm = [np.abs(one).max(axis=1) < transient_sigma for one in _white(pieces, left, noises)]
-            if number > 2:  # before, it may be a delay that is not yet known
-                kept = [(rows, slow, there & c) for (rows, slow, there), c in zip(pieces, calm, strict=True)]
-        information, right = _normal(kept, observed, design, noises)
+            by_component, calm = noises(aligned, pieces, left, noise_order, design.shape[2] // 6, transient_sigma)
+            kept = calm if number > 2 else pieces  # before, it may be a delay that is not yet known
+        information, right = _normal(kept, observed, design, by_component)
         scaled = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
         moved = float(scaled[36] * size[36])
         amplitude = np.concatenate([(scaled * size)[k : k + 18].reshape(6, 3) for k in (0, 18)], axis=1)
+        amplitude[:, 3:] += 0.0 if observed[:, 3:].any() else aligned["nominal_b"].values  # of a transplant
         value = np.where(np.arange(size.size) == 36, 0.0, scaled * size)
         delay += moved
     names = ["_".join(filter(None, (one.word, name))) for one in known for name in one.names]
@@ -269,12 +267,36 @@ def estimate(
     left, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])
     rest = np.concatenate(left)
     found |= {"time": aligned["time"].values[rows], "measured": rest + fitted[rows], "fitted": fitted[rows]}
-    return build(SCHEMAS["estimate"], found | _transients(aligned, pieces, left, noises, transient_sigma))
+    return build(SCHEMAS["estimate"], found | _transients(aligned, pieces, left, by_component, transient_sigma))
+
+
+def noises(
+    aligned: xr.Dataset, pieces, left: list[np.ndarray], noise_order: int, parameters: int, limit: float
+) -> tuple[list[NoiseModel | None], list[tuple]]:
+    """Noise of each component by what is left (m, 6) of every block, and the blocks without samples so far beyond it.
+
+    Of a component without a reading it is None. What is near such a sample is left out of the noise as well, for what
+    swings fades slowly; each time the noise is smaller.
+    """
+    removed = parameters + sum(slow.shape[1] for _, slow, _ in pieces)
+    order = max(min(noise_order, sum(there.sum() for *_, there in pieces) // 40), 1)
+    quiet, step = [there for *_, there in pieces], float(aligned["step"])
+    wide = np.ones(2 * int(TOGETHER_S / step) + 1, dtype=bool)
+    for _ in range(CALMER):
+        calm = [np.where(still[:, None], one, np.nan) for still, one in zip(quiet, left, strict=True)]
+        made = (fit_noise([one[:, c] for one in calm], order, step, removed) for c in range(6))
+        found = [one if read else None for one, read in zip(made, readings(aligned).any(axis=0), strict=True)]
+        far = [np.abs(one).max(axis=1) >= limit for one in _white(pieces, left, found)]
+        quiet = [there & ~binary_dilation(one, wide) for (*_, there), one in zip(pieces, far, strict=True)]
+    return found, [(rows, slow, there & ~one) for (rows, slow, there), one in zip(pieces, far, strict=True)]
 
 
 def _first_delay(aligned, pieces, observed):
-    """Delay s of the tags of firings at which they explain most of the angular reading: a firing is short beside it."""
-    left = [one[:, 3:] for one in _left(pieces, observed)]
+    """Delay s of the tags of firings at which they explain most of the angular reading: a firing is short beside it.
+
+    Of the linear one where there is no other.
+    """
+    left = [one[:, slice(3, None) if observed[:, 3:].any() else slice(3)] for one in _left(pieces, observed)]
     rows, series = np.concatenate([rows for rows, *_ in pieces]), np.nan_to_num(np.concatenate(left))
     series = series / np.maximum(series.std(axis=0), 1e-300)
     step = float(aligned["step"]) / 20
@@ -300,7 +322,7 @@ def _normal(pieces, observed, design, noises):
     information, right = [], []
     for rows, slow, there in pieces:
         normal, side = 0.0, 0.0
-        for c in range(6):
+        for c in np.flatnonzero(observed.any(axis=0)):
             whole = np.column_stack([observed[rows, c], design[rows, c], slow]) * there[:, None]
             if noises[c] is None:
                 spread = least_squares.without(whole[there, design.shape[2] + 1 :], whole[there, 0]).std()
@@ -328,11 +350,12 @@ def _left(pieces, series):
 
 def _white(pieces, left, noises):
     """Whitened residual (m, 6) of every block."""
+
+    def white(noise, series, there):
+        return np.zeros(series.size) if noise is None else whiten(noise, np.nan_to_num(series), there)
+
     each = zip(pieces, left, strict=True)
-    return [
-        np.stack([whiten(n, np.nan_to_num(one[:, [c]]), there)[:, 0] for c, n in enumerate(noises)], axis=1)
-        for (*_, there), one in each
-    ]
+    return [np.stack([white(n, one[:, c], there) for c, n in enumerate(noises)], axis=1) for (*_, there), one in each]
 
 
 def _transients(aligned, pieces, left, noises, limit):

@@ -12,16 +12,15 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.routine.accelerometer import COMPONENTS, PAIRS
-from gravcal.report import discovery_words, documents
+from gravcal.report import discovery, discovery_words, documents
 from gravcal.report.discovery import findings_table, tied_table
 from gravcal.report.figures import AXIS, COLOURS, grid, legend, thinned
 from gravcal.report.named_parameters import Page, document, parameter_table
 from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import as_plain, number, probability
-from gravcal.store.schemas import VERSION
+from gravcal.report.plain import as_plain, number
+from gravcal.store.schemas import VERSION, validate
 
 TITLES = {"thrusters": "Star cameras and thrusters"}
-LEVEL = 0.005  # of chance, corrected for the causes, below which the accelerometer names one
 #: What each part was proven on.
 PROVEN = {
     "accelerometer": "simulated days and ten seconds of measured ACC1A (GRACE-C, 2023-06-01), no whole measured day",
@@ -108,11 +107,7 @@ def report(
         if f"{part}.estimate" not in products:
             why = missing.get(part, "not asked for")
             instruments[part] = {"status": "missing", "said": why, "proven_on": PROVEN[part]}
-            sections.append(
-                Section(
-                    TITLES.get(part, part.capitalize()), notes=(f"Not simulated: {why}. Proven on {PROVEN[part]}.",)
-                )
-            )
+            sections.append(Section(title(part), notes=(f"Not simulated: {why}. Proven on {PROVEN[part]}.",)))
             continue
         mine = {name.partition(".")[2]: one for name, one in products.items() if name.startswith(f"{part}.")}
         instruments[part], shown = _instrument(part, own, mine)
@@ -140,41 +135,82 @@ def report(
 def _instrument(part, own, mine):
     """Part of the document, and sections, of one instrument."""
     facts, shown = own.content(mine)
-    found, known = mine["estimate"], document(mine["estimate"])
+    known = document(mine["estimate"])
     numbers = json.loads(mine["discovery"].attrs["numbers"]) if "discovery" in mine else {}
-    if part == "accelerometer":
-        rows = zip(found["cause"].values, found["chance"].values, strict=True)
-        findings = [{"cause": str(cause), "significance": float(p)} for cause, p in rows if p < LEVEL]
-    else:
-        findings = numbers.get("findings", [])
     named = [
         {name: one.get(name) for name in ("cause", "form", "parameters", "tied_with", "significance")}
-        for one in findings
+        for one in numbers.get("findings", [])
     ]
     statistics, adequate = _statistics(part, mine), numbers.get("adequate_after")
     told = ", ".join(discovery_words.title(one["cause"]) for one in named) or "nothing is named"
-    told = told if numbers or part == "accelerometer" else "not searched"
+    told = told if numbers else "not searched"
     said = f"{part}: {told}" + (", and more is left than noise" if adequate is False else "")
     made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
     made |= {"adequate": adequate, "p_before": numbers.get("p_before"), "p_after": numbers.get("p_after")}
     three = lambda value: "" if value is None else f"{value:.3g}"  # noqa: E731
     rows = [[one["what"], three(one["measured_rms"]), three(one["residual_rms"]), one["unit"]] for one in statistics]
     tables = [Table("Measured, and what the simulation leaves of it.", ["what", "rms", "rms left", "unit"], rows)]
-    if part == "accelerometer":
-        rows = [[discovery_words.title(one["cause"]), probability(one["significance"])] for one in named]
-        tables.append(
-            Table("Causes that take more than chance beside all others, free at once.", ["cause", "chance"], rows)
-        )
-    else:
-        tables += [findings_table(numbers), tied_table(numbers)] if named else []
+    tables += [findings_table(numbers), tied_table(numbers)] if named else []
     tables.append(parameter_table(known["parameters"], f"{part}.estimate"))
-    place = lambda one: replace(one, reads=[f"{part}.{name}" for name in one.reads])  # noqa: E731
-    tables += [place(table) for one in shown for table in one.tables if table]
-    figures = [place(figure) for one in shown for figure in one.figures]
+    tables, figures = tables + _placed(part, shown, "tables"), _placed(part, shown, "figures")
     notes = [note for one in shown for note in ([one.notes] if isinstance(one.notes, str) else one.notes)]
     notes.append(f"Proven on {PROVEN[part]}.")
-    section = Section(TITLES.get(part, part.capitalize()), [t for t in tables if t], figures, notes)
+    section = Section(title(part), [t for t in tables if t], figures, notes)
     return made | known | {"facts": as_plain(facts)}, [section]
+
+
+def _placed(part, sections, kind):
+    """Tables or figures of sections, read from the products of a part."""
+    every = [one for section in sections for one in getattr(section, kind) if one is not None]
+    return [replace(one, reads=[f"{part}.{name}" for name in one.reads]) for one in every]
+
+
+def title(part: str) -> str:
+    """Heading of a part."""
+    return TITLES.get(part, part.capitalize())
+
+
+def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Mapping, event: str, settings: Mapping):
+    """Report product of the searches of all parts, and its files: document, page, and a model of each that takes one.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery of each part
+    parts : {part: calibration, event and settings}; missing : {part: why it has none}
+    reported : {part: Reported} of all parts
+    event, settings : of the day
+    """
+    told = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
+    sections, files, findings, products = [], {}, [], {}
+    for (part, known), one in zip(parts.items(), found, strict=True):
+        made, numbers = discovery.judged(one, **known, reported=reported[part])
+        told[part] = made | {"proven_on": PROVEN[part]}
+        findings += [finding | {"part": part} for finding in made["findings"]]
+        shown = discovery.sections(one, made, reported[part])
+        notes = [made["verdict"]["text"], reported[part].note, f"Proven on {PROVEN[part]}."]
+        sections.append(Section(title(part), _placed(part, shown, "tables"), _placed(part, shown, "figures"), notes))
+        products[f"{part}.discovery"] = one
+        if made["findings"] and "model" in known["settings"]:
+            files[f"{part}.toml"] = discovery.model_text(numbers, known["event"])
+    sections += [Section(title(part), notes=[f"Not searched: {why}."]) for part, why in missing.items()]
+    searched = {part: one for part, one in told.items() if part in parts}
+    said = [f"{title(part)}: {one['verdict']['text']}" for part, one in searched.items()]
+    said += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
+    head = {"schema_version": VERSION, "calibration": "routine"}
+    head["status"] = max((one["status"] for one in searched.values()), default="no_data")  # questionable if one is
+    document = head | {"event": event, "kind": "discovery", "verdict": {"text": " ".join(said)}, "findings": findings}
+    for when in ("adequate_before", "adequate_after"):
+        document[when] = all(one[when] for one in searched.values())
+    document |= {"parts": told, "gain": {part: one["gain"] for part, one in searched.items()}}
+    document |= {"unexplained": {part: one["unexplained"] for part, one in searched.items() if one["unexplained"]}}
+    document |= {"indistinguishable_from_calibration": [], "calibration_change": {}}
+    document |= {"provenance": documents.traced("routine", products) | {"settings": as_plain(settings)}}
+    document = documents.judged(document, found, [])
+    validate(document, "discovery")
+    heading, subtitle = "What the models of a routine day get wrong", f"{len(parts)} of {len(told)} parts have records"
+    files["discovery.json"] = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    files["discovery.html"] = page(document, sections, products, heading=heading, subtitle=subtitle)
+    return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(parts))}, event=event), files
 
 
 def _statistics(part, mine):

@@ -1,0 +1,151 @@
+"""Readings of an accelerometer as discovery sees them: only their slow part is free, firings are among the causes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations.routine import accelerometer
+from gravcal.calibrations.routine.accelerometer import COMPONENTS, DELAY, Cause
+from gravcal.effects import effect
+from gravcal.estimation.noise import NoiseModel, unwhiten, whiten
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Reported
+
+NEAR_S = 0.01  # a delay is linear within it
+FIRINGS = "torque.thruster_firings"
+
+
+def observe(
+    products: Mapping[str, xr.Dataset], *, block_s: float, knot_s: float, noise_order: int, transient_sigma: float
+) -> Readings:
+    """Observations of one record.
+
+    Parameters
+    ----------
+    products : "align" and "estimate" of routine: noise, delay and size of firings are those with every cause free
+    block_s, knot_s, noise_order, transient_sigma : as of `accelerometer.estimate`
+    """
+    aligned, found = products["align"], products["estimate"]
+    pieces = list(accelerometer.blocks(aligned, block_s, knot_s))
+    rest = (found["measured"] - found["fitted"]).values
+    left = np.split(rest, np.cumsum([rows.size for rows, *_ in pieces])[:-1])
+    count = found.sizes["parameter"] // 6
+    noises, kept = accelerometer.noises(aligned, pieces, left, noise_order, count, transient_sigma)
+    return Readings(aligned, kept, noises, _causes(aligned, found))
+
+
+def _causes(aligned, found):
+    """Columns beside what the model foretells, firings where they were; a late tag has the column of its whole size.
+
+    What firings do to a satellite whose offset is not zero is in their own force: by torquers alone is it told apart.
+    """
+    value = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True))
+    delay = float(np.nan_to_num(value["delay"]))
+    made = {one.slug: one for one in accelerometer.causes(aligned, delay, np.zeros((6, 6)))}
+    near = max(abs(delay), NEAR_S)  # within which a delay is linear
+    ends = (delay, 0.0) if abs(delay) == near else (near, -near)
+    moved = (_foretold(aligned, ends[0]) - _foretold(aligned, ends[1])) / (ends[0] - ends[1])
+    share, impulse = accelerometer.duty(aligned, delay), effect(FIRINGS)
+    by_axis = np.zeros((share.shape[0], 6, 3))
+    by_axis[:, 3:] = (share @ aligned["nominal_b"].values)[:, :, None] * np.eye(3)
+    words = [list(each) for each in zip(*((p.name, p.unit, p.prior_sigma) for p in impulse.parameters), strict=True)]
+    made[DELAY] = made[DELAY]._replace(columns=moved[:, :, None])
+    return [one for one in (Cause(FIRINGS, "", *words, by_axis), *made.values()) if one.columns.any()]
+
+
+def _foretold(aligned, delay_s):
+    """Reading (n, 6) by the thruster table, tags of firings late by so many seconds."""
+    angular = accelerometer.duty(aligned, delay_s) @ aligned["nominal_b"].values
+    return np.concatenate([np.zeros_like(angular), angular], axis=1)
+
+
+@dataclass(frozen=True)
+class Readings(Observations):
+    """Observations of a record."""
+
+    aligned: xr.Dataset  #: "routine.align"
+    pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]]  #: rows, slow part and where a reading is, of each stretch
+    noises: list[NoiseModel | None]  #: of each component, None where it has no reading
+    causes: list[Cause]
+
+    name = "routine"
+    channels = ("linear", "angular")
+    parameters = ()
+    unit, scale, start = "1", np.zeros(0), np.zeros(0)
+    step = "unknown:step"
+    widest = False
+
+    @property
+    def noise_order(self) -> dict[str, int]:
+        """Coefficients of the noise, which is that of these very rows."""
+        known = [one for one in self.noises if one is not None]
+        return dict.fromkeys(self.channels, known[0].coefficients[-1].size)
+
+    @property
+    def parts(self) -> list[tuple]:
+        """Rows, slow part, where a reading is, and component of each block."""
+        return [(*one, c) for one in self.pieces for c in range(6) if self.noises[c] is not None]
+
+    @functools.cached_property
+    def blocks(self) -> list[Block]:
+        """One block a stretch and component: components share causes and nothing else."""
+        observed, time, made = accelerometer.readings(self.aligned), self.aligned["time"].values, []
+        observed = observed - _foretold(self.aligned, 0.0)
+        observed[:, 3:] -= self.aligned["magnetic_b"].values
+        for rows, slow, there, c in self.parts:
+            white = whiten(self.noises[c], np.column_stack([observed[rows, c], slow]), there)
+            label, channel = f"{COMPONENTS[c]} from {time[rows[0]]:.0f} s", np.full(rows.size, self.channels[c // 3])
+            axis, nothing = np.full(rows.size, c % 3), np.zeros((rows.size, 0))
+            made.append(Block(label, white[:, 0], nothing, white[:, 1:], channel, axis, time[rows]))
+        return made
+
+    @functools.cached_property
+    def candidates(self) -> list[Candidate]:
+        """Causes that the record can show."""
+        made = []
+        for one in self.causes:
+            columns = [
+                whiten(self.noises[c], one.columns[rows, c], there) if one.columns[rows, c].any() else None
+                for rows, _, there, c in self.parts
+            ]
+            made.append(Candidate(one.slug, "", one.names, one.units, columns, one.prior))
+        return made
+
+    def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
+        """Time, nothing foretold beside the slow part, and rows in the unit of the component."""
+        at, _, there, c = self.parts[number]
+        columns = np.zeros((rows.shape[1], at.size, 3))
+        columns[:, :, c % 3] = unwhiten(self.noises[c], rows, there).T
+        return self.aligned["time"].values[at], np.zeros((at.size, 3)), columns
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+        """Impulses in units of the nominal ones, which the model holds once."""
+        return _firings_moved(entry, 1.0)
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Aligned records less what the effects of a model add to the readings."""
+        added, known = np.zeros((self.aligned.sizes["time"], 6)), {one.slug: one for one in self.causes}
+        for entry in (_firings_moved(one, -1.0) for one in model if one.cause in known):
+            cause = known[entry.cause]
+            added += cause.columns @ [entry.values.get(name, 0.0) for name in cause.names]
+        less = {"linear_b": added[:, :3], "angular_b": added[:, 3:]}
+        return self.aligned.assign({name: self.aligned[name] - one for name, one in less.items()})
+
+
+def _firings_moved(entry, step):
+    """Entry with the share of nominal impulses moved, if it is of these."""
+    rows = entry.parameters.items() if entry.cause == FIRINGS else ()
+    moved = {name: replace(one, value=one.value and one.value + step) for name, one in rows}
+    return replace(entry, parameters=moved) if moved else entry
+
+
+REPORT = Reported(
+    note="Components are looked at in stretches with a slow part free between knots, less what thruster table and "
+    "torquers foretell. Two thrusters that fire together are one pair. Firings are placed where a fit with every cause "
+    "free has them.",
+    readings={name: " Less its slow part." for name in Readings.channels},
+)
