@@ -4,6 +4,8 @@ import functools
 import importlib
 import json
 import re
+import shutil
+import subprocess
 import warnings
 from importlib import resources
 from pathlib import Path
@@ -91,6 +93,14 @@ def test_the_checker_finds_what_is_wrong(made, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         assert any("furlongs" in text for text in complaints(path))
+
+
+@pytest.mark.skipif(not shutil.which("ncdump"), reason="ncdump is not installed")
+def test_ncdump_shows_every_kind(made):
+    """Contract: another netCDF library reads names, units and sizes of what we write."""
+    for path in made.values():
+        shown = subprocess.run(["ncdump", "-h", path], check=True, capture_output=True, text=True).stdout
+        assert 'Conventions = "CF-' in shown
 
 
 def test_every_unit_of_the_schemas_is_known_to_udunits():

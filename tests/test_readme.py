@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from flows.calibration import known
+
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -52,6 +54,27 @@ def test_the_pages_name_no_erratum_that_is_not_listed():
     texts = [path.read_text() for path in sources if path.suffix in (".py", ".toml", ".md")]
     cited = {name for text in texts for name in re.findall(r"errat(?:um|a) ([CKST]-\d+)", text)}
     assert cited <= listed
+
+
+def test_the_readme_needs_no_paper_to_be_read():
+    """Contract: no number of an erratum, no power of ten without a unit; what is proven on which data is a table."""
+    text = PAGES[0].read_text()
+    assert not re.findall(r"\b[CKST]-\d+\b|errat", text)
+    assert not re.findall(r"10\^-?\d+(?! (?:m|um|nT|rad|kg|s)\b)", text)
+    screen = text.partition("## ")[0]
+    assert all(f"docs/images/{name}.png" in screen for name in ("report", "discovery"))
+    proven = text.partition("## What is proven")[2]
+    assert all(f"`{name}`" in proven.partition("\n## ")[0] for name in known() if name != "routine")
+
+
+def test_the_recipes_for_clusters_install_what_they_import():
+    """Contract: an optional extra for each, with the package that the recipe imports."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    page = (ROOT / "docs" / "scale.md").read_text()
+    for extra, module in (("slurm", "dask_jobqueue"), ("kubernetes", "dask_kubernetes"), ("s3", "s3fs")):
+        assert f"gravcal[{extra}]" in page
+        assert module.replace("_", "-") in page or module in page
+        assert extras[extra][0].startswith(module.replace("_", "-"))
 
 
 def test_the_python_lines_print_what_the_readme_says(tmp_path, monkeypatch):

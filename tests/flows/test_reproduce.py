@@ -3,6 +3,7 @@
 import functools
 import http.server
 import json
+import re
 import tarfile
 import threading
 from pathlib import Path
@@ -81,6 +82,27 @@ def test_papers_name_sections_that_there_are_and_reports_have(tmp_path):
             assert f'"{item["report"]}' in headings if "report" in item else True, item["name"]
     done = CliRunner().invoke(cli.app, ["reproduce", "nothing", "--out", str(tmp_path)])
     assert done.exit_code == 2
+
+
+def test_no_table_or_figure_of_a_paper_is_missing():
+    """Contract: numbered without a gap, each on the page, with rows, or why there are none."""
+    page = (ROOT / "docs" / "papers.md").read_text()
+    for name, paper in reproduce.papers().items():
+        _, part = page.split(f"\n## {name}\n")
+        part = " ".join(part.partition("\n## ")[0].split())
+        for item in [*paper["tables"], *paper["figures"]]:
+            _, said = part.split(f"**{item['name']}** ")
+            assert said.startswith("not made: ") == ("reason" in item), item["name"]
+            assert "reason" in item or item["difference"] in said
+        for kind, items in (("Table", paper["tables"]), ("Figure", paper["figures"])):
+            numbers = set()
+            for one in items:
+                for first, last in re.findall(
+                    r"(\d+)(?: to (\d+))?", one["name"] if one["name"].startswith(kind) else ""
+                ):
+                    numbers |= set(range(int(first), int(last or first) + 1))
+            if not any(one["name"].startswith("Figures of") for one in items):  # by what they show, not by number
+                assert numbers == set(range(1, len(numbers) + 1)), (name, kind)
 
 
 def row(calibration_name, section, **labels):
