@@ -9,12 +9,9 @@ from benchmarks.tables import say, summary, title
 
 NAMES = {
     "recovery": ("benchmarks.recovery", "run"),
-    "adopted": ("benchmarks.recovery", "adopted"),
-    "independent": ("benchmarks.recovery", "independent"),
     "readers": ("benchmarks.speed", "readers"),
     "attitude": ("benchmarks.speed", "attitude"),
     "field": ("benchmarks.speed", "field"),
-    "simulate": ("benchmarks.speed", "simulate"),
     "day": ("benchmarks.day", "run"),
     "campaign": ("benchmarks.campaign", "run"),
     "many": ("benchmarks.many", "run"),

@@ -162,21 +162,3 @@ def _orbit():
     path = 6.868e6 * np.stack([np.cos(u), 0.02 * np.sin(u), np.sin(u)], axis=1)
     x, y, z = path.T
     return time, np.stack([np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x, z], axis=1)
-
-
-def simulate(options) -> list[Figure]:
-    """The windows round seven manoeuvres, computed and written as Level-1 files."""
-    from benchmarks import events
-    from flows import com_offset
-
-    title("simulate: the windows round seven manoeuvres")
-    with tempfile.TemporaryDirectory() as folder:
-
-        def written():
-            com_offset.CALIBRATION.simulate(folder, seed=options.seed, truth=None, effects={}, settings={})
-
-        work = {"alone": lambda: events.simulated(options.seed, {}), "written": written}
-        spent = watch.interleaved(work, options.rounds)
-    names = {"alone": "simulate", "written": "simulate and write Level-1 files"}
-    figures = [at_most(names[k], watch.middle(s), 2.0, " s", watch.span(s)) for k, s in spent.items()]
-    return show(figures, "min .. max")
