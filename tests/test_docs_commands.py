@@ -6,6 +6,7 @@ a Prefect server of one's own are typed by tests/flows/test_serve.py.
 """
 
 import contextlib
+import importlib.util
 import io
 import os
 import re
@@ -19,6 +20,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+import typer
 
 from flows import cli
 from flows.engine import server
@@ -42,7 +44,12 @@ DAYS = {  # what is simulated for --data DIR by calibration, for the event that 
 }
 EVENT = "grace-c-2020-02-01"
 FOLDERS = {"2003-09-14": "grace-2003-09-14/binary", "2014-01-15": "grace-2014-01-15"}
-SLOW = "python -m benchmarks.discovery_measured"  # many minutes; what it runs are the other lines of its page
+#: Lines whose words are read and no more, and the tests that do what they say.
+READ = {
+    "python -m benchmarks": "tests/test_published_methods.py",
+    "serve --": "tests/flows/test_serve.py",
+    "--limits": "tests/flows/test_cli.py, with magnetometer",
+}
 
 
 def lines():
@@ -59,9 +66,9 @@ def lines():
 
 def kind(line):
     """How a line is typed."""
-    if line.startswith(SLOW):
-        return "slow"
-    for mark in ("gravcal serve", "gravcal browse", "gravcal fetch", "prefect", "python -m benchmarks"):
+    if any(mark in line for mark in READ):
+        return "read"
+    for mark in ("gravcal serve", "gravcal browse", "gravcal fetch", "prefect"):
         if mark in line:
             return mark.split()[-1]
     return "measured" if re.search(r"discover (attitude|thrusters|ranging|magnetometer)", line) else "plain"
@@ -149,7 +156,7 @@ def filled(words, place):
 
 def test_every_line_is_typed_by_one_of_these_tests():
     """Contract: no line of the pages is of a kind that nothing here types."""
-    known = {"plain", "measured", "serve", "browse", "fetch", "prefect", "benchmarks", "slow"}
+    known = {"plain", "measured", "serve", "browse", "fetch", "prefect", "read"}
     assert len(lines()) > 30
     assert {kind(line) for line in lines()} == known
 
@@ -258,10 +265,14 @@ def test_a_line_serves(line, place, tmp_path_factory, monkeypatch):
         assert found["name"] == "com_offset"
 
 
-@pytest.mark.parametrize("line", of_kind("benchmarks"))
-def test_a_line_prints_figures(line):
-    """Contract: for one calibration and one run."""
-    words = shlex.split(line.replace("[CALIBRATION]", "com_offset").replace("--runs N", "--runs 1"))
-    done = subprocess.run([sys.executable, *words[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "com_offset" in done.stdout
+def test_the_words_of_the_other_lines_are_those_of_the_command():
+    """Contract: options, their types and the names of benchmarks exist."""
+    group = typer.main.get_command(cli.app)
+    for line in (line for line in lines() if kind(line) == "read"):
+        words = shlex.split(line)
+        if words[0] == "python":
+            assert importlib.util.find_spec(words[2]), line
+        else:
+            above = group.make_context("gravcal", words[1:])
+            name, command, rest = group.resolve_command(above, words[1:])
+            command.make_context(name, rest, parent=above)
