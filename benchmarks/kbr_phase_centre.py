@@ -16,7 +16,7 @@ from flows.engine import one_thread
 from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre import noise as noises
 from gravcal.calibrations.kbr_phase_centre import solve
-from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
+from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES, PARAMETERS
 from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages
 

@@ -81,7 +81,7 @@ def kbr_phase_centre(runs, noise=""):
     if not noise:
         return {name: kbr_phase_centre(runs, name) for name in ("measured", "benign")}
     from benchmarks import kbr_phase_centre as study
-    from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES
+    from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES
     from gravcal.simulation import kbr_phase_centre as simulation
 
     settings = {"phase_step_s": 1.0, "noise": noise}

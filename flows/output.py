@@ -1,4 +1,4 @@
-"""What the commands print: tables, errors on one screen; and progress on a terminal, judged by the last time."""
+"""What the commands print: tables, errors on one screen; and progress on a terminal."""
 
 import contextlib
 import json
@@ -6,12 +6,11 @@ import os
 import shutil
 import sys
 import textwrap
-import time
 import traceback
 
 from gravcal.errors import NoDataError, ProductError
 from gravcal.report.documents import foreword
-from gravcal.store import location, memory
+from gravcal.store import location
 
 AXES = "xyz"
 REASONS, SHOWN = 2, 4  # of a stage that a plan shows, and stages that one of them names
@@ -384,38 +383,28 @@ def _bars(*columns, **options):
 
 @contextlib.contextmanager
 def progress(title):
-    """Listener that shows the stages done, and the time left by that of the last time; None without a terminal."""
-    shown = ("SpinnerColumn", "{task.description}", "{task.fields[said]}", "TimeElapsedColumn", "TimeRemainingColumn")
-    with _bars(*shown) as bars:
+    """Listener that shows the stages done; None without a terminal."""
+    with _bars("SpinnerColumn", "{task.description}", "{task.fields[said]}", "TimeElapsedColumn") as bars:
         if bars is None:
             yield None
             return
-        known, counts, begin = memory.recall(f"seconds-{title}") or {}, {"cached": 0, "made": 0}, [time.monotonic()]
-        took, row = dict(known), bars.add_task(title, total=sum(known.values()) or None, said="")
+        counts, row = {"cached": 0, "made": 0}, bars.add_task(title, total=None, said="")
 
         def listener(call, state, _ref):
-            stage, now = call.unmade.stage, time.monotonic()
             counts[state] += 1
-            took.update({stage: now - begin[0]} if state == "made" else {})
-            begin[0] = now
-            said = f"{counts['made']} made, {counts['cached']} reused, last {stage}"
-            bars.update(row, advance=known.get(stage, 0.0), said=said)
+            said = f"{counts['made']} made, {counts['cached']} reused, last {call.unmade.stage}"
+            bars.update(row, said=said)
 
         yield listener
-        memory.remember(f"seconds-{title}", took)
 
 
 @contextlib.contextmanager
 def waiting(title, usual_s=None):
-    """Time that passes in work that has no parts, and what it took the last time, if there is a terminal."""
+    """Time that passes in work that has no parts, beside what it usually takes, if there is a terminal."""
     with _bars("SpinnerColumn", "{task.description}", "TimeElapsedColumn") as bars:
-        begin = time.monotonic()
         if bars is not None:
-            usual_s = (memory.recall(f"seconds-{title}") or {}).get(title, usual_s)
             bars.add_task(f"{title}, about {usual_s:.0f} s" if usual_s else title, total=None)
         yield
-        if bars is not None:
-            memory.remember(f"seconds-{title}", {title: time.monotonic() - begin})
 
 
 @contextlib.contextmanager

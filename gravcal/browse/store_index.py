@@ -1,7 +1,6 @@
 """What lies in the store, for the pages: nothing is written, set aside or made again by looking."""
 
 import functools
-import json
 from dataclasses import dataclass
 
 from gravcal import catalog
@@ -9,6 +8,7 @@ from gravcal.store import history, housekeeping, location, product, store
 from gravcal.store import origin as origins
 
 SEARCHES = ("discovery.json", "joint.json")  # documents of an event, and of all events of a satellite together
+_json = functools.lru_cache(maxsize=4096)(location.read_json)  # documents of products never change
 TRACED = 200  # products of a list whose inputs are looked into
 _known = {}  # folder -> record; a product is never changed, so its record is read once
 
@@ -187,15 +187,6 @@ def siblings(found):
         and (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind)
         and one.ref.variant != found.ref.variant
     ]
-
-
-@functools.lru_cache(maxsize=4096)
-def _json(path):
-    """Document of a report; it never changes."""
-    try:
-        return json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return None
 
 
 def _record(folder):

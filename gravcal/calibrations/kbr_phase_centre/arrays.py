@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gravcal.calibrations.kbr_phase_centre.schemas import PARAMETERS
+from gravcal.calibrations.kbr_phase_centre.pointing import PARAMETERS
 from gravcal.estimation.estimate import Estimate
 from gravcal.estimation.estimate import estimate as solve
 from gravcal.estimation.least_squares import polynomial

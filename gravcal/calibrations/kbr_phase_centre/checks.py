@@ -10,7 +10,7 @@ import xarray as xr
 from gravcal.calibrations import checks
 from gravcal.calibrations.checks import Check, at_least, at_most
 from gravcal.calibrations.kbr_phase_centre import align, pointing
-from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES
+from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES
 from gravcal.physics import constants, frames
 
 BRIDGED = 1800.0  # s, stretches of ranging at least this long are held against the orbit with a bias of their own

@@ -27,8 +27,7 @@ from gravcal.calibrations.kbr_phase_centre.candidates import (
     drivers,
     listed,
 )
-from gravcal.calibrations.kbr_phase_centre.pointing import angles
-from gravcal.calibrations.kbr_phase_centre.schemas import ESTIMATORS, OBSERVABLES, PARAMETERS
+from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES, PARAMETERS, angles
 from gravcal.effects import Context, effect
 from gravcal.effects.ranging import ripples
 from gravcal.estimation import crn

@@ -7,11 +7,29 @@ from dataclasses import astuple, dataclass, fields
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLES, SCHEMAS, UNITS, of
 from gravcal.estimation import crn
 from gravcal.physics import frames, kinematics
 from gravcal.physics.constants import DAY
+
+SCHEMAS = schemas.of("kbr_phase_centre.toml")
+#: Names along the dimensions of the products.
+PARAMETERS = ("x_a", "y_a", "z_a", "x_b", "y_b", "z_b")
+OBSERVABLES = ("range", "range_rate", "range_acceleration")
+UNITS = ("m", "m s-1", "m s-2")
+ESTIMATORS = ("ls", "robust")
+SUBSETS = ("all", "positive", "mirror", "all_x_fixed", "positive_x_fixed", "mirror_x_fixed")
+MANOEUVRE = ("satellite_index", "axis_index", "sign", "start", "stop")  # variables of each
+
+
+def schema_of(stage: str, observable: str) -> dict:
+    """Schema of the product of a stage with the units of one observable."""
+    number = OBSERVABLES.index(observable)
+    return {
+        name: stated | {"units": stated["units"][number]} if isinstance(stated.get("units"), tuple) else stated
+        for name, stated in SCHEMAS[stage].items()
+    }
 
 
 @dataclass(frozen=True)
@@ -293,7 +311,7 @@ def observable(
     }
     values = {name: column[valid] for name, column in values.items()}
     return build(
-        of("observable", variant),
+        schema_of("observable", variant),
         values | {n: pointed[n].values for n in MANOEUVRE},
         title=f"Observation equations of {variant}",
         observable=variant,

@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.kbr_phase_centre import noise
-from gravcal.calibrations.kbr_phase_centre.schemas import MANOEUVRE, OBSERVABLES, SCHEMAS, SUBSETS, of
+from gravcal.calibrations.kbr_phase_centre.pointing import MANOEUVRE, OBSERVABLES, SCHEMAS, SUBSETS, schema_of
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, robust
 
@@ -83,7 +83,7 @@ def solve(
     values |= _series(equations, parts, centre, derivative, orbit_degree)
     values |= {name: equations[name].values for name in MANOEUVRE}
     return build(
-        of("solve", variant),
+        schema_of("solve", variant),
         values,
         title=f"Phase centres from {variant}",
         observable=variant,
