@@ -153,15 +153,6 @@ def test_zooming_brings_finer_data(site, shop):
     assert complaints(browser) == []
 
 
-@pytest.mark.parametrize("path", ["/", "/products?all=1", f"/event/{EVENT}", "/timeline/com_offset"])
-def test_every_kind_of_page_opens_without_complaint(site, path):
-    """Contract: no error in the console, no page wider than the window, figures drawn."""
-    browser = site(path)
-    assert browser.execute_script(DRAWN) in ([], ["drawn"])
-    assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
-    assert complaints(browser) == []
-
-
 def test_a_report_runs_no_script(site, shop):
     """Contract: the report is shown in a frame that runs nothing."""
     browser = site(f"/report/{shop['again']['report'].key}/report.html")

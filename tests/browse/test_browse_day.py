@@ -306,11 +306,13 @@ def test_dark_and_paper_have_styles_and_focus_is_seen(at):
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark):  # noqa: ARG001 - more to show
-    """Contract: no violation that axe-core finds (contrast, names, roles, headings)."""
+    """Contract: no violation that axe-core finds (contrast, names, roles, headings); figures drawn, a quiet console."""
     for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
         browser = at(path, dark=dark)  # noqa: F811
         browser.execute_script(SCRIPT)
         assert browser.execute_async_script(AXE) == [], path
+        assert set(browser.execute_script(DRAWN)) <= {"drawn"}, path
+        assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
         assert complaints(browser) == []
 
 

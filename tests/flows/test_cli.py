@@ -42,12 +42,6 @@ def test_a_flag_makes_again_what_other_versions_made(fakecal, capsys, monkeypatc
         assert flags == () or "reused" not in said.err
 
 
-def test_a_document_on_standard_output_is_alone_there(fakecal, capsys):
-    """Contract: '-' means standard output and nothing else is printed there."""
-    assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline", "--json", "-") == 0
-    assert json.loads(capsys.readouterr().out)["status"] == "delivered"
-
-
 def test_exit_codes_tell_what_happened(fakecal, capsys):
     """Contract: 3 nothing to calibrate, 1 error with status failed in the document, 2 wrong usage."""
     here = ("run", "fakecal", "--data", fakecal, "--engine", "inline")
