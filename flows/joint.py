@@ -20,12 +20,12 @@ def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=
 
     Parameters
     ----------
-    name : calibration; satellite : letters, None for all; data : folder with Level-1 files of many days, None for
-        GRAVCAL_DATA
+    name : calibration; satellite : letters, None for all; data : folders with Level-1 files of one day or many, None
+        for GRAVCAL_DATA
     chosen : parameters; events : names of those that are used, none for all
     engine, workers, listener : as of a campaign
     """
-    sources = campaign.sources(name, satellite, data)
+    sources = [one for folder in data or [None] for one in campaign.sources(name, satellite, folder)]
     unknown = sorted(set(events) - {command.name_of(source) for source in sources})
     if unknown:
         there = ", ".join(command.name_of(source) for source in sources)

@@ -233,9 +233,9 @@ def _joint(document, files, notes):
         ]
     if rows:
         table(["cause", "scope", "of", "parameter", "value", "unit"], rows)
-    last = document["predicted"][-1]
-    values = [plain.plus_minus(v, s) for v, s in zip(last["value"], last["sigma"], strict=True)]
-    table([f"predicted ({document['unit']})", *document["parameters"]], [[last["date"], *values]])
+    for last in document["predicted"][-1:]:
+        values = [plain.plus_minus(v, s) for v, s in zip(last["value"], last["sigma"], strict=True)]
+        table([f"predicted ({document['unit']})", *document["parameters"]], [[last["date"], *values]])
     for event, reason in document["provenance"]["settings"]["left_out"].items():
         note(f"{event} left out: {reason}")
     for text in notes:

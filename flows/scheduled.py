@@ -117,7 +117,7 @@ def _together(calibration, satellite, data, chosen, workers):
     """Bring the models of the satellites up to date; a note beside the run says what changed beyond its error."""
     found, lines, data = [], [], Path(data) if data else None
     try:
-        found = watching.joint(calibration, satellite, data, chosen, engine="flow", workers=workers)
+        found = watching.joint(calibration, satellite, data and [data], chosen, engine="flow", workers=workers)
     except GravcalError as error:  # too few events, say: no failure of the campaign
         lines.append(str(error))
     for document, files, changes in found:

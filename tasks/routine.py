@@ -23,7 +23,7 @@ def align(*observed, **settings):
     return science.align(*observed, **settings)
 
 
-@stage(reads=["routine.align"], writes="routine.estimate", version=1)
+@stage(reads=["routine.align"], writes="routine.estimate", version=2)
 def estimate(aligned, **settings):
     """What firings, torquers and turns make of the readings."""
     return science.estimate(aligned, **settings)

@@ -66,6 +66,7 @@ LAST = "event whose last report is wanted"
 SHOWN = "also from which size on each effect of the catalogue would have been named in this event"
 PAGE = "copy of the page"
 JOINT = "search all events of a satellite together: causes with their scope, and how the result moves"
+DAYS = "folders of days, or one with many: which causes repeat, with their values"
 THESE = "with --joint: only these"
 WORKERS = "processes here; 0: none but this"
 FLOWN = "design of the catalogue, or plan.toml of gravcal design, that is flown"
@@ -182,6 +183,7 @@ def discover(
     limits: Annotated[bool, typer.Option("--limits", help=SHOWN)] = False,
     joint: Annotated[bool, typer.Option("--joint", help=JOINT)] = False,
     events: Annotated[str, typer.Option("--events", metavar="EVENT,EVENT", help=THESE)] = "",
+    days: Annotated[str, typer.Option("--days", metavar="DIR,DIR", help=DAYS)] = "",
     workers: Annotated[int | None, typer.Option("--workers", help=WORKERS)] = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help=PAGE, callback=writable)] = None,
     json: Json = None,
@@ -192,10 +194,13 @@ def discover(
     from flows import discover
 
     calibration = discover.ALIASES.get(calibration, calibration)
-    if joint:
-        if event or date or limits:
-            raise typer.BadParameter("--joint is of many events: it takes --satellite, --data and --events")
-        _joint(calibration, satellite, data, (settings, model, as_), events, str(engine), workers, out, json)
+    if joint or days:
+        if event or date or limits or (days and (data or joint)):
+            raise typer.BadParameter("--joint takes --satellite, --data and --events; --days folders and --satellite")
+        folders = [Path(one) for one in days.split(",")] if days else data and [data]
+        if not days and satellite is None:
+            raise typer.BadParameter("--joint: expected --satellite, that of the events, or those of both")
+        _joint(calibration, satellite, folders, (settings, model, as_), events, str(engine), workers, out, json)
         return
     study = discover.STUDIES.get(calibration)
     if study is None:
@@ -216,8 +221,6 @@ def _joint(calibration, satellite, data, given, events, engine, workers, out, js
     from flows import joint
 
     command.searched(calibration)
-    if satellite is None:
-        raise typer.BadParameter("--joint: expected --satellite, that of the events, or those of both")
     chosen = command.recorded(command.chosen(calibration, *given))
     named = [one.strip() for one in events.split(",") if one.strip()]
     found = joint.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
@@ -237,7 +240,7 @@ def watch(
     json: Json = None,
 ) -> None:
     """Update the joint model of a satellite with new events, and say what changed beyond its error."""
-    _joint(calibration, satellite, data, (settings,), "", "inline", workers, None, json)
+    _joint(calibration, satellite, data and [data], (settings,), "", "inline", workers, None, json)
 
 
 @app.command()

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
 
 from gravcal.discovery import attribution
 from gravcal.discovery.problem import prepare
+from gravcal.effects import effect
 from gravcal.errors import refuse
 from gravcal.estimation.moving import YEAR_S
 from gravcal.estimation.records import Observations, slug_of
@@ -51,8 +52,9 @@ def evidence(observed: Observations | None, *masses: xr.Dataset) -> xr.Dataset:
     """
     if observed is None:
         return xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}, attrs={"numbers": "{}"})
-    every = [one for one in observed.candidates if one.listed and len(one.prior) == len(one.names)]
-    every = [one for one in every if not one.form.endswith("alone") and slug_of(one.cause) == one.cause]
+    every = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
+    every = [replace(one, prior=_prior(one)) for one in every if not one.form.endswith("alone")]
+    every = [one for one in every if len(one.prior) == len(one.names)]
     problem, count = prepare(observed.blocks, every), len(observed.parameters)
     nuisance = np.arange(1 + count, problem.shared.stop)
     kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
@@ -72,6 +74,12 @@ def evidence(observed: Observations | None, *masses: xr.Dataset) -> xr.Dataset:
     values = {"gram": gram, "size": problem.size[kept]}
     made = {n: (d.split(), values[n], {"units": "1", "long_name": said}) for n, (d, said) in about.items()}
     return xr.Dataset(made, attrs={"numbers": json.dumps(numbers, allow_nan=False, sort_keys=True)})
+
+
+def _prior(one):
+    """Plausible sizes of a cause: its own, or those of the catalogue where a search of one event needs none."""
+    known = {} if one.prior else {p.name: p.prior_sigma for p in effect(one.cause).parameters}
+    return one.prior or [known[name] for name in one.names if name in known]
 
 
 def fuel(masses: Sequence[xr.Dataset], time: float) -> dict[str, float]:

@@ -55,6 +55,8 @@ class Named:
     #: {"cause", "expected_chi2", "observed", "single", "event", "tied"} of other causes: chi-square between them, that
     #: of the best single event, and the event that decides
     ties: Sequence[Mapping] = ()
+    #: (n, q, 2) value and error in each event, NaN where it shows none; chi-square and freedom of one value for all
+    apart: tuple[np.ndarray, float, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -287,7 +289,8 @@ class Search:
             shape = mine.weights.shape[1], self.places[law.cause].size
             held = self._held_out(mine, others) if k is not None else np.nan
             words = {"value": value[part].reshape(shape), "sigma": np.sqrt(np.diag(covariance)[part]).reshape(shape)}
-            one = Named(mine, gain, dof, chance[law.cause][0], score, held, **words)
+            apart = self._apart(law.cause, others, [row for row in named if row[0].cause != law.cause])
+            one = Named(mine, gain, dof, chance[law.cause][0], score, held, **words, apart=apart)
             found.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
         each = [(law.cause, size) for law, size in named if law.scope == "each"]
         offset, spread = self._offsets(shared, value, covariance, each)
@@ -303,6 +306,25 @@ class Search:
         held = np.repeat(scales, many) * prior[1:]
         covariance = np.linalg.inv(total[1:, 1:] + np.diag(1 / held**2)) if held.size else np.zeros((0, 0))
         return covariance @ total[1:, 0], covariance
+
+    def _apart(self, cause, others, each):
+        """Values of a cause in each event by itself, and the chi-square of one value for all, beside other laws."""
+        self.grams = self.projected([(law.cause, size) for law, size in each if law.scope == "each"])
+        made, _, size = self.products([*others, Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])])
+        last = slice(size.size - self.places[cause].size, size.size)
+        held, total = np.arange(1, last.start), made.sum(axis=0)
+        value = inverse_of(total[1:, 1:]) @ total[1:, 0]
+        values, gain, dof = np.full((len(made), last.stop - last.start, 2), np.nan), 0.0, 0
+        for one, shown in zip(made, values, strict=True):
+            rest = one.copy()
+            rest[:, 0] -= one[:, held] @ value[: held.size]
+            found = attribution.ratio(rest, last, size)
+            sigma = np.sqrt(np.diag(found.covariance))
+            shown[found.determined] = np.stack([found.value, sigma], axis=1)[found.determined]
+            away = found.value - value[held.size :]
+            seen = attribution.spread(one, last, size) @ one[last, last] @ away
+            gain, dof = gain + float(seen @ seen), dof + found.dof
+        return values, gain, max(dof - attribution.ratio(total, last, size).dof, 0)
 
     def _held_out(self, law, others):
         """Gain of a law in each event as all others predict it."""

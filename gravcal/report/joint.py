@@ -133,7 +133,19 @@ def _cause(search, one) -> dict:
     said = {"cause": cause.slug, "form": cause.form, "scope": one.law.scope, "values": values}
     tied = [row["cause"] for row in one.ties if row["tied"]]
     broken = [row for row in one.ties if not row["tied"]]
+    said |= _apart(search, one, cause)
     return said | numbers | {"heldout": held, "tied_with": tied, "broken": broken, "separation": list(one.ties)}
+
+
+def _apart(search, one, cause):
+    """Values of a cause in each event by itself, and whether it repeats: with the chi-square of one value for all."""
+    of_event, chi2, dof = one.apart
+    known = lambda v: float(v) if np.isfinite(v) else None  # noqa: E731
+    row = lambda shown: zip(cause.names, shown, cause.units, strict=True)  # noqa: E731
+    values = ({n: {"value": known(v), "sigma": known(e), "unit": u} for n, (v, e), u in row(k)} for k in of_event)
+    own = [{"event": event.name, "parameters": one} for event, one in zip(search.events, values, strict=True)]
+    p = float(np.exp(chi2_tail.log_tail(chi2, dof))) if dof else None
+    return {"by_event": own, "repeats": {"said": one.law.scope == "constant", "chi2": chi2, "dof": dof, "p": p}}
 
 
 def _motion(one: Moving, trims, name, fuel):
@@ -160,6 +172,8 @@ def _motion(one: Moving, trims, name, fuel):
 
 def predicted(moves, times, common=None) -> list[dict]:
     """Value and error of each parameter at times, one row each; `common` (p,) is an error that all events share."""
+    if not moves:
+        return []
     value, sigma = np.transpose([one.predicted(np.asarray(times)) for one in moves.values()], (1, 2, 0))
     sigma = np.hypot(sigma, 0.0 if common is None else common)
     return [
@@ -173,7 +187,12 @@ def verdict(document) -> str:
     said = []
     for one in document["causes"]:
         tied = f" (tied with {', '.join(map(words.title, one['tied_with']))})" if one["tied_with"] else ""
-        said.append(f"{words.title(one['cause'])}, {SCOPES.get(one['scope'], 'follows ' + one['scope'])}{tied}")
+        again, repeats = one["repeats"], ""
+        if count < 4:
+            word = "repeats" if again["said"] else "does not repeat"
+            repeats = f", {word} (chi-square of one value for all {again['chi2']:.1f} of {again['dof']})"
+        scope = SCOPES.get(one["scope"], "follows " + one["scope"])
+        said.append(f"{words.title(one['cause'])}, {scope}{repeats}{tied}")
     broken = sorted({row["event"] for one in document["causes"] for row in one["broken"]})
     text = f"{count} events: " + ("; ".join(said) if said else "no cause that they share") + "."
     text += f" Ties broken by {', '.join(broken)}." if broken else ""
@@ -293,11 +312,11 @@ def page(document, moves, history) -> str:
     drawn = Figure(partial(_draw, document, moves, history), (), FIGURE, arguments=())
     made = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
-        Section("Causes that events share", [_cause_table(document)]),
+        Section("Causes that events share", [_cause_table(document), _apart_table(document)]),
         Section("Ties", [_tie_table(document)], notes=[TIES]),
         Section("Contradictions", [_contradiction_table(document)], notes=[ALONE]),
     ]
-    made = [one for one in made if any(t is not None for t in one.tables) or one.figures]
+    made = [one for one in made[0 if moves else 1 :] if any(t is not None for t in one.tables) or one.figures]
     count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"
     return pages.page(document, made, {}, heading="What many events say together", subtitle=count)
 
@@ -380,6 +399,22 @@ def _cause_table(document):
     heads = ["cause", "scope, parameter", "chi-square gained", "events left out", "chance", "value", "unit"]
     caption = f"Causes as they were named; {document['tried']} laws were tried in a round."
     return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True) if rows else None
+
+
+def _apart_table(document):
+    """Values of each cause in each event by itself."""
+    rows = []
+    for one in document["causes"]:
+        chi2 = f"{one['repeats']['chi2']:.1f} of {one['repeats']['dof']}"
+        rows.append([words.title(one["cause"]), "", "repeats" if one["repeats"]["said"] else "does not repeat", chi2])
+        for own in one["by_event"]:
+            for name, p in own["parameters"].items():
+                if p["value"] is not None:
+                    value, unit = measured(p["value"], p["sigma"], p["unit"])
+                    rows.append([None, f"{own['event']} {name}", f"{value} {unit}", ""])
+    heads = ["cause", "event by itself", "value", "chi-square of one value for all"]
+    caption = "Each cause in each event by itself, beside the others."
+    return Table(caption, heads, rows, words=(0, 1, 2), wide=True) if rows else None
 
 
 def _tie_table(document):

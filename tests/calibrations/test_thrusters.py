@@ -6,7 +6,7 @@ import seeds
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from flows import engine
+from flows import engine, joint
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.thrusters import estimate, model
@@ -18,6 +18,7 @@ COUNT = 20
 LEVEL = 3e-4  # chance that a correct code fails, over the seven parameters
 CALIBRATION = load("thrusters")
 CHOSEN = catalog.parameters("thrusters")
+FIRINGS, LATE = "torque.thruster_firings.share_x", "timing.thruster_delay"
 DAY = "2014-01-15"
 SATELLITE = catalog.satellite("A").settings()
 INERTIA = np.array(SATELLITE["inertia"])
@@ -96,3 +97,28 @@ def test_a_hidden_delay_and_gain_come_back(tmp_path):
     hidden = CALIBRATION.simulate(tmp_path / "hidden", seed=4, effects=effects, settings={"duration_s": "3600"})
     assert_allclose(np.subtract(hidden["gain"], plain["gain"]), [0.5, 0, 0], atol=1e-12)
     assert hidden["delay_s"] - plain["delay_s"] == pytest.approx(2.0)
+
+
+def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, monkeypatch):
+    """Recovery: two days with 2.5 times the nominal roll impulse, tags late by 2 s on the second alone."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
+    fixed, share = {"duration_s": 21600, "gain_scatter": 0, "delay_scatter_s": 0}, {FIRINGS: 1.5}
+    seed = seeds.seed("thrusters of two days", 1e-4)
+    for day, late in (("2014-01-11", {}), ("2014-01-12", {f"{LATE}.delay": 2.0})):
+        CALIBRATION.simulate(
+            tmp_path / day, seed=seed + len(late), effects=share | late, settings=fixed | {"date": day}
+        )
+    folders = [tmp_path / "2014-01-11", tmp_path / "2014-01-12"]
+    ((document, files, _),) = joint.joint("thrusters", None, folders, CHOSEN, workers=0)
+    again = {one["cause"]: one["repeats"]["said"] for one in document["causes"]}
+    assert again == {FIRINGS.rpartition(".")[0]: True, LATE: False}
+    for one in document["causes"]:
+        values = [event["parameters"] for event in one["by_event"]]
+        if one["cause"] == LATE:
+            assert one["repeats"]["chi2"] > 15
+            assert values[1]["delay"]["value"] == pytest.approx(2.0, abs=5 * values[1]["delay"]["sigma"])
+        else:
+            assert one["repeats"]["p"] > 1e-4
+            for own in values:
+                assert own["share_x"]["value"] == pytest.approx(2.5, abs=5 * own["share_x"]["sigma"])
+    assert "does not repeat" in next(path for path in files if path.suffix == ".html").read_text()

@@ -77,7 +77,6 @@ class Readings(Observations):
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
     step = "unknown:step"
-    widest = False
 
     @property
     def noise_order(self) -> dict[str, int]:
