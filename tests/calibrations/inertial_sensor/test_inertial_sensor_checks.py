@@ -79,12 +79,10 @@ def late(time):
 
 CONTRADICTIONS = {
     "position x and y": ("ORB", ["position"], components(0, 1)),
-    "position frozen": ("ORB", ["position"], held),
     "position zero": ("ORB", ["position"], zero(1.0)),
     "velocity in km/s": ("ORB", ["velocity"], times(1e-3)),
     "orbit late": ("ORB", ["time"], late),
     "sign of V_y": ("IS1", ["V_y"], times(-1)),
-    "sign of V_z2": ("IS1", ["V_z2"], times(-1)),
     "V_z1 of the other sign for six seconds": ("IS1", ["V_z1"], turned),
     "V_z1 and V_z2": ("IS1", ["V_z1", "V_z2"], exchanged),
     "V_y and V_x3": ("IS1", ["V_y", "V_x3"], exchanged),
@@ -93,9 +91,7 @@ CONTRADICTIONS = {
     "voltages late": ("IS1", ["time"], late),
     "attitude components": ("ATT", ["q"], components(1, 2)),
     "attitude zero": ("ATT", ["q"], zero(0.25)),
-    "attitude late": ("ATT", ["time"], late),
     "roll, sign of V_x1": ("IS1", ["V_x1"], times(-1), ROLL),
-    "roll, sign of V_y": ("IS1", ["V_y"], times(-1), ROLL),
     "roll, V_z1 in mV": ("IS1", ["V_z1"], times(1e3), ROLL),
     "roll, voltages late": ("IS1", ["time"], late, ROLL),
     "roll, attitude components": ("ATT", ["q"], components(2, 3), ROLL),
