@@ -43,6 +43,7 @@ FINE = 16384  # frequencies that it is looked for at, twice
 STRETCH_S = 10.0  # of the blocks, between half a period of the swing and the memory of its noise
 STEP_S = 2.0  # between epochs at which a step is looked for
 MEMORIES_S = (4.0, 12.0, 40.0)  # of the size of a rate that may warm or charge something
+FIXED_POINT = 6  # times that offset and effects follow from each other
 MARGIN_S = 10.0  # from the ends of the record, where none is
 
 
@@ -152,20 +153,20 @@ class SwingView:
         noise_b = beta * np.sqrt(swing.voltage_variance * np.median(count))
         return straight + np.where((power > (STILL * noise_b) ** 2)[number], abrupt, 0.0)
 
-    def context(self, time: np.ndarray | None = None) -> Context:
+    def context(self, time: np.ndarray | None = None, place: np.ndarray | None = None) -> Context:
         """What effects of the sensor look at, from the fitted motion, at the epochs of the sensor or at others.
 
         A regressor made of the readings themselves would hold their noise, and explain it: the linear reading is that
         of the model, drift and offset. Beside the record it is as at its ends. A force has no bias: the linear reading
         is without its mean, beside which less than a ten thousandth of its columns would be left; voltages keep it.
         """
-        record, swing = self.record, self.swing
-        slow = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), self.start[3:6]))[self.good]
+        record, swing, place = self.record, self.swing, self.start[3:6] if place is None else place
+        slow = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), place))[self.good]
         size = np.linalg.lstsq(record.trend[self.good], slow, rcond=None)[0]
         gradient = fits.interpolated(record.time, np.nan_to_num(record.gradient_b), swing.time)
         trend = fits.interpolated(record.time, record.trend @ size, swing.time)
         known = {"rate_b": self.motion.rate_b, "rate_dot_b": self.rate_dot_b, "gradient_b": gradient}
-        known["linear_b"] = trend + np.matvec(sensing.offset_tensor(*known.values()), self.start[3:6])
+        known["linear_b"] = trend + np.matvec(sensing.offset_tensor(*known.values()), place)
         known["angular_b"] = self.rate_dot_b
         turning = (self.rate_dot_b - self.rate_dot_b.mean(axis=0)) / self.unknowns.factors[fits.OWNER]
         turning = swing.angular_volt.mean(axis=0) + turning
@@ -299,7 +300,7 @@ class SwingView:
         """
         extended = self.aligned.copy(deep=True)
         volts, time = extended["volts"].values, extended["time"].values
-        about, added = self.context(time), np.zeros((time.size, 6))
+        about, added = self.context(time, self._place_without(model)), np.zeros((time.size, 6))
         for entry in model:
             for channel, part in COMBINATIONS.items():
                 added[:, part] += self._added(entry, channel, about)
@@ -322,6 +323,23 @@ class SwingView:
                 back = frames.from_rotation_vector(np.tile(-values, (len(attitude), 1)))
                 attitude[:] = frames.quaternion_product(attitude, back)
         return extended.assign_attrs(model=" ".join(one.cause for one in model))
+
+    def _place_without(self, model):
+        """Offset (3,) m that the readings along x and z show without a model, which in turn follows from the offset.
+
+        With a coupling of a quarter the offset of the readings as they are makes an eighth of it wrong.
+        """
+        place, drift = self.start[3:6], np.einsum("nk,ac->nakc", self.record.trend, np.eye(3))
+        columns = np.concatenate([np.nan_to_num(self.tensor), drift.reshape(*drift.shape[:2], -1)], axis=2)
+        seen = np.repeat([True, False, True], self.record.time.size)  # the factor of a_y is not known
+        for _ in range(FIXED_POINT):
+            about = self.context(place=place)
+            added = np.zeros_like(about.linear_b) + sum(self._added(entry, "linear", about) for entry in model)
+            left = self.k * np.nan_to_num(self.record.linear_volt) - self.binned(added)
+            both = np.where(self.good[:, None, None], np.concatenate([left[:, :, None], columns], axis=2), 0.0)
+            rows = self.linear_rows(both)[seen]
+            place = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0][:3]
+        return place
 
     def _added(self, entry, channel, about):
         """What an entry adds to linear or angular readings, (n, 3) m s-2 or rad s-2."""
