@@ -107,7 +107,7 @@ def draw_pair(chosen, day: float, rng) -> Pair:
 
 def _planned(chosen):
     """Name such as "+pitch_b" ("" leaves a place empty), length s, period s, offset deg, amplitude deg, slew s."""
-    if not chosen.design:
+    if "design" not in chosen.entries or not chosen.design:  # a day of routine has none
         usual = chosen.cycles * chosen.period_s, chosen.period_s, chosen.offset_deg, chosen.amplitude_deg, chosen.slew_s
         return [(name, *usual) for name in chosen.manoeuvres]
     made = []
