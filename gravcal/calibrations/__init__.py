@@ -1,4 +1,4 @@
-"""Calibrations: observation equations and their solution; datasets in, datasets out."""
+"""Calibrations: observation equations and their solution; datasets in, datasets out, as the schema of a stage says."""
 
 import importlib
 

@@ -68,10 +68,6 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     field : Dataset, "com_offset.field"
     settings : dynamics, torque_degree, torque_scale_sigma, edge_shift_sigma_s, integration_step_s, iteration_limit,
         attitude_noise_order, lowpass_hz, half_width_s, step_s, calibration_drift_degree, inertia, dipole_per_current
-
-    Returns
-    -------
-    smoothed : Dataset, "com_offset.attitude"
     """
     full = settings["dynamics"] == "full"
     found = windows(aligned, field, settings["inertia"], np.asarray(settings["dipole_per_current"]), full)

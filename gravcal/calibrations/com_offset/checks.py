@@ -33,10 +33,6 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
     limits : check_piece_s, velocity_limit_m_s, gravity_limit_m_s2, orbit_limit_m, height_lowest_km, height_greatest_km,
         pointing_limit_deg, field_limit_nt, outlier_limit, unchanged_limit_s, attitude_limit_urad, scale_limit,
         angular_limit, delay_limit_s
-
-    Returns
-    -------
-    product : Dataset, "com_offset.checks"
     """
     piece = limits["check_piece_s"]
     usable = aligned["orbit_flag"].values == 0

@@ -108,10 +108,6 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
     ----------
     magnetometer : Dataset, "ingest" of MAG1B
     settings : period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma
-
-    Returns
-    -------
-    manoeuvres : Dataset, "com_offset.detect"
     """
     names = [f"Mfv{a}_RAW" if f"Mfv{a}_RAW" in magnetometer else f"Mfv{a}" for a in "XYZ"]
     time, values, flag, _ = sorted_samples(magnetometer, own_tags(magnetometer), ("current_b", *names))

@@ -30,10 +30,6 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     smoothed : Dataset, "com_offset.attitude"
     aligned : Dataset, "align"
     settings : variant, method, inertia, inertia_sigma, dipole_per_current, dipole_per_current_sigma
-
-    Returns
-    -------
-    angular : Dataset, "com_offset.angular_acceleration"
     """
     variant, torquer = settings["variant"], smoothed["rate_dot_mtq_b"].values
     time, manoeuvre = smoothed["time_acc"].values, smoothed["acc_manoeuvre"].values

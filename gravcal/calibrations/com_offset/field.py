@@ -21,10 +21,6 @@ def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
     ----------
     aligned : Dataset, "align"
     igrf_generation : 13 or 14
-
-    Returns
-    -------
-    checked : Dataset, "com_offset.field"
     """
     good = aligned["orbit_flag"].values == 0
     time = aligned["time_orbit"].values[good]
@@ -86,10 +82,6 @@ def survey(aligned: xr.Dataset, checked: xr.Dataset) -> xr.Dataset:
     ----------
     aligned : Dataset, "align"
     checked : Dataset, "com_offset.field"
-
-    Returns
-    -------
-    surveyed : Dataset, "com_offset.survey"
     """
     time, rate, impulse = _series(aligned, checked)
     slope, sigma = _slope(rate, impulse)

@@ -83,10 +83,6 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     pieces : Dataset, "com_offset.quiet"
     drift_degree : of each piece
     noise_order : highest of the model
-
-    Returns
-    -------
-    measured : Dataset, "com_offset.noise"
     """
     step, reading = float(pieces.attrs["step_s"]), pieces["reading"].values
     seconds = step * int(np.isfinite(reading[:, 0]).sum())

@@ -608,10 +608,6 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
     aligned : Dataset, "com_offset.align"
     views : one a manoeuvre
     model : list of Entry
-
-    Returns
-    -------
-    extended : Dataset, "com_offset.align"
     """
     extended = aligned.copy(deep=True)
     for entry in sorted(model, key=lambda e: e.cause == lag.CAUSE):  # what is left says where edges fall

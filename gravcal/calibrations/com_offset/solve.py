@@ -31,10 +31,6 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     resampled : Dataset, "com_offset.equations"
     measured : Dataset, "com_offset.noise"
     settings : drift_degree, noise_order
-
-    Returns
-    -------
-    solved : Dataset, "com_offset.solve"
     """
     given = arrays(resampled)
     settings = settings | {"step_s": float(resampled.attrs["step_s"])}
@@ -168,10 +164,6 @@ def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Datas
     aligned : Dataset, "align"
     smoothed : Dataset, "com_offset.attitude"
     angular : Dataset, "com_offset.angular_acceleration"
-
-    Returns
-    -------
-    solved : Dataset, "com_offset.solve"
     """
     variant = angular.attrs["variant"]
     aligned, smoothed, angular = (arrays(one) for one in (aligned, smoothed, angular))
@@ -202,10 +194,6 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
         determined_sigma_um, a component with a larger error is not determined;
         consistency_level, probability below which manoeuvres or angular accelerations do not agree;
         drag_sigma_m_s2 and period_s, a constant acceleration that turns with the swinging body looks like an offset
-
-    Returns
-    -------
-    combined : Dataset, "com_offset.combine"
     """
     limit = settings["determined_sigma_um"] * 1e-6
     method = settings["method"]
@@ -265,10 +253,6 @@ def with_model_error(
     moved : Dataset, "com_offset.combine", one for each direction of the model's errors
     determined_sigma_um : um, a component with a larger error is not determined
     added : text, as of `building.widened`
-
-    Returns
-    -------
-    combined : Dataset, "com_offset.combine"
     """
     new = widened(combined, moved, {"offset": ("covariance", "covariance_total")}, added)
     before = new.get("offset", combined["offset"].values)

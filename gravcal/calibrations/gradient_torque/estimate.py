@@ -48,10 +48,6 @@ def drag(
     control_hz, control_damping : Hz, 1, law of the attitude control; 0 Hz: not known, no torque balance
     satellite : numbers of the catalogue
 
-    Returns
-    -------
-    drag : Dataset, "gradient_torque.drag"
-
     Notes
     -----
     Least squares over time. The drag of an epoch appears in that epoch's reading and, weakly, in the torque balance, so
@@ -219,10 +215,6 @@ def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
     ----------
     found : Dataset, "gradient_torque.drag"
     moved : Dataset, "gradient_torque.drag", one for each direction of the model's errors
-
-    Returns
-    -------
-    found : Dataset, "gradient_torque.drag"
     """
     held = {"drag_b": ("covariance", "covariance_total"), "pressure": ("pressure_covariance",)}
     return replaced(found, widened(found, moved, {name: held[name] for name in held if name in found}))
@@ -246,10 +238,6 @@ def combine(
     methods : names
     identifiability_epochs, identifiability_step_s : size of the joint system shown
     single_sensor, elongation, satellite : as for the other stages
-
-    Returns
-    -------
-    combined : Dataset, "gradient_torque.combine"
     """
     modelled, drags, rest = products[0], products[1 : 1 + len(methods)], products[1 + len(methods) :]
     truth = rest[0]["drag_b"].values if rest else np.full(drags[0]["drag_b"].shape, np.nan)

@@ -83,10 +83,6 @@ def gradient(
     single_sensor : 1 or 2, the one that the one-sensor methods use
     elongation : 1, of the test masses
     satellite : attitude_noise, angular_noise_density, test_mass, test_mass_inertia of the catalogue
-
-    Returns
-    -------
-    gradient : Dataset, "gradient_torque.gradient"
     """
     time, places = observed["time"].values, observed["sensor_position"].values
     if single_sensor > len(places):
@@ -171,10 +167,6 @@ def torque(
     spectrum_step_s : s
     elongation : 1, of the test mass
     satellite : inertia, test_mass, test_mass_inertia, angular_noise_density
-
-    Returns
-    -------
-    torque : Dataset, "gradient_torque.torque"
     """
     time, position = observed["time"].values, observed["position"].values
     every = slice(None, None, max(1, round(spectrum_step_s / float(np.median(np.diff(time))))))

@@ -78,10 +78,6 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     quiet_margin_s : s kept clear of the swing where the noise is measured
     drift_degree : of the polynomial that stands for bias, drag and radiation
     noise_order : of the autoregressive noise, at most
-
-    Returns
-    -------
-    solved : Dataset, "inertial_sensor.offset"
     """
     record = prepare(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
     k = scaled.k.values[int(scaled.chosen_arm)]

@@ -34,10 +34,6 @@ def detect(
     swing_minimum_s : s, shortest swing
     roll_rate_rad_s : mean rate about y above which the satellite rolls
     segment_s : s, shortest roll
-
-    Returns
-    -------
-    detected : Dataset, "inertial_sensor.detect"
     """
     parts = [_motion(read()) for read in attitudes]
     time, rate_dot_rms, rate = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -97,10 +93,6 @@ def align(
     margin_s : s kept on either side, quiet data for the noise
     spike_sigma : standard deviations of a sample about the running median
     gap_limit_s : s, longest gap in the swing that is bridged
-
-    Returns
-    -------
-    aligned : Dataset, "inertial_sensor.align"
 
     Raises
     ------
@@ -166,10 +158,6 @@ def segment(
     days : functions that read sensor, tracker and orbit of each day
     step_s : s, of the bins
     workers : days held in memory at a time
-
-    Returns
-    -------
-    segmented : Dataset, "inertial_sensor.segment"
     """
     from concurrent.futures import ThreadPoolExecutor
 

@@ -39,10 +39,6 @@ def scale(
     arm_x_mm : mm, 8.0 or 10.45
     k_y, k_y_sigma : m s-2 V-1, taken as they are
     geometry : {"mass" kg, "inertia" kg m2, "arm" m, and each with "_sigma"}
-
-    Returns
-    -------
-    scaled : Dataset, "inertial_sensor.scale"
     """
     prepared = prepare(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
     fitted = swing.fit(prepared, np.array(first_beta, dtype=float))

@@ -27,10 +27,6 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
         of the next day
     gap_limit_s : s, gaps of orbit or attitude up to this are interpolated
     break_limit_m : m, a step of the range against its own rate beyond this is a phase break
-
-    Returns
-    -------
-    aligned : Dataset, "kbr_phase_centre.align"
     """
     observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]

@@ -45,10 +45,6 @@ def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, qu
     noise_degree : degree of the polynomial free in a stretch of `quiet_length_s`, less in shorter ones
     quiet_length_s : s, longest stretch
     quiet_minimum_s : s, of quiet data that suffice
-
-    Returns
-    -------
-    measured : Dataset, "kbr_phase_centre.noise"
     """
     time = equations["time_kbr"].values
     step = float(np.median(np.diff(time))) if time.size > 1 else 5.0
@@ -410,10 +406,6 @@ def with_restricted(
     measured : Dataset, "kbr_phase_centre.noise"
     stretches : of the manoeuvres
     residuals : of each, (n,) m observed, (n, k) baseline and (n, q) candidates
-
-    Returns
-    -------
-    measured : Dataset, "kbr_phase_centre.noise"
 
     Notes
     -----

@@ -61,10 +61,6 @@ def pointing(
     period_s : s, of the wiggle
     offset_limit_deg : deg, smallest mean angle that has a sign
     amplitude_limit_deg : deg, smallest amplitude of a wiggle
-
-    Returns
-    -------
-    pointed : Dataset, "kbr_phase_centre.pointing"
     """
     time, position, quaternion = (aligned[n].values for n in ("time", "position_i", "quaternion"))
     line = lines_of_sight(position, quaternion)
@@ -283,10 +279,6 @@ def observable(
     crn_window_s, crn_bandwidth_hz : s and Hz, of the filter
     nominal_m : (2, 3) m, phase centres of the catalogue, for the lever arm of pointing errors
     published_half_width : epochs on either side in the derivative of the source paper
-
-    Returns
-    -------
-    equations : Dataset, "kbr_phase_centre.observable"
     """
     derivative = OBSERVABLES.index(variant)
     time, at = pointed["time"].values, aligned["time_kbr"].values

@@ -61,10 +61,6 @@ def solve(
     robust_k0, robust_k1 : constants of IGG-III
     nominal_m : (2, 3) m, at which x is held in the sub-sets that fix it
     published_trim_s : s, left out at both ends by the source paper
-
-    Returns
-    -------
-    solved : Dataset, "kbr_phase_centre.solve"
     """
     derivative = OBSERVABLES.index(variant)
     nominal = np.asarray(nominal_m, dtype=float).reshape(6)
@@ -287,10 +283,6 @@ def combine(
     adopted_observable, adopted_estimator : the result that goes into the vector files
     determined_limit_mm : mm, a component with a larger sigma is not determined
     offset_deg : deg, offset angle of the design, for the predicted shifts of one-sided sets
-
-    Returns
-    -------
-    combined : Dataset, "kbr_phase_centre.combine"
     """
     values = {name: np.stack([one[name].values for one in solved]) for name in STACKED}
     values["determined"] = _determined(values["covariance"], determined_limit_mm)

@@ -51,10 +51,6 @@ def estimate(
     determined_ratio : largest sigma of a parameter over the plausible size in the catalogue of effects
     held : groups that are held at nought: the result is then that of an instrument without them
 
-    Returns
-    -------
-    found : Dataset, "magnetometer.estimate"
-
     Notes
     -----
     measured - B = b + (diag(s) + E) B + B x a + L m + h k - delay dB/dt: bias b, scale s, shear E, misalignment a, leak

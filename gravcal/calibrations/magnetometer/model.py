@@ -60,10 +60,6 @@ def align(
     mag, camera, orbit : Dataset, "ingest" of MAG1B, SCA1B, GNV1B
     dipole_per_current : (3,) A m2 mA-1
     igrf_generation : of the IGRF
-
-    Returns
-    -------
-    aligned : Dataset, "magnetometer.align"
     """
     columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
     time, values = usable(mag, (*columns, "current_b"))

@@ -43,10 +43,6 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
     equations : Dataset, "kbr_phase_centre.observable" of the range
     nominal_m : (2, 3) m, phase centres of the catalogue
     noise_hz : Hz, above which pointing is all noise
-
-    Returns
-    -------
-    rows : Dataset, "ranging.align"
     """
     quiet = equations["arc"].values == -1
     at = equations["time_kbr"].values[quiet]
@@ -241,10 +237,6 @@ def estimate(
     rows : Dataset, "ranging.align"
     range_block_s, range_degree, noise_order : as of `blocks`
     determined_limit_mm : mm, a component with a larger sigma is not determined
-
-    Returns
-    -------
-    found : Dataset, "ranging.estimate"
 
     Notes
     -----

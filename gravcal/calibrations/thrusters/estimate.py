@@ -128,10 +128,6 @@ def estimate(
     parts : of the record that are also solved alone
     determined_ratio : largest sigma of a parameter over the plausible size in the catalogue of effects
 
-    Returns
-    -------
-    found : Dataset, "thrusters.estimate"
-
     Notes
     -----
     angle(t) = sum_k R(t - t_k + delay) diag(gain) L_k + smooth(t) + step of the camera in use; R of

@@ -86,10 +86,6 @@ def align(
     twin : "ingest" of THR1B of the other satellite of the pair, at most one
     position_b, force_b : (14, 3) m and N, in the order of the columns of THR1B
     igrf_generation : of the field along the orbit
-
-    Returns
-    -------
-    aligned : Dataset, "thrusters.align"
     """
     low = (observed["qualflg"].values & LOW_RATE) != 0
     time, values, flag, _ = sorted_samples(observed, own_tags(observed), (*QUATERNION, "sca_id", "qual_rss"), low)
@@ -306,10 +302,6 @@ def quiet_noise(
     knot_s : s, of the smooth torque
     noise_order : coefficients of the noise models
     head_minimum : epochs of a camera below which its covariance is not measured and it is not used
-
-    Returns
-    -------
-    measured : Dataset, "thrusters.noise"
     """
     one = records(aligned)
     pieces = list(_quiet(one.camera, one.firings.time, quiet_minimum_s, knot_s))
