@@ -1,7 +1,5 @@
 """`python -m benchmarks browse`: how long a series of 16 million samples takes to be seen in a web browser."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """A campaign of simulated events: cold, with nothing to do, and after a changed setting of the last stages."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import os

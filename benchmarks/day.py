@@ -1,7 +1,5 @@
 """A whole day: what it costs from files to page, how much memory, and what a second run costs."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Simulated events through the flow of the project, in memory: no files, no store; and the bound of their offset."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field

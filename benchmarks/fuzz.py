@@ -6,8 +6,6 @@ page are built in every case and written as SVG, half of a run's time, in every 
 `python -m benchmarks fuzz --calibration NAME --seed SEED --first NUMBER --runs 1` makes it again.
 """
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import gzip

@@ -14,8 +14,6 @@ satellites in five years, one effect that is the same in all of them at a signal
 (`--sort NAME` of `HIDDEN`, or clean), an offset with slope, walk and a trim. Each event is then left out once.
 """
 
-from __future__ import annotations
-
 import datetime
 import json
 import subprocess

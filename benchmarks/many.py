@@ -3,8 +3,6 @@
 An event is one number in one file, and one product: memory and database do not depend on what is computed.
 """
 
-from __future__ import annotations
-
 import datetime
 import os
 import shutil

@@ -6,8 +6,6 @@ fails, in a fork of a process that has loaded the libraries, and once without an
 kill the suite kills. What survives is a hole in the tests, or changes nothing; a text that is gone is stale.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import shlex

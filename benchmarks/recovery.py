@@ -1,7 +1,5 @@
 """Recovery of an invented centre-of-mass offset over many events, against its error and the Cramer-Rao bound."""
 
-from __future__ import annotations
-
 import multiprocessing
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Statistics of many recoveries, each with the interval that chance leaves it."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import stats
 

@@ -1,7 +1,5 @@
 """Parts of the work against the best public peer, both timed in turn in the same run."""
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import warnings

@@ -1,7 +1,5 @@
 """Timing of several things in turn, so that a machine whose speed drifts is fair to all; what two processes can do."""
 
-from __future__ import annotations
-
 import multiprocessing
 import statistics
 import time

@@ -1,7 +1,5 @@
 """Aligned tables with every figure beside its target, and a last word on what was met."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 

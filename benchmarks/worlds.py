@@ -7,8 +7,6 @@ line of `--out FILE`, and a study goes on where it stopped. `python -m benchmark
 `discover` on every case of a folder whose truth is not at hand.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -5,8 +5,6 @@ plan, campaign, series, browser and reports read the record; nothing else names 
 docs/adding_a_calibration.md.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import json

@@ -1,7 +1,5 @@
 """Centre-of-mass offset: from Level-1 files to a reported offset."""
 
-from __future__ import annotations
-
 import importlib
 
 from flows.calibration import Calibration, Discovery, of_one_satellite

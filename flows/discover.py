@@ -1,7 +1,5 @@
 """Discovery: what the simulation of an event gets wrong, the cause, the extended model, the gain."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Gravity-gradient torque and drag: from an SGRS file to the drag by each method, and what one sensor can tell."""
 
-from __future__ import annotations
-
 import functools
 from pathlib import Path
 

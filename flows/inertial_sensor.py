@@ -1,7 +1,5 @@
 """Inertial-sensor calibration: from voltages and attitude to scale factors, offset and bias."""
 
-from __future__ import annotations
-
 from datetime import timedelta
 
 from flows.calibration import EPOCH, Calibration, Discovery

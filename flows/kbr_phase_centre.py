@@ -1,7 +1,5 @@
 """Antenna phase centres: from Level-1 files of a pair to reported vectors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import timedelta
 from itertools import product

@@ -1,7 +1,5 @@
 """Magnetometer: from measured field, attitude and orbit to bias, scale, axes and leak of the torquers."""
 
-from __future__ import annotations
-
 import functools
 
 from flows.calibration import Calibration, Discovery, of_one_satellite

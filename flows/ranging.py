@@ -1,7 +1,5 @@
 """Routine pointing: from ranging, orbits and attitudes of a day without wiggles to the phase centres."""
 
-from __future__ import annotations
-
 from flows import kbr_phase_centre as wiggles
 from flows.calibration import Calibration, Discovery
 from flows.engine import flow

@@ -1,7 +1,5 @@
 """A routine day forward: every instrument whose records there are, measured beside simulated, and causes."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 

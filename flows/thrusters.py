@@ -1,7 +1,5 @@
 """Attitude thrusters: from star camera and firings of a day to gain of the impulses and delay of the tags."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import replace
 

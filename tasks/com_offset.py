@@ -1,7 +1,5 @@
 """Stages of the centre-of-mass calibration; the science is in `gravcal/calibrations/com_offset`."""
 
-from __future__ import annotations
-
 from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage

@@ -1,7 +1,5 @@
 """What every calibration begins with: where its Level-1 files are, and reading them."""
 
-from __future__ import annotations
-
 import datetime
 import json
 import os

@@ -4,8 +4,6 @@ Each is told the calibration or the kind of product that it writes, the module w
 and the names of the products there.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import sys

@@ -1,7 +1,5 @@
 """Stages of the inertial-sensor calibration; the science is in `gravcal/calibrations/inertial_sensor`."""
 
-from __future__ import annotations
-
 from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage

@@ -1,7 +1,5 @@
 """Stages of the ranging calibration; the science is in `gravcal/calibrations/kbr_phase_centre`."""
 
-from __future__ import annotations
-
 from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage

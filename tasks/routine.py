@@ -1,7 +1,5 @@
 """Stages of a routine day: its accelerometer is in `gravcal/calibrations/routine`, the rest with its own names."""
 
-from __future__ import annotations
-
 import importlib
 
 from gravcal.calibrations import schemas

@@ -1,7 +1,5 @@
 """The stages of com_offset driven in memory, with the settings of the catalogue, for tests of many events."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

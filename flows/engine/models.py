@@ -1,7 +1,5 @@
 """Extended models: what `gravcal discover` writes and `--model` reads."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

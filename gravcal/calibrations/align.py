@@ -1,7 +1,5 @@
 """Grid, frame and gaps: Level-1 records of a satellite on GPS time round each manoeuvre. Shared by the calibrations."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -1,7 +1,5 @@
 """Datasets made from plain arrays by the schema of their kind, and results widened by the errors of a model."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 

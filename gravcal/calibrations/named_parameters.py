@@ -1,7 +1,5 @@
 """Results as named parameters of different units: solution, agreement of the parts of a record, product."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

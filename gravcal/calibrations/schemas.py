@@ -1,7 +1,5 @@
 """What products hold: the schemas of a calibration, read from the TOML file of its name in its folder."""
 
-from __future__ import annotations
-
 import functools
 import tomllib
 from pathlib import Path

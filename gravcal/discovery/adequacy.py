@@ -6,8 +6,6 @@ noise, so that the probability is uniform on data without error, whatever the te
 together that is less than noise has is an alarm of its own: the noise is overrated, and what is small is not seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial

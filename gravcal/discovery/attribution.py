@@ -4,8 +4,6 @@ Gram matrices (m, m) hold products of all columns, the observed rows first; `pla
 `size` (m,) the norm of the columns beside own ones.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

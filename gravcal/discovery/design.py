@@ -7,8 +7,6 @@ Experiments). What is not known beforehand, such as the orbit, is drawn: several
 by some and judged by others, for the best of many is never as good again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 A calibration hands over `gravcal.estimation.records.Observations`; nothing here knows which one it is.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable, Sequence

@@ -3,8 +3,6 @@
 Kept apart from the search, so that a change of that makes nothing of this again.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -8,8 +8,6 @@ causes are tried in every round; what is significant among all of them is named,
 priors of the catalogue, as in a single event (`model_average`).
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

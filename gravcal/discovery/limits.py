@@ -6,8 +6,6 @@ doi:10.1088/0264-9381/33/13/134001). The residual is linear in them, so that eve
 columns; the search itself confirms the limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The one number that stands after a search: over tied causes, their forms and directions that the data do not see."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

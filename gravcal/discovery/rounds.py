@@ -3,8 +3,6 @@
 A second look gives one name a cause, one value for all blocks, and nothing listed where too much is left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """Causes with a shape, such as the frequency of a mode: fitted where a search along a grid has found them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

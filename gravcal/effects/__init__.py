@@ -3,8 +3,6 @@
 The simulator injects an effect, the estimator fits it, discovery proposes it; `catalogue()` lists them all.
 """
 
-from __future__ import annotations
-
 import difflib
 
 from gravcal.effects import accelerometer, gradient, inertial_sensor, ranging, sensors, torque

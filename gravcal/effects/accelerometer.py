@@ -1,7 +1,5 @@
 """What an accelerometer reads: offset from the centre of mass, scale, leaks, steps, tones."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -1,7 +1,5 @@
 """What an effect is: parameters with units and one additive contribution to one channel of the forward model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

@@ -5,8 +5,6 @@ Contributions are (n, sensors, 3), as an accelerometer reads them. The context h
 pressure that is not where it is stated is `torque.aerodynamic`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.effects.base import Context, Laws, Parameter, axes

@@ -4,8 +4,6 @@ Errata T-4 and T-5: a voltage counted once contributes the force M k V; acting a
 l M k V / J. So beta = M l k / J, without the printed 1/2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.effects.base import Context, Laws, Parameter, axes, constant, drifting, each

@@ -5,8 +5,6 @@ against the line of sight; `extra["range"]` (n,) m and `extra["range_rate"]` (n,
 simulated day, and in a calibration the middle of its manoeuvres.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.effects.base import Context, Laws, Parameter, each

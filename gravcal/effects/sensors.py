@@ -3,8 +3,6 @@
 A delay is that of a payload against the torquer telemetry.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.effects.base import Context, Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled

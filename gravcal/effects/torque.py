@@ -1,7 +1,5 @@
 """Torques: the dipole that the rods really make, and torques that are not commanded."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -1,7 +1,5 @@
 """Probabilities of large values by chance, as natural logarithms, without the checks of `scipy.stats` at every call."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import special
 

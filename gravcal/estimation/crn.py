@@ -3,8 +3,6 @@
 An N-fold self-convolution of a rectangular window in time, built in the frequency domain, sampled where needed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Kalman filter for constants: recursive least squares, one observation after the other."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numba

@@ -1,7 +1,5 @@
 """Least squares on whitened observations: nuisance projected out, instruments, normal equations that add up."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

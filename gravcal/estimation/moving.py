@@ -5,8 +5,6 @@ Gaussian Processes for Machine Learning, eq. 2.25-2.26). What is not known of th
 beyond the stated errors, is averaged over by the evidence (eq. 2.30).
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Coloured noise as measured: autoregressive models from quiet data, whitening, spectra."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One linear operator that low-passes and resamples; data and every model column go through the same one."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

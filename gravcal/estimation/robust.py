@@ -1,7 +1,5 @@
 """Robust least squares with IGG-III weights, and the covariance that its scatter supports."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

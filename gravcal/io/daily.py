@@ -3,8 +3,6 @@
 Times are GPS seconds past 2000-01-01 12:00:00. A layout is {variable: (dimensions, unit, meaning)}.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import date, datetime, timedelta
 from pathlib import Path

@@ -4,8 +4,6 @@ Format: Barthelmes and Foerste 2011, The ICGEM-format. Time-variable models are 
 static part of a `gfct` line is used, trends and periodic terms (`trnd`, `dot`, `acos`, `asin`) are left out.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

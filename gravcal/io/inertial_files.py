@@ -1,7 +1,5 @@
 """IS1, ATT and ORB files of an inertial sensor: netCDF, one day each, read whole or in part."""
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Callable, Mapping, Sequence

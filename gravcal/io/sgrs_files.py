@@ -3,8 +3,6 @@
 A file of truth is the same without noise, with the drag beside it.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

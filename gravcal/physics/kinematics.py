@@ -1,7 +1,5 @@
 """Rates from attitude, attitude from rates; range, range rate and range acceleration from two orbits."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 

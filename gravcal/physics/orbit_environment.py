@@ -1,7 +1,5 @@
 """Sunlight, warmth and the axis of the geomagnetic dipole along an orbit: what slow disturbances follow."""
 
-from __future__ import annotations
-
 import erfa
 import numpy as np
 

@@ -1,7 +1,5 @@
 """What a discovery delivers: the result document, its verdict in words, the page, and the extended model as a file."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 

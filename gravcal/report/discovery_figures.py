@@ -1,7 +1,5 @@
 """Figures of a discovery: where the excess sits, spectra and series of the residuals, and readings in their unit."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Findings of a discovery in sentences: what is off and by how much, laws in no list in words and symbols."""
 
-from __future__ import annotations
-
 import re
 
 from gravcal import effects

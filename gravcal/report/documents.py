@@ -1,7 +1,5 @@
 """What all result documents share: origin and configuration of the data, checks, and the status that follows."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """What a search over many events delivers: document, page, the model of the satellite, and what a new event changed."""
 
-from __future__ import annotations
-
 import datetime
 import itertools
 import json

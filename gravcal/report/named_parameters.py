@@ -1,7 +1,5 @@
 """Report of a calibration whose result is named parameters of different units: document, tables, figure."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

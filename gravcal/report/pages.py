@@ -15,8 +15,6 @@ They are the arguments of the figure and the source under it. `page` draws, numb
 `documents.delivered` judges the result document, and `page.report`, the body of the stage `report`, calls both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

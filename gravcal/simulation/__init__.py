@@ -7,8 +7,6 @@ columns : {product: {column: array}}, as Level-1 files hold them
 truth : plain dict, SI, um or mm where named so
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from gravcal.effects import Context, catalogue, effect

@@ -1,7 +1,5 @@
 """A simulated centre-of-mass calibration: seven manoeuvres, written as Level-1 columns, and their truth."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

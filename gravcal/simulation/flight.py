@@ -1,7 +1,5 @@
 """Orbit and attitude of a simulated satellite: closed loop between manoeuvres, open loop with the effects added."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ The gravity the satellite feels is the modelled field plus errors drawn from its
 from torques: drag at the centre of pressure, slow disturbances and a controller; the satellite points to nadir.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

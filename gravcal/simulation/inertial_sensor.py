@@ -4,8 +4,6 @@ The attitude of a swing is integrated step by step; it shares nothing with the i
 made span by span, so that nineteen days fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """A simulated ranging calibration: wiggles of two satellites that look at each other, and the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

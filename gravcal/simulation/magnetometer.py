@@ -1,7 +1,5 @@
 """A simulated day of a magnetometer: reference field, torquers, and an instrument of true parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A simulated day of attitude thrusters: firings of true gain and delay, a slow control, star cameras."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Origin of records, measured or simulated, as the headers of their files say; saying nothing counts as measured."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import re

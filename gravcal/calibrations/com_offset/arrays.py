@@ -1,7 +1,5 @@
 """Offset of the centre of mass from plain arrays: motion, gradient and reading of one manoeuvre."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

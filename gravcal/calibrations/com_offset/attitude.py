@@ -1,7 +1,5 @@
 """Attitude of every manoeuvre: fitted dynamics, edge times in both instruments, what the star camera alone says."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the records of a day must satisfy against each other to be believed; the result is judged in the report."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -1,7 +1,5 @@
 """Manoeuvres: square waves in the sampled torquer currents, and the axis that each of them turns."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

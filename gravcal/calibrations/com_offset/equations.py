@@ -1,7 +1,5 @@
 """Four angular accelerations, and reading and columns of every manoeuvre for each on the grid of the solution."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

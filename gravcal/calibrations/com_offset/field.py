@@ -1,7 +1,5 @@
 """IGRF along the orbit, how far the magnetometer is from it, and torque against roll acceleration."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

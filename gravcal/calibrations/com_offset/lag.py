@@ -6,8 +6,6 @@ before the one that was fitted; where it falls between two samples is known in n
 lag it decides on how much of the exponential is left at the next sample. It is fitted with tau.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numba

@@ -4,8 +4,6 @@ A signal is {channel: (samples, 3, q)}: linear m s-2 and angular rad s-2 at the 
 those of the star camera, magnetometer T once a second.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """One manoeuvre: its observations, the torques that act, and the rotation of the satellite that follows from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

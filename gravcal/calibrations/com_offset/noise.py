@@ -1,7 +1,5 @@
 """Noise of the linear channels as measured in quiet data outside the manoeuvres."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

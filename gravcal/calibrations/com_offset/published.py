@@ -1,7 +1,5 @@
 """The processing as printed in the source paper, for comparison: its operators, weights, errors and row selection."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.estimation import least_squares

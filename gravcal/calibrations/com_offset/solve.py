@@ -1,7 +1,5 @@
 """Offset of every manoeuvre and of all together, with noise as measured in quiet data, and whether they agree."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -1,7 +1,5 @@
 """What readings, attitude and orbit of a day must satisfy against each other, and what the drag must."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

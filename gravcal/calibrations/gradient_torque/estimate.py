@@ -1,7 +1,5 @@
 """Stages drag and combine: drag from two sensors, from one as printed and as it should be; what tells them apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -1,7 +1,5 @@
 """Stages gradient and torque: gravity gradient along the orbit in b, rates for both ways of using sensors, spectra."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline

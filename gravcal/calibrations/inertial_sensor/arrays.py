@@ -1,7 +1,5 @@
 """Offset of a Taiji test mass from plain arrays: motion and common-mode voltages of a swing."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

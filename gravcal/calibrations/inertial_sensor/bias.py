@@ -1,7 +1,5 @@
 """Stage `bias`: segments of a roll solved and joined by a robust mean; what rolling about y cannot tell is said."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Means over bins, spikes and noise levels of evenly sampled records; a long roll reduced to bins, span by span."""
 
-from __future__ import annotations
-
 import math
 
 import numba

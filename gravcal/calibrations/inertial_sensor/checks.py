@@ -1,7 +1,5 @@
 """What voltages, attitude and orbit of the manoeuvres must satisfy against each other, and what the result must."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

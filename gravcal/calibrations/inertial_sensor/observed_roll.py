@@ -5,8 +5,6 @@ constant that wanders about the bias; a row for each axis says by how much. The 
 every form that is tried.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,6 @@ All parameters of the fit are shared by all blocks: factors, delay and offset, w
 values of the attitude and drifts of the linear readings.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

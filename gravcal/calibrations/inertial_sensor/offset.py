@@ -4,8 +4,6 @@ The angular acceleration is the sensor's own, with the voltage noise that the st
 vector points from the centre of mass to the test mass (the published design matrix says so, erratum T-2).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

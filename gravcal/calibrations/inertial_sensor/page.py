@@ -3,8 +3,6 @@
 Tables and figures stand beside Tables 3 to 6 of the paper (Remote Sens. 2023, 15, 3817).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.calibrations import schemas

@@ -1,7 +1,5 @@
 """What a calibration works on: swings and rolls found in the attitude, the record round a swing, the bins of a roll."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

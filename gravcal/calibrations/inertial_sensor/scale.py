@@ -1,7 +1,5 @@
 """Stage `scale`: angular and linear scale factors and the tracker delay from a swing, also as the paper prints them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

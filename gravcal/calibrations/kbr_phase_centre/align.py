@@ -1,7 +1,5 @@
 """Grid, frame and gaps of a pair: orbits and attitudes on whole seconds, ranging with its corrections."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

@@ -1,7 +1,5 @@
 """Phase centres of both ranging antennas from plain arrays: lines of sight, and ranging less orbit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.calibrations.kbr_phase_centre.pointing import PARAMETERS

@@ -5,8 +5,6 @@ channels, waves along the orbit, sunlight, and decays from the start of a manoeu
 have an effect; a ripple with the angles has any period and phase.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What the records of a pair must satisfy against each other, and what its phase centres must."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Result document of a ranging calibration: what was determined, how well, and whether it may be used."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path

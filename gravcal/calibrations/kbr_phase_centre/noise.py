@@ -5,8 +5,6 @@ arm of the tilted antenna: in routine flight the line of sight lies along x and 
 50 mm, so that 20 urad become 1 um. This part is measured as the excess of the residual's density in the manoeuvres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from math import comb

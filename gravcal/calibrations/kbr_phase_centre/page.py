@@ -3,8 +3,6 @@
 Tables and figures follow Tables 4 to 8 and Figures 2 to 10 of 10.3390/rs14143395.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.calibrations.building import build

@@ -1,7 +1,5 @@
 """Line of sight in both satellites: pointing angles, wiggles, the antenna correction, observation equations."""
 
-from __future__ import annotations
-
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Phase centres: whitened equations, least squares and robust, all manoeuvres and sub-sets, all observables."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

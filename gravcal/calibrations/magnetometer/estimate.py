@@ -1,7 +1,5 @@
 """Bias, scale, axes and leak of the torquers of a magnetometer against the reference field, and checks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

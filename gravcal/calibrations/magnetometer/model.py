@@ -1,7 +1,5 @@
 """Records of a magnetometer beside the reference field, and what the parameters of the instrument make of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

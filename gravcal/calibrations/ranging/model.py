@@ -6,8 +6,6 @@ Above 10 mHz pointing as measured is noise of the star cameras, and a regressor 
 too small, or, with x held, those along the mean pointing: the regressor is pointing as expected, given its measurement.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

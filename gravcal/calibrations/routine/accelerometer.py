@@ -1,7 +1,5 @@
 """Readings of an accelerometer on a routine day, and what firings, torquers and turns of the satellite make of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

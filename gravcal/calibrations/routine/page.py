@@ -1,7 +1,5 @@
 """Report of a routine day: one section an instrument, measured beside simulated, causes, and what is missing."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Gain and delay of the firings, how far their errors are from those of quiet stretches, and checks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Report of a day of attitude thrusters: its product, its result document, and the page."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from gravcal.report.figures import COLOURS, grid
