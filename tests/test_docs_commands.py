@@ -49,6 +49,7 @@ READ = {
     "python -m benchmarks": "tests/test_published_methods.py",
     "serve --": "tests/flows/test_serve.py",
     "--limits": "tests/flows/test_cli.py, with magnetometer",
+    "discover com_offset EVENT --model": "tests/calibrations/com_offset/test_model_error.py",
 }
 
 
