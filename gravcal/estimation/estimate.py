@@ -84,10 +84,6 @@ def estimate(
     nuisance : (n, k) columns that are free in every series, such as `gravcal.estimation.least_squares.polynomial`
     names, unit : of the parameters
 
-    Returns
-    -------
-    estimate : Estimate
-
     Raises
     ------
     EstimationError : shapes that do not fit, fewer samples than parameters

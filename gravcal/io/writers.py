@@ -37,10 +37,6 @@ def write(observed, path, product=None, satellite=None) -> Path:
     path : where to; by its name ``PRDID_YYYY-MM-DD_S_RR.txt`` product and satellite are known; ``.gz`` compresses
     product, satellite : where the name does not say
 
-    Returns
-    -------
-    path : where the file is
-
     Raises
     ------
     ProductError : a column without values, or records of different layouts

@@ -133,12 +133,7 @@ def tied(one: dict) -> str:
 
 
 def verdict(numbers: dict) -> str:
-    """What was found, in sentences.
-
-    Parameters
-    ----------
-    numbers : result document of a discovery
-    """
+    """What was found, in sentences."""
     if "findings" not in numbers:
         return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
     found, before, level = numbers["findings"], numbers["p_before"], numbers["level"]

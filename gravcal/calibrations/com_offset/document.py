@@ -33,10 +33,6 @@ def document(products, *, event, provenance, settings):
     event : str
     provenance : mapping, "products" {stage: digest} and what else is known
     settings : mapping, all parameters; requirement_um, accuracy_um, consistency_level are used here
-
-    Returns
-    -------
-    document : dict of plain values
     """
     detected, combined = products["detect"], products["combine"]
     smoothed, field = products["attitude"], products["field"]

@@ -291,10 +291,6 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
     angle_sigma, angular_sigma : (3,) rad of each attitude, rad s-2 of each sample
     knot_step : s, distance of the knots
 
-    Returns
-    -------
-    attitude : Attitude
-
     Notes
     -----
     al_TM/B = al_TM - w_B'; equations.md, section 8.5. The rates come out consistent with the attitude.

@@ -25,10 +25,6 @@ def inputs(modelled: xr.Dataset, observed: xr.Dataset, *, satellite: Mapping, **
     observed : Dataset, "ingest" of the same file
     satellite : orbit_height, sensor_position, linear_noise_density, angular_noise_density of the catalogue
     limits : settings of the stage "checks"
-
-    Returns
-    -------
-    checked : Dataset, schema "checks"
     """
     time, step = observed["time"].values, float(np.median(np.diff(modelled["time"].values)))
     position, velocity, quaternion = (observed[name].values for name in ("position", "velocity", "q"))

@@ -51,10 +51,6 @@ def inputs(
     constant_limit_s .. pointing_limit_rad, quiet_step_limit, factor_limit : limits
     expected_beta : (2,) rad s-2 V-1, about x and about y and z
     orbit_height : m, catalogued; inertia : (3,) kg m2, of the test mass
-
-    Returns
-    -------
-    checked : Dataset, schema "checks"
     """
     limits = {
         "constant readings": (constant_limit_s, "s"),

@@ -33,10 +33,6 @@ def of_inputs(
     orbits : Dataset, "ingest" of all orbit products of both satellites, those not used included
     nominal_m : (2, 3) m, phase centres of the catalogue
     limits : settings of the stage "checks"
-
-    Returns
-    -------
-    checks : Dataset of the schema "checks"
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS

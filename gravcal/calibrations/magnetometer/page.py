@@ -32,12 +32,7 @@ def content(products):
 
 
 def draw_field(found):
-    """Measured less reference field with its fit, and the residual.
-
-    Parameters
-    ----------
-    found : Dataset, "magnetometer.estimate"
-    """
+    """Measured less reference field with its fit, and the residual."""
     figure, panels = grid(2, 1, 3.6, sharex=True, margins={"hspace": 0.12})
     minutes = (found["time"].values - found["time"].values[0]) / 60
     measured, fitted = (1e9 * found[name].values for name in ("residual_b", "fitted_b"))

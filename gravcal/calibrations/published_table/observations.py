@@ -229,12 +229,7 @@ class Table(Observations):
 
 
 def repeatability(rows: list[dict]) -> tuple[float, int]:
-    """Scatter of repeated manoeuvres of a kind and area over the printed errors, at least 1, and how many numbers.
-
-    Parameters
-    ----------
-    rows : as of `Table`
-    """
+    """Scatter of repeated manoeuvres of a kind and area over the printed errors, at least 1, and how many numbers."""
     chi2, count = 0.0, 0
     for kind in {(r["kind"], r["latitude_class"]) for r in rows}:
         same = [r for r in rows if (r["kind"], r["latitude_class"]) == kind]

@@ -88,12 +88,7 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
 
 
 def late(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
-    """Whole seconds (3,) by which the tags of ranging and of both star cameras are late against those of the orbits.
-
-    Parameters
-    ----------
-    aligned, pointed : Dataset, as of `align`
-    """
+    """Whole seconds (3,) by which the tags of ranging and of both star cameras are late against those of the orbits."""
     lag, count = np.arange(-LONGEST_S, LONGEST_S + 1), pointed.sizes["time"]
     place = np.arange(LONGEST_S, count - LONGEST_S, 60)
     if place.size < 2:

@@ -38,12 +38,7 @@ def content(products):
 
 
 def draw_wrong_times(found):
-    """Chi-square gained by firings at every wrong time.
-
-    Parameters
-    ----------
-    found : Dataset, "thrusters.estimate"
-    """
+    """Chi-square gained by firings at every wrong time."""
     figure, ((panel,),) = grid(1, 1, 2.2)
     gained = found["shifted_gain"].values
     panel.stem(found["shift"].values, gained, linefmt=COLOURS["blue"], basefmt=" ", markerfmt="o")
