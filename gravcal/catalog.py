@@ -380,12 +380,11 @@ def published(calibration, event=None):
     return {name: records for name, records in chosen.items() if records}
 
 
-def trims(satellite=None, confirmed=None):
-    """Mass trims by date, of a satellite (letter or name), and such as the series of offsets does or does not show."""
+def trims(satellite=None):
+    """Mass trims by date, of a satellite (letter or name) or of all."""
     _, content = read("published", "trims")
     wanted = None if satellite is None else _name_of(satellite)
-    chosen = [Trim(**table) for table in content["trim"]]
-    return tuple(t for t in chosen if wanted in (None, t.satellite) and confirmed in (None, t.confirmed))
+    return tuple(Trim(**table) for table in content["trim"] if wanted in (None, table["satellite"]))
 
 
 @lru_cache(maxsize=64)
