@@ -282,7 +282,7 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
 
 TABLE = 1 << 21  # cosines that are made at once
 SHORTEST, NARROWEST = 32, 2  # samples of a stretch, bins of its spectrum, of the smallest tile of time and frequency
-LONGEST = {"tile": 50_000, "slow": 50_000, "chirp": 2048}  # samples of a block in which they are tried
+LONGEST = {"tile": 50_000, "slow": 50_000, "chirp": 2048, "drift": 2048}  # samples of a block in which they are tried
 FEWEST = 4.0  # degrees of freedom that the model leaves of a tile, to be looked at
 
 
@@ -290,24 +290,25 @@ FEWEST = 4.0  # degrees of freedom that the model leaves of a tile, to be looked
 class Excess:
     """The most unusual place of a channel in time and frequency."""
 
-    kind: str  #: "tile", "slow" or "chirp"
+    kind: str  #: "tile", "slow", "chirp", or "drift" of a line through all blocks
     channel: str  #: name
     #: axis, block: index, -1 for all axes, all blocks
     axis: int
     block: int
     span: tuple[float, float]  #: (2,) s from the first row of the block
-    band: tuple[float, float]  #: (2,) Hz; of a chirp where it begins and where it ends
+    band: tuple[float, float]  #: (2,) Hz; of a chirp or a drifting line where it begins and where it ends
     #: (d,) log of the probability of so unusual a place, corrected for how many there are, of each residual
     log_p: np.ndarray
     score: float  #: power less twice its degrees of freedom, to choose among several
 
 
 def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Excess]:
-    """Where there is most power beyond that of drawn noise after the same fit: in a tile, at its slow end, in a chirp.
+    """Where there is most power beyond that of drawn noise after the same fit: in a tile, at its slow end, on a path.
 
     Tiles are stretches of 1/2^k of a block and bands of 2^k bins of their spectrum; chirps pass through a band at a
     steady rate in the whole of a block. Both on an axis or on all, in a block or in all at the same time from its
-    start. The slow end of the spectrum of all blocks has weights that fall with the square of frequency from 2^k bins
+    start. A line whose frequency drifts steadily from the first block to the last has a phase of its own in each. The
+    slow end of the spectrum of all blocks has weights that fall with the square of frequency from 2^k bins
     on, as power does of what jumps at random (Papoulis, Probability, ch. 10).
 
     Parameters
@@ -317,15 +318,17 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     channel : name
     """
     numbers, spacing, series = _series(problem.blocks, rest, channel)
-    found = []
-    for kind, made in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps)):
+    begins = [problem.blocks[k].time[problem.blocks[k].channel == channel].min() for k in numbers]
+    found, drifts = [], partial(_drifts, np.array(begins), spacing)
+    for kind, made in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps), ("drift", drifts)):
         best, count = (-np.inf,), 0
         most = np.full(rest[0].shape[1], -np.inf)
         scales = made(series[0].shape[1]) if numbers and series[0].shape[1] <= LONGEST[kind] else []
         for where, power in scales:
             of_axes = [power(one) for one in series]
-            for axis, of_blocks in zip((0, 1, 2, -1), [*of_axes, sum(of_axes)], strict=True):
-                apart = zip(numbers, of_blocks, strict=True) if kind != "slow" else ()
+            named = [*enumerate(of_axes if len(of_axes) > 1 else ()), (-1, sum(of_axes))]  # a channel may have one axis
+            for axis, of_blocks in named:
+                apart = zip(numbers, of_blocks, strict=True) if kind in ("tile", "chirp") else ()
                 for block, each in [*apart, (-1, of_blocks.sum(axis=0))]:
                     score = _deviations(each)
                     largest = score.max(axis=0)
@@ -342,7 +345,8 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
 
 def _series(blocks, rest, channel):
     """Numbers of the blocks that hold a channel, spacing s of its rows, and of each axis their rows (b, n, d)."""
-    rows = {k: [np.flatnonzero((b.channel == channel) & (b.axis == a)) for a in range(3)] for k, b in enumerate(blocks)}
+    axes = range(1 + max((int(b.axis[b.channel == channel].max(initial=0)) for b in blocks), default=0))
+    rows = {k: [np.flatnonzero((b.channel == channel) & (b.axis == a)) for a in axes] for k, b in enumerate(blocks)}
     rows = {k: parts for k, parts in rows.items() if min(part.size for part in parts) >= SHORTEST}
     if not rows:
         return (), np.nan, []
@@ -350,7 +354,7 @@ def _series(blocks, rest, channel):
     rows = {k: parts for k, parts in rows.items() if min(part.size for part in parts) > 0.9 * longest}
     count = min(part.size for parts in rows.values() for part in parts)
     spacing = float(np.median([np.median(np.diff(blocks[k].time[parts[0]])) for k, parts in rows.items()]))
-    series = [np.stack([rest[k][parts[a][:count]] for k, parts in rows.items()]).astype("f4") for a in range(3)]
+    series = [np.stack([rest[k][parts[a][:count]] for k, parts in rows.items()]).astype("f4") for a in axes]
     return tuple(rows), spacing, series
 
 
@@ -429,3 +433,33 @@ def _chirp_power(kept, rate, series):
     away = np.arange(series.shape[1]) - series.shape[1] / 2
     turned = series * np.exp(-1j * np.pi * rate * away**2).astype("c8")[:, None]
     return np.abs(fft.fft(turned, axis=1)[:, kept]) ** 2 * (2 / series.shape[1])
+
+
+def _drifts(begins, spacing, count):
+    """Places and powers of lines whose frequency drifts by two bins or more between the first and the last block."""
+    away = (begins - np.mean([begins.min(), begins.max()])) / spacing if len(begins) > 2 else np.zeros(1)
+    half, memory = away.max(), {}
+    for ends in range(-(count // 4), count // 4 + 1) if half > 0 else ():
+        shift = np.rint(ends * away / half).astype(int)
+        kept = np.arange(1 + abs(ends), (count - 1) // 2 - abs(ends))
+        if abs(ends) > 1 and kept.size:
+            step = round(ends / half * count / 4)
+            place = partial(_drift, count, kept, ends * (1 + count / (2 * half)))
+            yield place, partial(_drift_power, kept, shift, (step, 4 * step / count**2), memory)
+
+
+def _drift(count, kept, ends, index):
+    """Span and band of a drifting line."""
+    return (0, count), ((kept[index] - ends) / count, (kept[index] + ends) / count)
+
+
+def _drift_power(kept, shift, turning, memory, series):
+    """Power (b, k, d) in the blocks along a drifting line, turned in each as it drifts there."""
+    step, rate = turning
+    if memory.get("step") != step:
+        memory.clear()
+        memory["step"] = step
+    if id(series) not in memory:
+        memory[id(series)] = _chirp_power(np.arange(series.shape[1] // 2), rate, series)
+    power = memory[id(series)]
+    return np.stack([one[kept + move] for one, move in zip(power, shift, strict=True)])

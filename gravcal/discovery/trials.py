@@ -23,6 +23,7 @@ SHARED = 0.02
 EVERYWHERE = "every manoeuvre"  # of a step that all blocks share
 EXCESS = "unknown:excess"  # cause of power beyond noise that follows nothing
 WIDEST = 500  # columns of an excess
+PATHS = {"chirp": "chirp", "drift": "drifting line"}
 AXES = "xyz"
 #: What a parameter costs when causes with different numbers of parameters are compared (Akaike).
 COST = 2.0
@@ -235,7 +236,7 @@ def _line(problem, trial):
 
 
 def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
-    """Candidate of sines of any size in a tile, or of a chirp, in each block and axis; None of too many to fit.
+    """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit.
 
     Parameters
     ----------
@@ -245,30 +246,33 @@ def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
     blocks = range(len(problem.blocks)) if found.block < 0 else [found.block]
     axes = [found.axis] if found.axis >= 0 else [0, 1, 2]
     places = [(k, a) for k in blocks for a in axes if np.any(_rows(problem.blocks[k], found, a))]
-    length, lowest = found.span[1] - found.span[0], found.band[0]
+    length, lowest, path = found.span[1] - found.span[0], found.band[0], found.kind in PATHS
     bins = lowest + np.arange(max(round((found.band[1] - lowest) * length), 1)) / length
-    count = 2 * len(places) * (1 if found.kind == "chirp" else bins.size)
+    count = 2 * len(places) * (1 if path else bins.size)
     if count > WIDEST:
         return None
+    begins = {k: problem.blocks[k].time[problem.blocks[k].channel == found.channel].min() for k, _ in places}
+    first, whole = min(begins.values()), length  # of a drifting line the first block, and all of them
+    if found.kind == "drift":
+        begins, whole = dict.fromkeys(begins, first), length + max(begins.values()) - first
 
     def columns(value):
-        begin, change = (value[:1], np.diff(value) / (2 * length)) if found.kind == "chirp" else (bins, 0.0)
+        begin, change = (value[:1], np.diff(value) / (2 * whole)) if path else (bins, 0.0)
         made = [np.zeros((block.observed.size, count)) for block in problem.blocks]
         for (k, axis), part in zip(places, np.split(np.arange(count), len(places)), strict=True):
             rows = _rows(problem.blocks[k], found, axis)
-            time = problem.blocks[k].time
-            since = (time[rows] - time[problem.blocks[k].channel == found.channel].min() - found.span[0])[:, None]
+            since = (problem.blocks[k].time[rows] - begins[k] - found.span[0])[:, None]
             phase = 2 * np.pi * (begin + change * since) * since
             made[k][np.ix_(rows, part)] = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
         return made
 
     words = f"{found.channel} reading{f' {AXES[found.axis]}' if found.axis >= 0 else ''}"
     words += f", {problem.blocks[found.block].label}" if found.block >= 0 else ""
-    if found.kind == "chirp":
+    if path:
         value, near = np.array(found.band), np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) / (2 * length)
         lower, upper = np.maximum(value - 3 / length, 0.1 / length), value + 3 / length
         about = np.clip(value + near, lower, upper), lower, upper
-        shape = Shape(("begin", "end"), ("Hz", "Hz"), value, columns, *about, words=f"{words}, chirp")
+        shape = Shape(("begin", "end"), ("Hz", "Hz"), value, columns, *about, words=f"{words}, {PATHS[found.kind]}")
     else:
         value = np.array([*found.span, *found.band])
         known = {"covariance": np.zeros((4, 4)), "words": words}

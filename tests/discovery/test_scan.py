@@ -1,5 +1,7 @@
 """The search along the time and the frequency axis on invented linear algebra."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -109,6 +111,24 @@ def test_power_that_follows_nothing_is_noticed_and_is_no_tone(signal, words):
     assert all(words in one.form for one in result.findings)
     assert (result.before.p < 0.005) == bool(words)
     assert result.after.p > 0.005
+
+
+def test_a_line_that_drifts_from_block_to_block_is_one_excess_of_a_channel_with_one_axis():
+    """Recovery: signal-to-noise 4 in each of eight stretches with pauses, 40 to 140 mHz in all; no one shows it."""
+    rng, time, blocks = np.random.default_rng(4), np.arange(300.0), []
+    for k in range(8):
+        whole = time + 500.0 * k
+        line = np.sin(2 * np.pi * (0.04 + 0.1 / 2 / 3800 * whole) * whole + k)
+        about = rng.standard_normal((300, 1)), np.stack([np.ones(300), time], axis=1), np.array(["range"] * 300)
+        seen = rng.standard_normal(300) + 4.0 / np.sqrt(150) * line
+        blocks.append(Block(f"block {k}", seen, *about, np.zeros(300, dtype=int), whole))
+    (one,) = search(blocks, [], CHOICE, np.random.default_rng(1)).findings
+    assert one.cause == "unknown:excess"
+    assert one.form.startswith("range reading, drifting line, begin 0.0")
+    ends = [float(word) for word in one.form.replace("Hz", "").split() if word.startswith("0.")]
+    assert ends == pytest.approx([0.04, 0.14], abs=2e-3)
+    noise = [replace(b, observed=rng.standard_normal(300)) for b in blocks]
+    assert search(noise, [], CHOICE, np.random.default_rng(1)).findings == []
 
 
 @pytest.mark.parametrize("shake", [0.0, 0.3])
