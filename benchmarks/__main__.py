@@ -9,6 +9,7 @@ from benchmarks.tables import say, summary, title
 
 NAMES = {
     "recovery": ("benchmarks.recovery", "run"),
+    "adopted": ("benchmarks.recovery", "adopted"),
     "readers": ("benchmarks.speed", "readers"),
     "attitude": ("benchmarks.speed", "attitude"),
     "field": ("benchmarks.speed", "field"),

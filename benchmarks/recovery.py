@@ -7,6 +7,7 @@ from scipy import stats
 
 from benchmarks import events
 from benchmarks.tables import Figure, grid, say, show, title
+from gravcal.calibrations.com_offset import solve
 
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 HELD_TO_BOUND = VARIANTS[:3]
@@ -29,6 +30,32 @@ def run(options) -> list[Figure]:
             if len(rows) % 20 == 0:
                 say(f"  {len(rows)} of {count}")
     return report(rows)
+
+
+def adopted(options) -> list[Figure]:
+    """What is handed on, where inertia and dipole per current are drawn from their priors: error and total error."""
+    count = options.runs or (12 if options.quick else 40)
+    seeds = range(options.seed, options.seed + count)
+    title(f"adopted: com_offset, {count} simulated events with divisors drawn, seeds {seeds[0]} to {seeds[-1]}")
+    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
+        names, error, total = (np.array(one) for one in zip(*pool.map(one_adopted, seeds), strict=True))
+    rows = [("um", "rms error x, y, z", "mean total error", "adopted")]
+    for k, name in enumerate(VARIANTS):
+        rms, mean = (1e6 * np.sqrt(np.mean(one[:, k] ** 2, axis=0)) for one in (error, total))
+        rows.append((name, *(" ".join(f"{v:6.2f}" for v in one) for one in (rms, mean)), str(np.sum(names == k))))
+    grid(rows)
+    ratio = error[np.arange(count), names] / total[np.arange(count), names]
+    say()
+    return show([rms_figure(f"error/total {a}, rms", ratio[:, i], 3) for i, a in enumerate("xyz")], "std. error")
+
+
+def one_adopted(seed: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Adopted variant of an event, errors (4, 3) m and total errors (4, 3) m of all."""
+    event = events.simulated(seed, {}, divisor_scatter=1.0)
+    combined = events.calibrated(event)["com_offset.combine"]
+    total = np.sqrt(np.diagonal(combined["covariance_total"].values, axis1=1, axis2=2))
+    error = combined["offset"].values - 1e-6 * np.asarray(event.truth["offset_um"])
+    return combined.attrs["variants"].split().index(solve.adopted(combined)), error, total
 
 
 def one(seed: int) -> dict:
