@@ -62,7 +62,7 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     EstimationError : the model takes up all that was measured, and nothing is left to be tested
     """
     both = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
-    rest = residuals_of(problem, baseline, both)
+    rest = residuals_of(problem, baseline, both, over=True)
     channels = sorted({c for b in problem.blocks for c in b.channel})
     here = problem, baseline, rest
     parts = [partial(scan.steps, *here), partial(_candidates, *here)]
@@ -74,12 +74,12 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     scans = [s for s in [*found, steps] if s.at.size]
     unlikely = [one.log_p for one in power]
     least = np.min(_tested([smallest, of_candidates, *map(_scanned, scans), *unlikely], problem), axis=0)
-    own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1], s.dof) for s in scans]
+    own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
     certain = [one for one in power if one.log_p[0] < CERTAIN]
     excess = max(certain, key=lambda one: one.score, default=min(power, key=lambda one: one.log_p[0], default=None))
     excess_p = _rank(np.min(unlikely, axis=0)) if power else 1.0
     quiet = 1.0 if quiet is None else _rank(quiet)
-    return Test(_rank(least), rows, own, [r[:, 0] for r in rest], quiet, excess, excess_p)
+    return Test(_rank(least), rows, own, [r[:, 0].copy() for r in rest], quiet, excess, excess_p)
 
 
 def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[dict]]:

@@ -97,14 +97,18 @@ class Columns:
         wanted = np.asarray(wanted, dtype=np.intp)
         made = self.memory.get(wanted.tobytes())
         if made is None:
-            made = self._made(wanted)
+            made = self.made(wanted)
             if len(self.memory) >= REMEMBERED:
                 self.memory.clear()
             self.memory[wanted.tobytes()] = made
         return made
 
-    def _made(self, wanted):
-        made = self.basis @ -self.inside[:, wanted]
+    def made(self, wanted: np.ndarray) -> np.ndarray:
+        """The same, not remembered."""
+        # column by column, so that zeros take no memory
+        made = np.zeros((self.basis.shape[0], wanted.size), order="F")
+        if self.basis.shape[1]:
+            made = self.basis @ -self.inside[:, wanted]
         for part in self.parts:
             place = np.full(self.count, -1)
             place[part.index] = np.arange(part.index.size)
@@ -146,7 +150,8 @@ class Columns:
     def wider(self, more: np.ndarray) -> Columns:
         """With more columns (n, q) after these."""
         index = self.count + np.arange(more.shape[1])
-        found = [Part(rows, index, more[rows]) for rows in self.groups if more[rows].any()]
+        seen = [(rows, np.flatnonzero(more[rows].any(axis=0))) for rows in self.groups]
+        found = [Part(rows, index[used], more[rows][:, used]) for rows, used in seen if used.size]
         inside = np.concatenate([self.inside, self.basis.T @ more], axis=1)
         return replace(self, count=self.count + index.size, parts=[*self.parts, *found], inside=inside, memory={})
 
@@ -267,11 +272,11 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
     place = slice(problem.size.size, problem.size.size + count)
 
     def one(old, products, part):
-        new = np.zeros((old.basis.shape[0], count)) if part is None else np.asarray(part, dtype=float)
+        new = np.zeros((old.basis.shape[0], count), order="F") if part is None else np.asarray(part, dtype=float)
         both = old.wider(new)
         wider = np.zeros((place.stop, place.stop))
         wider[: place.start, : place.start] = products
-        wider[:, place] = both.onto(both.of(np.arange(place.start, place.stop)))
+        wider[:, place] = both.onto(both.made(np.arange(place.start, place.stop)))
         wider[place] = wider[:, place].T
         squares = np.einsum("nm,nm->m", new, new)
         return both, without_rounding(wider, np.append(np.zeros(place.start), squares)), squares
@@ -321,12 +326,15 @@ def baseline_of(problem: Problem, indices) -> np.ndarray:
     return np.concatenate([shared, *parts]).astype(int)
 
 
-def residuals_of(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> list[np.ndarray]:
-    """Signals (n, d) a block less the best fit of own and baseline columns."""
-    rest = [e - q @ (q.T @ e) for e, q in zip(noise, problem.bases, strict=True)]
+def residuals_of(
+    problem: Problem, baseline: np.ndarray, noise: list[np.ndarray], *, over: bool = False
+) -> list[np.ndarray]:
+    """Signals (n, d) a block less the best fit of own and baseline columns; written over them where that is wanted."""
+    pairs = zip(noise, problem.bases, strict=True)
+    rest = [np.subtract(e, q @ (q.T @ e), out=e if over else None) for e, q in pairs]
     right = sum(c.of(baseline).T @ r for c, r in zip(problem.columns, rest, strict=True))
     value = inverse_of_baseline(problem, baseline) @ right
-    return [r - c.of(baseline) @ value for c, r in zip(problem.columns, rest, strict=True)]
+    return [np.subtract(r, c.of(baseline) @ value, out=r) for c, r in zip(problem.columns, rest, strict=True)]
 
 
 def inverse_of_baseline(problem: Problem, baseline: np.ndarray) -> np.ndarray:
