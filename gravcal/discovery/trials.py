@@ -122,7 +122,7 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
     tried = sum(t.kind == "listed" for t in rows)
     for whole in [t for t in rows if t.kind == "listed" and t.significance < choice.level and t.dof > len(AXES)]:
         candidate, place = problem.candidates[whole.index], problem.places[whole.index]
-        if candidate.shape is not None or candidate.apart or candidate.local or "alone" in candidate.form:
+        if candidate.shape is not None or not candidate.prior or candidate.local or "alone" in candidate.form:
             continue
         count, kept, best, most = len(candidate.names), [], whole, -np.inf
         columns, few = np.arange(place.start, place.stop), []

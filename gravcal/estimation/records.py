@@ -99,7 +99,7 @@ class Candidate:
     def part(self, kept: Sequence[int], name: str) -> Candidate:
         """The candidate with some of its parameters, by index, and what these are called."""
         columns = [c if c is None else c[:, kept] for c in self.columns]
-        names, units, prior = ([v[k] for k in kept if k < len(v)] for v in (self.names, self.units, self.prior))
+        names, units, prior = ([values[k] for k in kept] for values in (self.names, self.units, self.prior))
         return replace(self, form=f"{name} alone", names=names, units=units, prior=prior, columns=columns)
 
 

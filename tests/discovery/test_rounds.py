@@ -65,7 +65,8 @@ def test_two_of_six_parameters_are_named_before_a_cause_whose_nine_describe_as_m
     size = np.array([0, 15, 0, 0, 12, 0]) / np.sqrt(1200)
     hidden = [replace(b, observed=b.observed + c @ size) for b, c in zip(blocks, coupling, strict=True)]
     causes = (("case.coupling", coupling), ("case.leak", leak))
-    wide = [Candidate(n, "", [f"p{k}" for k in range(c[0].shape[1])], ["1"] * c[0].shape[1], c) for n, c in causes]
+    wide = [(n, c, c[0].shape[1]) for n, c in causes]
+    wide = [Candidate(n, "", [f"p{k}" for k in range(w)], ["1"] * w, c, [1.0] * w) for n, c, w in wide]
     (one,) = search(hidden, [f for c in wide for f in c.each_alone()], CHOICE, rng).findings
     assert {one.cause, *one.tied} == {"case.coupling", "case.leak"}
     few = {"case.coupling": (("p1", "p4"), size[[1, 4]]), "case.leak": (("p0", "p8"), [size[1], size[4] - size[1]])}
