@@ -56,7 +56,7 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
     kept = [one for one, known in zip(names, adopted, strict=True) if known]
     foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in kept)
     move = (value - before)[:count]
-    chance = chi2_tail.log_tail(move @ inverse_of(covariance[:count, :count]) @ move, count)
+    chance = chi2_tail.log_tail(move @ inverse_of(covariance[:count, :count]) @ move, count) if count else 0.0
     alike = any(one.tied or one.imitators for one in kept)
     wide = alike and np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
     if wide or not (result.after.p >= choice.level or (foretold and chance > np.log(FAR))):

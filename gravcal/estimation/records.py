@@ -25,6 +25,7 @@ class Block:
     time: np.ndarray
     #: {epoch s: (n, q)} columns of something that happens once in this block, at an epoch
     steps: dict[float, np.ndarray] = field(default_factory=dict)
+    slowest_hz: float = 0.0  #: below which its noise is not known: no power beyond it is looked for there
 
 
 @dataclass(frozen=True)

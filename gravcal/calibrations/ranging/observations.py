@@ -16,6 +16,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from gravcal.calibrations.ranging import model
 from gravcal.effects import Context, effect
+from gravcal.effects.ranging import BANDS_HZ
 from gravcal.estimation import least_squares, records
 from gravcal.estimation.noise import unwhiten
 from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Parameter, Reported
@@ -127,7 +128,8 @@ class Routine(Observations):
             time = first + step * np.arange(len(rows))
             channel, axis = np.array(["range"] * time.size), np.zeros(time.size, dtype=int)
             label, slow = f"from {first:.0f} s", part.white(part.slow)
-            made.append(records.Block(label, rows[:, 0], np.zeros((time.size, 0)), slow, channel, axis, time))
+            about = np.zeros((time.size, 0)), slow, channel, axis, time
+            made.append(records.Block(label, rows[:, 0], *about, slowest_hz=BANDS_HZ[0]))  # orbit errors below
         return made
 
     @functools.cached_property
