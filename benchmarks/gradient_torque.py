@@ -18,7 +18,7 @@ single_threaded()  # before numpy: processor time of several threads would count
 import numpy as np  # noqa: E402
 
 from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.gradient_torque import estimate, gradient, laws  # noqa: E402
+from gravcal.calibrations.gradient_torque import estimate, model  # noqa: E402
 from gravcal.io import icgem  # noqa: E402
 from gravcal.physics import gravity, gravity_field  # noqa: E402
 from gravcal.physics.constants import EARTH_RADIUS, GM  # noqa: E402
@@ -153,9 +153,7 @@ def study(days):
         settings = catalog.parameters("simulate_gradient_torque").with_settings({"step_s": 5.0})
         columns, truth = simulation.simulate(satellite, settings, field, DAY, seed)
         observed = as_dataset(columns)
-        modelled = gradient.gradient(
-            observed, gradient.field(field), satellite=satellite, **chosen.for_stage("gradient")
-        )
+        modelled = model.gradient(observed, model.field(field), satellite=satellite, **chosen.for_stage("gradient"))
         adequacy.append(modelled["attitude_chi2"].values / modelled["attitude_dof"].values)
         for name, kept in rows.items():
             one = estimate.drag(modelled, variant=name, satellite=satellite, **chosen.for_stage("drag"))
@@ -218,7 +216,7 @@ def degrees():
     across /= np.linalg.norm(across, axis=1)[:, None]
     small = np.eye(3) + POINTING * np.array([[0, 1, -1], [-1, 0, 1], [1, -1, 0]])
     R_be = small @ np.stack([np.cross(across, down), across, down], axis=1)
-    body, cube = np.array(satellite["inertia"]), laws.box_inertia(satellite, 1.0)
+    body, cube = np.array(satellite["inertia"]), model.box_inertia(satellite, 1.0)
     own = satellite["angular_noise_density"][0]
     density = {name: 2 * GRACE_M_S2 / f / CUBE_M if f else own for name, f in FACTORS.items()}
     print(f"{field.name}; angular noise rad s-2 Hz-1/2: " + ", ".join(f"{n} {d:.1e}" for n, d in density.items()))
@@ -229,7 +227,7 @@ def degrees():
         rms = {}
         for what, part in parts.items():
             tensor = gravity.rotate_tensor(R_be, gravity_field.gradient_e(part, position))
-            angular = laws.gradient_angular_acceleration(cube, body, tensor)
+            angular = model.gradient_angular_acceleration(cube, body, tensor)
             rms[what] = np.sqrt(np.mean(np.sum(angular**2, axis=1)))
         ratio = {at: np.sqrt(2 * step * EPOCHS) * rms[at[1]] / density[at[0]] for at in seen}
         for at, value in ratio.items():

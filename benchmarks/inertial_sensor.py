@@ -18,8 +18,9 @@ from scipy import stats
 
 from flows.inertial_sensor import assumed, geometry
 from gravcal import catalog
-from gravcal.calibrations.inertial_sensor import bias, bins, offset, records, scale
-from gravcal.calibrations.inertial_sensor import swing as fits
+from gravcal.calibrations.inertial_sensor import align, bias
+from gravcal.calibrations.inertial_sensor import model as fits
+from gravcal.calibrations.inertial_sensor.estimate import fit_offset, offset, record_of, scale, swing_of
 from gravcal.estimation.noise import NoiseModel
 from gravcal.simulation import inertial_sensor as simulation
 
@@ -34,11 +35,11 @@ def swing(seed, chosen, settings):
     rng = np.random.default_rng(seed)
     truth = simulation.draw(catalog.satellite("T").settings(), chosen, rng)
     record = simulation.swing(chosen, START, truth, rng)
-    found = records.detect(lambda: record["ATT"], **settings.for_stage("detect"))
+    found = align.detect(lambda: record["ATT"], **settings.for_stage("detect"))
     readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
-    aligned = records.align(found, *readers, **settings.for_stage("align"))
-    scaled = scale.scale(aligned, geometry=geometry(), **settings.for_stage("scale"))
-    return truth, aligned, scaled, offset.offset(aligned, scaled, **settings.for_stage("offset"))
+    aligned = align.align(found, *readers, **settings.for_stage("align"))
+    scaled = scale(aligned, geometry=geometry(), **settings.for_stage("scale"))
+    return truth, aligned, scaled, offset(aligned, scaled, **settings.for_stage("offset"))
 
 
 def errors(truth, scaled, moved):
@@ -61,13 +62,13 @@ def bound(seed, chosen, settings):
     truth, aligned, scaled, _ = swing(seed, chosen.with_settings(calm), settings)
     step = settings.bin_s
     volt = chosen.voltage_noise_v_rthz**2 / (2 * step)
-    still = scale.prepare(aligned, step, settings.quiet_margin_s, truth.inertia)
+    still = swing_of(aligned, step, settings.quiet_margin_s, truth.inertia)
     known = np.array([2.0, 2.0, 6.0]) * volt, np.full(3, chosen.tracker_noise_rad**2)
     fitted = fits.fit(replace(still, voltage_variance=known[0], tracker_variance=known[1]), truth.beta[:2])
-    record = offset.prepare(aligned, scaled, settings.quiet_margin_s, settings.drift_degree, 0)
+    record = record_of(aligned, scaled, settings.quiet_margin_s, settings.drift_degree, 0)
     parasitic = chosen.acceleration_noise_m_s2_rthz**2 / (2 * step) / truth.k**2
     noise = tuple(NoiseModel(np.zeros(0), np.array([v]), step) for v in np.array([6.0, 1.0, 2.0]) * volt + parasitic)
-    moved = offset.fit(replace(record, noise=noise), truth.k)
+    moved = fit_offset(replace(record, noise=noise), truth.k)
     return np.sqrt(np.concatenate([np.diag(fitted.covariance)[:3], np.diag(moved.covariance)]))
 
 
@@ -77,7 +78,7 @@ def roll(seed, chosen, settings):
     truth = simulation.draw(catalog.satellite("T").settings(), chosen, rng)
     flown = simulation.draw_roll(chosen, START, rng)
     record = simulation.span(chosen, flown, (flown.start, flown.stop), truth, rng)
-    reduced = bins.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
+    reduced = align.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
     limits = bias.Limits(settings.step_s, settings.segment_s, settings.uniformity_limit, settings.share_limit)
     model = bias.Model(settings.trend_degree, settings.amplitude_degree, settings.amplitude_harmonics)
     used = truth.offset + OFFSET_SIGMA * rng.standard_normal(3)
@@ -173,9 +174,9 @@ def process(folder):
     settings = catalog.parameters("inertial_sensor")
     days = inertial_files.days(folder)
     started, spent = time.perf_counter(), time.process_time()
-    found = records.detect(*(inertial_files.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
+    found = align.detect(*(inertial_files.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
     files = [one for d in days.values() for one in d.values()]
-    reduced = records.segment(found, inertial_files.loaders(files), **settings.for_stage("segment"))
+    reduced = align.segment(found, inertial_files.loaders(files), **settings.for_stage("segment"))
     solved = bias.bias(reduced, assumed=assumed(settings), **settings.for_stage("bias"))
     wall, processor = time.perf_counter() - started, time.process_time() - spent
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

@@ -15,8 +15,8 @@ from scipy.linalg import cholesky, solve_triangular
 from flows.engine import one_thread
 from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre import noise as noises
-from gravcal.calibrations.kbr_phase_centre import solve
-from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES, PARAMETERS
+from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
+from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS
 from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages
 
@@ -60,7 +60,7 @@ def bound(equations, invented):
     step, lags = 5.0, true_lags(invented, 5.0)
     time_, lever = equations["time_kbr"].values, equations["lever"].values
     total = np.zeros((6, 6))
-    for index in solve.of_manoeuvres(equations):
+    for index in of_manoeuvres(equations):
         t = time_[index] - time_[index[0]]
         phase = 2 * np.pi * ORBIT_HZ * t
         slow = [np.ones_like(t), np.cos(phase), np.sin(phase), np.cos(2 * phase), np.sin(2 * phase)]
@@ -76,7 +76,7 @@ def exact_scatter(equations, measured, invented, degree):
     assumed, true = noises.lags(measured, 0, 800), true_lags(invented, step)
     time_, lever, segment = (equations[n].values for n in ("time_kbr", "lever", "segment"))
     normal, spread = np.zeros((6, 6)), np.zeros((6, 6))
-    for index in solve.of_manoeuvres(equations):
+    for index in of_manoeuvres(equations):
         place = np.rint((time_[index] - time_[index[0]]) / step).astype(int)
         slow = noises.slow_columns(time_[index], segment[index], degree, 0)
         matrix = noises.covariance_matrix(assumed, place, lever[index])

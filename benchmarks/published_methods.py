@@ -81,7 +81,7 @@ def kbr_phase_centre(runs, noise=""):
     if not noise:
         return {name: kbr_phase_centre(runs, name) for name in ("measured", "benign")}
     from benchmarks import kbr_phase_centre as study
-    from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES
+    from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES
     from gravcal.simulation import kbr_phase_centre as simulation
 
     settings = {"phase_step_s": 1.0, "noise": noise}
@@ -139,7 +139,7 @@ def gradient_torque(runs):
 def _drags(runs, scatter):
     """Errors of three methods; places of the sensors exact, or off by their catalogued error."""
     from benchmarks import gradient_torque as study
-    from gravcal.calibrations.gradient_torque import estimate, gradient
+    from gravcal.calibrations.gradient_torque import estimate, model
     from gravcal.io import icgem
     from gravcal.simulation import gradient_torque as simulation
 
@@ -151,7 +151,7 @@ def _drags(runs, scatter):
         columns, truth = simulation.simulate(satellite, settings, field, study.DAY, seed)
         observed = study.as_dataset(columns)
         options = chosen.for_stage("gradient")
-        modelled = gradient.gradient(observed, gradient.field(field), satellite=satellite, **options)
+        modelled = model.gradient(observed, model.field(field), satellite=satellite, **options)
         for name in ("one_sensor_published", "one_sensor", "two_sensor"):
             one = estimate.drag(modelled, variant=name, satellite=satellite, **chosen.for_stage("drag"))
             found.setdefault(name, []).append(rms(one["drag_b"].values - truth["drag"]))

@@ -4,13 +4,11 @@ from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
-detecting = lazy("gravcal.calibrations.com_offset.detect")
-aligning = lazy("gravcal.calibrations.align")
-fields = lazy("gravcal.calibrations.com_offset.field")
+aligning = lazy("gravcal.calibrations.com_offset.align")
+modelling = lazy("gravcal.calibrations.com_offset.model")
 attitudes = lazy("gravcal.calibrations.com_offset.attitude")
 noises = lazy("gravcal.calibrations.com_offset.noise")
-equating = lazy("gravcal.calibrations.com_offset.equations")
-solving = lazy("gravcal.calibrations.com_offset.solve")
+estimating = lazy("gravcal.calibrations.com_offset.estimate")
 checking = lazy("gravcal.calibrations.com_offset.checks")
 pages = lazy("gravcal.calibrations.com_offset.page")
 
@@ -20,7 +18,7 @@ KINDS = product.registered("com_offset", **schemas.of("com_offset.toml"))
 @stage(reads=["ingest"], writes="com_offset.detect", version=2)
 def detect(magnetometer, **settings):
     """Manoeuvres in the torquer currents."""
-    return detecting.detect(magnetometer, **settings)
+    return aligning.detect(magnetometer, **settings)
 
 
 @stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=2)
@@ -32,7 +30,7 @@ def align(*observed, **settings):
 @stage(reads=["com_offset.align"], writes="com_offset.field", version=1)
 def field(aligned, *, igrf_generation):
     """IGRF along the orbit, and the magnetometer's difference to it."""
-    return fields.field(aligned, igrf_generation=igrf_generation)
+    return modelling.field(aligned, igrf_generation=igrf_generation)
 
 
 @stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=2)
@@ -44,7 +42,7 @@ def attitude(aligned, checked, **settings):
 @stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.survey", version=1)
 def survey(aligned, checked):
     """Torque against roll acceleration."""
-    return fields.survey(aligned, checked)
+    return modelling.survey(aligned, checked)
 
 
 @stage(
@@ -72,7 +70,7 @@ def noise(pieces, *, drift_degree, noise_order):
 @stage(reads=["com_offset.attitude", "com_offset.align"], writes="com_offset.angular_acceleration", version=1)
 def angular_acceleration(smoothed, aligned, *, variant, **settings):
     """One of the four angular accelerations."""
-    return equating.angular_acceleration(smoothed, aligned, variant=variant, **settings)
+    return modelling.angular_acceleration(smoothed, aligned, variant=variant, **settings)
 
 
 @stage(
@@ -82,13 +80,13 @@ def angular_acceleration(smoothed, aligned, *, variant, **settings):
 )
 def equations(aligned, smoothed, angular, **settings):
     """Resampled reading and columns of every manoeuvre for one angular acceleration."""
-    return equating.equations(aligned, smoothed, angular, **settings)
+    return modelling.equations(aligned, smoothed, angular, **settings)
 
 
 @stage(reads=["com_offset.equations", "com_offset.noise"], writes="com_offset.solve", version=2)
 def solve(resampled, measured, *, drift_degree, noise_order):
     """Offset of every manoeuvre from one angular acceleration."""
-    return solving.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)
+    return estimating.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)
 
 
 @stage(
@@ -98,19 +96,19 @@ def solve(resampled, measured, *, drift_degree, noise_order):
 )
 def published_solve(aligned, smoothed, angular):
     """The same as printed in the source paper."""
-    return solving.published_solve(aligned, smoothed, angular)
+    return estimating.published_solve(aligned, smoothed, angular)
 
 
 @stage(reads=["com_offset.solve"], writes="com_offset.combine", version=1)
 def combine(*solved, **settings):
     """Manoeuvres joined, and whether they and the angular accelerations agree."""
-    return solving.combine(*solved, **settings)
+    return estimating.combine(*solved, **settings)
 
 
 @stage(reads=["com_offset.combine"], writes="com_offset.combine", version=1)
 def model_error(combined, *moved, added, determined_sigma_um):
     """The same with the errors of an extended model."""
-    return solving.with_model_error(combined, *moved, added=added, determined_sigma_um=determined_sigma_um)
+    return estimating.with_model_error(combined, *moved, added=added, determined_sigma_um=determined_sigma_um)
 
 
 @stage(

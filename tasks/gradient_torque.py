@@ -6,7 +6,7 @@ from tasks.stage import lazy, stage
 
 files = lazy("gravcal.io.sgrs_files")
 field_files = lazy("gravcal.io.icgem")
-gradient_science = lazy("gravcal.calibrations.gradient_torque.gradient")
+model = lazy("gravcal.calibrations.gradient_torque.model")
 estimate = lazy("gravcal.calibrations.gradient_torque.estimate")
 checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 page = lazy("gravcal.calibrations.gradient_torque.page")
@@ -24,19 +24,19 @@ def ingest(file):
 @stage(reads=["file"], writes="gradient_torque.field", version=1)
 def field(file):
     """Gravity field of a .gfc file."""
-    return gradient_science.field(field_files.read_field(file.path))
+    return model.field(field_files.read_field(file.path))
 
 
 @stage(reads=["file"], writes="gradient_torque.truth", version=1)
 def truth(file):
     """True drag of a simulated day."""
-    return gradient_science.truth(files.read(file, truth=True))
+    return model.truth(files.read(file, truth=True))
 
 
 @stage(reads=["ingest", "gradient_torque.field"], writes="gradient_torque.gradient", version=1)
 def gradient(observed, stored, **settings):
     """Gravity gradient in b, and rates smoothed over time."""
-    return gradient_science.gradient(observed, stored, **settings)
+    return model.gradient(observed, stored, **settings)
 
 
 @stage(
@@ -44,7 +44,7 @@ def gradient(observed, stored, **settings):
 )
 def torque(modelled, observed, stored, **settings):
     """Gravity-gradient torque by zonal degree."""
-    return gradient_science.torque(modelled, observed, stored, **settings)
+    return model.torque(modelled, observed, stored, **settings)
 
 
 @stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=2)

@@ -5,9 +5,8 @@ from gravcal.store import product
 from tasks.stage import lazy, stage
 
 files = lazy("gravcal.io.inertial_files")
-records = lazy("gravcal.calibrations.inertial_sensor.records")
-scales = lazy("gravcal.calibrations.inertial_sensor.scale")
-offsets = lazy("gravcal.calibrations.inertial_sensor.offset")
+records = lazy("gravcal.calibrations.inertial_sensor.align")
+estimating = lazy("gravcal.calibrations.inertial_sensor.estimate")
 biases = lazy("gravcal.calibrations.inertial_sensor.bias")
 checks_science = lazy("gravcal.calibrations.inertial_sensor.checks")
 page = lazy("gravcal.calibrations.inertial_sensor.page")
@@ -30,13 +29,13 @@ def align(detected, *observed, **settings):
 @stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=1)
 def scale(aligned, **settings):
     """Angular and linear scale factors, tracker delay."""
-    return scales.scale(aligned, **settings)
+    return estimating.scale(aligned, **settings)
 
 
 @stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=4)
 def offset(aligned, scaled, **settings):
     """Centre of mass to test mass."""
-    return offsets.offset(aligned, scaled, **settings)
+    return estimating.offset(aligned, scaled, **settings)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)

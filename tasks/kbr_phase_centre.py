@@ -5,9 +5,9 @@ from gravcal.store import product
 from tasks.stage import lazy, stage
 
 align_science = lazy("gravcal.calibrations.kbr_phase_centre.align")
-pointing_science = lazy("gravcal.calibrations.kbr_phase_centre.pointing")
+model_science = lazy("gravcal.calibrations.kbr_phase_centre.model")
 noise_science = lazy("gravcal.calibrations.kbr_phase_centre.noise")
-solve_science = lazy("gravcal.calibrations.kbr_phase_centre.solve")
+estimate_science = lazy("gravcal.calibrations.kbr_phase_centre.estimate")
 checks_science = lazy("gravcal.calibrations.kbr_phase_centre.checks")
 report_science = lazy("gravcal.calibrations.kbr_phase_centre.page")
 
@@ -24,13 +24,13 @@ def align(*observed, **settings):
 @stage(reads=[ALIGN], writes=POINTING, version=1)
 def pointing(aligned, **settings):
     """Observation geometry, and the wiggles in the pointing angles."""
-    return pointing_science.pointing(aligned, **settings)
+    return model_science.pointing(aligned, **settings)
 
 
 @stage(reads=[ALIGN, POINTING], writes=OBSERVABLE, version=1)
 def observable(aligned, pointed, *, variant, **settings):
     """Observation equations of range, range rate or range acceleration."""
-    return pointing_science.observable(aligned, pointed, variant=variant, **settings)
+    return model_science.observable(aligned, pointed, variant=variant, **settings)
 
 
 @stage(reads=[OBSERVABLE], writes=NOISE, version=2)
@@ -42,19 +42,19 @@ def noise(equations, **settings):
 @stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=3)
 def solve(equations, measured, *, variant, **settings):
     """Phase centres from one observable."""
-    return solve_science.solve(equations, measured, variant=variant, **settings)
+    return estimate_science.solve(equations, measured, variant=variant, **settings)
 
 
 @stage(reads=[SOLVE], writes=COMBINE, version=1)
 def combine(*solved, **settings):
     """The three observables beside each other."""
-    return solve_science.combine(*solved, **settings)
+    return estimate_science.combine(*solved, **settings)
 
 
 @stage(reads=[COMBINE], writes=COMBINE, version=1)
 def model_error(combined, *moved, **settings):
     """The same with the errors of an extended model."""
-    return solve_science.with_model_error(combined, *moved, **settings)
+    return estimate_science.with_model_error(combined, *moved, **settings)
 
 
 @stage(reads=[ALIGN, POINTING, OBSERVABLE, OBSERVABLE, "ingest"], writes=CHECKED, version=1)

@@ -4,13 +4,11 @@ import numpy as np
 import xarray as xr
 
 from gravcal import catalog
-from gravcal.calibrations.align import align
+from gravcal.calibrations.com_offset.align import align, detect
 from gravcal.calibrations.com_offset.attitude import attitude
-from gravcal.calibrations.com_offset.detect import detect
-from gravcal.calibrations.com_offset.equations import VARIANTS, angular_acceleration, equations
-from gravcal.calibrations.com_offset.field import field
+from gravcal.calibrations.com_offset.estimate import combine, published_solve, solve
+from gravcal.calibrations.com_offset.model import VARIANTS, angular_acceleration, equations, field
 from gravcal.calibrations.com_offset.noise import noise, quiet
-from gravcal.calibrations.com_offset.solve import combine, published_solve, solve
 from gravcal.simulation.com_offset import simulate
 
 DAY = 633787200.0  # s, a midnight

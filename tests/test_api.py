@@ -17,8 +17,8 @@ from gravcal.estimation.noise import coloured, fit_noise
 from gravcal.physics.sensing import offset_tensor
 
 DOCUMENTED = (
-    *(f"gravcal.calibrations.{one}.arrays" for one in ("com_offset", "kbr_phase_centre", "inertial_sensor")),
-    "gravcal.calibrations.gradient_torque.laws",
+    *(f"gravcal.calibrations.{one}.estimate" for one in ("com_offset", "kbr_phase_centre", "inertial_sensor")),
+    "gravcal.calibrations.gradient_torque.model",
 )
 
 

@@ -10,7 +10,7 @@ from scipy import stats
 from flows import com_offset as flow
 from flows import engine
 from gravcal import catalog
-from gravcal.calibrations.com_offset.solve import combine
+from gravcal.calibrations.com_offset.estimate import combine
 
 COUNT = 12
 LEVEL = 2.5e-4  # chance that a correct code fails one of the four tests of the study

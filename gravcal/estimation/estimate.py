@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
@@ -39,7 +39,7 @@ class Estimate:
     @property
     def probability(self) -> float:
         """Probability of a chi-square as large as this one, or larger, if model and noise are right."""
-        return float(stats.chi2.sf(self.chi2, self.dof))
+        return float(chdtrc(self.dof, self.chi2))
 
     def scaled(self, factor: float, unit: str) -> Estimate:
         """The same in another unit, or with the other sign."""

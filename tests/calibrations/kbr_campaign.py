@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from gravcal import catalog
-from gravcal.calibrations.kbr_phase_centre.pointing import OBSERVABLES
+from gravcal.calibrations.kbr_phase_centre.model import OBSERVABLES
 from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages
 

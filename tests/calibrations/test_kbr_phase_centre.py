@@ -8,7 +8,7 @@ from scipy import stats
 
 from benchmarks import kbr_phase_centre as study
 from gravcal import catalog
-from gravcal.calibrations.kbr_phase_centre.pointing import SUBSETS
+from gravcal.calibrations.kbr_phase_centre.model import SUBSETS
 from gravcal.errors import EstimationError
 from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.kbr_phase_centre import pointing
+from gravcal.calibrations.kbr_phase_centre import model
 from gravcal.physics import frames
 from gravcal.simulation import kbr_phase_centre as simulation
 
@@ -34,32 +34,32 @@ def test_the_columns_have_the_sign_of_the_exact_range():
     """Analytic: at 3 deg the range of 220 km is 2.886 m shorter; eq. 13 as printed makes it longer (K-1)."""
     quaternion = facing([0, np.radians(3), 0])
     centre = np.array([[X, 0, 0], [X, 0, 0]])
-    line = pointing.lines_of_sight(POSITION, quaternion)
-    first_order = -pointing.antenna_correction(line, centre)
+    line = model.lines_of_sight(POSITION, quaternion)
+    first_order = -model.antenna_correction(line, centre)
     assert_allclose(first_order, -2.88602, atol=1e-5)  # -X (1 + cos 3 deg), to the last digit given
-    remainder = pointing.second_order(POSITION, quaternion, centre)
+    remainder = model.second_order(POSITION, quaternion, centre)
     assert_allclose(first_order + remainder, exact(quaternion, centre), atol=3e-11)  # rounding of 2e5 m
 
 
 def test_the_remainder_is_thirteen_nanometres_at_three_degrees():
     """Published: equations.md M3, |v_perp|^2 / (2 rho) = 13 nm at 3 deg, 1.44 m, 220 km."""
     centre = np.array([[1.44, 0, 0], [1.44, 0, 0]])
-    found = pointing.second_order(POSITION, facing([0, np.radians(3), 0]), centre)
+    found = model.second_order(POSITION, facing([0, np.radians(3), 0]), centre)
     assert_allclose(found, 13e-9, atol=0.5e-9)
 
 
 def test_pitch_and_yaw_come_back_with_their_signs():
     """Analytic: a body turned by (roll, -pitch, -yaw) sees the line of sight at +pitch and +yaw."""
     for angle in ([0.0, 0.03, 0.0], [0.0, 0.0, 0.03], [0.0, -0.03, 0.0]):
-        line = pointing.lines_of_sight(POSITION, facing(angle, angle))
-        assert_allclose(pointing.angles(line)[:, 0], [angle[1:], angle[1:]], atol=1e-14)
+        line = model.lines_of_sight(POSITION, facing(angle, angle))
+        assert_allclose(model.angles(line)[:, 0], [angle[1:], angle[1:]], atol=1e-14)
 
 
 def test_a_positive_offset_has_the_columns_of_the_tan_law():
     """Analytic: columns -cos, +sin for pitch (x, z) and -cos, -sin for yaw (x, y); erratum K-2."""
     t = np.radians(2)
-    pitch = -pointing.lines_of_sight(POSITION, facing([0, t, 0]))[0, 0]
-    yaw = -pointing.lines_of_sight(POSITION, facing([0, 0, t]))[0, 0]
+    pitch = -model.lines_of_sight(POSITION, facing([0, t, 0]))[0, 0]
+    yaw = -model.lines_of_sight(POSITION, facing([0, 0, t]))[0, 0]
     assert_allclose(pitch, [-np.cos(t), 0, np.sin(t)], atol=1e-14)
     assert_allclose(yaw, [-np.cos(t), -np.sin(t), 0], atol=1e-14)
 
@@ -68,7 +68,7 @@ def test_unknown_attitude_gives_no_line_of_sight():
     """Contract: NaN in, NaN out, without a warning."""
     quaternion = facing([0, 0, 0])
     quaternion[1] = np.nan
-    line = pointing.lines_of_sight(POSITION, quaternion)
+    line = model.lines_of_sight(POSITION, quaternion)
     assert np.isfinite(line[0]).all()
     assert np.isnan(line[1]).all()
-    assert np.isnan(pointing.second_order(POSITION, quaternion, np.ones((2, 3)))).all()
+    assert np.isnan(model.second_order(POSITION, quaternion, np.ones((2, 3)))).all()

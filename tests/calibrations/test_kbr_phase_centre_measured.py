@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from gravcal import catalog
 from gravcal.calibrations.checks import of_product
-from gravcal.calibrations.kbr_phase_centre import align, checks, pointing
+from gravcal.calibrations.kbr_phase_centre import align, checks, model
 from gravcal.estimation import robust
 from gravcal.io.readers import read
 from tasks import kbr_phase_centre as stages
@@ -115,7 +115,7 @@ def test_the_antenna_correction_of_2023_is_recomputed():
     names = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
     quaternion = np.stack([np.stack([c[n].values for n in names], axis=1) for c in camera])
     centre = np.array([catalog.satellite(x).com_to_antenna.value for x in letters])
-    found = pointing.antenna_correction(pointing.lines_of_sight(position, quaternion), centre)
+    found = model.antenna_correction(model.lines_of_sight(position, quaternion), centre)
     ranging = read(folder / "KBR1B_2023-06-01_Y_04.txt")
     same = np.isin(orbit[0]["time_tag"].values, ranging["time_tag"].values)
     given = ranging["ant_centr_corr"].values[np.isin(ranging["time_tag"].values, orbit[0]["time_tag"].values)]

@@ -5,8 +5,8 @@ import pytest
 from kbr_campaign import campaign, process, simulated
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.kbr_phase_centre import align, noise, pointing
-from gravcal.calibrations.kbr_phase_centre.pointing import arcs
+from gravcal.calibrations.kbr_phase_centre import align, model, noise
+from gravcal.calibrations.kbr_phase_centre.model import arcs
 from gravcal.errors import EstimationError
 from gravcal.simulation import kbr_phase_centre as simulation
 
@@ -55,7 +55,7 @@ def test_wiggles_of_grace_are_found_too(amplitude):
     time = np.arange(0.0, 8000.0)
     inside = (time >= 2000) & (time < 5750)
     angle = np.where(inside, -2 - amplitude * np.sin(2 * np.pi * (time - 2000) / 250), 0.02 * np.sin(time / 300))
-    found = pointing.wiggles(time, np.radians(angle), 1, 0, 250.0, *np.radians([0.5, 0.4]))
+    found = model.wiggles(time, np.radians(angle), 1, 0, 250.0, *np.radians([0.5, 0.4]))
     assert len(found) == 1
     assert (found[0].satellite_index, found[0].axis_index, found[0].sign) == (1, 0, -1)
     assert_allclose([found[0].start, found[0].stop], [2000, 5750], atol=60)  # a quarter of a period
@@ -65,8 +65,8 @@ def test_routine_pointing_has_no_wiggle():
     """Analytic: milliradians of slow motion are none, nor is a record shorter than three periods."""
     time = np.arange(0.0, 8000.0)
     angle = 2e-3 * np.sin(2 * np.pi * time / 250) + 1e-3 * np.sin(time / 900)
-    assert pointing.wiggles(time, angle, 0, 0, 250.0, *np.radians([0.5, 0.4])) == []
-    assert pointing.wiggles(time[:500], angle[:500], 0, 0, 250.0, *np.radians([0.5, 0.4])) == []
+    assert model.wiggles(time, angle, 0, 0, 250.0, *np.radians([0.5, 0.4])) == []
+    assert model.wiggles(time[:500], angle[:500], 0, 0, 250.0, *np.radians([0.5, 0.4])) == []
 
 
 def test_a_manoeuvre_of_the_catalogue_is_measured():
@@ -74,8 +74,8 @@ def test_a_manoeuvre_of_the_catalogue_is_measured():
     time = np.arange(0.0, 6000.0)
     angle = np.zeros((2, 6000, 2))
     angle[1, :, 0] = np.radians(2 + np.sin(2 * np.pi * time / 250))
-    found = pointing.measured(time, angle, 1, 0, 1, 1000.0, 4750.0, 250.0)
-    assert found == pointing.Wiggle(1, 0, 1, 1000.0, 4750.0, found.offset, found.amplitude)
+    found = model.measured(time, angle, 1, 0, 1, 1000.0, 4750.0, 250.0)
+    assert found == model.Wiggle(1, 0, 1, 1000.0, 4750.0, found.offset, found.amplitude)
     assert_allclose(np.degrees([found.offset, found.amplitude]), [2, 1], rtol=1e-3)
 
 

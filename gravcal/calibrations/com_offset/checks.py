@@ -4,8 +4,9 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks as checking
-from gravcal.calibrations.align import OUTLIER, REACH, between, orbit_i
+from gravcal.calibrations.align import between, orbit_i
 from gravcal.calibrations.checks import at_least, at_most, largest
+from gravcal.calibrations.com_offset.align import OUTLIER, REACH
 from gravcal.physics import frames, gravity
 from gravcal.physics.constants import EARTH_RADIUS
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gravcal.calibrations.align import OUTLIER, REACH
 from gravcal.calibrations.checks import at_least, at_most, largest
-from gravcal.calibrations.com_offset.solve import adopted
+from gravcal.calibrations.com_offset.align import OUTLIER, REACH
+from gravcal.calibrations.com_offset.estimate import adopted
 from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import AXES, as_plain, chi_square_test, estimate, gps_text, number, numbers, offset_block
 from gravcal.store.schemas import VERSION

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import solve_triangular
 
-from gravcal.calibrations.com_offset import motion
+from gravcal.calibrations.com_offset import attitude as motion
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer
 from gravcal.estimation.least_squares import polynomial
 from gravcal.estimation.records import Entry, Lead, Shape

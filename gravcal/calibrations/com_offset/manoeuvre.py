@@ -10,9 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import motion
+from gravcal.calibrations.com_offset import attitude as motion
 from gravcal.calibrations.com_offset import noise as linear_noise
-from gravcal.calibrations.com_offset.attitude import slow_torque_response
 from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_beside, fit_detrended, unwhiten, whiten, without_lines
@@ -153,7 +152,7 @@ def _manoeuvre(products, index, window, estimates, settings):
     path = motion.torque_of(window.arc, motion.Solution(state, np.zeros((degree + 1, 3)), scale, shift))
     step = settings["integration_step_s"]
     _, _, _, sensitivity = dynamics.integrate_with_sensitivity(window.time, state, path, max_step=step)
-    slow = slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
+    slow = motion.slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
     local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 12:13]], axis=2)
     # what effects look at; tags are taken as they are, for edges tell a delay to 0.1 s and the field would take that up
     orbit = aligned["time_orbit"].values, aligned["position_i"].values

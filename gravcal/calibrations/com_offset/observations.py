@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.com_offset import lag, manoeuvre, responses, solve
+from gravcal.calibrations.com_offset import lag, manoeuvre, responses
+from gravcal.calibrations.com_offset.estimate import adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.effects import effect
@@ -174,7 +175,7 @@ class ComOffset(Observations):
 def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
     """Adopted variant, offset (3,) um and covariance (3, 3) um2 of "com_offset.combine"."""
     names = combined.attrs["variants"].split()
-    index = names.index(solve.adopted(combined) or names[0])
+    index = names.index(adopted(combined) or names[0])
     return names[index], 1e6 * combined["offset"].values[index], 1e12 * combined["covariance"].values[index]
 
 

@@ -5,8 +5,8 @@ import xarray as xr
 
 from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build, replaced, widened
-from gravcal.calibrations.gradient_torque import laws
-from gravcal.calibrations.gradient_torque.gradient import METHODS, amplitude_spectrum
+from gravcal.calibrations.gradient_torque import model
+from gravcal.calibrations.gradient_torque.model import METHODS, amplitude_spectrum
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, noise
 from gravcal.physics.dynamics import gravity_gradient_torque
@@ -77,11 +77,11 @@ def drag(
                 f"one_sensor_published: found sensor_position {place.tolist()} m, expected no zero component: the "
                 f"printed H = -I (1/Dx, 1/Dy, 1/Dz) divides by each. Use the one-sensor method."
             )
-        body = satellite["inertia"], laws.box_inertia(satellite, elongation), satellite["mass"]
-        vectors = laws.printed_vectors(*body, satellite["centre_of_pressure"], place)
-        drag_b = laws.printed_drag(reading, modelled["angular_b"].values[:, single_sensor - 1], *vectors)[0]
+        body = satellite["inertia"], model.box_inertia(satellite, elongation), satellite["mass"]
+        vectors = model.printed_vectors(*body, satellite["centre_of_pressure"], place)
+        drag_b = model.printed_drag(reading, modelled["angular_b"].values[:, single_sensor - 1], *vectors)[0]
     else:
-        drag_b = laws.drag_from(linear, tensor, places)
+        drag_b = model.drag_from(linear, tensor, places)
     held = sum(parts[:3])
     values = {
         "time": modelled["time"].values,
@@ -267,17 +267,17 @@ def combine(
     for name, series in (("error", error), ("clean_error", clean)):
         values[f"{name}_amplitude"] = np.moveaxis(amplitude_spectrum(series, step)[1], 1, 2)
     place, pressure = modelled["sensor_position_b"].values[single_sensor - 1], np.array(satellite["centre_of_pressure"])
-    test_mass = laws.box_inertia(satellite, elongation)
-    sensor = laws.Sensor(np.array(satellite["inertia"]), test_mass, satellite["mass"], place, pressure)
+    test_mass = model.box_inertia(satellite, elongation)
+    sensor = model.Sensor(np.array(satellite["inertia"]), test_mass, satellite["mass"], place, pressure)
     shifted = np.where(np.abs(place) < 1e-9, 1e-3, place)  # the printed form cannot have zeros
-    vectors = laws.printed_vectors(sensor.inertia, test_mass, sensor.mass, pressure, shifted)
-    values["single_rank"], values["null_space"] = laws.single_epoch(sensor)
-    values["printed_rank"], values["printed_null"] = laws.printed_pair(*vectors)
+    vectors = model.printed_vectors(sensor.inertia, test_mass, sensor.mass, pressure, shifted)
+    values["single_rank"], values["null_space"] = model.single_epoch(sensor)
+    values["printed_rank"], values["printed_null"] = model.printed_pair(*vectors)
     one_sensor = drags[list(methods).index("one_sensor")]
-    steps = laws.joint(sensor, _arc(modelled, one_sensor, identifiability_epochs, identifiability_step_s, satellite))
+    steps = model.joint(sensor, _arc(modelled, one_sensor, identifiability_epochs, identifiability_step_s, satellite))
     known, ranks, sizes, sigmas = zip(*steps, strict=True)
     values |= {"step": np.array(known), "step_rank": ranks, "step_unknowns": sizes, "step_sigma": sigmas}
-    return build(SCHEMAS["combine"], values | {"unknown": np.array(laws.UNKNOWNS)}, title="Drag by all methods")
+    return build(SCHEMAS["combine"], values | {"unknown": np.array(model.UNKNOWNS)}, title="Drag by all methods")
 
 
 def _rms(values):
@@ -308,4 +308,4 @@ def _arc(modelled, found, epochs, spacing, satellite):
     }
     rates = (modelled[name].values[0][at] for name in ("rate_b", "rate_dot_b"))
     drag_b = np.where(np.isfinite(drag_b[at]), drag_b[at], np.nanmean(drag_b, axis=0))
-    return laws.Motion(*rates, drag_b, modelled["gradient_b"].values[at], sigma)
+    return model.Motion(*rates, drag_b, modelled["gradient_b"].values[at], sigma)

@@ -15,9 +15,9 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import block_diag, solve_triangular
 
-from gravcal.calibrations.gradient_torque import attitude, laws
+from gravcal.calibrations.gradient_torque import attitude
 from gravcal.calibrations.gradient_torque.estimate import uncontrolled_torque
-from gravcal.calibrations.gradient_torque.gradient import METHODS, orbit
+from gravcal.calibrations.gradient_torque.model import METHODS, box_inertia, free_mass_angular_acceleration, orbit
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.gradient import EFFECTS
 from gravcal.estimation import noise
@@ -245,8 +245,8 @@ def _attitude(about, R_bi, observed, modelled, settings):
     turned = R_bi @ np.swapaxes(frames.R_bi_from_quaternion(observed["q"].values), 1, 2)
     angle = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
     angular = modelled["angular_b"].values.mean(axis=1)
-    inertia = laws.box_inertia(settings["satellite"], settings["elongation"])
-    free = laws.free_mass_angular_acceleration(inertia, about.gradient_b, about.rate_b)
+    inertia = box_inertia(settings["satellite"], settings["elongation"])
+    free = free_mass_angular_acceleration(inertia, about.gradient_b, about.rate_b)
     residual = angular - (free - about.rate_dot_b)
     time, turned = means(about.time, width), means(R_bi, width)
     bins = means(angle, width)

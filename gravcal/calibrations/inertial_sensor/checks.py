@@ -8,7 +8,7 @@ from scipy.ndimage import median_filter
 
 from gravcal.calibrations import checks
 from gravcal.calibrations.checks import Check, at_least, at_most
-from gravcal.calibrations.inertial_sensor import bins
+from gravcal.calibrations.inertial_sensor import align
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
 from gravcal.estimation import noise
@@ -143,9 +143,9 @@ def _torque(sensor, tracker, orbit, beta, inertia):
     """Change of the angular readout y over that of the torque of gravity, from one; NaN of a short roll."""
     if min(one["time"].size for one in (sensor, tracker, orbit)) < 3 or np.ptp(sensor["time"]) < LEAST:
         return np.nan
-    means = bins.reduced(sensor, tracker, orbit, STEP)
+    means = align.reduced(sensor, tracker, orbit, STEP)
     edges = np.append(means["time"] - STEP / 2, means["time"][-1] + STEP / 2)
-    readout = bins.clipped_means(sensor["time"], sensor["volts"] @ electrodes.READOUT[4:5].T, edges)[0][:, 0]
+    readout = align.clipped_means(sensor["time"], sensor["volts"] @ electrodes.READOUT[4:5].T, edges)[0][:, 0]
     gradient, rate = means["gradient_b"], means["rate_b"]
     torque = frames.vex(inertia @ gradient - gradient @ inertia) - np.cross(rate, rate @ inertia)
     model = -torque[:, 1] / inertia[1, 1] / beta
@@ -166,7 +166,7 @@ def _pointing(time, quaternion, orbit, rolling):
     covered &= np.linalg.norm(quaternion, axis=1) > 0.5
     if not covered.any():
         return np.nan
-    state = bins.lines_between(time[covered], orbit["time"][known], state[known])
+    state = align.lines_between(time[covered], orbit["time"][known], state[known])
     R_bo = frames.R_bi_from_quaternion(quaternion[covered]) @ np.swapaxes(frames.flight_frame(state), 1, 2)
     whole = np.trace(R_bo, axis1=1, axis2=2) / 2 - 0.5
     cosine = np.where(rolling[covered], R_bo[:, 1, 1], whole)

@@ -13,8 +13,9 @@ import xarray as xr
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
-from gravcal.calibrations.inertial_sensor import bins, offset, scale
-from gravcal.calibrations.inertial_sensor import swing as fits
+from gravcal.calibrations.inertial_sensor import align
+from gravcal.calibrations.inertial_sensor import model as fits
+from gravcal.calibrations.inertial_sensor.estimate import Record, noise_models, quiet_blocks, record_of, swing_of
 from gravcal.effects import Effect, effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
@@ -54,7 +55,7 @@ class SwingView:
     motion: fits.Motion  # predicted
     unknowns: fits.Unknowns  # of the fit
     system: fits.LinearSystem  # attitude rows about the solution
-    record: offset.Record  # of the linear readings
+    record: Record  # of the linear readings
     k: np.ndarray  # (3,) m s-2 V-1
     tensor: np.ndarray  # (b, 3, 3) s-2, of the offset
     good: np.ndarray  # (b,) bins of the linear readings
@@ -77,7 +78,7 @@ class SwingView:
 
     def attitude_rows(self, angle_b: np.ndarray) -> np.ndarray:
         """Whitened rows (r, q) of a rotation from predicted to measured attitude, (m, 3, q) rad at its tags."""
-        mean, _ = bins.bin_means(self.swing.time_att, angle_b, self.swing.edges)
+        mean, _ = align.bin_means(self.swing.time_att, angle_b, self.swing.edges)
         rows = mean.reshape(self.system.valid.size, -1)[self.system.valid]
         return solve_triangular(self.system.lower, np.nan_to_num(rows), lower=True)
 
@@ -147,7 +148,7 @@ class SwingView:
         number = np.clip(np.searchsorted(swing.edges, swing.time, side="right") - 1, 0, swing.edges.size - 2)
         straight = fits.interpolated(self.record.time, np.nan_to_num(self.record.rate_dot_b), swing.time)
         abrupt = self.motion.rate_dot_b - beta * self.system.voltage_noise[number] - straight
-        power, count = bins.bin_means(swing.time, abrupt**2, swing.edges)
+        power, count = align.bin_means(swing.time, abrupt**2, swing.edges)
         noise_b = beta * np.sqrt(swing.voltage_variance * np.median(count))
         return straight + np.where((power > (STILL * noise_b) ** 2)[number], abrupt, 0.0)
 
@@ -181,7 +182,7 @@ class SwingView:
 
     def binned(self, values: np.ndarray) -> np.ndarray:
         """Means (b, ...) over the bins of values (n, ...) at the epochs of the sensor."""
-        return np.nan_to_num(bins.bin_means(self.swing.time, values, self.swing.edges)[0])
+        return np.nan_to_num(align.bin_means(self.swing.time, values, self.swing.edges)[0])
 
     def candidates(self) -> list[Candidate]:
         """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
@@ -216,7 +217,7 @@ class SwingView:
                 late = np.gradient(about.angular_b, about.time, axis=0)[:, :, None]
                 return {"attitude": self.turned_rows(late)}
             case "sca_delay":
-                rate = bins.lines_between(time_att, about.time, about.rate_b)
+                rate = align.lines_between(time_att, about.time, about.rate_b)
                 return {"attitude": self.attitude_rows(-rate[:, :, None])}
         return {"attitude": self.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
 
@@ -309,10 +310,10 @@ class SwingView:
             if known.channel == "electrode_v":
                 volts -= known.contribution(about, values)
             elif known.channel == "acc_delay":
-                volts[:] = bins.lines_between(time + values[0], time, volts)
+                volts[:] = align.lines_between(time + values[0], time, volts)
             elif known.slug == LOOP:
                 readouts = electrodes.readouts(volts)
-                readouts[:, 3:] = bins.lines_between(time + values[0], time, readouts[:, 3:])
+                readouts[:, 3:] = align.lines_between(time + values[0], time, readouts[:, 3:])
                 volts[:] = electrodes.volts(readouts)
             elif known.channel == "sca_delay":
                 extended.coords["time_att"] = extended["time_att"] - values[0]
@@ -358,18 +359,18 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
     """
     aligned, scaled = products["align"], products["scale"]
     bin_s, margin, order = (settings[name] for name in ("bin_s", "quiet_margin_s", "noise_order"))
-    swing = scale.prepare(aligned, bin_s, margin, np.array(settings["inertia"]))
+    swing = swing_of(aligned, bin_s, margin, np.array(settings["inertia"]))
     fitted = fits.fit(swing, scaled["batch_value"].values[: fits.FACTORS])
     maps = fits.noise_map(swing, fitted.motion)
-    record = offset.prepare(aligned, scaled, margin, settings["drift_degree"], order)
+    record = record_of(aligned, scaled, margin, settings["drift_degree"], order)
     # About axes that the swing leaves at rest the voltages hold noise alone, and the electrodes that turn the test mass
     # about z also push it along x: their noise in the columns would explain noise in the readings.
     rate_dot = np.nan_to_num(record.rate_dot_b)
     noise_b = fitted.unknowns.factors[fits.OWNER] * np.sqrt(swing.voltage_variance)
     rate_dot = np.where(rate_dot.std(axis=0) < STILL * noise_b, rate_dot.mean(axis=0), rate_dot)
     readout = electrodes.readouts(aligned["volts"].values)[:, :3]
-    pieces, _ = without_lines(scale.quiet_blocks(aligned, readout, bin_s, margin), bin_s)  # a tone is no noise
-    record = replace(record, rate_dot_b=rate_dot, noise=offset.noise_models(pieces, order, bin_s))
+    pieces, _ = without_lines(quiet_blocks(aligned, readout, bin_s, margin), bin_s)  # a tone is no noise
+    record = replace(record, rate_dot_b=rate_dot, noise=noise_models(pieces, order, bin_s))
     tensor = sensing.offset_tensor(record.rate_b, rate_dot, record.gradient_b)
     place = np.nan_to_num(products["offset"]["offset"].values[0])
     k = scaled["k"].values[int(scaled["chosen_arm"])]

@@ -9,7 +9,7 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.inertial_sensor import checks
-from gravcal.calibrations.inertial_sensor.scale import filtered_readouts
+from gravcal.calibrations.inertial_sensor.estimate import filtered_readouts
 from gravcal.effects.inertial_sensor import READOUT, VOLTAGES
 from gravcal.report import documents
 from gravcal.report.figures import AXIS, COLOURS, grid, legend

@@ -5,7 +5,7 @@ import xarray as xr
 
 from gravcal.calibrations.align import QUATERNION, STATE, own_tags, sorted_samples, usable
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.pointing import SCHEMAS
+from gravcal.calibrations.kbr_phase_centre.model import SCHEMAS
 from gravcal.errors import EstimationError
 from gravcal.physics import earth, frames
 

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy.signal import lfilter
 
-from gravcal.calibrations.kbr_phase_centre.pointing import middle
+from gravcal.calibrations.kbr_phase_centre.model import middle
 from gravcal.effects import Context, Effect, catalogue, effect
 from gravcal.effects.ranging import ripples
 from gravcal.physics import frames, orbit_environment

@@ -7,8 +7,8 @@ import xarray as xr
 
 from gravcal.calibrations import checks
 from gravcal.calibrations.checks import Check, at_least, at_most
-from gravcal.calibrations.kbr_phase_centre import align, pointing
-from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES
+from gravcal.calibrations.kbr_phase_centre import align, model
+from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES
 from gravcal.physics import constants, frames
 
 BRIDGED = 1800.0  # s, stretches of ranging at least this long are held against the orbit with a bias of their own
@@ -47,7 +47,7 @@ def of_inputs(
     given = aligned["antenna_correction"].values
     if np.nanmax(np.abs(given), initial=0.0) > 0.1:
         epoch = np.clip(np.rint(aligned["time_kbr"].values - pointed["time"].values[0]), 0, pointed.sizes["time"] - 1)
-        own = pointing.antenna_correction(pointed["line_of_sight_b"].values[:, epoch.astype(int)], nominal)
+        own = model.antenna_correction(pointed["line_of_sight_b"].values[:, epoch.astype(int)], nominal)
         left = float(np.nanmedian(np.abs(given - own)))
         found.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
     return checks.product(found)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES, SUBSETS, middle
+from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, SUBSETS, middle
 from gravcal.report.documents import WITH_RESULT
 from gravcal.report.plain import as_plain, chi_square_test, number, numbers
 from gravcal.store.schemas import VERSION

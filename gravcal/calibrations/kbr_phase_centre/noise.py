@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.building import build
-from gravcal.calibrations.kbr_phase_centre.pointing import SCHEMAS
+from gravcal.calibrations.kbr_phase_centre.model import SCHEMAS
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation import noise as noises

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.kbr_phase_centre import noise, solve
+from gravcal.calibrations.kbr_phase_centre import noise
 from gravcal.calibrations.kbr_phase_centre.align import interpolated
 from gravcal.calibrations.kbr_phase_centre.candidates import (
     BREAK,
@@ -27,7 +27,8 @@ from gravcal.calibrations.kbr_phase_centre.candidates import (
     drivers,
     listed,
 )
-from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES, PARAMETERS, angles
+from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
+from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS, angles
 from gravcal.effects import Context, effect
 from gravcal.effects.ranging import ripples
 from gravcal.estimation import crn
@@ -113,7 +114,7 @@ def observe(
     step, degree = float(measured.attrs["step_s"]), int(np.ceil(HALF * orbit_degree))
     at, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
     halves, places, first = [], [], 0
-    for number, whole in enumerate(solve.of_manoeuvres(equations)):
+    for number, whole in enumerate(of_manoeuvres(equations)):
         satellite, axis, sign = (int(equations[n][number]) for n in ("satellite_index", "axis_index", "sign"))
         name = f"{number + 1} {equations.attrs['satellites'][satellite]} {('', '+', '-')[sign]}{('pitch', 'yaw')[axis]}"
         for rows, part in zip(np.array_split(whole, 2), ("begin", "end"), strict=True):

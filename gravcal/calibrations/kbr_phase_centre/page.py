@@ -9,7 +9,7 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre import document as documented
 from gravcal.calibrations.kbr_phase_centre.checks import of_result
-from gravcal.calibrations.kbr_phase_centre.pointing import ESTIMATORS, OBSERVABLES, SCHEMAS
+from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, SCHEMAS
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid, legend, thinned
 from gravcal.report.pages import Figure, Section, Table, page

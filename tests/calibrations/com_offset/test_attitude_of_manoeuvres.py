@@ -9,8 +9,8 @@ import seeds
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from gravcal.calibrations.align import OUTLIER
-from gravcal.calibrations.com_offset import attitude, motion
+from gravcal.calibrations.com_offset import attitude
+from gravcal.calibrations.com_offset.align import OUTLIER
 from gravcal.estimation.noise import NoiseModel
 from gravcal.estimation.resampling import operator_for
 from gravcal.physics import frames
@@ -27,7 +27,7 @@ def window():
     made, _ = tools.smoothed(observed)
     satellite = tools.SATELLITE
     inertia, per_current = np.array(satellite["inertia"]), np.array(satellite["dipole_per_current"])
-    (one,) = motion.windows(made["align"], made["field"], inertia, per_current, True)
+    (one,) = attitude.windows(made["align"], made["field"], inertia, per_current, True)
     white = [NoiseModel(np.zeros(0), np.array([SIGMA**2]), 1.0)] * 3
     fit = attitude.fit_attitude(one, white, CHOICE)
     return one, fit, white, truth
@@ -35,7 +35,7 @@ def window():
 
 def drawn(window, solution, rng, good):
     """Motion of a solution with white noise, about half of the signs flipped, nonsense where not good."""
-    modelled, _, _ = motion.evaluate(window.arc, solution, window.time, 1.0)
+    modelled, _, _ = attitude.evaluate(window.arc, solution, window.time, 1.0)
     noisy = frames.quaternion_product(
         modelled, frames.from_rotation_vector(SIGMA * rng.standard_normal((window.time.size, 3)))
     )
@@ -88,8 +88,8 @@ def test_the_covariance_is_that_of_the_linearised_problem(window):
         moved = {"angle": np.zeros(3), "rate": np.zeros(3), "torque": np.zeros(3), "slow": np.zeros(6)}
         moved["shift"] = np.zeros(1)
         moved[group.rstrip("1")]["xyz".index(axis or "x") + 3 * group.endswith("1")] = step
-        one_side = motion.evaluate(one.arc, motion.updated(fit.solution, moved), one.time, 1.0)[0]
-        middle = motion.evaluate(one.arc, fit.solution, one.time, 1.0)[0]
+        one_side = attitude.evaluate(one.arc, attitude.updated(fit.solution, moved), one.time, 1.0)[0]
+        middle = attitude.evaluate(one.arc, fit.solution, one.time, 1.0)[0]
         found = frames.rotation_vector(frames.quaternion_product(frames.conjugate(middle), one_side)) / step
         column = fit.design[:, :, names.index(name)]
         assert_allclose(found, column, atol=3e-3 * np.abs(column).max())  # second order of the step
@@ -101,8 +101,8 @@ def test_published_dynamics_leave_the_gradient_torque_out(window):
     Start attitude and rate take up most of it in the fit; what is left is far above the full dynamics.
     """
     one, fit, _, _ = window
-    without = motion.evaluate(replace(one.arc, gradient_i=None), fit.solution, one.time, 1.0)[0]
-    modelled = motion.evaluate(one.arc, fit.solution, one.time, 1.0)[0]
+    without = attitude.evaluate(replace(one.arc, gradient_i=None), fit.solution, one.time, 1.0)[0]
+    modelled = attitude.evaluate(one.arc, fit.solution, one.time, 1.0)[0]
     missed = frames.rotation_vector(frames.quaternion_product(frames.conjugate(modelled), without))[-1]
     assert 3e-5 < np.linalg.norm(missed) < 1e-3
     observed, _ = tools.event(32, manoeuvres=("roll_high", "pitch_high"), quiet_s=60.0)
@@ -182,17 +182,17 @@ def test_momentary_readings_place_edges_that_change_sides():
     """
     edges, dipole = 100.033 + 6.0 * np.arange(31), np.zeros((30, 3))
     dipole[:, 1] = 27.5 * (-1.0) ** np.arange(30)
-    arc = motion.Arc(100.0, 281.0, edges, dipole, np.zeros(0), np.zeros((0, 3)), None, np.diag([110.0, 580.0, 650.0]))
+    arc = attitude.Arc(100.0, 281.0, edges, dipole, np.zeros(0), np.zeros((0, 3)), None, np.diag([110.0, 580.0, 650.0]))
     time, field_b = 95 + 0.09998 * np.arange(1910), np.tile([5e-6, 1e-6, -4e-5], (1910, 1))
     noise = 1e-8 * np.random.default_rng(7).standard_normal((1910, 3))
 
     def wave(later, momentary=False):
-        return motion.magnetic_acceleration(arc, 0.2 + later, time, field_b, 0.0 if momentary else 0.09998)
+        return attitude.magnetic_acceleration(arc, 0.2 + later, time, field_b, 0.0 if momentary else 0.09998)
 
-    measured = motion.magnetic_acceleration(arc, 0.25, time, field_b, 0.0) + noise
+    measured = attitude.magnetic_acceleration(arc, 0.25, time, field_b, 0.0) + noise
     operator = operator_for(time, np.ones(1910, dtype=bool), 100.0, 280.0, 0.8, 2.0, 0.5)
     white = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3
-    late = lambda near: motion.shifts_between_samples(arc, time, 0.2 + near, 0.1) - 0.2  # noqa: E731
+    late = lambda near: attitude.shifts_between_samples(arc, time, 0.2 + near, 0.1) - 0.2  # noqa: E731
     found, smooth = (attitude.fit_wave(measured, wave, operator, white, 2, of) for of in (late, None))
     assert found.momentary
     assert found.shift == pytest.approx(0.05, abs=2e-3)

@@ -13,7 +13,7 @@ from flows.engine import models
 from gravcal import catalog
 from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.solve import with_model_error
+from gravcal.calibrations.com_offset.estimate import with_model_error
 from gravcal.errors import CatalogError
 
 SCHEMA = schemas.of("com_offset.toml")["combine"]

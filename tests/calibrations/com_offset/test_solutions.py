@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.com_offset.equations import columns
-from gravcal.calibrations.com_offset.solve import _joint, combine
+from gravcal.calibrations.com_offset.estimate import _joint, combine
+from gravcal.calibrations.com_offset.model import columns
 from gravcal.simulation.sensors import table_density
 
 KINDS = {0: "roll", 1: "pitch", 2: "yaw"}

@@ -5,7 +5,7 @@ import pytest
 import seeds
 import xarray as xr
 
-from gravcal.calibrations.com_offset.detect import detect, find_waves, regular_edges
+from gravcal.calibrations.com_offset.align import detect, find_waves, regular_edges
 
 STEP_MA = 0.0537369  # of the telemetry
 SETTINGS = {

@@ -6,14 +6,14 @@ import numpy as np
 import xarray as xr
 
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import estimate, gradient
+from gravcal.calibrations.gradient_torque import estimate, model
 from gravcal.io import icgem, sgrs_files
 from gravcal.simulation import by_slug
 from gravcal.simulation import gradient_torque as simulation
 
 SATELLITE = catalog.satellite("S").settings()
 FIELD = icgem.read_field(icgem.shipped(), 20)
-STORED = gradient.field(FIELD)
+STORED = model.field(FIELD)
 DAY = 633830400.0
 SHORT = {"duration_s": 7200, "step_s": 5, "field_degree": 20}
 
@@ -33,7 +33,7 @@ def fly(seed, effects=None, nongravitational=None, **settings):
 def solve(columns, methods=estimate.VARIANTS, **settings):
     """Products gradient and drag, by the stages' own functions."""
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": 20} | settings)
-    modelled = gradient.gradient(observed(columns), STORED, satellite=SATELLITE, **chosen.for_stage("gradient"))
+    modelled = model.gradient(observed(columns), STORED, satellite=SATELLITE, **chosen.for_stage("gradient"))
     given = {"satellite": SATELLITE, **chosen.for_stage("drag")}
     return modelled, {name: estimate.drag(modelled, variant=name, **given) for name in methods}
 

@@ -11,7 +11,7 @@ from independent import worlds
 from flows import engine
 from flows import gradient_torque as flow
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import gradient, page
+from gravcal.calibrations.gradient_torque import model, page
 from gravcal.errors import GravcalError
 from gravcal.io import icgem, sgrs_files
 from gravcal.store.schemas import validate
@@ -169,10 +169,10 @@ def test_a_world_of_other_code_keeps_to_every_check(tmp_path, monkeypatch):
 def test_attitudes_of_no_norm_are_bridged_as_missing_ones(days):
     """Contract: rows of zeros are no attitude; the angular readings carry it on."""
     observed = sgrs_files.read(sgrs_files.find(days[2]))
-    stored = gradient.field(icgem.read_field(icgem.shipped(), 12))
+    stored = model.field(icgem.read_field(icgem.shipped(), 12))
     chosen = catalog.parameters("gradient_torque").with_settings(QUICK).for_stage("gradient")
     lost = [observed.copy(deep=True) for _ in range(2)]
     for one, nothing in zip(lost, (0.0, np.nan), strict=True):
         one["q"].values[700:736] = nothing
-    found = [gradient.gradient(one, stored, satellite=SATELLITE, **chosen) for one in lost]
+    found = [model.gradient(one, stored, satellite=SATELLITE, **chosen) for one in lost]
     assert np.array_equal(found[0]["rate_b"], found[1]["rate_b"])

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import attitude, estimate, gradient
+from gravcal.calibrations.gradient_torque import attitude, estimate, model
 from gravcal.errors import EstimationError, ProductError
 from gravcal.physics import gravity_field
 from gravcal.physics.sensing import offset_tensor
@@ -154,7 +154,7 @@ def test_the_gravity_prior_is_what_the_elements_say():
 def test_priors_determine_the_drag_one_after_the_other():
     """Contract: the gravity field is what makes the drag determined; the torque adds next to nothing."""
     columns, truth, modelled, found = solved_day()
-    known = gradient.truth(observed(columns).assign(drag=(("time", "axis"), truth["drag"])))
+    known = model.truth(observed(columns).assign(drag=(("time", "axis"), truth["drag"])))
     chosen = catalog.parameters("gradient_torque").for_stage("combine")
     settings = {"single_sensor": 1, "elongation": 1.0, "satellite": SATELLITE, "methods": list(found)} | chosen
     combined = estimate.combine(modelled, *found.values(), known, *found.values(), **settings)
@@ -176,12 +176,12 @@ def test_degree_one_is_empty_and_a_cube_has_no_part():
     spectra = {}
     for elongation in (1.0, 2.0):
         settings = chosen.with_settings({"elongation": elongation}).for_stage("torque")
-        spectra[elongation] = gradient.torque(modelled, observed(columns), STORED, satellite=SATELLITE, **settings)
+        spectra[elongation] = model.torque(modelled, observed(columns), STORED, satellite=SATELLITE, **settings)
     assert np.all(spectra[1.0]["amplitude"].values[0] == 0)
     assert np.all(spectra[1.0]["test_mass_rms"].values == 0)
     assert np.all(spectra[1.0]["rms"].values[1:] > 0)
     assert np.all(spectra[2.0]["test_mass_rms"].values[1:, 1] > 0)
-    field, position = gradient.field_of(STORED), columns["position"][:5]
+    field, position = model.field_of(STORED), columns["position"][:5]
     parts = [gravity_field.gradient_e(gravity_field.zonal(field, n), position) for n in range(2, 9)]
     cosine = field.cosine[:9, :9] * (np.arange(9) == 0)
     zonals = gravity_field.Field(field.gm, field.radius, cosine, 0 * field.sine[:9, :9])
@@ -189,13 +189,13 @@ def test_degree_one_is_empty_and_a_cube_has_no_part():
     assert_allclose(sum(parts), whole, rtol=0, atol=1e-21)
     beyond = chosen.for_stage("torque") | {"highest_degree": field.degree + 1}
     with pytest.raises(ProductError, match=f"highest_degree={field.degree}"):
-        gradient.torque(modelled, observed(columns), STORED, satellite=SATELLITE, **beyond)
+        model.torque(modelled, observed(columns), STORED, satellite=SATELLITE, **beyond)
 
 
 def test_a_sine_shows_its_amplitude():
     """Analytic: amplitude 2 in the line of its frequency."""
     time = np.arange(1000.0)
-    frequency, amplitude = gradient.amplitude_spectrum(2 * np.sin(2 * np.pi * 0.05 * time)[:, None], 1.0)
+    frequency, amplitude = model.amplitude_spectrum(2 * np.sin(2 * np.pi * 0.05 * time)[:, None], 1.0)
     assert_allclose(amplitude.max(), 2, rtol=1e-3)
     assert_allclose(frequency[np.argmax(amplitude)], 0.05)
 

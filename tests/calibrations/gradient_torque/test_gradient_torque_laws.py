@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.gradient_torque import attitude, laws
+from gravcal.calibrations.gradient_torque import attitude, model
 from gravcal.physics import frames, kinematics
 from gravcal.physics.constants import GM
 from gravcal.physics.dynamics import gravity_gradient_torque
@@ -19,7 +19,7 @@ def test_the_printed_algorithm_returns_its_closed_form():
     h, q_d = rng.standard_normal((2, 3))
     difference, drag = rng.standard_normal((2, 20, 3))
     linear, angular = difference - drag, np.cross(h, difference) - np.cross(q_d, drag)
-    found, scalar = laws.printed_drag(linear, angular, h, q_d)
+    found, scalar = model.printed_drag(linear, angular, h, q_d)
     p = q_d - h
     wrong = (difference @ h - drag @ q_d)[:, None] * p / (p @ p)
     assert_allclose(found, drag + wrong, rtol=0, atol=2e-14)  # rounding of numbers of size one
@@ -32,21 +32,21 @@ def test_the_printed_algorithm_is_the_bare_reading():
     place, drag = np.full(3, 1e-3), np.array([[-2e-7, 1e-8, 5e-9]])
     tensor = MEAN_MOTION**2 * np.diag([-1.0, -1.0, 2.0])
     linear = tensor @ place - drag
-    angular = laws.gradient_angular_acceleration(CUBE, BODY, tensor)[None]
+    angular = model.gradient_angular_acceleration(CUBE, BODY, tensor)[None]
     pressure = np.array([0.1, 0.0, 0.0])
-    h, q_d = laws.printed_vectors(BODY, CUBE, 600.0, pressure, place)
-    found, _ = laws.printed_drag(linear, angular, h, q_d)
+    h, q_d = model.printed_vectors(BODY, CUBE, 600.0, pressure, place)
+    found, _ = model.printed_drag(linear, angular, h, q_d)
     assert np.abs(found + linear).max() < 1e-17
     assert_allclose(np.linalg.norm(found - drag), np.linalg.norm(tensor @ place), rtol=1e-6)
     assert_allclose(np.linalg.norm(found - drag), 3.0e-9, rtol=0.05)
-    assert_allclose(laws.drag_from(linear[:, None], -tensor, [place]), drag, atol=1e-22)
+    assert_allclose(model.drag_from(linear[:, None], -tensor, [place]), drag, atol=1e-22)
 
 
 def test_the_bracket_of_the_drag_torque_matters():
     """Published: erratum S-4: (I^-1 x) x a is not I^-1 (x x a) unless the inertia is isotropic."""
     x, a = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -1.0])
     assert not np.allclose(np.linalg.solve(BODY, np.cross(x, a)), np.cross(np.linalg.solve(BODY, x), a))
-    _, q_d = laws.printed_vectors(BODY, CUBE, 600.0, x, np.ones(3))
+    _, q_d = model.printed_vectors(BODY, CUBE, 600.0, x, np.ones(3))
     assert_allclose(q_d, 600 * x / np.diag(BODY))
 
 
@@ -55,10 +55,10 @@ def test_a_cube_feels_no_gravity_gradient_torque_and_a_long_mass_does():
     e = np.array([0.6, 0.0, 0.8])
     tensor = GM / 6.87e6**3 * (3 * np.outer(e, e) - np.eye(3))
     satellite = {"test_mass": 0.54, "test_mass_inertia": 0.54 * 0.03**2 / 6 * np.eye(3)}
-    cube, long = (laws.box_inertia(satellite, k) for k in (1.0, 2.0))
-    assert_allclose(laws.free_mass_angular_acceleration(cube, tensor, np.zeros(3)), 0, atol=1e-22)
+    cube, long = (model.box_inertia(satellite, k) for k in (1.0, 2.0))
+    assert_allclose(model.free_mass_angular_acceleration(cube, tensor, np.zeros(3)), 0, atol=1e-22)
     expected = np.linalg.solve(long, 3 * GM / 6.87e6**3 * np.cross(e, long @ e))
-    assert_allclose(laws.free_mass_angular_acceleration(long, tensor, np.zeros(3)), expected, rtol=1e-12)
+    assert_allclose(model.free_mass_angular_acceleration(long, tensor, np.zeros(3)), expected, rtol=1e-12)
     assert_allclose(np.diag(cube), 0.54 * 0.03**2 / 6)
     assert long[0, 0] < long[1, 1]
 
@@ -73,7 +73,7 @@ def test_two_sensors_cancel_only_in_the_middle():
     tensor = offset_tensor(np.array([0, -MEAN_MOTION, 0]), np.zeros(3), MEAN_MOTION**2 * np.diag([-1.0, -1.0, 2.0]))
     places, drag = np.array([[0.1, 0, 1e-3], [-0.1, 0, 1e-3]]), np.array([-1e-7, 0, 0])
     linear = np.stack([-tensor @ p - drag for p in places])
-    assert_allclose(laws.drag_from(linear, tensor, places), drag, atol=1e-22)
+    assert_allclose(model.drag_from(linear, tensor, places), drag, atol=1e-22)
     assert_allclose(np.linalg.norm(-linear.mean(axis=0) - drag), 3.7e-9, rtol=0.01)
 
 
@@ -83,7 +83,7 @@ def test_errors_of_motion_reach_the_drag_as_differences_say():
     w, wd, place = 1e-3 * rng.standard_normal(3), 1e-6 * rng.standard_normal(3), 0.1 * rng.standard_normal(3)
     tensor = 1e-6 * rng.standard_normal((3, 3))
     tensor = tensor + tensor.T
-    parts = laws.offset_tensor_error(w, tensor, place)
+    parts = model.offset_tensor_error(w, tensor, place)
 
     def felt(angle, rate, rate_dot):
         R = frames.R_bi_from_quaternion(frames.from_rotation_vector(angle))
@@ -116,16 +116,16 @@ def test_rates_from_angles_agree_with_the_attitude():
 
 def sensor(place):
     """Assumed satellite with a cube at a place."""
-    return laws.Sensor(BODY, 8e-5 * np.eye(3), 600.0, np.array(place), np.array([0.1, 0.02, 0.03]))
+    return model.Sensor(BODY, 8e-5 * np.eye(3), 600.0, np.array(place), np.array([0.1, 0.02, 0.03]))
 
 
 def test_one_epoch_has_rank_six_of_eight():
     """Published: erratum S-8; at the centre of mass the drag is seen by translation alone."""
-    rank, null = laws.single_epoch(sensor([1e-3, 2e-3, -1e-3]))
+    rank, null = model.single_epoch(sensor([1e-3, 2e-3, -1e-3]))
     assert (rank, len(null)) == (6, 2)
     assert np.abs(null[:, 5:]).max() > 1e-3
     assert np.abs(null[:, 2:5]).max() < 0.01 * np.abs(null[:, :2]).max()
-    rank, null = laws.single_epoch(sensor([0.0, 0.0, 0.0]))
+    rank, null = model.single_epoch(sensor([0.0, 0.0, 0.0]))
     assert rank == 6
     assert np.abs(null[:, 5:]).max() < 1e-12
 
@@ -133,8 +133,8 @@ def test_one_epoch_has_rank_six_of_eight():
 def test_the_printed_pair_has_rank_five():
     """Published: erratum S-6, null vector along p = q_d - h in both halves."""
     place = np.array([1e-3, 2e-3, 1e-3])
-    h, q_d = laws.printed_vectors(BODY, 8e-5 * np.eye(3), 600.0, np.array([0.1, 0, 0]), place)
-    rank, null = laws.printed_pair(h, q_d)
+    h, q_d = model.printed_vectors(BODY, 8e-5 * np.eye(3), 600.0, np.array([0.1, 0, 0]), place)
+    rank, null = model.printed_pair(h, q_d)
     p = (q_d - h) / np.linalg.norm(q_d - h) / np.sqrt(2)
     assert rank == 5
     assert_allclose(np.abs(null @ np.concatenate([p, p])), 1, rtol=1e-9)

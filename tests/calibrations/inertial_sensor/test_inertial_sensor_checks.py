@@ -9,7 +9,7 @@ import pytest
 from independent import worlds
 from inertial_events import ROLL, SWING, run, simulated
 
-from gravcal.calibrations.inertial_sensor import bias, bins, page
+from gravcal.calibrations.inertial_sensor import align, bias, page
 from gravcal.errors import GravcalError
 from gravcal.store.schemas import validate
 
@@ -187,7 +187,7 @@ def test_the_noise_of_z_is_that_of_white_noise_of_known_density(segments):
     for _ in range(120 // segments):
         volts = np.zeros((100 * count, 3))
         volts[:, 2] = density * np.sqrt(5.0) / k * rng.standard_normal(100 * count)
-        record["linear_volt"], _ = bins.clipped_means(0.1 * np.arange(100 * count), volts, 10.0 * np.arange(count + 1))
+        record["linear_volt"], _ = align.clipped_means(0.1 * np.arange(100 * count), volts, 10.0 * np.arange(count + 1))
         power.append(page.z_noise(**bias.spectra(record, solved, sensor, k, limits)))
     for name in ("before_m_s2_rthz", "after_m_s2_rthz"):
         assert np.sqrt(np.mean([one[name] ** 2 for one in power])) == pytest.approx(density, rel=0.02)

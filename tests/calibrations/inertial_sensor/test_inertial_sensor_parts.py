@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.inertial_sensor import bias, bins, observed_roll, offset, records, scale
+from gravcal.calibrations.inertial_sensor import align, bias, observed_roll
+from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, linear_factors, published_offset_matrix
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
 from gravcal.physics import frames, kinematics, sensing
@@ -46,23 +47,23 @@ def test_a_spike_is_found_and_bridged():
     time = np.arange(200) * 0.01
     values = np.stack([time, -time], axis=1) * 0.1 + 0.01 * np.random.default_rng(1).standard_normal((200, 2))
     values[77, 0] += 0.4
-    spike = bins.spikes(values, 5, 8.0)
+    spike = align.spikes(values, 5, 8.0)
     assert np.flatnonzero(spike.any(axis=1)).tolist() == [77]
-    assert abs(bins.repaired(time, values, spike)[77, 0] - 0.1 * time[77]) < 0.04  # four sigma of a sample
+    assert abs(align.repaired(time, values, spike)[77, 0] - 0.1 * time[77]) < 0.04  # four sigma of a sample
 
 
 def test_third_differences_measure_white_noise_on_a_smooth_motion():
     """Recovery: standard deviation of 1e-5 on a swing of 3e-4, to 5 %."""
     time = np.arange(4000) * 0.25
     noise = 1e-5 * np.random.default_rng(2).standard_normal((4000, 3))
-    variance = bins.scatter_of_third_differences(3e-4 * np.sin(0.23 * time)[:, None] + noise)
+    variance = align.scatter_of_third_differences(3e-4 * np.sin(0.23 * time)[:, None] + noise)
     assert_allclose(np.sqrt(variance), 1e-5, rtol=0.05)  # three standard errors
 
 
 def test_a_gap_stays_a_gap_on_the_grid():
     """Analytic: three samples missing are three missing values."""
     time = np.delete(np.arange(100) * 0.1, [40, 41, 42])
-    out = records.on_grid(time, time[:, None], np.arange(100) * 0.1)
+    out = align.on_grid(time, time[:, None], np.arange(100) * 0.1)
     assert np.flatnonzero(~np.isfinite(out[:, 0])).tolist() == [40, 41, 42]
     assert_allclose(out[50, 0], 5.0, atol=1e-12)
 
@@ -73,7 +74,7 @@ def test_means_leave_spikes_and_missing_samples_out():
     values = np.random.default_rng(3).standard_normal((1000, 2))
     expected = values[100:200].copy()
     values[150, 0], values[160, 1] = 1e3, np.nan
-    mean, count = bins.clipped_means(time, values, np.arange(0, 101, 10.0))
+    mean, count = align.clipped_means(time, values, np.arange(0, 101, 10.0))
     assert_allclose(mean[1, 0], np.delete(expected[:, 0], 50).mean(), rtol=1e-9)
     assert_allclose(mean[1, 1], np.delete(expected[:, 1], 60).mean(), rtol=1e-9)
     assert count[1].tolist() == [99, 99]
@@ -156,7 +157,7 @@ def test_both_arms_are_carried():
     geometry = {"mass": 0.072, "inertia": [1.944e-5, 1.0328e-5, 1.0328e-5], "arm": [8e-3, 10.45e-3, 10.45e-3]}
     geometry |= {"mass_sigma": 0.0022, "inertia_sigma": [2.4e-7, 1.3e-7, 1.3e-7], "arm_sigma": [5e-6] * 3}
     beta, sigma = np.array([4.42e-3, 4.08e-2, 4.08e-2]), np.array([1e-5, 1e-4, 1e-4])
-    found = scale.linear_factors(beta, sigma, geometry, (2.7e-4, 3e-5), printed=False)
+    found = linear_factors(beta, sigma, geometry, (2.7e-4, 3e-5), printed=False)
     assert_allclose(found["k"][0] / found["k"][1], [1, 1, 10.45 / 8.0], rtol=1e-12)
     assert_allclose(found["k_sigma"][1, 2] / found["k"][1, 2], sigma[0] / beta[0], rtol=1e-12)  # T-6: unchanged
     assert_allclose(found["k_sigma"][1, 1], 3e-5, rtol=1e-12)
@@ -165,7 +166,7 @@ def test_both_arms_are_carried():
 def test_the_printed_matrix_differs_in_one_element():
     """Published: element (3,1) of eq. 13 has -wd_y misprinted as +wd_y (erratum T-1)."""
     w, wd = np.array([1e-4, -1e-3, 2e-4]), np.array([1e-5, 2e-5, 3e-6])
-    difference = scale.published_offset_matrix(w, wd, None) - sensing.rotation_tensor(w, wd)
+    difference = published_offset_matrix(w, wd, None) - sensing.rotation_tensor(w, wd)
     expected = np.zeros((3, 3))
     expected[2, 0] = 2 * wd[1]
     assert_allclose(difference, expected, atol=1e-20)
@@ -246,8 +247,8 @@ def test_a_swing_shows_the_factor_of_y(moving):
     rng = np.random.default_rng(3)
     volts = reading + 1e-7 * rng.standard_normal(reading.shape)
     model = noise.NoiseModel(np.zeros(0), np.array([1e-14]), 0.5)
-    record = offset.Record(time, volts, rate, rate_dot, gradient, (model,) * 3, 2)
-    found, sigma, total = offset.factor_y(record, k * [1, 0.7, 1], np.array([0.01, 0.02, 0.03, 0.03]))
+    record = Record(time, volts, rate, rate_dot, gradient, (model,) * 3, 2)
+    found, sigma, total = factor_y(record, k * [1, 0.7, 1], np.array([0.01, 0.02, 0.03, 0.03]))
     if moving:
         assert abs(found - k[1]) < 5 * sigma < 0.05 * k[1]
         assert total == pytest.approx(np.hypot(sigma, found * np.hypot(0.01, 0.03)), rel=0.1)  # of beta_x and ratio_y

@@ -1,22 +1,81 @@
 """Offset of every manoeuvre and of all together, with noise as measured in quiet data, and whether they agree."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build, replaced, widened
-from gravcal.calibrations.com_offset import published
-from gravcal.calibrations.com_offset.equations import VARIANTS, arrays, of_rotation, reading, samples, where
+from gravcal.calibrations.com_offset.model import VARIANTS, arrays, of_rotation, reading, samples, where
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
+from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.resampling import lowpass_resampler
+from gravcal.physics import sensing
 
 SCHEMAS = schemas.of("com_offset.toml")
+
+
+def estimate(
+    rate_b: np.ndarray,
+    rate_dot_b: np.ndarray,
+    gradient_b: np.ndarray,
+    reading_b: np.ndarray,
+    time: np.ndarray,
+    noise: Sequence[NoiseModel],
+    drift_degree: int = 5,
+) -> estimating.Estimate:
+    """Vector from the proof mass to the centre of mass.
+
+    Parameters
+    ----------
+    rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2, of the body with respect to inertial
+    gradient_b : (n, 3, 3) s-2, dg/dr
+    reading_b : (n, 3) m s-2, linear accelerometer in SRF, NaN where missing
+    time : (n,) s, evenly spaced
+    noise : three NoiseModel, one an axis, m s-2; `gravcal.estimation.noise.fit_noise` makes them of quiet data
+    drift_degree : of the polynomial per axis that stands for bias, drag and radiation pressure
+
+    Returns
+    -------
+    estimate : Estimate of x, y, z in m, from the proof mass to the centre of mass (SRF)
+
+    Notes
+    -----
+    f = T p + drift with T = [w' x] + [w x][w x] - G and p = -d; Remote Sens. 2022, 14, 4030, eq. 1 (equations.md, M1).
+    Rates and angular accelerations are taken as true: their errors are treated by the pipeline's `com_offset.solve`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gravcal import com_offset
+    >>> from gravcal.estimation.noise import fit_noise
+    >>> from gravcal.physics.sensing import offset_tensor
+    >>> rng, time = np.random.default_rng(1), 0.1 * np.arange(1800)
+    >>> noise = [fit_noise([1e-10 * rng.standard_normal(3000)], 1, 0.1) for _ in range(3)]
+    >>> phase = 2 * np.pi * time / 12
+    >>> rate_dot = 2e-6 * np.stack([np.sin(phase), 0.5 * np.cos(phase), np.sin(2 * phase)], axis=1)
+    >>> rate, gradient = np.zeros((1800, 3)), np.zeros((1800, 3, 3))
+    >>> reading = -offset_tensor(rate, rate_dot, gradient) @ [100e-6, -20e-6, 30e-6] + 3e-7
+    >>> reading += 1e-10 * rng.standard_normal(reading.shape)
+    >>> found = com_offset.estimate(rate, rate_dot, gradient, reading, time, noise)
+    >>> bool(np.all(np.abs(found.value - [100e-6, -20e-6, 30e-6]) < 4 * found.sigma))
+    True
+    """
+    time = np.asarray(time, dtype=float)
+    columns = -sensing.offset_tensor(np.asarray(rate_b), np.asarray(rate_dot_b), np.asarray(gradient_b))
+    drift = least_squares.polynomial(time, drift_degree, time[0], time[-1])
+    return estimating.estimate(reading_b, columns, noise, drift, ("x", "y", "z"), "m")
+
 
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2
 #: A direction in which one manoeuvre knows the offset worse than this is held at the value of all of them.
 DIRECTION_LIMIT_M = 1e-4
+#: Of the CoM paper: Sec. 4.3, Sec. 3.1, and between the areas of Table 3.
+LOWPASS_HZ, WEIGHTS, HIGH_LATITUDE = 0.166, np.array([1.0, 0.09, 1.0]), np.radians(45.0)
 
 
 def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset:
@@ -174,8 +233,8 @@ def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Datas
         time = smoothed["time_acc"][inside]
         linear, marked = reading(aligned, time)
         rates = smoothed["rate_b"][inside], angular["rate_dot_b"][inside]
-        kept = published.components(int(place["kind"][i]), float(place["latitude"][i]))
-        offset[i], formal = published.solve_one(time, ~marked, linear, rates, kept)
+        kept = published_components(int(place["kind"][i]), float(place["latitude"][i]))
+        offset[i], formal = published_offset(time, ~marked, linear, rates, kept)
         information[i][np.ix_(kept, kept)] = least_squares.stable_inverse(formal[np.ix_(kept, kept)])
     values = nothing(count) | {"offset": offset, "information": information, "normal": information}
     values["right"] = np.matvec(information, np.nan_to_num(offset))
@@ -262,7 +321,7 @@ def _selected(solved):
     """Rows and errors that the source paper keeps."""
     covariance = np.array([least_squares.covariance(i) for i in solved["information"].values]).reshape(-1, 3, 3)
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    mean, error = published.selected(solved["kind"].values, solved["latitude"].values, solved["offset"].values, sigma)
+    mean, error = published_mean(solved["kind"].values, solved["latitude"].values, solved["offset"].values, sigma)
     total = np.diag(np.where(np.isfinite(error), error, np.inf) ** 2)
     return {
         "offset": mean,
@@ -377,3 +436,70 @@ def _excess(covariance, noise):
     """Noise beyond the shared one, never negative, 0.1 % of that as floor."""
     size, vectors = np.linalg.eigh(covariance - noise)
     return (vectors * np.clip(size, 0, None)) @ vectors.T + 0.001 * noise
+
+
+# as printed in the source paper
+
+
+def published_components(kind: int, latitude: float) -> list[int]:
+    """Components that the paper prints for a manoeuvre (Table 7): two of pitch and roll at high latitude, else all."""
+    if abs(latitude) <= HIGH_LATITUDE:
+        return [0, 1, 2]
+    return {0: [1, 2], 1: [0, 2]}.get(kind, [0, 1, 2])
+
+
+def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.ndarray]:
+    """Offset and formal covariance of one manoeuvre, eqs. 3-9, samples counted as independent (erratum C-12).
+
+    Parameters
+    ----------
+    time : (n,) s; good : (n,) bool
+    linear : (n, 3) m s-2
+    rates : (n, 3) rad s-1 and (n, 3) rad s-2
+    solved : components estimated, the others held at zero
+
+    Returns
+    -------
+    offset : (3,) m, proof mass to centre of mass
+    covariance : (3, 3) m2, infinite variance for components not estimated
+    """
+    reading = linear - linear[good].mean(axis=0)
+    operator = lowpass_resampler(time, good, time, lowpass_hz=LOWPASS_HZ, half_width_s=6.0)
+    filtered = operator(np.nan_to_num(np.concatenate([reading, *rates], axis=1)))[operator.valid]
+    at = time[operator.valid]
+    series = least_squares.without(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
+    A = sensing.published_offset_matrix(series[:, 3:6], series[:, 6:9]).reshape(-1, 3)[:, solved]
+    weight, observed = np.tile(WEIGHTS, len(series)), series[:, :3].ravel()
+    inverse = least_squares.stable_inverse(A.T @ (weight[:, None] * A))
+    value = inverse @ A.T @ (weight * observed)
+    residual = observed - A @ value
+    offset, covariance = np.full(3, np.nan), np.diag(np.full(3, np.inf))
+    offset[solved] = value
+    covariance[np.ix_(solved, solved)] = inverse * float(weight @ residual**2) / (observed.size - len(solved))
+    return offset, covariance
+
+
+def published_mean(kind, latitude, offset, sigma) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted mean of the rows that the paper keeps: x of pitch, y and z of roll, at high latitude.
+
+    The error is the weighted mean of the errors, as printed (erratum C-9).
+
+    Parameters
+    ----------
+    kind : (k,) 0 roll, 1 pitch, 2 yaw
+    latitude : (k,) rad
+    offset, sigma : (k, 3) m
+
+    Returns
+    -------
+    mean, error : (3,) m, NaN where no row is kept
+    """
+    mean, error = np.full(3, np.nan), np.full(3, np.nan)
+    high = np.abs(latitude) > HIGH_LATITUDE
+    for axis, wanted in enumerate((1, 0, 0)):
+        rows = high & (kind == wanted) & np.isfinite(offset[:, axis])
+        if rows.any():
+            weight = 1 / sigma[rows, axis] ** 2
+            mean[axis] = np.sum(weight * offset[rows, axis]) / weight.sum()
+            error[axis] = np.sum(weight * sigma[rows, axis]) / weight.sum()
+    return mean, error

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
-from gravcal.calibrations.inertial_sensor import bins
+from gravcal.calibrations.inertial_sensor import align
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
 from gravcal.physics import frames, gravity, kinematics
@@ -145,7 +145,7 @@ def residual_and_columns(swing: Swing, unknowns: Unknowns, motion: Motion) -> tu
     rows = [residual[:, :, None], columns[:, :, :FACTORS], delay, columns[:, :, FACTORS:]]
     rows = np.concatenate(rows, axis=2)
     rows[~inside] = np.nan
-    mean, count = bins.bin_means(swing.time_att, rows, swing.edges)
+    mean, count = align.bin_means(swing.time_att, rows, swing.edges)
     return mean[:, :, 0], mean[:, :, 1:], count
 
 

@@ -1,0 +1,273 @@
+"""Manoeuvres in the sampled torquer currents, and the Level-1 records on GPS time round each of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from gravcal.calibrations import schemas
+from gravcal.calibrations.align import (
+    QUATERNION,
+    STATE,
+    gps_tags,
+    in_windows,
+    near_windows,
+    orbit_states,
+    own_tags,
+    sorted_samples,
+)
+from gravcal.calibrations.building import build
+from gravcal.errors import EstimationError, refuse
+from gravcal.estimation import robust
+from gravcal.physics import frames
+
+SCHEMAS = schemas.of("com_offset.toml")
+
+#: Bits of `gap`: what is missing for longer than the limit inside a manoeuvre.
+GAPS = {"orbit": 1, "sca": 2}
+#: Flag of a sample that stands alone; its neighbours on either side, their weights where a median bends too little, and
+#: the smallest standard deviation: of half an angle of 2 urad, which an edge of a manoeuvre bends an attitude by.
+OUTLIER = 2
+REACH = {"acc": (4, None, 0.0), "sca": (2, np.array([-1, 4, 0, 4, -1]) / 6, 1e-6)}
+#: Longest piece that is looked at where there is no manoeuvre.
+SURVEY_S = 180.0
+MANOEUVRE = ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular")
+
+
+@dataclass(frozen=True)
+class Wave:
+    """One square wave of one rod."""
+
+    rod: int  #: 0, 1, 2 for x, y, z
+    #: lower, upper: (m + 1,) s, last sample before and first sample after each edge
+    lower: np.ndarray
+    upper: np.ndarray
+    level: np.ndarray  #: (m,) mA, mean current of each half period
+
+
+def plateaus(time: np.ndarray, current: np.ndarray, threshold: float, longest_step: float) -> list[tuple]:
+    """Runs of samples of one sign beyond the threshold (mA): (first index, last index, mean mA).
+
+    A jump of more than half of the size ends a run: a control current of the same sign that follows the wave at once is
+    not part of its last half period. So does a step between samples longer than `longest_step` (s).
+    """
+    size = np.abs(np.nan_to_num(current))
+    sign = np.where(size > threshold, np.sign(np.nan_to_num(current)), 0)
+    jump = np.abs(np.diff(size)) > np.maximum(size[1:], size[:-1]) / 2
+    change = (np.diff(sign) != 0) | (np.diff(time) > longest_step) | jump
+    first = np.concatenate([[0], np.flatnonzero(change) + 1])
+    last = np.concatenate([np.flatnonzero(change), [sign.size - 1]])
+    return [(a, b, float(current[a : b + 1].mean())) for a, b in zip(first, last, strict=True) if sign[a] != 0]
+
+
+def find_waves(time: np.ndarray, current: np.ndarray, rod: int, settings: dict) -> list[Wave]:
+    """Square waves of one rod.
+
+    Neighbouring runs belong to one wave if their signs alternate, their sizes agree within 30 % and their lengths are
+    half a period within the tolerance and the sampling.
+
+    Parameters
+    ----------
+    time : (n,) s, increasing
+    current : (n,) mA
+    rod : 0, 1, 2
+    settings : period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma
+    """
+    if time.size < 3:
+        return []
+    step = float(np.median(np.diff(time)))
+    half = settings["period_s"] / 2
+    slack = settings["period_tolerance_s"] + step
+    waves, group = [], []
+    for run in plateaus(time, current, settings["current_threshold_ma"], 3 * step):
+        length = time[run[1]] - time[run[0]] + step
+        fits = abs(length - half) <= slack
+        follows = (
+            bool(group)
+            and group[-1][2] * run[2] < 0
+            and abs(abs(run[2]) - abs(group[-1][2])) < 0.3 * abs(group[-1][2])
+            and abs(time[run[0]] - time[group[-1][0]] - half) <= slack
+        )
+        if not (fits and follows):
+            waves.append(group)
+            group = []
+        group = [*group, run] if fits else []
+    waves.append(group)
+    return [_wave(time, rod, g, step) for g in waves if len(g) >= settings["minimum_half_periods"]]
+
+
+def _wave(time, rod, group, step):
+    """Edges of a group of runs: between the last sample of one and the first of the next."""
+    first = np.array([run[0] for run in group])
+    last = np.array([run[1] for run in group])
+    before = np.append(np.maximum(first - 1, 0), last[-1])
+    after = np.append(first, np.minimum(last[-1] + 1, time.size - 1))
+    before[1:-1] = last[:-1]
+    lower, upper = time[before].astype(float), time[after].astype(float)
+    at_end = before == after  # the data begin or end with the wave
+    lower = np.where(at_end & (np.arange(lower.size) == 0), lower - step, lower)
+    upper = np.where(at_end & (np.arange(upper.size) > 0), upper + step, upper)
+    lower[0] = max(lower[0], upper[0] - 3 * step)
+    upper[-1] = min(upper[-1], lower[-1] + 3 * step)
+    return Wave(rod, lower, upper, np.array([run[2] for run in group]))
+
+
+def regular_edges(wave: Wave, period: float) -> tuple[float, float] | None:
+    """Interval of the first edge if all edges are whole half periods apart."""
+    shift = np.arange(wave.lower.size) * period / 2
+    lower, upper = float(np.max(wave.lower - shift)), float(np.min(wave.upper - shift))
+    return (lower, upper) if upper - lower > 1e-4 else None
+
+
+def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
+    """Square waves of the torquers, one manoeuvre each.
+
+    The kind is the body axis about which the current turns the satellite in the measured field, m x B.
+
+    Parameters
+    ----------
+    magnetometer : Dataset, "ingest" of MAG1B
+    settings : period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma
+    """
+    names = [f"Mfv{a}_RAW" if f"Mfv{a}_RAW" in magnetometer else f"Mfv{a}" for a in "XYZ"]
+    time, values, flag, _ = sorted_samples(magnetometer, own_tags(magnetometer), ("current_b", *names))
+    time, current, field_b = time[flag == 0], values[flag == 0, :3], values[flag == 0, 3:]
+    waves = [w for rod in range(3) for w in find_waves(time, current[:, rod], rod, settings)]
+    kept: list[Wave] = []
+    for wave in sorted(waves, key=lambda w: -np.mean(np.abs(w.level))):  # of those that overlap the strongest
+        if all(wave.upper[-1] < other.lower[0] or wave.lower[0] > other.upper[-1] for other in kept):
+            kept.append(wave)
+    return _as_dataset(sorted(kept, key=lambda w: w.lower[0]), time, field_b, settings["period_s"])
+
+
+def _kind(wave: Wave, time, field_b) -> int:
+    """Axis of the largest torque m x B over the wave."""
+    inside = (time >= wave.lower[0]) & (time <= wave.upper[-1])
+    dipole = np.zeros(3)
+    dipole[wave.rod] = 1.0
+    return int(np.argmax(np.sum(np.cross(dipole, field_b[inside]) ** 2, axis=0)))
+
+
+def _as_dataset(waves, time, field_b, period):
+    count = max((w.level.size for w in waves), default=0)
+    filled = lambda values, size: np.append(values, np.full(size - values.size, np.nan))  # noqa: E731
+    values = {
+        "edge_lower": np.array([filled(w.lower, count + 1) for w in waves]).reshape(-1, count + 1),
+        "edge_upper": np.array([filled(w.upper, count + 1) for w in waves]).reshape(-1, count + 1),
+        "level": np.array([filled(w.level, count) for w in waves]).reshape(len(waves), count),
+        "regular": [regular_edges(w, period) is not None for w in waves],
+        "start": [(w.lower[0] + w.upper[0]) / 2 for w in waves],
+        "stop": [(w.lower[-1] + w.upper[-1]) / 2 for w in waves],
+        "kind": [_kind(w, time, field_b) for w in waves],
+        "rod": [w.rod for w in waves],
+        "record_start": time[0] if time.size else np.nan,
+        "record_stop": time[-1] if time.size else np.nan,
+    }
+    return build(SCHEMAS["detect"], values, title="Manoeuvres found in the torquer currents")
+
+
+def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
+    """Everything that the solution needs, on GPS time, round each manoeuvre: an "align".
+
+    Without a manoeuvre the first `survey_s` of the record are taken as one window, so that field and attitude can be
+    looked at all the same. A manoeuvre in which orbit or star camera are missing for longer than their limit is marked
+    in `gap`, and not used.
+
+    observed : Dataset, "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and CLK1B
+    settings : s; margin_s, kept on either side of a manoeuvre; survey_s; clock_gap_limit_s, orbit_gap_limit_s and
+        star_camera_gap_limit_s, distance of records that may be bridged; outlier_sigma, distance of an isolated outlier
+        from its neighbours, which is left out
+    """
+    detected, acc, sca, mag, orbit, tim1b, clk1b = observed
+    spans = _spans(detected, acc, sca, mag, orbit, settings["margin_s"], settings["survey_s"])
+    acc, sca, mag, orbit = (near_windows(one, spans) for one in (acc, sca, mag, orbit))
+    parts, counts = {}, {}
+    linear = tuple(f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz")
+    acc = acc.assign({n: ("record", np.full(acc.sizes["record"], np.nan)) for n in linear if n not in acc})
+    field = tuple(f"Mfv{a}{suffix}" for a in "XYZ" for suffix in ("_RAW", "") if f"Mfv{a}{suffix}" in mag)
+    sources = {
+        "acc": (acc, gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
+        "sca": (sca, own_tags(sca), QUATERNION),
+        "mag": (mag, own_tags(mag), (*field, "current_b")),
+        "orbit": (orbit, own_tags(orbit), STATE),
+    }
+    for name, (source, tags, columns) in sources.items():
+        time, values, flag, counts[name] = sorted_samples(source, tags, columns)
+        margin = 8.0 if name == "orbit" else 0.0
+        inside = in_windows(time, spans, margin)
+        flag[inside] |= _outliers(name, time[inside], values[inside], flag[inside], settings["outlier_sigma"])
+        parts[name] = (time[inside], values[inside], flag[inside])
+        if not inside.any():
+            product, file = source.attrs.get("product", name), source.attrs.get("file", "")
+            have = f"{time[0]:.0f} to {time[-1]:.0f} s" if time.size else "no usable record"
+            expected = f"records between {spans[0, 0]:.0f} and {spans[-1, 1]:.0f} s GPS"
+            remedy = "Give files of the same satellite and day, and check that TIM1B and CLK1B cover it."
+            refuse(file or product, have, expected, remedy, EstimationError, product=product, file=file)
+    gap_limits = {"orbit": settings["orbit_gap_limit_s"], "sca": settings["star_camera_gap_limit_s"]}
+    inner = spans[:, 0], np.minimum(spans[:, 1], spans[:, 0] + SURVEY_S)  # what is looked at without a manoeuvre
+    if detected.sizes["manoeuvre"]:
+        inner = detected["start"].values, detected["stop"].values
+    gap = np.zeros(len(spans), dtype=np.uint8)
+    for name, bit in GAPS.items():
+        time, _, flag = parts[name]
+        for k, (start, stop) in enumerate(zip(*inner, strict=True)):
+            known = time[(flag == 0) & (time > start) & (time < stop)]
+            if np.diff(np.concatenate([[start], known, [stop]])).max() > gap_limits[name]:
+                gap[k] |= bit
+    values = {f"time_{name}": part[0] for name, part in parts.items()}
+    values |= {f"{name}_flag": part[2] for name, part in parts.items()}
+    readings, magnetic = parts["acc"][1], parts["mag"][1]
+    values |= {
+        "gap": gap,
+        "window_start": spans[:, 0],
+        "window_stop": spans[:, 1],
+        "linear_b": readings[:, :3],
+        "angular_b": readings[:, 3:],
+        "quaternion": _usable_quaternion(*parts["sca"][1:]),
+        "field_measured_b": 1e-6 * magnetic[:, :3],
+        "current_b": magnetic[:, 3:],
+    }
+    values |= orbit_states(*parts["orbit"][:2], orbit.attrs.get("product", ""))
+    values |= {name: detected[name].values for name in MANOEUVRE}
+    attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
+    return build(SCHEMAS["align"], values, title="Level-1 records on GPS time", **attrs)
+
+
+def _outliers(name, time, values, flag, limit):
+    """Flag of isolated outliers among the usable samples of an instrument; of a star camera beside a local cubic."""
+    found, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
+    reach, weights, least = REACH.get(name, (0, None, 0.0))
+    if not reach or usable.size < 2:
+        return found
+    values = values[usable] if name != "sca" else frames.continuous(values[usable])
+    values = values[:, np.isfinite(values).all(axis=0)]
+    apart = robust.isolated(values, reach, limit, weights, least)
+    step = np.median(np.diff(time[usable]))
+    whole = np.zeros(usable.size, dtype=bool)  # with all its neighbours
+    span = time[usable][2 * reach :] - time[usable][: usable.size - 2 * reach]
+    whole[reach : usable.size - reach] = span < (2 * reach + 0.5) * step
+    found[usable[apart & whole]] = OUTLIER
+    return found
+
+
+def _spans(detected, acc, sca, mag, orbit, margin, survey):
+    """Windows round the manoeuvres; the common beginning of all records where there is none."""
+    if detected.sizes["manoeuvre"]:
+        return np.stack([detected["start"].values - margin, detected["stop"].values + margin], axis=1)
+    times = [d["time_tag"].values for d in (acc, sca, mag, orbit)]
+    if any(t.size == 0 for t in times):
+        empty = [d.attrs.get("file", d.attrs.get("product")) for d in (acc, sca, mag, orbit) if not d.sizes["record"]]
+        refuse(", ".join(empty), "no record", "those of a day", "Fetch the file again.", EstimationError)
+    first = np.floor(max(float(np.nanmin(t)) for t in times))
+    last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
+    return np.array([[first, min(last, first + survey)]])
+
+
+def _usable_quaternion(values, flag):
+    """Unit quaternions continuous in sign, NaN where marked."""
+    good = (flag == 0) & np.isfinite(values).all(axis=1)
+    result = np.full_like(values, np.nan)
+    if good.any():
+        unit = values[good] / np.linalg.norm(values[good], axis=1, keepdims=True)
+        result[good] = frames.continuous(unit)
+    return result
