@@ -55,13 +55,13 @@ def checks(aligned, checked, smoothed, *others, **limits):
     return checking.inputs(aligned, checked, smoothed, *others, **limits)
 
 
-@stage(reads=["com_offset.align"], writes="com_offset.quiet", version=1)
+@stage(reads=["com_offset.align"], writes="com_offset.quiet", version=2)
 def quiet(aligned, **settings):
     """Linear channels outside the manoeuvres."""
     return noises.quiet(aligned, **settings)
 
 
-@stage(reads=["com_offset.quiet"], writes="com_offset.noise", version=2)
+@stage(reads=["com_offset.quiet"], writes="com_offset.noise", version=3)
 def noise(pieces, *, drift_degree, noise_order):
     """Noise of the linear channels in quiet data."""
     return noises.noise(pieces, drift_degree=drift_degree, noise_order=noise_order)
@@ -83,7 +83,7 @@ def equations(aligned, smoothed, angular, **settings):
     return modelling.equations(aligned, smoothed, angular, **settings)
 
 
-@stage(reads=["com_offset.equations", "com_offset.noise"], writes="com_offset.solve", version=2)
+@stage(reads=["com_offset.equations", "com_offset.noise"], writes="com_offset.solve", version=3)
 def solve(resampled, measured, *, drift_degree, noise_order):
     """Offset of every manoeuvre from one angular acceleration."""
     return estimating.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)

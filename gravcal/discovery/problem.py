@@ -368,8 +368,9 @@ def drawn_noise(
     """Noise (n, count) of every block, with the error of the noise model that it was whitened with.
 
     A model from N quiet samples is off by 1/sqrt(2 N) of its size, and each of its coefficients by 1/sqrt(N): whitened
-    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8). A model that was measured in the
-    rows has made them whiter than noise is, and every draw goes through the same fit.
+    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8); the amplitude in each block is off
+    as that block says. A model that was measured in the rows has made them whiter than noise is, and every draw goes
+    through the same fit.
 
     Parameters
     ----------
@@ -392,6 +393,8 @@ def drawn_noise(
         noise[~weighted_rows(block)] = 0.0
         for (channel, axis), factor in scale.items():
             here = (block.channel == channel) & (block.axis == axis)
+            own = block.level_error.get((channel, axis), 0.0)
+            factor = factor * np.exp(own * rng.standard_normal(count)) if own else factor
             noise[here] = _neighbouring(noise[here], shape[channel, axis]) * factor.astype(np.float32)
         rows.append(noise)
     for channel, coefficients in (order or {}).items():

@@ -1,8 +1,10 @@
-"""Coloured noise as measured: autoregressive models from quiet data, whitening, spectra."""
+"""Coloured noise as measured: autoregressive models from quiet data, whitening, spectra, levels that change."""
+
+from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -43,6 +45,10 @@ class NoiseModel:
         for k in range(PIECE):
             later[k, k : k + order + 1] = np.append(-rows[order][::-1], 1.0)
         return start / sigma[:order, None], later / sigma[order]
+
+    def louder(self, level: float) -> NoiseModel:
+        """The same noise with so many times the amplitude."""
+        return replace(self, variance=self.variance * level**2)
 
     def density(self, frequency_hz: np.ndarray) -> np.ndarray:
         """One-sided power spectral density.
@@ -316,6 +322,72 @@ def _waves(values, columns, step_s, parts):
     return square, power * (0.5 / step_s / parts), np.full(square.size, len(values))
 
 
+@dataclass(frozen=True)
+class Levels:
+    """Amplitude of the noise in parts of a record over that of one model for all of them."""
+
+    value: np.ndarray  #: (g, a) 1, of each part and axis
+    error: np.ndarray  #: (g, a) 1, relative, of data of the part that were not seen
+
+
+STATIONARY = 1e-2  # probability of so much scatter of the powers of quiet pieces, from which on they have one level
+
+
+def levels(rows: list[np.ndarray], lost: list[float], part: np.ndarray, parts: int) -> Levels:
+    """Levels of noise that is not stationary, from quiet pieces in or near each part.
+
+    One everywhere unless the powers of the pieces deny one level, see `STATIONARY`.
+
+    Parameters
+    ----------
+    rows : list of (n_i, a) whitened pieces, zero where missing
+    lost : parameters that detrending took from each axis of each piece
+    part : (k,) number of the part that each piece belongs to
+    parts : how many there are; one without pieces has the level of all
+
+    Notes
+    -----
+    The logarithm of the power of a piece of n samples is off by sqrt(2 / n). What it scatters more is the sum of
+    what a part has in common and of what changes from piece to piece (DerSimonian and Laird, Control. Clin. Trials 7,
+    1986, for both), the same variance on all axes; levels are drawn towards their mean accordingly.
+    """
+    axes = rows[0].shape[1] if rows else 3
+    pairs = zip(rows, lost, strict=True)
+    count = np.array([max(np.sum(np.any(one != 0, axis=1)) - gone, 1) for one, gone in pairs], dtype=float)
+    power = np.array([np.sum(one**2, axis=0) for one in rows]).reshape(-1, axes) / count[:, None]
+    value, own = np.log(np.maximum(power, 1e-300)) + 1 / count[:, None], 2 / count
+    mean = np.sum(value / own[:, None], axis=0) / np.sum(1 / own)
+    scatter = np.sum((value - mean) ** 2 / own[:, None])
+    if np.any(power <= 0) or chdtrc(axes * (len(rows) - 1), scatter) > STATIONARY:
+        return Levels(np.ones((parts, axes)), np.zeros((parts, axes)))
+    member = (part == np.arange(parts)[:, None]).astype(float)
+    within = _scatter(value, own, member, axes)
+    share = member / (own + within)
+    known = share.sum(axis=1)
+    middle = share @ value / np.maximum(known, 1e-300)[:, None]
+    seen = known > 0
+    between = _scatter(middle[seen], 1 / known[seen], np.ones((1, int(seen.sum()))), axes)
+    variance = 1 / np.maximum(known, 1e-300)
+    weight = np.where(seen, 1 / (variance + between), 0.0)
+    mean = weight @ middle / weight.sum()
+    drawn = between / (between + variance)
+    power = np.exp(mean + drawn[:, None] * (middle - mean))
+    weight = np.where(seen, member @ count, 0.0)
+    error = np.sqrt(between * (1 - drawn) + within) / 2
+    return Levels(np.sqrt(power * weight.sum() / (weight @ power)), np.repeat(error[:, None], axes, axis=1))
+
+
+def _scatter(value, variance, member, axes):
+    """Variance of values (k, a) about the mean of their group (g, k) beyond the known one (k,); not negative."""
+    weight = member / variance
+    total = np.maximum(weight.sum(axis=1), 1e-300)
+    mean = (weight @ value) / total[:, None]
+    beyond = np.sum(weight @ value**2) - np.sum(total[:, None] * mean**2)
+    beyond -= axes * (member.sum() - np.sum(member.any(axis=1)))
+    several = axes * np.sum(total - np.sum(weight**2, axis=1) / total)
+    return max(float(beyond / several), 0.0) if several > 1e-6 * total.sum() else 0.0
+
+
 PIECES = 150  # of simulated noise
 ROUNDS = 2
 DEPENDENT = 1e-5  # of the largest: columns that hardly differ are one
@@ -353,19 +425,13 @@ def fit_detrended(
     return [from_density(d, order, step_s) for d in density]
 
 
-def fit_beside(segments: list[np.ndarray], columns: list[np.ndarray], order: int, step_s: float) -> list[NoiseModel]:
-    """Autoregressive model of each axis beside columns of which any size may be in the segments.
+def beside(segments: list[np.ndarray], columns: list[np.ndarray]) -> Callable:
+    """What takes columns of any size out of segments: ``clean`` of `fit_detrended`.
 
     Parameters
     ----------
     segments : list of (n_i, 3) any unit, evenly spaced, NaN where missing
     columns : list of (n_i, 3, q_i), finite, fitted to all axes of a segment together
-    order : of the models
-    step_s : s
-
-    Returns
-    -------
-    models : one an axis
     """
     good = [np.isfinite(one).all(axis=1) for one in segments]
     bases = [
@@ -378,7 +444,7 @@ def fit_beside(segments: list[np.ndarray], columns: list[np.ndarray], order: int
         cleaned[good[index]] = (flat - bases[index] @ (bases[index].T @ flat)).reshape(-1, 3)
         return cleaned
 
-    return fit_detrended(segments, clean, order, step_s)
+    return clean
 
 
 def _kept(models, segments, clean, rng, frequency):

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from gravcal.estimation.least_squares import polynomial, without
-from gravcal.estimation.noise import NoiseModel, draw, fit_beside, fit_detrended, fit_noise, from_density
+from gravcal.estimation.noise import NoiseModel, beside, draw, fit_detrended, fit_noise, from_density
 
 RED = NoiseModel(np.array([0.9, -0.2]), np.array([1.0, 0.19, 0.19 * 0.96]), 1.0)
 
@@ -52,7 +52,8 @@ def test_what_may_be_there_is_no_noise():
     waves = [f(2 * np.pi * k * u / 500) for k in (1, 2) for f in (np.cos, np.sin)]
     columns = np.stack([wave[:, None] * np.eye(3)[a] for wave in waves for a in range(3)], axis=2)
     size = 1000 * rng.standard_normal(columns.shape[2])
-    found = fit_beside([noise + columns @ size], [columns], 3, 1.0)
+    made = [noise + columns @ size]
+    found = fit_detrended(made, beside(made, [columns]), 3, 1.0)
     slow = np.linspace(0.001, 0.02, 10)
     ratio = np.mean([m.density(slow) / RED.density(slow) for m in found])
     assert 0.75 < ratio < 1.3

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy import linalg, signal
 
 from gravcal.estimation.least_squares import polynomial
-from gravcal.estimation.noise import NoiseModel, coloured, fit_noise, fit_spectrum, runs, unwhiten, whiten
+from gravcal.estimation.noise import NoiseModel, coloured, fit_noise, fit_spectrum, levels, runs, unwhiten, whiten
 
 AR = np.array([1.2, -0.8, 0.3])  # x_t = sum_j AR_j x_(t-j) + e_t, stable
 VARIANCE = 2.5e-20
@@ -164,3 +164,23 @@ def test_a_spectrum_of_short_pieces_is_that_of_steep_noise():
     assert np.abs(error / sigma).max() < 5
     assert sigma.max() < 0.4
     assert np.abs(error).max() < 1.0
+
+
+def test_levels_of_noise_that_changes_have_their_errors():
+    """Recovery: parts 0.4 apart in log power, pieces 0.2; level over truth scatters as its error says."""
+    rng, off = np.random.default_rng(4), []
+    part = np.repeat(np.arange(7), 2)
+    for _ in range(60):
+        common = rng.normal(0, 0.4, (7, 3))
+        size = np.exp((common[part] + rng.normal(0, 0.2, (14, 3))) / 2)
+        found = levels([rng.standard_normal((360, 3)) * one for one in size], [3] * 14, part, 7)
+        error = np.log(found.value) - (common + rng.normal(0, 0.2, (7, 3))) / 2
+        off.append((error - error.mean(axis=0)) / found.error / np.sqrt(6 / 7))
+    assert 0.9 < np.std(off) < 1.1  # one standard error is 0.02
+
+
+def test_stationary_noise_has_one_level():
+    """Contract: the same noise everywhere has no levels of its own, but by a chance of one percent."""
+    rng, part = np.random.default_rng(5), np.repeat(np.arange(7), 2)
+    found = [levels([rng.standard_normal((300, 3)) for _ in part], [3] * 14, part, 7) for _ in range(100)]
+    assert sum(bool(np.any(one.error > 0)) for one in found) <= 5  # binomial tail 5e-4

@@ -15,6 +15,13 @@ ANGULAR_STEP = np.array([1.01327896e-8, 6.10947609e-10, 1.01327896e-8])
 FIELD_STEP_UT = 65.0 / 32768
 
 
+def loudness(scene, kind):
+    """Amplitude of the noise of an instrument in this window."""
+    s = scene.world.settings
+    change = stream(scene.world.seed, "loudness " + kind, round(scene.t[0])).normal() if s.noise_change else 0.0
+    return s.noise_scale * np.exp(s.noise_change * change)
+
+
 def truth_at_proof_mass(scene):
     """Suspension acceleration f = a_ng + (M - G) p with p = -offset."""
     p, w = np.tile(-1e-6 * np.asarray(scene.world.settings.offset_um, float), (len(scene.t), 1)), scene.rate
@@ -47,7 +54,7 @@ def spoil(scene, linear, angular):
     s, start = world.settings, round(scene.t[0])
     for kind, values, tables in (("lin", linear, noise.LINEAR), ("ang", angular, noise.ANGULAR)):
         series = noise.coloured(stream(world.seed, kind, start), len(values), tables)
-        values += s.noise_scale * series
+        values += loudness(scene, kind) * series
     linear, angular = linear + BIAS[s.satellite][0], angular + BIAS[s.satellite][1]
     if s.quantise:
         linear = np.rint(linear / LINEAR_STEP) * LINEAR_STEP
@@ -60,7 +67,7 @@ def star_camera(scene, keep):
     world = scene.world
     s, start = world.settings, round(scene.t[0])
     rng = stream(world.seed, "sca", start)
-    error = rng.normal(0, 1, (len(keep), 3)) * np.asarray(s.sca_noise_rad) * s.noise_scale
+    error = rng.normal(0, 1, (len(keep), 3)) * np.asarray(s.sca_noise_rad) * loudness(scene, "sca")
     small = Rotation.from_rotvec(error + world.effects["sca_misalignment"]["value"])
     return (scene.rotation[keep] * small).as_quat(canonical=False, scalar_first=True)
 
@@ -73,7 +80,7 @@ def magnetometer(scene, keep, half):
     field = _turned(scene.field[keep], e["mag_misalignment"]["value"]) * 1e6 * (1 + e["mag_scale"]["value"])
     field = field + 1e-3 * (world.mag_bias_nt + current @ e["mag_current_leak"]["value"].T)
     rng = stream(world.seed, "mag", round(scene.t[0]))
-    field = field + rng.normal(0, s.mag_noise_nt * 1e-3 * s.noise_scale, field.shape)
+    field = field + rng.normal(0, s.mag_noise_nt * 1e-3 * loudness(scene, "mag"), field.shape)
     repeat = np.flatnonzero(half == 0)
     field[repeat[repeat > 0]] = field[repeat[repeat > 0] - 1]
     if s.quantise:

@@ -16,6 +16,7 @@ class Settings:
     whole_day: bool = False
     effects: dict = field(default_factory=dict)  # see catalogue.EFFECTS
     noise_scale: float = 1.0  # of all instruments; 0 leaves quantisation and tag rounding
+    noise_change: float = 0.0  # spread of the logarithm of its amplitude from window to window, of each instrument
     quantise: bool = True
     start_fraction: float | None = None  # of the second in which each wave starts; None: random for each
     torque_scale: float = 1.0  # of the aerodynamic torque

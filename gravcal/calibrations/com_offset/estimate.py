@@ -96,7 +96,11 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     blocks = [_block(given, i, settings) for i in range(resampled.sizes["manoeuvre"])]
     if not noise:
         noise = _residual_noise(blocks, settings)
-    whitened = [_whitened(b, noise) for b in blocks]
+    level = measured["level"].values
+    whitened = [
+        _whitened(b, [m.louder(f) for m, f in zip(noise, row, strict=True)])
+        for b, row in zip(blocks, level, strict=True)
+    ]
     scores = [None if w is None else w["score"] for w in whitened]
     values = _values(blocks, whitened, scores, _joint_offset(scores), resampled.sizes["mode_index"])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)

@@ -14,7 +14,7 @@ from gravcal.calibrations.com_offset import attitude as motion
 from gravcal.calibrations.com_offset import noise as linear_noise
 from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import NoiseModel, fit_beside, fit_detrended, unwhiten, whiten, without_lines
+from gravcal.estimation.noise import NoiseModel, beside, fit_detrended, levels, unwhiten, whiten, without_lines
 from gravcal.estimation.records import Block
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, orbit_environment
@@ -22,6 +22,14 @@ from gravcal.physics import dynamics, frames, orbit_environment
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
 STEP_S = 1.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Noise of a channel as measured."""
+
+    models: list[list[NoiseModel]]  #: of each manoeuvre and axis
+    error: np.ndarray  #: (m, 3) 1, relative, of the amplitude at each manoeuvre
 
 
 @dataclass(frozen=True)
@@ -38,8 +46,7 @@ class Manoeuvre:
     scale_attitude: np.ndarray  #: (k, 3, 3) rad, torque scale
     shift: float  #: s, edges seen by the star camera
     seen: float  #: s, edges seen by the accelerometer
-    #: {channel: noise model of each axis}, shared by all manoeuvres, may be completed later
-    noise: dict[str, list[NoiseModel]]
+    measured: dict[str, Measured]  #: {channel: noise of all manoeuvres}, may be completed later
     context: Context  #: Context at the accelerometer epochs
     offset: np.ndarray  #: (3,) m, present estimate
     drift_degree: int  #: of the polynomial that stands for the drift of the linear reading
@@ -56,6 +63,11 @@ class Manoeuvre:
     def propagator(self) -> motion.Propagator:
         """Attitude after angular accelerations that jump at the edges."""
         return motion.propagator(self.window.time, self.transition, self.arc.edges + self.shift)
+
+    @property
+    def noise(self) -> dict[str, list[NoiseModel]]:
+        """Noise model of each axis of each channel at this manoeuvre."""
+        return {channel: one.models[self.index] for channel, one in self.measured.items()}
 
     @property
     def valid(self) -> dict[str, np.ndarray]:
@@ -115,7 +127,7 @@ def manoeuvres(aligned: xr.Dataset, field_: xr.Dataset, smoothed: xr.Dataset, of
     ----------
     aligned, field_, smoothed : Dataset, "com_offset.align", "com_offset.field", "com_offset.attitude"
     offset : (3,) m, present estimate
-    noise : {channel: noise model of each axis}, may be completed later
+    noise : {channel: Measured}, may be completed later
     settings : inertia, dipole_per_current, mass, dynamics, torque_degree, integration_step_s, linear_drift_degree,
         low-pass of the solution
     """
@@ -244,6 +256,7 @@ def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings
         axis=np.concatenate([np.repeat([0, 1, 2], v.size) for v in one.valid.values()]),
         time=np.concatenate([np.tile(t, 3) for t in one.times.values()]),
         steps=_steps(one),
+        level_error={(c, a): float(m.error[one.index, a]) for c, m in one.measured.items() for a in range(3)},
     )
 
 
@@ -343,8 +356,8 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
     return time, model, np.moveaxis(columns, 2, 0)
 
 
-def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict, dict]:
-    """Noise models and samples an axis of the channels whose noise quiet data show, {channel: ...} each.
+def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict[str, Measured], dict]:
+    """Noise and samples an axis of the channels whose noise quiet data show, {channel: ...} each.
 
     Parameters
     ----------
@@ -353,24 +366,42 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
         angular_drift_degree, noise_order, attitude_noise_order, quiet_margin_s
     """
     time, spans = aligned["time_acc"].values, list(linear_noise.quiet_spans(aligned, settings))
-    models, samples = {}, {}
+    models, samples, count = {}, {}, aligned.sizes["manoeuvre"]
     for channel in ("linear", "angular"):
-        values, pieces = aligned[f"{channel}_b"].values, []
+        values, pieces, epochs = aligned[f"{channel}_b"].values, [], []
         for inside, _, operator in linear_noise.quiet_operators(aligned, values, settings):
             piece = np.nan_to_num(values[inside])
             if channel == "angular":  # the torque of the control currents is no noise
                 piece = piece - _control(aligned, field_, time[inside], settings)
             pieces.append(operator(piece - piece[len(piece) // 2]))
+            epochs.append(operator.time)
         cleaned, _ = without_lines(pieces, settings["step_s"]) if pieces else ([], None)
-        fits = _without_drift(settings[f"{channel}_drift_degree"]), settings["noise_order"], settings["step_s"]
-        models[channel] = fit_detrended(cleaned, *fits) if pieces else []
+        degree, orders = settings[f"{channel}_drift_degree"], (settings["noise_order"], settings["step_s"])
+        about = [degree + 1] * len(pieces), linear_noise.nearest(aligned, epochs), count
+        models[channel] = _measured(cleaned, _without_drift(degree), orders, *about)
         samples[channel] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
-    sampled = [at_one_hertz(field_, *span) for span in spans]
-    pieces = [np.where(valid[:, None], values, np.nan) for _, values, valid in sampled if valid.sum() >= 60]
-    fits = _without_drift(settings["drift_degree"]), settings["attitude_noise_order"], 1.0
-    models["magnetometer"] = fit_detrended(pieces, *fits) if pieces else []
+    sampled = [(t, v, valid) for t, v, valid in (at_one_hertz(field_, *span) for span in spans) if valid.sum() >= 60]
+    pieces = [np.where(valid[:, None], values, np.nan) for _, values, valid in sampled]
+    near = linear_noise.nearest(aligned, [t for t, _, _ in sampled])
+    degree, orders = settings["drift_degree"], (settings["attitude_noise_order"], 1.0)
+    about = [degree + 1] * len(pieces), near, count
+    models["magnetometer"] = _measured(pieces, _without_drift(degree), orders, *about)
     samples["magnetometer"] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
     return models, samples
+
+
+def _measured(pieces, clean, orders, lost, near, count):
+    """Noise at each of so many manoeuvres, from pieces that lose some parameters each, and the manoeuvre near each."""
+    if not pieces:
+        return Measured([[]] * count, np.zeros((count, 3)))
+    models = fit_detrended(pieces, clean, *orders)
+    white = []
+    for index, piece in enumerate(pieces):
+        left, valid = clean(piece, index), linear_noise.valid_rows(piece)
+        white.append(np.stack([whiten(m, left[:, a], valid) for a, m in enumerate(models)], axis=1))
+    found = levels(white, lost, near, count)
+    louder = [[m.louder(f) for m, f in zip(models, row, strict=True)] for row in found.value]
+    return Measured(louder, found.error)
 
 
 def _without_drift(degree):
@@ -422,7 +453,9 @@ def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.
         residual[one.window.good] = smoothed["sca_residual_b"].values[manoeuvre == one.index]
         segments.append(residual)
         columns.append(np.concatenate([one.local_attitude, one.scale_attitude, more], axis=2))
-    return fit_beside(segments, columns, order, 1.0)
+    lost = [one.shape[2] / 3 for one in columns]
+    index = np.array([one.index for one in views])
+    return _measured(segments, beside(segments, columns), (order, 1.0), lost, index, 1 + index.max())
 
 
 def at_one_hertz(field_: xr.Dataset, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import NoiseModel, fit_noise
+from gravcal.estimation.noise import NoiseModel, fit_noise, levels, whiten
 from gravcal.estimation.resampling import lowpass_resampler
 
 SCHEMAS = schemas.of("com_offset.toml")
@@ -37,7 +37,14 @@ def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
         readings.append(operator(linear[inside] - linear[inside][good].mean(axis=0)))
     values = {"epoch": np.concatenate(epochs), "reading": np.concatenate(readings)}
     values["piece"] = np.repeat(np.arange(-1, len(epochs) - 1), [grid.size for grid in epochs])
-    return build(SCHEMAS["quiet"], values, step_s=settings["step_s"])
+    values["near"] = nearest(aligned, epochs[1:])
+    return build(SCHEMAS["quiet"], values, step_s=settings["step_s"], manoeuvres=aligned.sizes["manoeuvre"])
+
+
+def nearest(aligned: xr.Dataset, times: list[np.ndarray]) -> np.ndarray:
+    """Manoeuvre (k,) nearest to each piece of epochs s; 0 where there is none."""
+    middle = (aligned["start"].values + aligned["stop"].values) / 2
+    return np.array([np.argmin(np.abs(middle - one.mean())) if middle.size else 0 for one in times], dtype=int)
 
 
 def quiet_operators(aligned, values, settings):
@@ -84,7 +91,10 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     """
     step, reading = float(pieces.attrs["step_s"]), pieces["reading"].values
     seconds = step * int(np.isfinite(reading[:, 0]).sum())
+    count = int(pieces.attrs["manoeuvres"])
     values = {
+        "level": np.ones((count, 3)),
+        "level_error": np.zeros((count, 3)),
         "reflection": np.zeros((3, 0)),
         "variance": np.full((3, 1), np.nan),
         "density": np.full((3, FREQUENCY.size), np.nan),
@@ -110,11 +120,19 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]
     values |= {name: np.array([getattr(model, name) for model in models]) for name in ("reflection", "variance")}
     values["density"] = np.array([model.density(FREQUENCY) for model in models])
+    white = [np.stack([whiten(m, own[:, a], valid_rows(own)) for a, m in enumerate(models)], 1) for own in quiet_parts]
+    found = levels(white, [drift_degree + 1] * len(white), pieces["near"].values, count)
+    values |= {"level": found.value, "level_error": found.error}
     return build(SCHEMAS["noise"], values, source_of_noise="quiet data", step_s=step, order=models[0].reflection.size)
 
 
+def valid_rows(values: np.ndarray) -> np.ndarray:
+    """Rows (n,) of a piece (n, a) that hold no NaN."""
+    return np.isfinite(values).all(axis=1)
+
+
 def models_of(measured: xr.Dataset) -> list[NoiseModel]:
-    """Noise models (one an axis) of a product; none if it holds none."""
+    """Noise models (one an axis) of a product, of all manoeuvres; none if it holds none."""
     if measured.attrs["source_of_noise"] == "none":
         return []
     step = float(measured.attrs["step_s"])

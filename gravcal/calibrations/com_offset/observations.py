@@ -48,7 +48,7 @@ class ComOffset(Observations):
     smoothed: xr.Dataset
     start: np.ndarray  #: (3,) m, offset of all manoeuvres together
     views: list[Manoeuvre]  #: one a manoeuvre
-    noise: dict  #: {channel: noise model of each axis}, of all views
+    noise: dict  #: {channel: Measured}, of all views
     settings: Mapping  #: of `observe`
 
     name = "com_offset"

@@ -218,7 +218,7 @@ def _coloured(time, series, columns, effects, bin_s, order):
     for axis in range(3 if effects else 0):
         found = noise.jumps(lambda places, a=axis, b=beside: _left_beside(left, _with_jumps(b, a, places))[:, a])
         beside = _with_jumps(beside, axis, found)
-    models = tuple(noise.fit_beside([left], [beside], order, bin_s))
+    models = tuple(noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s))
     channel = Channel(width, means(time, width), good, models)
     return replace(channel, rows=channel.whitened(observed))
 

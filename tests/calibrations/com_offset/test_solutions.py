@@ -11,6 +11,7 @@ from scipy import stats
 from gravcal import catalog
 from gravcal.calibrations.com_offset.estimate import _joint, combine
 from gravcal.calibrations.com_offset.model import columns
+from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.simulation.sensors import table_density
 
 KINDS = {0: "roll", 1: "pitch", 2: "yaw"}
@@ -70,6 +71,27 @@ def test_a_bias_and_a_trend_of_the_accelerometer_change_nothing(made):
     one, other = (tools.solution(a, *others) for a in (aligned, moved))
     scale = np.abs(one["right"].values).max()
     assert_allclose(other["right"].values, one["right"].values, atol=1e-6 * scale)  # rounding of the bias
+
+
+def test_noise_that_is_louder_at_one_manoeuvre_weakens_it(made):
+    """Analytic: quiet data 1.5 times as large near the second manoeuvre: its equations weigh (1 / 1.5)^2 of before."""
+    products, chosen = made[0], catalog.parameters("com_offset")
+    pieces = quiet(products["align"], **chosen.for_stage("quiet"))
+    there = pieces["near"].values[np.maximum(pieces["piece"].values, 0)] == 1
+    louder = pieces.assign(reading=pieces["reading"] * np.where(there, 1.5, 1.0)[:, None])
+    both = [noise(one, **chosen.for_stage("noise")) for one in (pieces, louder)]
+    assert_allclose(both[0]["level"], 1.0, atol=0.1)
+    level = both[1]["level"].values
+    assert_allclose(level[1] / level[[0, 2]], 1.5, rtol=0.1)
+    about = products["angular_acceleration"]["mtq"]
+    weight = [
+        np.trace(
+            tools.solution(products["align"], products["attitude"], about, one, chosen)["information"].values, 0, 1, 2
+        )
+        for one in both
+    ]
+    ratio = weight[1] / weight[0]
+    assert_allclose(ratio[1] / ratio[[0, 2]], 1 / 1.5**2, rtol=0.2)
 
 
 def test_quiet_noise_is_that_of_the_simulation(made):
