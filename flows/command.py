@@ -15,7 +15,8 @@ from flows.calibration import known, load, load_all
 from flows.engine import models, server
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
-from gravcal.store import configurations, history, housekeeping, location, memory, origin, store
+from gravcal.io import archive
+from gravcal.store import configurations, history, housekeeping, location, origin, store
 from gravcal.store.schemas import VERSION
 from tasks.stage import lazy
 
@@ -390,7 +391,7 @@ def save_event(calibration, source, document):
     """Name of the event stored in the user's own catalogue with its manoeuvres and the digests of its files."""
     known = record(calibration)
     files = known.level_one_files(source)
-    digests = {file.name: memory.file_digest(file.path, file.member) for file in files}
+    digests = {file.name: archive.file_digest(file.path, file.member) for file in files}
     first = date(2000, 1, 1) + timedelta(
         days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5
     )

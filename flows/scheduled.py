@@ -22,7 +22,7 @@ from flows.calibration import load
 from flows.engine import server
 from flows.serve import digest
 from gravcal.errors import GravcalError
-from gravcal.store import housekeeping, location, memory
+from gravcal.store import housekeeping, location
 
 REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
 REGISTERED = "GRAVCAL_REGISTERED"  # deployments as gravcal serve registered them, if it started this run
@@ -73,10 +73,10 @@ def new_data(
     asked = repr([str(Path(data).absolute()), calibration, satellite, settings])
     name = "watched-" + hashlib.sha256(asked.encode()).hexdigest()[:32]
     found = digest(Path(data))
-    if found is None or memory.recall(name) == found:
+    if found is None or location.recall(name) == found:
         return Completed(name="Nothing new", message=f"{data}: nothing that the last run has not seen")
     state = _campaign(calibration, satellite, data, settings, workers, joint)
-    memory.remember(name, found)
+    location.remember(name, found)
     return state
 
 

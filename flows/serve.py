@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 from flows.engine import server
 from gravcal.errors import CatalogError, ProductError
 from gravcal.io import archive
-from gravcal.store import location, memory
+from gravcal.store import location
 
 
 @dataclass(frozen=True)
@@ -80,15 +80,15 @@ def _alone(name):
 
 def _port(served, what):
     """Port of the last time, so that links and bookmarks stay good; None the first time."""
-    found = memory.recall(f"port-{what}-{served.name}")
+    found = location.recall(f"port-{what}-{served.name}")
     return found if isinstance(found, int) else None
 
 
 def _keep_ports(served, begun, url, address):
     """Remember the ports for the next time; a server of the user's own keeps its."""
-    memory.remember(f"port-reports-{served.name}", urlsplit(address).port)
+    location.remember(f"port-reports-{served.name}", urlsplit(address).port)
     if begun.child is not None:
-        memory.remember(f"port-pages-{served.name}", urlsplit(url).port)
+        location.remember(f"port-pages-{served.name}", urlsplit(url).port)
 
 
 def _run(served, schedule, where, said):

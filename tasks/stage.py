@@ -40,7 +40,7 @@ import numpy as np
 
 from gravcal import catalog
 from gravcal.errors import EstimationError, GravcalError, ProductError
-from gravcal.store import history, keys, memory, origin, product, store
+from gravcal.store import history, keys, origin, product, store
 from gravcal.store.store import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
@@ -159,9 +159,8 @@ def current():
 
 
 def forget():
-    """Forget calls and contents, so that a process that lives long does not grow."""
+    """Forget the calls of this process, so that one that lives long does not grow."""
     _calls.clear()
-    memory.clear()
 
 
 def inline(call):

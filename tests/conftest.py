@@ -8,7 +8,7 @@ import pytest
 import seeds
 
 from flows.engine import single_threaded
-from gravcal.store import keys, memory
+from gravcal.store import keys
 
 single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
 SEED = seeds.settle()
@@ -97,7 +97,6 @@ PIPELINE = {
 def store_folder(tmp_path, monkeypatch):
     """Let every test have its own empty store."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
-    memory.clear()
     keys.forget()
     return tmp_path / "products"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from flows import engine
 from gravcal.errors import refuse
 from gravcal.io import archive
-from gravcal.store import history, keys, location, memory, store
+from gravcal.store import history, keys, location, store
 
 
 def remake(entry):
@@ -75,7 +75,6 @@ def other_store(folder):
     try:
         yield
     finally:
-        memory.clear()
         if before is None:
             del os.environ["GRAVCAL_PRODUCTS"]
         else:

@@ -6,6 +6,7 @@ in MB (default 256; ACC1A of a day has 100). An archive may hold 16 times as muc
 
 import contextlib
 import gzip
+import hashlib
 import io
 import os
 import re
@@ -17,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from gravcal.errors import refuse
-from gravcal.store import product
+from gravcal.store import location, product
 
 NAME = re.compile(
     r"(?P<product>[A-Z0-9]{5})_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[A-DXY])_(?P<release>\d{2})"
@@ -30,6 +31,7 @@ MEGABYTE = 1_000_000
 IN_ARCHIVE = 16  # limits that all members of an archive may have together
 MEMBERS = 10_000
 SETTLED_NS = 2_000_000_000  # a folder that changed just before it was listed may change again unnoticed
+FILE_SETTLED_NS = 100_000_000  # the same of a file: ten ticks of the coarsest clock of Linux
 #: What is raised where the structure of a file is damaged: of netCDF, of a packed file.
 DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 PACKED_DAMAGED = (EOFError, OSError, zlib.error, tarfile.TarError)
@@ -127,6 +129,32 @@ def _members(path, size, changed_ns):  # noqa: ARG001 - the last two make the ca
             return tuple(_safe(path, item).name for item in members(tar, path) if not item.isdir())
     except PACKED_DAMAGED as reason:
         return refuse(path, f"a damaged archive ({reason})", "a whole archive", FETCH_AGAIN)
+
+
+def file_digest(path, member=None) -> str:
+    """SHA-256 of a file, or of one member of a tar archive, remembered by path, size and times of change.
+
+    The time at which the file system noted a change cannot be set back as that of the content can. A file that changed
+    a moment ago may change again within one tick of that clock: it is not remembered yet.
+    """
+    status = path.stat()
+    place = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
+    seen = [place, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
+    name = "file-" + hashlib.sha256(place.encode()).hexdigest()[:32]
+    known = location.recall(name)
+    is_known = isinstance(known, dict) and known.get("seen") == seen and isinstance(known.get("digests"), dict)
+    digests = known["digests"] if is_known else {}
+    if (member or "") not in digests:
+        if member:
+            with opened(path) as tar:
+                files = (one for one in members(tar, path) if one.isfile())
+                digests |= {f.name: hashlib.file_digest(tar.extractfile(f), "sha256").hexdigest() for f in files}
+        else:
+            with path.open("rb") as stream:
+                digests[""] = hashlib.file_digest(stream, "sha256").hexdigest()
+        if time.time_ns() - status.st_ctime_ns > FILE_SETTLED_NS:
+            location.remember(name, {"seen": seen, "digests": digests})
+    return digests[member or ""]
 
 
 def inventory(folder) -> list[LevelOneFile]:

@@ -25,7 +25,8 @@ import sys
 from pathlib import Path
 
 from gravcal.errors import CatalogError, ProductError, refuse
-from gravcal.store import memory
+from gravcal.io import archive
+from gravcal.store import location
 
 MISSIONS = dict.fromkeys("ABXCDY", "grace") | {"T": "taiji", "S": "demo"}
 SCOPE = ("gravcal", "tasks")
@@ -139,7 +140,7 @@ def check_unchanged(items, labels):
 def digest_of(item):
     """SHA-256 of a Level-1 file."""
     try:
-        return memory.file_digest(item.path, item.member)
+        return archive.file_digest(item.path, item.member)
     except (OSError, KeyError, EOFError) as error:
         where = f"{item.path}:{item.member}" if item.member else str(item.path)
         return refuse(where, f"what cannot be read ({error})", "a Level-1 file", "Fetch the file again.")
@@ -153,11 +154,11 @@ def fingerprint(body, also=()):
     name = f"{body.__module__}:{body.__name__}", *also
     if name not in _bodies:
         if not _trees:
-            _trees.update(memory.recall("modules") or {})
+            _trees.update(location.recall("modules") or {})
         known = len(_trees)
         parts = _parts(body, also)
         if len(_trees) > known:
-            memory.remember("modules", _trees)
+            location.remember("modules", _trees)
         paths = [Path(inspect.getsourcefile(body))]
         for top, _, rest in (part.partition("/") for part in parts if ":" not in part):
             paths.append(top_folder(top) / rest if rest else _path(top))

@@ -110,6 +110,17 @@ def read_json(path):
         return None
 
 
+def recall(name):
+    """What was remembered under a name, or None."""
+    return read_json(folder() / "memo" / f"{name}.json")
+
+
+def remember(name, value):
+    """Keep a JSON value for later processes; losing it costs time, never correctness."""
+    with contextlib.suppress(OSError):
+        write_json(folder() / "memo" / f"{name}.json", value)
+
+
 def unwritable(error, what):
     """ProductError for a store that cannot take a product."""
     root = folder()

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gravcal import __version__
-from gravcal.store import keys, location, memory, product, schemas
+from gravcal.store import keys, location, product, schemas
 
 KEY = re.compile(r"[0-9a-f]{64}")
 SEAL = b', "sha256_of_record": "'
@@ -85,11 +85,8 @@ def find(key):
 def load(ref):
     """Content of a product, verified; None if it is damaged, and then it has been set aside.
 
-    Its arrays are shared and not to be changed; provenance attributes are left out.
+    Its arrays cannot be changed; provenance attributes are left out.
     """
-    dataset = memory.held(ref.path)
-    if dataset is not None:
-        return dataset
     record, reason = believed(ref.folder)
     image = _verified_bytes(ref.folder, record) if record else None
     if image is None:
@@ -97,8 +94,9 @@ def load(ref):
         return None
     dataset = product.without_provenance(product.from_bytes(image))
     dataset.encoding[product.DIGEST] = record["digest"]
-    memory.keep(ref.path, dataset)
-    return dataset.copy()
+    for variable in dataset.variables.values():
+        variable.values.flags.writeable = False
+    return dataset
 
 
 def put(key, recipe, made, facts):
@@ -119,8 +117,6 @@ def put(key, recipe, made, facts):
     except OSError as error:
         shutil.rmtree(aside, ignore_errors=True)
         raise location.unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
-    if ref.digest == record["digest"]:
-        memory.keep(ref.path, dataset)
     return ref
 
 
@@ -303,7 +299,6 @@ def set_aside(folder, reason):
     """
     if KEY.fullmatch(folder.name) and folder.parent.is_symlink():
         folder = folder.parent
-    memory.drop(folder / "product.nc")
     target = location.folder() / "quarantine" / f"{folder.name}-{uuid.uuid4().hex[:8]}"
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -329,9 +324,7 @@ def doubt(folder, record):
                 return "product.nc does not bear the key and digest of the record: it is another product"
     except OSError:
         return "product.nc is missing"
-    known = status.st_mtime_ns == record["mtime_ns"]
-    known = known or memory.verified.get(folder) == (status.st_size, status.st_mtime_ns)
-    if not known and _verified_bytes(folder, record) is None:
+    if status.st_mtime_ns != record["mtime_ns"] and _verified_bytes(folder, record) is None:
         return "bytes differ from the record"
     for name, digest in record["files"].items():  # they are read without another check
         if (folder / name).is_symlink():
@@ -353,13 +346,9 @@ def _bears_labels(record, read):
 
 def _verified_bytes(folder, record):
     """Bytes of the product file if their SHA-256 is the recorded one, otherwise None."""
-    path = folder / "product.nc"
     try:
-        image, status = path.read_bytes(), path.stat()
+        image = (folder / "product.nc").read_bytes()
     except OSError:
         return None
     is_whole = hashlib.sha256(image).hexdigest() == record["sha256"]
-    if not is_whole or not _bears_labels(record, lambda place: image[place : place + LABEL_BYTES]):
-        return None
-    memory.verified[folder] = (status.st_size, status.st_mtime_ns)
-    return image
+    return image if is_whole and _bears_labels(record, lambda place: image[place : place + LABEL_BYTES]) else None

@@ -11,7 +11,6 @@ from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre.document import vector_files
 from gravcal.errors import NoDataError, ProductError
 from gravcal.io import vcm
-from gravcal.store import memory
 from gravcal.store.schemas import validate
 from tasks.stage import read
 
@@ -32,7 +31,6 @@ def campaign(tmp_path_factory):
 def shared_store(campaign, monkeypatch):
     """One store for the tests that only look at the campaign, so that it is processed once."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(campaign[0] / "products"))
-    memory.clear()
 
 
 def run(folder, **settings):

@@ -23,7 +23,7 @@ from flows.cli import stored
 from flows.engine.remake import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
-from gravcal.store import housekeeping, keys, location, memory, origin
+from gravcal.store import housekeeping, keys, location, origin
 from tasks import stage
 
 #: Calibration: what makes its simulated event small.
@@ -72,7 +72,6 @@ def level_one(tmp_path_factory):
 def _one_store(level_one, monkeypatch):
     """Let all tests of this module use one store."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(level_one / "products"))
-    memory.clear()
 
 
 def made(name, level_one, settings=None):
@@ -186,7 +185,6 @@ def test_history_and_rebuild_reach_every_product(name, level_one, monkeypatch):
             stored.history(entry.ref.name)
         raw = str(level_one / name)
         assert raw in printed.getvalue() or entry.ref.kind == "gradient_torque.field"  # from a file of the package
-    memory.clear()
     seen, forgotten = watching(monkeypatch)
     outcome = remake(known[f"{name}.report"])
     assert {one["stage"] for one in outcome["stages"]} == set(known)

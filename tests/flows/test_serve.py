@@ -19,7 +19,7 @@ from flows import campaign as campaigns
 from flows import serve
 from flows.engine import server
 from gravcal.errors import CatalogError, ProductError
-from gravcal.store import memory
+from gravcal.store import location
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).parent / "run_campaign.py"
@@ -294,7 +294,7 @@ def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environmen
         time.sleep(0.2)
     (run,) = runs(url, events, ["RUNNING"])
     running = states(url, run, {"fake-1": "Running"})
-    ports = [memory.recall(f"port-{what}-fakecal") for what in ("pages", "reports")]
+    ports = [location.recall(f"port-{what}-fakecal") for what in ("pages", "reports")]
     os.killpg(process.pid, signal.SIGKILL)
     for child in prefect_children(events):
         os.kill(child, signal.SIGKILL)
@@ -306,7 +306,7 @@ def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environmen
     crashed = {"fake-1": "Crashed"}
     assert states(url, run, crashed) == crashed
     assert finished(url, events, 2)[0]["state"]["name"] == "Delivered"
-    assert [memory.recall(f"port-{what}-fakecal") for what in ("pages", "reports")] == ports
+    assert [location.recall(f"port-{what}-fakecal") for what in ("pages", "reports")] == ports
     end(process, url)
 
 

@@ -14,7 +14,6 @@ from gravcal.errors import ProductError
 from gravcal.io import archive, inertial_files, sgrs_files
 from gravcal.io.archive import inventory
 from gravcal.io.readers import read
-from gravcal.store import memory
 
 NAME = "SCA1B_2023-06-01_C_04.txt"
 
@@ -60,7 +59,7 @@ def test_an_archive_above_the_limits_is_refused(tmp_path, members, said):
     with pytest.raises(ProductError, match=said):
         inventory(tmp_path)
     with pytest.raises(ProductError, match=said):
-        memory.file_digest(path, NAME)
+        archive.file_digest(path, NAME)
 
 
 @pytest.mark.usefixtures("small")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flows import command, engine
 from gravcal.errors import ProductError
-from gravcal.store import history, housekeeping, keys, memory, product, store
+from gravcal.store import history, housekeeping, keys, product, store
 
 
 def of(folder):
@@ -83,7 +83,6 @@ def test_a_forged_record_with_a_right_checksum_is_set_aside(pipeline, store_fold
     record = of(folder)
     change(record)
     seal(folder, record)
-    memory.clear()
     ((path, found),) = housekeeping.verify()
     assert path == folder
     assert expected in found
@@ -107,7 +106,6 @@ def test_a_foreign_product_is_set_aside(pipeline, store_folder, rewritten):
     if "product" in rewritten:
         record["digest"] = own["digest"]
     seal(folder, record)
-    memory.clear()
     ((path, _),) = housekeeping.verify()
     assert path == folder
     assert pipeline.run() == (["scale.one"], ref)
@@ -121,7 +119,6 @@ def test_a_product_named_in_place_of_an_input_is_found(pipeline):
     record = of(folder)
     record["from"].reverse()
     seal(folder, record)
-    memory.clear()
     assert housekeeping.verify() == [(folder, "the record names another product than one that it was made of")]
 
 
@@ -175,7 +172,6 @@ def test_no_record_is_a_traceback_or_another_product(pipeline, store_folder, dat
     else:
         at, byte = data.draw(st.integers(0, 10**6)) % len(whole), data.draw(st.integers(0, 255))
         (folder / "meta.json").write_bytes(whole[:at] + bytes([byte]) + whole[at + 1 :])
-    memory.clear()
     housekeeping.verify()
     for entry in housekeeping.entries(newest_only=False):
         history.tree(entry)
@@ -202,7 +198,6 @@ def test_a_link_that_leads_out_of_the_store_is_not_followed(store_folder, tmp_pa
     path.rename(outside)
     path.symlink_to(outside)
     before = sorted(outside.rglob("*"))
-    memory.clear()
     assert [text for _, text in housekeeping.verify() if "link" in text or "follow" in text]
     if pruned:
         housekeeping.prune(-1.0, remove=True)

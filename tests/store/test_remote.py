@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from gravcal.errors import ProductError
-from gravcal.store import housekeeping, keys, location, memory, product, remote, store
+from gravcal.store import housekeeping, keys, location, product, remote, store
 
 RECIPE = {"event": "e", "kind": "test.a", "variant": "", "version": 1, "settings": {}, "inputs": [], "code": ""}
 FACTS = {"seconds": 0.0, "modules": {}, "from": [], "stage": "", "versions": {}}
@@ -62,7 +62,6 @@ def url(request, tmp_path, monkeypatch):
 
 def elsewhere(tmp_path, monkeypatch):
     """An empty store."""
-    memory.clear()
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "elsewhere"))
 
 

@@ -16,7 +16,8 @@ import pytest
 import xarray as xr
 
 from gravcal.errors import CatalogError, ProductError
-from gravcal.store import housekeeping, keys, location, memory, product, store
+from gravcal.io import archive
+from gravcal.store import housekeeping, keys, location, product, store
 
 RECIPE = {"event": "e", "kind": "test.store", "variant": "", "version": 1, "settings": {}, "inputs": [], "code": ""}
 FACTS = {"seconds": 0.0, "modules": {}, "from": [], "stage": "", "versions": {}}
@@ -54,7 +55,6 @@ def test_damage_is_noticed_and_set_aside(damage):
     file, record = ref.folder / "product.nc", ref.folder / "meta.json"
     image = bytearray(file.read_bytes())
     image[len(image) // 2] ^= 1
-    memory.clear()
     {
         "truncate": lambda: file.write_bytes(file.read_bytes()[:-10]),
         "flip": lambda: file.write_bytes(image),
@@ -125,7 +125,6 @@ def test_a_store_behind_a_link_is_the_same_store(tmp_path, monkeypatch):
     assert store.find(ref.key).digest == ref.digest
     (tmp_path / "disk").rename(tmp_path / "moved")
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "moved"))
-    memory.clear()
     assert housekeeping.content(housekeeping.resolve("e/test.store"))["value"].size == 3
     assert housekeeping.prune(0.0) == []
     assert put(2.0, version=2).path.exists()
@@ -137,7 +136,6 @@ def test_a_clock_that_goes_back_changes_nothing(store_folder, monkeypatch, pipel
     later = time.time_ns() + 10**15
     for path in store_folder.rglob("*"):
         os.utime(path, ns=(later, later), follow_symlinks=False)
-    memory.clear()
     made, again = pipeline.run()
     assert (made, again) == ([], ref)
     replaced, newest = pipeline.run(gain_one=2.0)
@@ -157,7 +155,6 @@ def test_products_removed_while_a_run_goes_on_are_made_again(pipeline, store_fol
 
         def remove(call, state, ref, heard=heard, number=number):
             if len(heard) == number:
-                memory.clear()
                 shutil.rmtree(store_folder / "latest")
                 housekeeping.prune(-1e9, remove=True)
             heard.append(state)
@@ -165,7 +162,6 @@ def test_products_removed_while_a_run_goes_on_are_made_again(pipeline, store_fol
         with using(inline, remove):
             ref = pipeline.module("flow").calibrate(pipeline.file(), pipeline.chosen)
         assert ref.digest == expected.digest
-        memory.clear()
         assert pipeline.run()[1].digest == expected.digest
         assert housekeeping.verify() == []
 
@@ -198,7 +194,6 @@ assert list((root / "products" / "tmp").iterdir()) == []
 t.housekeeping.prune(-1.0, remove=True)
 t.put(1.5, version=-1)
 subprocess.run(["mount", "-o", "remount,ro", str(root)], check=True)
-t.memory.clear()
 assert t.store.find(t.keys.key(t.RECIPE | {"version": -1})) is not None
 try:
     t.put(3.0, version=-2)
@@ -246,14 +241,14 @@ def test_files_are_hashed_once_and_again_when_they_change(tmp_path, monkeypatch)
     """Contract: content digests are remembered by path, size and time of change."""
     path = tmp_path / "raw"
     path.write_text("abc")
-    time.sleep(2e-9 * memory.SETTLED_NS)
-    first = memory.file_digest(path)
+    time.sleep(2e-9 * archive.FILE_SETTLED_NS)
+    first = archive.file_digest(path)
     assert first == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # FIPS 180-2, appendix B.1
     with monkeypatch.context() as patched:
         patched.setattr(hashlib, "file_digest", lambda *_: pytest.fail("hashed again"))
-        assert memory.file_digest(path) == first
+        assert archive.file_digest(path) == first
     path.write_text("abd")
-    assert memory.file_digest(path) != first
+    assert archive.file_digest(path) != first
 
 
 def test_a_file_changed_behind_its_times_is_noticed(tmp_path):
@@ -261,11 +256,11 @@ def test_a_file_changed_behind_its_times_is_noticed(tmp_path):
     path = tmp_path / "raw"
     path.write_text("abc")
     before = path.stat()
-    time.sleep(2e-9 * memory.SETTLED_NS)
-    first = memory.file_digest(path)
+    time.sleep(2e-9 * archive.FILE_SETTLED_NS)
+    first = archive.file_digest(path)
     path.write_text("abd")
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert memory.file_digest(path) != first
+    assert archive.file_digest(path) != first
 
 
 def test_a_file_changed_within_one_tick_is_noticed(tmp_path):
@@ -274,7 +269,7 @@ def test_a_file_changed_within_one_tick_is_noticed(tmp_path):
     digests = set()
     for text in ("abc", "abd", "abe", "abf"):
         path.write_text(text)
-        digests.add(memory.file_digest(path))
+        digests.add(archive.file_digest(path))
     assert len(digests) == 4
 
 
@@ -292,9 +287,9 @@ def test_members_of_an_archive_are_hashed_by_content(tmp_path):
 
     (tmp_path / "member").write_text("abc")
     for number, name in enumerate(("one.tgz", "other.tgz")):
-        with tarfile.open(tmp_path / name, "w:gz", compresslevel=number + 1) as archive:
-            archive.add(tmp_path / "member", "folder/member")
-    digests = {memory.file_digest(tmp_path / name, "folder/member") for name in ("one.tgz", "other.tgz")}
+        with tarfile.open(tmp_path / name, "w:gz", compresslevel=number + 1) as packed:
+            packed.add(tmp_path / "member", "folder/member")
+    digests = {archive.file_digest(tmp_path / name, "folder/member") for name in ("one.tgz", "other.tgz")}
     assert digests == {"ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"}
 
 
