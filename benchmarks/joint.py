@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks.tables import Figure, grid, say, show, title
 from benchmarks.worlds import EFFECTS, OPEN
-from flows import calibration, campaign
+from flows import calibration, campaign, command
 from gravcal.discovery import attribution, design
 from gravcal.discovery import joint as science
 from gravcal.discovery.evidence import Event, events_of
@@ -65,7 +65,7 @@ def told_by(folder: Path, satellite: str) -> list:
     """Events of a satellite in a folder of days."""
     chosen = configurations.chosen("com_offset", {})
     told = campaign.Campaign("com_offset", chosen, "inline", workers=0, search="joint")
-    rows = campaign.run(told, campaign.sources("com_offset", satellite, folder), lambda _: None)["events"]
+    rows = campaign.run(told, command.many_sources("com_offset", satellite, folder), lambda _: None)["events"]
     found = [read(store.find(Path(row["report"]).name)) for row in rows]
     return events_of(found, [row["event"] for row in rows])
 

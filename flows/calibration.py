@@ -15,14 +15,21 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from flows.engine import models
+import numpy as np
+
 from gravcal import catalog
+from gravcal.errors import CatalogError, refuse
 from gravcal.store import origin, schemas
 from tasks import common, discovery
-from tasks.stage import read
+from tasks.stage import lazy, read
 
 GROUP = "gravcal.calibrations"
 EPOCH = datetime(2000, 1, 1, 12)  # of GPS seconds
+SI = {"um": 1e-6, "mm": 1e-3}
+
+effect_catalogue = lazy("gravcal.effects")
+simulations = lazy("gravcal.simulation")
+writers = lazy("gravcal.io.writers")
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,7 @@ class Discovery:
     def read(self, source, chosen):
         """Product that a model changes, without the effects of the model that is given."""
         found = self.records and self.records(source, chosen)
-        model = models.of_event(chosen.model, source) if "model" in chosen.entries else ""
+        model = model_of_event(chosen.model, source) if "model" in chosen.entries else ""
         return self.without(source, chosen, found, model) if found and model else found
 
     def built(self, source, chosen, records):
@@ -83,11 +90,11 @@ class Discovery:
 
     def taken_out(self, source, chosen, records, solved=None, products=None, *, alone=False):
         """Records without the effects of the given model; not alone: results (of ``solved``) for each of its errors."""
-        model = models.of_event(chosen.model, source)
+        model = model_of_event(chosen.model, source)
         if not model:
             return records, []
         products = products or self.built(source, chosen, records)
-        moved = enumerate([] if alone else models.moved(model), start=1)
+        moved = enumerate([] if alone else moved_models(model), start=1)
         others = [self.without(source, chosen, records, one, f"moved_{number}", products) for number, one in moved]
         results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
         return self.without(source, chosen, records, model, products=products), results  # latest/ leads to it
@@ -155,15 +162,15 @@ class Calibration:
 
         Effects are {"slug.parameter": value}, settings {parameter of the simulation: text or value}.
         """
-        from gravcal.simulation import by_slug
-
         origin.check_own(out)
         chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})
         day = (datetime.fromisoformat(chosen.date) - EPOCH).total_seconds()
         Path(out).mkdir(parents=True, exist_ok=True)
         if truth is not None:
             Path(truth).parent.mkdir(parents=True, exist_ok=True)
-        invented = self.simulation(Path(out), chosen, day, seed, by_slug(effects or {}), truth) | {"date": chosen.date}
+        invented = self.simulation(Path(out), chosen, day, seed, simulations.by_slug(effects or {}), truth) | {
+            "date": chosen.date
+        }
         if truth is not None:
             Path(truth).write_text(json.dumps(invented, indent=1) + "\n")
         return invented
@@ -181,8 +188,6 @@ def of_one_satellite(module: str) -> Callable:
     """
 
     def simulation(out, chosen, day, seed, effects, _truth):
-        from gravcal.io import writers
-
         numbers = catalog.satellite(chosen.satellite).settings()
         columns, invented = importlib.import_module(module).simulate(numbers, chosen, day, seed, effects)
         for product, values in columns.items():
@@ -228,3 +233,96 @@ def load_all() -> dict[str, Calibration]:
 
 def _entry_points():
     return {point.name: point for point in metadata.entry_points(group=GROUP)}
+
+
+def model_text(path: Path) -> str:
+    """Entries of a model file in the form that a stage takes them, the same for the same numbers.
+
+    The TOML file holds a list of [[effect]]: cause, form, parameters.<name> = {value, sigma, unit}; and [result] if it
+    says what the search adds to the result of the records that it was made in. An effect of the model of a satellite
+    may hold `from` a day on and `to` before another.
+    """
+    content = catalog.read_file(Path(path), "model")[1]
+    if "effect" not in content:  # of a satellite whose events share no cause
+        return ""
+    made = [_entry(one, path) for one in content["effect"]]
+    if "result" in content:
+        made[0]["result"] = _result(content["result"], path)
+    return json.dumps(made, sort_keys=True, allow_nan=False)
+
+
+def _result(one, path):
+    """Table of what a search adds to a result, in SI."""
+    try:
+        shift, added = (np.array(one[name], dtype=float) for name in ("correction", "covariance"))
+    except ValueError:
+        shift, added = np.zeros(0), np.zeros(1)
+    if added.shape != (shift.size, shift.size):
+        _wrong(path, "[result] whose correction and covariance do not belong together", "p and p x p numbers")
+    size = SI[one["unit"]]
+    words = {name: one[name] for name in ("calibration", "records")}
+    return words | {"correction": (size * shift).tolist(), "covariance": (size**2 * added).tolist()}
+
+
+def model_result(text: str, calibration: str, records: str | None) -> str:
+    """What a search adds to the result of a calibration, JSON of SI numbers; "" where the model is of other records.
+
+    The records are known by their digest; None, in a plan, are taken for those of the search.
+    """
+    found = json.loads(text)[0].get("result", {}) if text else {}
+    same = found.get("calibration") == calibration and records in (None, found["records"])
+    return json.dumps({name: found[name] for name in ("correction", "covariance")}, sort_keys=True) if same else ""
+
+
+def _entry(one, path):
+    """Entry with what a stage needs of it."""
+    cause, values = one["cause"], {}
+    known = None if cause.startswith("unknown:") else [p.name for p in effect_catalogue.effect(cause).parameters]
+    for name, parameter in one["parameters"].items():
+        if known is not None and name not in known:
+            _wrong(path, f"{cause}.{name}", f"one of {', '.join(known)}")
+        values[name] = {n: float(parameter[n]) for n in ("value", "sigma") if n in parameter}
+        values[name] |= {"unit": parameter["unit"]} if "unit" in parameter else {}
+        if "sigma" in parameter and "correlation" in parameter:
+            values[name]["correlation"] = {other: float(r) for other, r in parameter["correlation"].items()}
+    lists = {name: one[name] for name in ("waves", "leads") if name in one}
+    days = {name: str(one[name]) for name in ("from", "to") if name in one}
+    return {"cause": cause, "form": one.get("form", ""), "parameters": values} | lists | days
+
+
+def model_of_event(text: str, source) -> str:
+    """Entries of a model that hold on the day of a source: some of the model of a satellite are of a span of days."""
+    kept = json.loads(text) if text else []
+    if not any("from" in one or "to" in one for one in kept):
+        return text
+    day = getattr(source, "date", None) or ""
+    kept = [one for one in kept if one.pop("from", "") <= day < one.pop("to", "~")]
+    return json.dumps(kept, sort_keys=True, allow_nan=False) if kept else ""
+
+
+def moved_models(text: str) -> list[str]:
+    """Models moved by their error: by one sigma along each principal direction of an effect's parameters."""
+    entries, found = json.loads(text), []
+    for number, entry in enumerate(entries):
+        for move in _directions(entry["parameters"]):
+            values = {n: p | {"value": p["value"] + move.get(n, 0.0)} for n, p in entry["parameters"].items()}
+            others = [*entries[:number], entry | {"parameters": values}, *entries[number + 1 :]]
+            found.append(json.dumps(others, sort_keys=True, allow_nan=False))
+    return found
+
+
+def _directions(parameters):
+    """Moves {name: size} whose squares add up to the covariance of an effect's parameters."""
+    names = [name for name, parameter in parameters.items() if parameter.get("sigma")]
+    if not names:
+        return []
+    sigma = np.array([parameters[name]["sigma"] for name in names])
+    row = lambda n: parameters[n].get("correlation", {})  # noqa: E731
+    related = np.array([[1.0 if n == m else row(n).get(m, row(m).get(n, 0.0)) for m in names] for n in names])
+    size, vectors = np.linalg.eigh(related)
+    columns = sigma[:, None] * vectors * np.sqrt(np.clip(size, 0.0, None))
+    return [dict(zip(names, column.tolist(), strict=True)) for column in columns.T if column.any()]
+
+
+def _wrong(path, found, expected):
+    refuse(path, found, expected, "Write it with gravcal discover.", CatalogError)

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from flows import command, discover, engine
 from flows.calibration import Calibration, load
 from flows.engine import server, through_prefect
-from gravcal import catalog
 from gravcal.errors import GravcalError, ProductError
 from gravcal.store import history, keys, location, origin, results, schemas
 from tasks import stage
@@ -62,59 +61,15 @@ class Campaign:
         return discover.as_calibration(self.calibration, self.search == "limits")
 
 
-@dataclass(frozen=True)
-class Refused:
-    """Stands for the source of an event that has none, and why."""
-
-    event: str
-    error: str
-    status: str = "failed"
-
-
-def sources(calibration, satellite, data):
-    """Source, or Refused, of each event of the catalogue or of a folder, of one satellite if it is named."""
-    one = command.record(calibration)
-    command.check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
-    if data is not None:
-        days = _days(one, data, satellite)
-        return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
-    own = catalog.events(calibration=calibration)
-    names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
-    return [_source(one, name, data=None, satellite=None, date=None) for name in names]
-
-
-def _source(calibration: Calibration, event, **where):
-    """Source of one event; where there is none, its reason, to be tabulated like any other failure."""
-    try:
-        return calibration.source(event=event, **where)
-    except GravcalError as error:
-        name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
-        return Refused(name, str(error), command.status_of(error))
-
-
-def _days(calibration: Calibration, data, satellite):
-    """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
-    if not data.is_dir():
-        raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
-    days = [day for day in calibration.days(data) if satellite is None or set(satellite) & set(day[1])]
-    if not days:
-        command.check_folder(calibration.name, data)
-        raise ProductError(
-            f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
-            f"Give another folder."
-        )
-    return days
-
-
 def failed_last(campaign, sources):
     """Sources of the events whose last run in this configuration failed, and of those that are refused."""
     name = campaign.one.flow.flow_name
     with location.configured(campaign.chosen.configuration):
-        refused = [isinstance(source, Refused) and source.status == "failed" for source in sources]
+        refused = [isinstance(source, command.Refused) and source.status == "failed" for source in sources]
         return [
             source
             for source, is_refused in zip(sources, refused, strict=True)
-            if is_refused or history.failure(command.name_of(source), name)
+            if is_refused or history.failure(source.event, name)
         ]
 
 
@@ -158,7 +113,7 @@ def exit_code(summary):
 
 def answered(campaign, source):
     """Row of an event that is refused, whose products are all in the store or that fails as before; else None."""
-    if isinstance(source, Refused):
+    if isinstance(source, command.Refused):
         return {"event": source.event, "status": source.status, "error": source.error} | _effort(
             0, 0, time.perf_counter()
         )
@@ -167,7 +122,7 @@ def answered(campaign, source):
         rest = engine.left(one.flow, source, chosen, again=campaign.again)
         effort = _effort(0, len(rest.found), started)
         if rest.failure:
-            failed = {"event": command.name_of(source), "status": "failed", "error": rest.failure["reason"]}
+            failed = {"event": source.event, "status": "failed", "error": rest.failure["reason"]}
             return failed | {"since": rest.failure["started"]} | effort
         if rest.ref is None:
             return None
@@ -176,7 +131,7 @@ def answered(campaign, source):
                 note(call, "cached", ref)
         return _row(one, rest.ref, note) | effort
     except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
-        event = command.name_of(source)
+        event = source.event
         noted = history.recorded(one.flow.flow_name, event)
         with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
             raise error
@@ -191,7 +146,7 @@ def make(campaign, source, folder):
     engine.single_threaded()
     os.environ.setdefault("POLARS_MAX_THREADS", "1")  # a run of its own reads with all cores; here each worker has one
     os.environ["GRAVCAL_PRODUCTS"] = folder
-    counts, started, event = {"made": 0, "cached": 0}, time.perf_counter(), command.name_of(source)
+    counts, started, event = {"made": 0, "cached": 0}, time.perf_counter(), source.event
 
     def count(_call, state, _ref):
         counts[state] += 1
@@ -296,7 +251,7 @@ def _made(campaign, waiting, listener):
                 row = futures[number].result()
             except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
                 text = f"{type(error).__name__}: {error}"
-                row = {"event": command.name_of(waiting[number]), "status": "failed", "error": text}
+                row = {"event": waiting[number].event, "status": "failed", "error": text}
             with gate:
                 futures.pop(number).release()
                 hand_out(max(0, AHEAD - len(futures)))
@@ -343,7 +298,7 @@ def as_tasks(waiting, row_of):
             rows.update((number, row_of(number)) for number in batch)
             return state_of([rows[number] for number in batch])  # rows are not: Prefect would keep each part of them
 
-        name = " to ".join(dict.fromkeys(str(command.name_of(waiting[number])) for number in (batch[0], batch[-1])))
+        name = " to ".join(dict.fromkeys(str(waiting[number].event) for number in (batch[0], batch[-1])))
         futures.append(prefect.task(events, name=name, cache_policy=NO_CACHE, persist_result=False).submit())
     for future in futures:
         future.wait()

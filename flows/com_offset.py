@@ -2,8 +2,8 @@
 
 import importlib
 
-from flows.calibration import Calibration, Discovery, of_one_satellite
-from flows.engine import flow, models
+from flows.calibration import Calibration, Discovery, model_result, of_one_satellite
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
 from tasks import com_offset, common
@@ -39,7 +39,7 @@ LIMITS = {
 def calibrate(source, chosen):
     """Offset of the centre of mass from the manoeuvres of one day."""
     found, recorded = _aligned(source, chosen)
-    added = models.result_of(chosen.model, "com_offset", recorded.digest)
+    added = model_result(chosen.model, "com_offset", recorded.digest)
     aligned, moved = DISCOVERY.taken_out(source, chosen, recorded, alone=bool(added))
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)

@@ -1,26 +1,30 @@
 """What the commands do, without reading arguments and without printing."""
 
-import dataclasses
 import difflib
 import functools
 import json
 import shutil
+from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from pathlib import Path
 
 import typer
 
 from flows import engine, output
-from flows.calibration import known, load, load_all
-from flows.engine import models, server
+from flows.calibration import Calibration, known, load, load_all, model_text
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
 from gravcal.io import archive
-from gravcal.store import configurations, history, housekeeping, location, origin, store
+from gravcal.store import configurations, history, housekeeping, keys, location, origin, store
 from gravcal.store.schemas import VERSION
 from tasks.stage import lazy
 
-comparison, vcm = lazy("gravcal.report.comparison"), lazy("gravcal.io.vcm")
+comparison = lazy("gravcal.report.comparison")
+discoveries = lazy("flows.discover")
+plain = lazy("gravcal.report.plain")
+report_history = lazy("gravcal.report.history")
+timeline = lazy("gravcal.browse.timeline")
+vcm = lazy("gravcal.io.vcm")
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
 
@@ -45,7 +49,7 @@ def configured(calibration, settings, model=None, name=None):
     """The same of whatever has a settings file."""
     given = pairs(settings)
     if model is not None:
-        given["model"] = models.text_of(model)
+        given["model"] = model_text(model)
     try:
         return configurations.chosen(calibration, given, name)
     except CatalogError as error:
@@ -116,11 +120,6 @@ def check_folder(calibration, data):
     )
 
 
-def name_of(source):
-    """Name of the event of a source."""
-    return getattr(source, "event", None)
-
-
 def calibrate(calibration, source, chosen, engine_name, server=None):
     """Result document and report product of one event."""
     one = record(calibration)
@@ -129,24 +128,22 @@ def calibrate(calibration, source, chosen, engine_name, server=None):
     return one.document(ref), ref
 
 
-def searched(calibration, studies=()):
-    """Module of the flows of discovery; a calibration that none of them is for is refused."""
-    from flows import discover as flow
-
-    names = [*flow.names(), *studies]
+def check_searched(calibration, studies=()):
+    """Refuse a calibration that no discovery is for."""
+    names = [*discoveries.names(), *studies]
     if calibration not in names:
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {', '.join(names)}")
-    return flow
 
 
 def discover(calibration, source, chosen, engine_name, limits=False):
     """Result document of a discovery and its files; on request with the detection limits of the event."""
-    from flows import discover as flow
-
-    body = searched(calibration, flow.STUDIES).flow_of(calibration, limits)
+    check_searched(calibration, discoveries.STUDIES)
+    body = discoveries.flow_of(calibration, limits)
     with output.progress(body.flow_name) as listener:
         ref = engine.run(body, source, chosen, engine=engine_name, listener=listener)
-    return flow.document(ref), [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
+    return discoveries.document(ref), [
+        path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")
+    ]
 
 
 def plan(calibration, source, chosen):
@@ -166,18 +163,16 @@ def timed(steps):
 
 def sources(calibration, event, data, satellite, date):
     """The source given, those of a folder of many days, or of all events of the store whose files are known."""
-    from flows import campaign
-
     if event is not None or data is not None:
         try:
             return [source(calibration, event, data, satellite, date)]
         except ProductError:
             if date is not None or data is None or not data.is_dir() or len(record(calibration).days(data)) < 2:
                 raise
-        found = campaign.sources(calibration, satellite, data)
-        for one in (one for one in found if isinstance(one, campaign.Refused)):
+        found = many_sources(calibration, satellite, data)
+        for one in (one for one in found if isinstance(one, Refused)):
             engine.warn(f"{one.event} left out: {one.error}")
-        return [one for one in found if not isinstance(one, campaign.Refused)]
+        return [one for one in found if not isinstance(one, Refused)]
     one, made = record(calibration), []
     found = history.level_one_folders(calibration)
     if not found:
@@ -186,10 +181,54 @@ def sources(calibration, event, data, satellite, date):
         )
     for event_, folder, letters, day in found:
         try:
-            made.append(dataclasses.replace(one.source(data=folder, satellite=letters, date=day), event=event_))
+            made.append(replace(one.source(data=folder, satellite=letters, date=day), event=event_))
         except GravcalError as error:  # its files are no more
             engine.warn(f"{event_} left out: {error}")
     return made
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Stands for the source of an event that has none, and why."""
+
+    event: str
+    error: str
+    status: str = "failed"
+
+
+def many_sources(calibration, satellite, data):
+    """Source, or Refused, of each event of the catalogue or of a folder, of one satellite if it is named."""
+    one = record(calibration)
+    check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
+    if data is not None:
+        days = _days(one, data, satellite)
+        return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
+    own = catalog.events(calibration=calibration)
+    names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
+    return [_source(one, name, data=None, satellite=None, date=None) for name in names]
+
+
+def _source(calibration: Calibration, event, **where):
+    """Source of one event; where there is none, its reason, to be tabulated like any other failure."""
+    try:
+        return calibration.source(event=event, **where)
+    except GravcalError as error:
+        name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
+        return Refused(name, str(error), status_of(error))
+
+
+def _days(calibration: Calibration, data, satellite):
+    """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
+    if not data.is_dir():
+        raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
+    days = [day for day in calibration.days(data) if satellite is None or set(satellite) & set(day[1])]
+    if not days:
+        check_folder(calibration.name, data)
+        raise ProductError(
+            f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
+            f"Give another folder."
+        )
+    return days
 
 
 def detect(calibration, source, chosen):
@@ -203,9 +242,6 @@ def detect(calibration, source, chosen):
 
 def series(calibration, satellite):
     """Rows and page of all results in the store beside the printed values; no row where there is no result."""
-    from gravcal.browse import timeline
-    from gravcal.report.history import history
-
     one = record(calibration)
     check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
     points = [point for point in timeline.points(one) if satellite is None or point.satellite in satellite]
@@ -214,13 +250,11 @@ def series(calibration, satellite):
         return [], None
     points += [point for letter in letters for point in timeline.printed_points(one, letter)]
     trims = [(letter, trim) for letter in letters if one.trims for trim in timeline.trims(letter)]
-    return history(one.quantity, points, trims, one.band)
+    return report_history.history(one.quantity, points, trims, one.band)
 
 
 def results(calibration=None):
     """Rows of all delivered values with links to files, of one calibration if it is named."""
-    from gravcal.browse import timeline
-
     chosen = {calibration: record(calibration)} if calibration else load_all()
     return timeline.delivered(chosen, lambda entry, name: (entry.ref.folder / name).as_uri())
 
@@ -234,17 +268,6 @@ def simulate(calibration, out, seed_truth, effects, settings):
         raise typer.BadParameter(f"--effect: {error}; expected SLUG.PARAMETER=NUMBER") from error
     with output.waiting(f"simulating {calibration}"):
         return record(calibration).simulate(out, seed=seed, truth=truth, effects=strengths, settings=pairs(settings))
-
-
-def demo(calibration, out, seed, engine_name):
-    """Result document, report product and truth of an invented event."""
-    folder = out or location.folder() / "demo" / f"seed-{seed}"
-    first = engine_name == "prefect" and not (location.folder() / "prefect").exists()  # a first start takes ten seconds
-    with server.early(first) as begun:
-        truth = simulate(calibration, folder, (seed, folder / "truth.json"), None, None)
-        made = source(calibration, None, folder, truth["satellite"], truth["date"])
-        document, ref = calibrate(calibration, made, chosen(calibration, None), engine_name, begun)
-    return document, ref, truth
 
 
 def report_files(event, out, name=None):
@@ -371,19 +394,20 @@ def origin_of(source):
 
 def failed(calibration, source, error, configuration=location.OPERATIONAL):
     """Result document of a run that failed."""
-    from gravcal import __version__
-    from gravcal.report.plain import as_plain
-
     return {
         "schema_version": VERSION,
         "status": status_of(error),
         "calibration": calibration,
-        "event": source if isinstance(source, str) else name_of(source),
+        "event": source if isinstance(source, str) else getattr(source, "event", None),
         "origin": origin_of(source),
         "configuration": configuration,
         "checks": [],
-        "error": {"kind": type(error).__name__, "message": str(error), "facts": as_plain(getattr(error, "facts", {}))},
-        "provenance": {"gravcal": __version__},
+        "error": {
+            "kind": type(error).__name__,
+            "message": str(error),
+            "facts": plain.as_plain(getattr(error, "facts", {})),
+        },
+        "provenance": {"gravcal": keys.versions()["gravcal"]},
     }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from flows import calibration as calibrations
 from flows import output
-from flows.engine.remake import other_store
+from flows.engine import other_store
 from gravcal import catalog
 from gravcal.discovery import design
 from gravcal.effects import effect

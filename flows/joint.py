@@ -25,12 +25,12 @@ def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=
     chosen : parameters; events : names of those that are used, none for all
     engine, workers, listener : as of a campaign
     """
-    sources = [one for folder in data or [None] for one in campaign.sources(name, satellite, folder)]
-    unknown = sorted(set(events) - {command.name_of(source) for source in sources})
+    sources = [one for folder in data or [None] for one in command.many_sources(name, satellite, folder)]
+    unknown = sorted(set(events) - {source.event for source in sources})
     if unknown:
-        there = ", ".join(command.name_of(source) for source in sources)
+        there = ", ".join(source.event for source in sources)
         refuse(f"--events {','.join(unknown)}", "no such event", f"some of {there}", "Correct the names.", NoDataError)
-    sources = [source for source in sources if not events or command.name_of(source) in events]
+    sources = [source for source in sources if not events or source.event in events]
     told = campaign.run(campaign.Campaign(name, chosen, engine, workers=workers, search="joint"), sources, listener)
     owners, left_out = {}, {row["event"]: row["error"] for row in told["events"] if "report" not in row}
     for source, row in zip(sources, told["events"], strict=True):

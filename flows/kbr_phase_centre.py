@@ -4,8 +4,8 @@ from dataclasses import replace
 from datetime import timedelta
 from itertools import product
 
-from flows.calibration import EPOCH, Calibration, Discovery
-from flows.engine import flow, models
+from flows.calibration import EPOCH, Calibration, Discovery, model_result
+from flows.engine import flow
 from gravcal import catalog
 from gravcal.io import archive
 from gravcal.store import results
@@ -36,7 +36,7 @@ def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
     files = ingested(source, chosen)
     recorded = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
-    added = models.result_of(chosen.model, "kbr_phase_centre", recorded.digest)
+    added = model_result(chosen.model, "kbr_phase_centre", recorded.digest)
     aligned, moved = DISCOVERY.taken_out(source, chosen, recorded, alone=bool(added))
     pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
     if moved or added:

@@ -296,6 +296,11 @@ def table(heads, rows):
         say("  ".join(_painted(text, "bold" if count == 0 else "") for text in texts).rstrip())
 
 
+def named(rows, *names):
+    """Table of dicts, a column for each of these keys."""
+    table(names, [[row[name] for name in names] for row in rows])
+
+
 def coloured():
     """Whether standard output is a terminal that shows colours and its user wants them (NO_COLOR)."""
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -10,7 +10,7 @@ import re
 import shutil
 
 from flows import command, output
-from flows.engine.remake import other_store
+from flows.engine import other_store
 from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.io import fetch

@@ -20,8 +20,8 @@ from flows import campaign, command
 from flows import joint as watching
 from flows.calibration import load
 from flows.engine import server
-from flows.serve import digest
 from gravcal.errors import GravcalError
+from gravcal.io import archive
 from gravcal.store import housekeeping, location
 
 REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
@@ -72,7 +72,7 @@ def new_data(
         return refused
     asked = repr([str(Path(data).absolute()), calibration, satellite, settings])
     name = "watched-" + hashlib.sha256(asked.encode()).hexdigest()[:32]
-    found = digest(Path(data))
+    found = archive.state_of(data)
     if found is None or location.recall(name) == found:
         return Completed(name="Nothing new", message=f"{data}: nothing that the last run has not seen")
     state = _campaign(calibration, satellite, data, settings, workers, joint)
@@ -98,7 +98,7 @@ def refusal():
 def _campaign(calibration, satellite, data, settings, workers, joint):
     """State of a campaign inside the flow that is running; then what its events say together is written."""
     chosen = command.recorded(command.chosen(calibration, settings))
-    sources = campaign.sources(calibration, satellite, Path(data) if data else None)
+    sources = command.many_sources(calibration, satellite, Path(data) if data else None)
     seen = itertools.count()
 
     def listener(row):  # a task of the run for an event that had nothing to make

@@ -180,22 +180,11 @@ def reports(port=None):
             thread.join(10)
 
 
-def digest(folder):
-    """Digest of the names, sizes and times of change of the Level-1 files and archives of a folder."""
-    seen = []
-    for path in sorted(folder.rglob("*")):
-        if not path.name.startswith(".") and (archive.is_archive(path) or archive.from_name(path)):
-            with contextlib.suppress(OSError):  # it went while we looked
-                status = path.stat()
-                seen.append(f"{path.relative_to(folder)} {status.st_size} {status.st_mtime_ns}")
-    return hashlib.sha256("\n".join(seen).encode()).hexdigest() if seen else None
-
-
 def watch(folder, every_s, ended, changed):
     """Call a function each time the folder changed and was then the same for two looks: copying takes time."""
     known = last = None
     while not ended.wait(every_s):
-        now = digest(folder)
+        now = archive.state_of(folder)
         if now is not None and now == last and now != known:
             with contextlib.suppress(OSError):
                 changed()

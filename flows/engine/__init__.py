@@ -13,14 +13,20 @@ import contextlib
 import functools
 import os
 import sys
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import threadpoolctl
 
-from gravcal.errors import GravcalError
+from flows.engine.server import Unavailable
+from gravcal.errors import GravcalError, refuse
+from gravcal.io import archive
 from gravcal.store import history, keys, location, store
 from gravcal.store.store import ProductRef
 from tasks import stage
+
+through_prefect = stage.lazy("flows.engine.through_prefect")
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 ENGINES = ("prefect", "inline")
@@ -138,9 +144,10 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
                 listener(*stage_done)
 
         if engine == "prefect":
-            from flows.engine import through_prefect
-
-            return through_prefect.run(body, arguments, heard, server, steps)
+            try:
+                return through_prefect.run(body, arguments, heard, server, steps)
+            except Unavailable as error:
+                warn(f"Prefect's server is not available ({error}); running without it.")
         with stage.using(stage.inline, heard):
             return body(*arguments)
 
@@ -239,3 +246,73 @@ def other_versions(reasons):
 def warn(message):
     """One line on standard error."""
     sys.stderr.write(f"gravcal: {message}\n")
+
+
+def remake(entry):
+    """Product made anew, every stage compared with what the store holds."""
+    stages = []
+    single_threaded()
+    with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
+        original = location.folder()
+        with other_store(folder), one_thread():
+            made = _make(entry.ref.key, original, stages, {})
+    return {"product": entry.ref.name, "equal": made.digest == entry.record["digest"], "stages": stages}
+
+
+def _make(key, original, stages, done):
+    """Make one product and, before, all it needs."""
+    if key in done:
+        return done[key]
+    folder = original / "objects" / key[:2] / key
+    record = store.read_record(folder)
+    if record is None:
+        refuse(f"product {key[:12]}", f"that its record is no longer in {original}", "it", "Run its event again.")
+    items = [
+        _raw_file(part, label) if "path" in part else _make(part["key"], original, stages, done)
+        for part, label in store.inputs(record)
+    ]
+    recipe = record["recipe"]
+    settings = dict(recipe["settings"]) | {"event": recipe["event"], "variant": recipe["variant"]}
+    done[key] = history.stage_of(record)(*items, **settings)
+    stages.append(_compared(record, done[key]))
+    return done[key]
+
+
+def _compared(record, made):
+    """Verdict on one stage."""
+    equal = made.digest == record["digest"]
+    anew = store.read_record(made.folder)
+    old, new = record["recipe"], anew["recipe"]
+    changed = history.changed(record, anew)
+    if old["version"] != new["version"]:
+        changed.append(f"version {old['version']} -> {new['version']}")
+    return {"stage": made.stage, "verdict": "equal" if equal else "different", "why": "; ".join(changed)}
+
+
+def _raw_file(part, label):
+    """Level-1 file of a record, with the content it had."""
+    path = Path(part["path"])
+    where = f"{path}:{part['member']}" if part["member"] else str(path)
+    if not path.is_file():
+        refuse(where, "that the raw file is not there any more", "it", "Put it back to make the product again.")
+    names = ("product", "satellite", "date", "release")
+    file = archive.LevelOneFile(path, part["member"], *(label[name] for name in names))
+    found = keys.labelled(file)["digest"]
+    if found != label["digest"]:
+        remedy = "The raw file changed; run its event again."
+        refuse(where, f"SHA-256 {found[:12]}", f"{label['digest'][:12]}, from which the product was made", remedy)
+    return file
+
+
+@contextlib.contextmanager
+def other_store(folder):
+    """Let everything inside use another store."""
+    before = os.environ.get("GRAVCAL_PRODUCTS")
+    os.environ["GRAVCAL_PRODUCTS"] = folder
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["GRAVCAL_PRODUCTS"]
+        else:
+            os.environ["GRAVCAL_PRODUCTS"] = before

@@ -6,7 +6,7 @@ The store decides what runs: Prefect's own cache stays off, and a product that i
 import functools
 import os
 
-from flows.engine import server, warn
+from flows.engine import server
 from gravcal.store.store import ProductRef
 from tasks import stage
 
@@ -55,7 +55,7 @@ class Submitter:
 
 
 def run(body, arguments, listener=None, begun=None, steps=()):
-    """Result of a flow whose stages are Prefect tasks; without a server, of the same flow inline."""
+    """Result of a flow whose stages are Prefect tasks; Unavailable without a server."""
     engine = Submitter(listener)
 
     def stages():
@@ -65,16 +65,11 @@ def run(body, arguments, listener=None, begun=None, steps=()):
             engine.raise_first()
             return engine.resolve(ref)
 
-    try:
-        begun = begun or server.begin()
-        import prefect  # noqa: F401 - takes seconds, while the server comes up
+    begun = begun or server.begin()
+    import prefect  # noqa: F401 - takes seconds, while the server comes up
 
-        with server.running(begun) as url:
-            return flow_on(url, stages, body.flow_name, lambda: len(engine.pending))
-    except server.Unavailable as error:
-        warn(f"Prefect's server is not available ({error}); running without it.")
-    with stage.using(stage.inline, listener):
-        return body(*arguments)
+    with server.running(begun) as url:
+        return flow_on(url, stages, body.flow_name, lambda: len(engine.pending))
 
 
 def flow_on(url, body, name, count):

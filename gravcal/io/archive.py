@@ -165,6 +165,17 @@ def inventory(folder) -> list[LevelOneFile]:
     return list(_listing(folder).files)
 
 
+def state_of(folder) -> str | None:
+    """Digest of names, sizes and times of change of the Level-1 files and archives below a folder; None without any."""
+    seen = []
+    for path in sorted(Path(folder).rglob("*")):
+        if not path.name.startswith(".") and (is_archive(path) or from_name(path)):
+            with contextlib.suppress(OSError):  # it went while we looked
+                status = path.stat()
+                seen.append(f"{path.relative_to(folder)} {status.st_size} {status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(seen).encode()).hexdigest() if seen else None
+
+
 def holds(folder, product, satellite, date) -> bool:
     """True if a folder has a Level-1 file of exactly this product, satellite letter and day."""
     return (product, satellite, str(date)) in _listing(folder).index

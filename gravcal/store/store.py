@@ -28,7 +28,6 @@ import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
-from gravcal import __version__
 from gravcal.store import keys, location, product, schemas
 
 KEY = re.compile(r"[0-9a-f]{64}")
@@ -124,7 +123,7 @@ def _write_folder(aside, key, recipe, dataset, files):
     """Write product and files; their record without the facts of the run."""
     content = product.digest(dataset)
     dataset.encoding[product.DIGEST] = content
-    labels = product.provenance(recipe, key, content, __version__)
+    labels = product.provenance(recipe, key, content, keys.versions()["gravcal"])
     product.write(dataset.assign_attrs(labels), aside / "product.nc")
     image = (aside / "product.nc").read_bytes()
     extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flows.engine import models
+from flows import calibration
 from gravcal.discovery import evidence, joint
 from gravcal.effects import effect
 from gravcal.estimation import moving
@@ -119,10 +119,10 @@ def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     path = tmp_path / "satellite_model.toml"
     path.write_text(files["satellite_model.toml"])
     assert len(tomllib.loads(path.read_text())["predicted"]) > 6
-    text, source = models.text_of(path), type("Source", (), {"date": "2020-02-01"})
-    (early,) = json.loads(models.of_event(text, source))
+    text, source = calibration.model_text(path), type("Source", (), {"date": "2020-02-01"})
+    (early,) = json.loads(calibration.model_of_event(text, source))
     source.date = "2020-08-01"
-    (late,) = json.loads(models.of_event(text, source))
+    (late,) = json.loads(calibration.model_of_event(text, source))
     assert [one["parameters"]["x_from_x"]["value"] for one in (early, late)] == pytest.approx([0.0, 0.08], abs=0.03)
     after = json.loads(files["joint.json"])
     before = after | {"causes": [], "events": after["events"][:-1]}

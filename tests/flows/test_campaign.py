@@ -61,7 +61,7 @@ def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, e
     with monkeypatch.context() as patched:
         patched.setattr(keys, "versions", lambda: here | {"scipy": "0.1"})
         chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", None, 0)
-        campaigns.run(chosen, campaigns.sources("fakecal", None, events))
+        campaigns.run(chosen, command.many_sources("fakecal", None, events))
     said = [f"made by scipy 0.1, here {here['scipy']}"] * 2
     _, summary = campaign(environment, events, "--engine", "inline")
     assert [(row["made"], row["other_versions"]) for row in summary["events"]] == 4 * [(0, said)]
@@ -102,7 +102,7 @@ def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
     """Contract: the process that hands out events reads no file of one that was never made."""
     read, digest = [], keys.digest_of
     monkeypatch.setattr(keys, "digest_of", lambda item: read.append(item.path) or digest(item))
-    source, chosen = campaigns.sources("fakecal", None, events)[0], command.chosen("fakecal", None)
+    source, chosen = command.many_sources("fakecal", None, events)[0], command.chosen("fakecal", None)
     how = campaigns.Campaign("fakecal", chosen)
     assert campaigns.answered(how, source) is None
     assert read == []
@@ -266,15 +266,15 @@ def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch, 
     """Contract: events of the catalogue; also those without a date; a folder that is not there is an error."""
     monkeypatch.setenv("GRAVCAL_DATA", str(tmp_path / "data"))
     chosen = campaigns.Campaign("kbr_phase_centre", command.chosen("kbr_phase_centre", None), "inline", None, 0)
-    sources = campaigns.sources("kbr_phase_centre", None, None)
+    sources = command.many_sources("kbr_phase_centre", None, None)
     assert len(sources) > 4
     assert {source.status for source in sources if source.error.startswith("GRAVCAL_DATA")} == {"failed"}
     (tmp_path / "data").mkdir()
-    summary = campaigns.run(chosen, campaigns.sources("kbr_phase_centre", None, None))
+    summary = campaigns.run(chosen, command.many_sources("kbr_phase_centre", None, None))
     assert summary["counts"] == {"no_data": len(sources)}
     assert campaigns.exit_code(summary) == 0
     (tmp_path / "data" / "GNV1B_2020-09-17_C_04.txt").write_text("")
-    summary = campaigns.run(chosen, campaigns.sources("kbr_phase_centre", None, None))
+    summary = campaigns.run(chosen, command.many_sources("kbr_phase_centre", None, None))
     assert summary["counts"] == {"no_data": len(sources) - 1, "failed": 1}
     (failed,) = (row for row in summary["events"] if row["status"] == "failed")
     assert "found no KBR1B or LRI1B" in failed["error"]
@@ -334,12 +334,12 @@ def test_a_cluster_is_handed_so_many_events_at_a_time(fakecal, events, monkeypat
     monkeypatch.setattr(campaigns, "cluster", lambda *_: contextlib.nullcontext(Client()))
     monkeypatch.setattr(campaigns, "AHEAD", 2)
     chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline")
-    summary = campaigns.run(chosen, campaigns.sources("fakecal", None, events))
+    summary = campaigns.run(chosen, command.many_sources("fakecal", None, events))
     assert [row["event"] for row in summary["events"]] == [f"fake-{number}" for number in range(1, 5)]
     assert (summary["counts"], max(most), held) == ({"delivered": 4}, 2, set())
     monkeypatch.setattr(campaigns, "as_tasks", lambda waiting, row_of: {one: row_of(one) for one in reversed(waiting)})
     last_first = campaigns.Campaign("fakecal", command.chosen("fakecal", None).with_settings({"gain": 3.0}), "flow")
-    assert campaigns.run(last_first, campaigns.sources("fakecal", None, events))["counts"] == {"delivered": 4}
+    assert campaigns.run(last_first, command.many_sources("fakecal", None, events))["counts"] == {"delivered": 4}
 
 
 def paths():

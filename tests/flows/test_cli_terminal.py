@@ -12,7 +12,6 @@ import pytest
 from typer.main import get_command
 
 from flows import cli, output
-from flows.cli import options
 from gravcal.store import configurations, results
 
 GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
@@ -101,10 +100,10 @@ def test_the_shell_can_complete(shell):
 def test_completion_offers_what_exists(pipeline):
     """Contract: calibrations, events of catalogue and store, products, settings."""
     pipeline.run()
-    assert options.complete_calibrations("com") == ["com_offset"]
-    assert {"fake-1"} == set(options.complete_events("fake"))
-    assert "grace-c-2020-02-01" in options.complete_events("grace-c-2020")
-    assert f"fake-1/{pipeline.name}.join" in options.complete_products("fake-1/")
+    assert cli.complete_calibrations("com") == ["com_offset"]
+    assert {"fake-1"} == set(cli.complete_events("fake"))
+    assert "grace-c-2020-02-01" in cli.complete_events("grace-c-2020")
+    assert f"fake-1/{pipeline.name}.join" in cli.complete_products("fake-1/")
 
 
 BASH = """

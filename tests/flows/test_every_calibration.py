@@ -17,10 +17,9 @@ import pytest
 
 import gravcal
 import tasks
-from flows import campaign, command, engine, output
+from flows import campaign, cli, command, engine, output
 from flows.calibration import known
-from flows.cli import stored
-from flows.engine.remake import remake
+from flows.engine import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
 from gravcal.store import housekeeping, keys, location, origin
@@ -77,7 +76,7 @@ def _one_store(level_one, monkeypatch):
 def made(name, level_one, settings=None):
     """Row of a campaign of one event in this process."""
     chosen = campaign.Campaign(name, command.chosen(name, settings), "inline", None, 0)
-    summary = campaign.run(chosen, campaign.sources(name, None, level_one / name))
+    summary = campaign.run(chosen, command.many_sources(name, None, level_one / name))
     (row,) = summary["events"]
     return row
 
@@ -182,7 +181,7 @@ def test_history_and_rebuild_reach_every_product(name, level_one, monkeypatch):
     for entry in known.values():
         printed = io.StringIO()
         with redirect_stdout(printed):
-            stored.history(entry.ref.name)
+            cli.history(entry.ref.name)
         raw = str(level_one / name)
         assert raw in printed.getvalue() or entry.ref.kind == "gradient_torque.field"  # from a file of the package
     seen, forgotten = watching(monkeypatch)
@@ -328,14 +327,14 @@ def test_nothing_is_simulated_into_a_folder_of_others(name, level_one, tmp_path)
 def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
     """Contract: a pair is one event by any of its letters; files of a day in two trees are one event of the mirror."""
     for letter, expected in (("C", 1), ("CD", 1), ("D", 1)):
-        sources = campaign.sources("kbr_phase_centre", letter, level_one / "kbr_phase_centre")
+        sources = command.many_sources("kbr_phase_centre", letter, level_one / "kbr_phase_centre")
         assert [source.satellite for source in sources] == ["CD"] * expected
     made("com_offset", level_one)
     for path in (level_one / "com_offset").glob("*.txt"):
         tree = tmp_path / path.name[3:5]
         tree.mkdir(exist_ok=True)
         (tree / path.name).symlink_to(path)
-    (source,) = campaign.sources("com_offset", None, tmp_path)
+    (source,) = command.many_sources("com_offset", None, tmp_path)
     assert source.folder == Path(tmp_path)
     assert engine.left(command.record("com_offset").flow, source, command.chosen("com_offset", None)).ref
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.engine.remake import remake
+from flows.engine import remake
 from gravcal.errors import ProductError
 from gravcal.store import history, housekeeping
 

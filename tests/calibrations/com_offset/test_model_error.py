@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flows import calibration, discover, engine
 from flows import com_offset as flow
-from flows import discover, engine
-from flows.engine import models
 from gravcal import catalog
 from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
@@ -66,7 +65,7 @@ parameters.rod_z = { value = 0.1, sigma = 0.02, unit = "1", correlation = { rod_
 parameters.rod_x = { value = 0.2, sigma = 0.01, unit = "1", correlation = { rod_z = -0.9 } }
 parameters.rod_y = { value = 0.3, sigma = 0.03, unit = "1" }
 """
-    moved = [json.loads(one)[0]["parameters"] for one in models.moved(read(text))]
+    moved = [json.loads(one)[0]["parameters"] for one in calibration.moved_models(read(text))]
     moves = np.array([[m["rod_x"]["value"] - 0.2, m["rod_y"]["value"] - 0.3, m["rod_z"]["value"] - 0.1] for m in moved])
     expected = [[1e-4, 0, -1.8e-4], [0, 9e-4, 0], [-1.8e-4, 0, 4e-4]]
     np.testing.assert_allclose(moves.T @ moves, expected, atol=1e-12)
@@ -79,7 +78,7 @@ def test_errors_that_are_none_are_refused(wrong):
     with pytest.raises(
         CatalogError, match=r"model\.toml: effect\.0\.parameters\.rod_z\.(sigma|correlation\.rod_x): found "
     ):
-        models.moved(read(f"{text}{wrong} }}"))
+        calibration.moved_models(read(f"{text}{wrong} }}"))
 
 
 def read(text):
@@ -87,7 +86,7 @@ def read(text):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.toml"
         path.write_text(text)
-        return models.text_of(path)
+        return calibration.model_text(path)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +125,7 @@ def test_a_search_begins_with_the_model_that_is_given(files):
     whole, half = (found(files, leak(share * LEAK)) for share in (1.0, 0.5))
     assert json.loads((whole / "discovery.json").read_text())["findings"] == []
     assert not (whole / "model.toml").exists()
-    entries = json.loads(models.text_of(half / "model.toml"))
+    entries = json.loads(calibration.model_text(half / "model.toml"))
     first, *others = (one["parameters"].get("z_from_x", {}).get("value", 0.0) for one in entries)
     assert first == 0.5 * LEAK
     assert abs(sum(others) - 0.5 * LEAK) < 0.1 * LEAK
@@ -137,10 +136,10 @@ def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files):
     """Contract: the averaged value and all of the error are in the model, for the records it was found in."""
     folder = found(files, "")
     change = json.loads((folder / "discovery.json").read_text())["calibration_change"]
-    result = adopted(files, models.text_of(folder / "model.toml"))
+    result = adopted(files, calibration.model_text(folder / "model.toml"))
     np.testing.assert_allclose(result["offset_um"], change["after"], rtol=1e-9)
     np.testing.assert_allclose(result["sigma_um"], change["sigma_after"], rtol=1e-9)
-    other = models.result_of(models.text_of(folder / "model.toml"), "com_offset", "other records")
+    other = calibration.model_result(calibration.model_text(folder / "model.toml"), "com_offset", "other records")
     assert not other
 
 

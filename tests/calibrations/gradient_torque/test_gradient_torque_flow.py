@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from flows import engine
+from flows import calibration, engine
 from flows import gradient_torque as flow
-from flows.engine import models
 from gravcal import catalog
 from gravcal.errors import EstimationError, ProductError
 from gravcal.io import sgrs_files, writers
@@ -115,7 +114,7 @@ def drag_with(folder, value, error=""):
     path = folder / "model.toml"
     line = f'parameters.y = {{ value = {value}, {error}unit = "rad s-2" }}'
     path.write_text(f'[[effect]]\ncause = "gradient.angular_bias"\n{line}\n')
-    chosen = catalog.parameters("gradient_torque").with_settings(SETTINGS | {"model": models.text_of(path)})
+    chosen = catalog.parameters("gradient_torque").with_settings(SETTINGS | {"model": calibration.model_text(path)})
     refs = {}
 
     def listen(call, state, ref):  # noqa: ARG001

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from inertial_events import ROLL, one, run, simulated, within
 
+from flows import calibration
 from flows import inertial_sensor as flow
-from flows.engine import models
 from gravcal.errors import EstimationError
 from gravcal.store.schemas import validate
 from tasks.stage import read
@@ -132,7 +132,7 @@ def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(tmp_path):
     for value, error in ((TURN, ""), (TURN + ERROR, ""), (TURN, f"sigma = {ERROR}, ")):
         line = f'parameters.angle_z = {{ value = {value}, {error}unit = "rad" }}'
         (tmp_path / "model.toml").write_text(f'[[effect]]\ncause = "inertial_sensor.tracker_misalignment"\n{line}\n')
-        swings.append(run(tmp_path / "files", model=models.text_of(tmp_path / "model.toml"))[0]["swing"])
+        swings.append(run(tmp_path / "files", model=calibration.model_text(tmp_path / "model.toml"))[0]["swing"])
     sharp, wrong, wide = swings
     for axis in "xyz":
         held, moved = sharp["beta"][axis]["sigma"], wrong["beta"][axis]["value"] - sharp["beta"][axis]["value"]
