@@ -4,7 +4,6 @@ Where manoeuvres share nothing but the result, what they tell adds, and their nu
 whole sessions are flown, and that with the least errors is chosen (`sessions`).
 """
 
-import json
 import shutil
 import tempfile
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from flows import calibration as calibrations
 from flows import output
 from flows.engine import other_store
-from gravcal import catalog
+from gravcal import catalog, toml
 from gravcal.discovery import design
 from gravcal.effects import effect
 from gravcal.errors import GravcalError, refuse
@@ -83,10 +82,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
 
 def plan_text(calibration, plan, source):
     """TOML text of a plan, in the format of catalog/designs."""
-    lines = [f'calibration = "{calibration}"', f'source = "{source}"']
-    for table in plan:
-        lines += ["", "[[manoeuvre]]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
-    return "\n".join(lines) + "\n"
+    return toml.text({"calibration": calibration, "source": source, "manoeuvre": plan})
 
 
 class Place:

@@ -9,11 +9,12 @@ import zipfile
 from datetime import date
 from pathlib import Path
 
+import yaml
+
 from gravcal import __version__, catalog
 from gravcal.errors import CatalogError, refuse
 from gravcal.store import history, housekeeping, location
 
-AUTHORS = "The gravcal developers"
 #: (title, publisher, DOI or None) of Level-1 data by mission and level.
 DATA = {
     ("GRACE", "1B"): ("GRACE Level-1B, release 02", "JPL, PO.DAAC", None),
@@ -73,31 +74,27 @@ def citation(event: str, configuration: str, reports: list) -> str:
     levels = sorted({(MISSIONS[one["satellite"]], one["product"][-2:]) for one in raw if one["satellite"] in MISSIONS})
     simulated = any(_origin(one) != "measured" for one in reports)
     cited = [] if simulated else [DATA[one] for one in levels if one in DATA]
-    papers = sorted({doi for report in reports for doi in _papers(report.ref.kind.partition(".")[0])})
-    lines = ["cff-version: 1.2.0", 'message: "Cite this result together with its references."', "type: dataset"]
-    lines += [f"title: {json.dumps(f'Calibration {event} ({configuration}), gravcal {__version__}')}"]
-    lines += ["authors:", f"  - name: {json.dumps(AUTHORS)}", f"date-released: {_day(reports)}"]
-    lines += ["identifiers:"] + [
-        line
-        for one in reports
-        for line in ("  - type: other", f"    value: {one.ref.digest}", f"    description: SHA-256 of {one.ref.stage}")
+    references = [
+        {"type": "data", "title": title, "authors": [{"name": publisher}]} | ({"doi": doi} if doi else {})
+        for title, publisher, doi in cited
     ]
-    lines += ["references:"] if cited or papers else []
-    for title, publisher, doi in cited:
-        lines += [
-            "  - type: data",
-            f"    title: {json.dumps(title)}",
-            f"    authors: [{{name: {json.dumps(publisher)}}}]",
-        ]
-        lines += [f"    doi: {doi}"] if doi else []
-    for doi in papers:
-        lines += [
-            "  - type: article",
-            f'    title: "doi:{doi}"',
-            '    authors: [{name: "as the DOI says"}]',
-            f"    doi: {doi}",
-        ]
-    return "\n".join(lines) + ("\n# The data are simulated: there is none to cite.\n" if simulated else "\n")
+    references += [
+        {"type": "article", "title": f"doi:{doi}", "authors": [{"name": "as the DOI says"}], "doi": doi}
+        for doi in sorted({doi for report in reports for doi in _papers(report.ref.kind.partition(".")[0])})
+    ]
+    found = {
+        "cff-version": "1.2.0",
+        "message": "Cite this result together with its references.",
+        "type": "dataset",
+        "title": f"Calibration {event} ({configuration}), gravcal {__version__}",
+        "authors": [{"name": "The gravcal developers"}],
+        "date-released": date.fromisoformat(max(one.record["made"] for one in reports)[:10]),
+        "identifiers": [
+            {"type": "other", "value": one.ref.digest, "description": f"SHA-256 of {one.ref.stage}"} for one in reports
+        ],
+    }
+    text = yaml.safe_dump(found | ({"references": references} if references else {}), sort_keys=False, width=1000)
+    return text + ("# The data are simulated: there is none to cite.\n" if simulated else "")
 
 
 def _papers(calibration):
@@ -113,8 +110,3 @@ def _papers(calibration):
 def _origin(report):
     """Origin of the data of a report."""
     return housekeeping.content(report).attrs.get("origin", "measured")
-
-
-def _day(reports):
-    """Day on which the newest of some products was made."""
-    return date.fromisoformat(max(one.record["made"] for one in reports)[:10])

@@ -27,6 +27,7 @@ from pathlib import Path
 import jsonschema_rs
 import numpy as np
 
+from gravcal import toml
 from gravcal.errors import CatalogError, refuse
 
 SUFFIXES = {"GRACE": "dat", "GRACE-FO": "txt"}
@@ -287,26 +288,21 @@ def event_text(calibration, design, satellites, date, found, sha256, origin="mea
     An event found elsewhere names its source; ``last`` is its last day if there are several.
     """
     members = [satellite(name) for name in satellites]
-    names = ", ".join(f'"{member.name}"' for member in members)
     found_in = f"found in the {'' if origin == 'measured' else f'{origin} '}Level-1 files below"
-    lines = [
-        f'calibration = "{calibration}"',
-        f"satellites = [{names}]",
-        f"date = {date.isoformat()}",
-        *([f"end_date = {last.isoformat()}"] if last and last > date else []),
-        'date_status = "printed"',
-        f"source = {json.dumps(source or found_in)}",
-        f'design = "{design}"',
-        f'release = "{RELEASES.get(members[0].mission, "01")}"',
-        *([] if found else ["found = []"]),
-    ]
-    for item in found:
-        row = item if isinstance(item, dict) else vars(item)
-        lines += ["", "[[found]]", f'kind = "{row["kind"]}"']
-        lines += [f"{name} = {float(row[name])!r}" for name in ("start", "stop")]  # with all their digits
-        lines += [f'satellite = "{row["satellite"]}"'] if row.get("satellite") else []
-    lines += ["", "[sha256]", *(f'"{name}" = "{digest}"' for name, digest in sorted(sha256.items()))]
-    return "\n".join(lines) + "\n"
+    rows = [dict(item) if isinstance(item, dict) else vars(item) for item in found]
+    content = {
+        "calibration": calibration,
+        "satellites": [member.name for member in members],
+        "date": date,
+        "end_date": last if last and last > date else None,
+        "date_status": "printed",
+        "source": source or found_in,
+        "design": design,
+        "release": RELEASES.get(members[0].mission, "01"),
+        "found": [row | {"satellite": row.get("satellite") or None} for row in rows],
+        "sha256": dict(sorted(sha256.items())),
+    }
+    return toml.text(content)
 
 
 def save_event(name, text):

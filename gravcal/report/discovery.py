@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
+from gravcal import toml
 from gravcal.calibrations.checks import at_most
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_figures as figures
@@ -299,24 +300,22 @@ def model_text(numbers: dict, event: str, given: str = "") -> str:
     event : that it was found in
     given : entries of the model that the search began with, JSON text, which the extended one holds too; "" for none
     """
-    lines, sized = [f"# Found by gravcal discover in {event}; give it to gravcal run with --model."], 0
-    lines.append(f"event = {_text(event)}")
+    comment, rows = f"Found by gravcal discover in {event}; give it to gravcal run with --model.", []
     for one in [*json.loads(given or "[]"), *numbers["findings"]]:
         if not one.get("adopted", True):
             continue
         known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
-        sized += bool(known)
         if not known:
-            lines += ["", f"# {one['cause']} has no parameter that the data determine, so that it is not taken out."]
+            comment += f"\n{one['cause']} has no parameter that the data determine, so that it is not taken out."
             continue
-        lines += ["", "[[effect]]", f"cause = {_text(one['cause'])}", f"form = {_text(one['form'])}"]
-        lines.append(f"tied_with = {json.dumps(one.get('tied_with', []))}")
+        row = {"cause": one["cause"], "form": one["form"], "tied_with": one.get("tied_with", []), "parameters": {}}
         for name, parameter in known.items():
             related = {n: r for n, r in parameter.get("correlation", {}).items() if n in known}
-            row = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {"correlation": related}
-            lines.append(f"parameters.{name} = {inline_text(row)}")
-        lines += [f"{name} = {inline_text(one[name])}" for name in ("waves", "leads") if one.get(name)]
-    return "\n".join(lines) + "\n" if sized else ""
+            row["parameters"][name] = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {
+                "correlation": related
+            }
+        rows.append(row | {name: one.get(name) or None for name in ("waves", "leads")})
+    return toml.text({"event": event, "effect": rows}, comment) if rows else ""
 
 
 def _result_text(change, calibration, records):
@@ -325,20 +324,7 @@ def _result_text(change, calibration, records):
         return ""
     row = {"calibration": calibration, "records": records, "unit": change["unit"]}
     row |= {"correction": change["correction"], "covariance": change["covariance_of_findings"]}
-    return "\n".join(["", "[result]", *(f"{name} = {inline_text(value)}" for name, value in row.items())]) + "\n"
-
-
-def inline_text(value):
-    """A value as TOML has it in a line, without what is None or empty."""
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{n} = {inline_text(v)}' for n, v in value.items() if v is not None and v != {})} }}"
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(inline_text, value))}]"
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, (str, bool)) else repr(value)
-
-
-def _text(value):
-    return json.dumps(value, ensure_ascii=False)
+    return toml.text({"result": row})
 
 
 WRONG = (

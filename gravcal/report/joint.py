@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
+from gravcal import toml
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.moving import YEAR_S, Moving, moving
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
-from gravcal.report.discovery import inline_text
 from gravcal.report.figures import COLOURS, grid, legend
 from gravcal.report.pages import Figure, Section, Table
 from gravcal.report.plain import measured, plus_minus, probability, signed
@@ -208,10 +208,10 @@ SCOPES = {
 
 def model_text(document, search, result) -> str:
     """Model of the satellite as TOML: effects with the days that they hold for, as `--model` reads them; motion."""
-    lines = [
-        f"# Found by gravcal discover --joint in {len(document['events'])} events; gravcal run takes it with --model."
-    ]
-    lines += [f"{name} = {inline_text(document[name])}" for name in ("satellite", "calibration")]
+    comment = (
+        f"Found by gravcal discover --joint in {len(document['events'])} events; gravcal run takes it with --model."
+    )
+    content = {name: document[name] for name in ("satellite", "calibration")} | {"effect": []}
     place = 0
     for one, said in zip(result.named, document["causes"], strict=True):
         many, count = one.value.shape if one.value.size else (0, 0)
@@ -222,18 +222,16 @@ def model_text(document, search, result) -> str:
             turn = np.kron(weights, np.eye(count))
             spread = turn @ covariance @ turn.T
             sigma = np.sqrt(np.diag(spread))
-            told = ("cause", "form", "scope", "tied_with")
-            lines += ["", "[[effect]]", *(f"{name} = {inline_text(said[name])}" for name in told)]
-            lines += [f'from = "{begin}"'] * bool(begin) + [f'to = "{end}"'] * bool(end)
+            row = {name: said[name] for name in ("cause", "form", "scope", "tied_with")}
+            row |= {"from": str(begin) if begin else None, "to": str(end) if end else None, "parameters": {}}
             for k, (name, v) in enumerate(zip(names, turn @ one.value.ravel(), strict=True)):
                 others = {names[j]: round(float(spread[k, j] / sigma[k] / sigma[j]), 6) for j in range(count) if j != k}
-                row = {"value": float(v), "sigma": float(sigma[k]), "unit": units[k], "correlation": others}
-                lines.append(f"parameters.{name} = {inline_text(row)}")
-    lines += ["", "[motion]", *(f"{n} = {inline_text(document[n])}" for n in ("unit", "parameters", "covariance"))]
-    lines += [f"{n} = {inline_text(v)}" for n, v in document["motion"].items()]
-    for row in document["predicted"]:
-        lines += ["", "[[predicted]]", *(f"{n} = {inline_text(v)}" for n, v in row.items())]
-    return "\n".join(lines) + "\n"
+                numbers = {"value": float(v), "sigma": float(sigma[k]), "unit": units[k], "correlation": others}
+                row["parameters"][name] = numbers
+            content["effect"].append(row)
+    content["motion"] = {name: document[name] for name in ("unit", "parameters", "covariance")} | document["motion"]
+    content["predicted"] = document["predicted"]
+    return toml.text({name: one for name, one in content.items() if one}, comment)
 
 
 def _spans(search, law):
