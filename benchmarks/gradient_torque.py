@@ -177,9 +177,9 @@ def as_dataset(columns):
     """Readings as the reader gives them."""
     import xarray as xr
 
-    from gravcal.io.sgrs_files import VARIABLES
+    from gravcal.io.daily import LAYOUTS
 
-    return xr.Dataset({n: (dims, columns[n]) for n, (dims, _, _) in VARIABLES.items()}, {"time": columns["time"]})
+    return xr.Dataset({n: (dims, columns[n]) for n, (dims, _, _) in LAYOUTS["SGRS"].items()}, {"time": columns["time"]})
 
 
 def summary(rows, pressure, adequacy):

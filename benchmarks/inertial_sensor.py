@@ -169,14 +169,14 @@ def study_long(folder):
 
 def process(folder):
     """Detect, segment and bias of all files of a folder, without the store."""
-    from gravcal.io import inertial_files
+    from gravcal.io import daily
 
     settings = catalog.parameters("inertial_sensor")
-    days = inertial_files.days(folder)
+    days = daily.days(folder)
     started, spent = time.perf_counter(), time.process_time()
-    found = align.detect(*(inertial_files.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
+    found = align.detect(*(daily.loader(d["ATT"]) for d in days.values()), **settings.for_stage("detect"))
     files = [one for d in days.values() for one in d.values()]
-    reduced = align.segment(found, inertial_files.loaders(files), **settings.for_stage("segment"))
+    reduced = align.segment(found, daily.loaders(files), **settings.for_stage("segment"))
     solved = bias.bias(reduced, assumed=assumed(settings), **settings.for_stage("bias"))
     wall, processor = time.perf_counter() - started, time.process_time() - spent
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

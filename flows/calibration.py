@@ -19,7 +19,8 @@ import numpy as np
 
 from gravcal import catalog
 from gravcal.errors import CatalogError, refuse
-from gravcal.store import origin, schemas
+from gravcal.io import archive
+from gravcal.store import schemas
 from tasks import common, discovery
 from tasks.stage import lazy, read
 
@@ -162,7 +163,7 @@ class Calibration:
 
         Effects are {"slug.parameter": value}, settings {parameter of the simulation: text or value}.
         """
-        origin.check_own(out)
+        archive.check_own(out)
         chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})
         day = (datetime.fromisoformat(chosen.date) - EPOCH).total_seconds()
         Path(out).mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,8 @@ from flows import command, discover, engine
 from flows.calibration import Calibration, load
 from flows.engine import server, through_prefect
 from gravcal.errors import GravcalError, ProductError
-from gravcal.store import history, keys, location, origin, results, schemas
+from gravcal.io import archive
+from gravcal.store import history, keys, location, results, schemas
 from tasks import stage
 
 #: Status of a campaign: the first of these that any event has.
@@ -100,7 +101,7 @@ def run(campaign, sources, listener=None):
         "status": next((status for status in ORDER if counts[status]), "no_data"),
         "calibration": campaign.calibration,
         "configuration": campaign.chosen.configuration,
-        "origin": origin.together(row.get("origin", "") for row in rows) or origin.MEASURED,
+        "origin": archive.origins_together(row.get("origin", "") for row in rows) or archive.MEASURED,
         "counts": dict(counts),
         "events": rows,
     }

@@ -15,7 +15,7 @@ from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.gradient_torque")
 icgem = lazy("gravcal.io.icgem")
-sgrs_files = lazy("gravcal.io.sgrs_files")
+daily = lazy("gravcal.io.daily")
 
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 
@@ -33,7 +33,7 @@ def calibrate(source, chosen):
         drags[k] = gradient_torque.drag_model_error(drags[k], *others, variant=name)
     known = []
     if chosen.truth:
-        file = sgrs_files.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date)
+        file = daily.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date)
         clean = gradient_torque.ingest(file, event=source.event)
         truth = gradient_torque.truth(file, event=source.event, variant="")
         known = [truth, *_solved(clean, field, chosen, methods, ".clean")[1]]
@@ -51,14 +51,14 @@ def _settings(stage, chosen):
 
 def _recorded(source, chosen):
     """Readings and gravity field."""
-    observed = gradient_torque.ingest(sgrs_files.find(source.folder, source.date), event=source.event)
-    file = sgrs_files.other_file(icgem.located(chosen.field), "GFC", source.date)
+    observed = gradient_torque.ingest(daily.sgrs_file(source.folder, source.date), event=source.event)
+    file = daily.other_file(icgem.located(chosen.field), "GFC", source.date)
     return observed, gradient_torque.field(file, event=source.event, variant="")
 
 
 def _methods(source, chosen):
     """Methods that the file allows: two sensors need two, the printed one needs places without a zero."""
-    places = sgrs_files.sensor_positions(sgrs_files.find(source.folder, source.date))
+    places = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
     two = ["two_sensor"] if len(places) == 2 else []
     place = places[min(chosen.single_sensor, len(places)) - 1]
     return [*two, *(["one_sensor_published"] if np.abs(place).min() > 1e-9 else []), "one_sensor"]
@@ -86,7 +86,7 @@ def observation_settings(source, chosen):  # noqa: ARG001 - as for the other cal
 
 def level_one_files(source):
     """The SGRS file of a day."""
-    return [sgrs_files.find(source.folder, source.date)]
+    return [daily.sgrs_file(source.folder, source.date)]
 
 
 def document(ref):
@@ -103,13 +103,13 @@ def simulation(out, chosen, day, seed, effects, truth):
     field = icgem.read_field(icgem.located(chosen.field), chosen.field_degree)
     flown = (catalog.satellite(chosen.satellite).settings(), chosen, field, day, seed)
     columns, invented = simulator.simulate(*flown, effects, _nongravitational(chosen, day))
-    sgrs_files.write(out / sgrs_files.file_name(chosen.date), columns)
+    daily.write_sgrs(out / f"SGRS_{chosen.date}_S_01.nc", columns)
     numbers = {name: value for name, value in invented.items() if not isinstance(value, (np.ndarray, dict))}
     numbers |= {"satellite": chosen.satellite}
     if truth is None:
         return numbers
     series = Path(truth).with_suffix(".nc")
-    sgrs_files.write(series, invented["clean"] | {"drag": invented["drag"]})
+    daily.write_sgrs(series, invented["clean"] | {"drag": invented["drag"]})
     return numbers | {"series": series.name}
 
 
@@ -174,7 +174,7 @@ CALIBRATION = Calibration(
     inputs={"sensors": ("SGRS",)},
     flow=calibrate,
     simulation=simulation,
-    files=sgrs_files,
+    files=daily,
     mission="demo",
     level_one_files=level_one_files,
     document=document,

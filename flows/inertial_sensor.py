@@ -10,7 +10,7 @@ from tasks import discovery, inertial_sensor
 from tasks.stage import lazy, read
 
 simulator = lazy("gravcal.simulation.inertial_sensor")
-inertial_files = lazy("gravcal.io.inertial_files")
+daily = lazy("gravcal.io.daily")
 
 #: Of the design of a swing, with what they are.
 LIMITS = {
@@ -49,7 +49,7 @@ def rebuilt(source, chosen, found, variant):
 
 def _solved(source, chosen, *, widened, found=None):
     """Products by name, those of a model or without what was found if it is given, and the files they were made of."""
-    days, event = inertial_files.days(source.folder, source.date), source.event
+    days, event = daily.days(source.folder, source.date), source.event
     products, files = {"detect": _detected(days, source, chosen)}, []
     detected = read(products["detect"])
     if detected["swing_start"].size:
@@ -141,7 +141,7 @@ def _report_settings(source, chosen):
 @flow(name="inertial_sensor_detect")
 def detect(source, chosen):
     """Swings and rolls of the files."""
-    return _detected(inertial_files.days(source.folder, source.date), source, chosen)
+    return _detected(daily.days(source.folder, source.date), source, chosen)
 
 
 def _detected(days, source, chosen):
@@ -152,7 +152,7 @@ def _detected(days, source, chosen):
 
 def level_one_files(source):
     """Files of all days of a source."""
-    return [one for files in inertial_files.days(source.folder, source.date).values() for one in files.values()]
+    return [one for files in daily.days(source.folder, source.date).values() for one in files.values()]
 
 
 def manoeuvres(detected):
@@ -167,7 +167,7 @@ def simulation(out, chosen, day, seed, effects, _truth):
     records, invented = simulator.simulate(catalog.satellite("T").settings(), chosen, day, seed, effects)
     for record in records:
         for product, values in record.items():
-            inertial_files.write(out, product, values)
+            daily.write(out, product, values)
     return invented | {"satellite": "T"}
 
 
@@ -231,7 +231,7 @@ CALIBRATION = Calibration(
     detect=detect,
     manoeuvres=manoeuvres,
     simulation=simulation,
-    files=inertial_files,
+    files=daily,
     mission="taiji",
     span_days=100_000,  # all days of one folder are one event
     level_one_files=level_one_files,

@@ -13,9 +13,9 @@ from flows import command, output
 from flows.engine import other_store
 from gravcal import catalog
 from gravcal.errors import ProductError
-from gravcal.io import fetch
+from gravcal.io import archive, fetch
 from gravcal.report import pages
-from gravcal.store import origin, schemas
+from gravcal.store import schemas
 
 RUNS = ("as_printed", "corrected")
 HEADS = ("printed", "as printed, recomputed", "corrected")
@@ -37,7 +37,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     out.mkdir(parents=True, exist_ok=True)
     folder = data or out / "data"
     if made:
-        origin.check_own(folder)
+        archive.check_own(folder)
         for seed, day in enumerate(paper["days"], 1):
             one.simulate(folder, seed=seed, truth=out / f"truth_{day}.json", settings=paper["simulate"] | {"date": day})
     elif data is None:

@@ -4,7 +4,7 @@ from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
-files = lazy("gravcal.io.sgrs_files")
+files = lazy("gravcal.io.daily")
 field_files = lazy("gravcal.io.icgem")
 model = lazy("gravcal.calibrations.gradient_torque.model")
 estimate = lazy("gravcal.calibrations.gradient_torque.estimate")
@@ -18,7 +18,7 @@ KINDS = product.registered("gradient_torque", **schemas.of("gradient_torque.toml
 @stage(reads=["file"], writes="ingest", version=1)
 def ingest(file):
     """Readings, attitude and orbit of one SGRS file."""
-    return files.read(file)
+    return files.read_sgrs(file)
 
 
 @stage(reads=["file"], writes="gradient_torque.field", version=1)
@@ -30,7 +30,7 @@ def field(file):
 @stage(reads=["file"], writes="gradient_torque.truth", version=1)
 def truth(file):
     """True drag of a simulated day."""
-    return model.truth(files.read(file, truth=True))
+    return model.truth(files.read_sgrs(file, truth=True))
 
 
 @stage(reads=["ingest", "gradient_torque.field"], writes="gradient_torque.gradient", version=1)

@@ -4,7 +4,7 @@ from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
 
-files = lazy("gravcal.io.inertial_files")
+files = lazy("gravcal.io.daily")
 records = lazy("gravcal.calibrations.inertial_sensor.align")
 estimating = lazy("gravcal.calibrations.inertial_sensor.estimate")
 biases = lazy("gravcal.calibrations.inertial_sensor.bias")

@@ -40,7 +40,8 @@ import numpy as np
 
 from gravcal import catalog
 from gravcal.errors import EstimationError, GravcalError, ProductError
-from gravcal.store import history, keys, origin, product, store
+from gravcal.io import archive
+from gravcal.store import history, keys, product, store
 from gravcal.store.store import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
@@ -289,10 +290,10 @@ def _origin(call, contents, stated, own):
     """Origin of what a stage made: that of all its inputs, of a file what the event, the body or its header says."""
     inputs_of = zip(call.inputs, contents, strict=True)
     found = [
-        (stated or own or origin.of_file(item)) if keys.is_file(item) else content.attrs.get("origin", "")
+        (stated or own or archive.origin_of(item)) if keys.is_file(item) else content.attrs.get("origin", "")
         for item, content in inputs_of
     ]
-    return origin.raised(origin.together(found), own)
+    return archive.raised_origin(archive.origins_together(found), own)
 
 
 def _of_input(error, call):

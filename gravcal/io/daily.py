@@ -1,36 +1,154 @@
 """Daily netCDF files in layouts of our own (formats.md, section 6), for missions without public data.
 
-Times are GPS seconds past 2000-01-01 12:00:00. A layout is {variable: (dimensions, unit, meaning)}.
+IS1, ATT and ORB are voltages, attitude and orbit of an inertial sensor. SGRS holds readings of one or two test masses
+with attitude and orbit; its file of truth is the same without noise, with the drag beside it. Times are GPS seconds
+past 2000-01-01 12:00:00.
 """
 
-from collections.abc import Mapping
+import functools
+import re
+from collections.abc import Callable, Mapping, Sequence
 from datetime import date, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
-from gravcal.errors import refuse
+from gravcal.errors import NoDataError, refuse
 from gravcal.io import archive
 from gravcal.io.archive import LevelOneFile
-from gravcal.store import origin, product
+from gravcal.store import product
 
 EPOCH = datetime(2000, 1, 1, 12)
 MARGIN = 120.0  # s that a file may begin before its day
 WIDTHS = {"axis": 3, "element": 4}
 SENSORS = (1, 2)
+BEYOND = {"position": 1e9, "velocity": 1e5}  # m, m s-1: rows of SGRS with more are missing, no orbit round the Earth
 REPAIR = "Write the file by formats.md, section 6."
+NAME = re.compile(
+    r"(?P<product>IS1|ATT|ORB|SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[ST])_(?P<release>\d{2})\.nc"
+)
+VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
+#: Layout of each product: dimensions, unit, meaning.
+LAYOUTS = {
+    "IS1": {name: (("time",), "V", "actuation voltage") for name in VOLTAGES},
+    "ATT": {
+        "q": (("time", "element"), "1", "attitude of the sensor frame, scalar first, rotation from inertial to sensor")
+    },
+    "ORB": {
+        "position": (("time", "axis"), "m", "position of the centre of mass"),
+        "velocity": (("time", "axis"), "m s-1", "velocity of the centre of mass"),
+    },
+    "SGRS": {
+        "linear": (("time", "sensor", "axis"), "m s-2", "test mass relative to the spacecraft, in b"),
+        "angular": (("time", "sensor", "axis"), "rad s-2", "test mass relative to the spacecraft, in b"),
+        "q": (("time", "element"), "1", "attitude, scalar first, rotation from inertial to b"),
+        "position": (("time", "axis"), "m", "centre of mass, inertial"),
+        "velocity": (("time", "axis"), "m s-1", "centre of mass, inertial"),
+        "sensor_position": (("sensor", "axis"), "m", "centre of mass to test mass, in b"),
+    },
+}
+INERTIAL = ("IS1", "ATT", "ORB")
+DRAG = {"drag": (("time", "axis"), "m s-2", "non-gravitational acceleration of the centre of mass, true, in b")}
 
 
-def inventory(folder, name) -> list[LevelOneFile]:
-    """Files of a folder and its subfolders whose names fit a pattern with the groups of a LevelOneFile."""
+def inventory(folder) -> list[LevelOneFile]:
+    """Files of a folder and its subfolders, by product and day; newest release only."""
     folder = Path(folder)
     if not folder.is_dir():
         refuse(folder, "no folder", "a folder with daily netCDF files", "Check --data.")
-    matches = [(path, name.fullmatch(path.name)) for path in sorted(folder.rglob("*.nc"))]
-    return [LevelOneFile(path, None, **match.groupdict()) for path, match in matches if match]
+    matches = [(path, NAME.fullmatch(path.name)) for path in sorted(folder.rglob("*.nc"))]
+    files = [LevelOneFile(path, None, **match.groupdict()) for path, match in matches if match]
+    newest = {(one.product, one.date): one for one in sorted(files, key=lambda one: one.release)}
+    return [newest[key] for key in sorted(newest)]
 
 
-def read(file: LevelOneFile, layout, start: float | None = None, stop: float | None = None):
+def days(folder, wanted: str | None = None) -> dict[str, dict[str, LevelOneFile]]:
+    """Files of an inertial sensor, {date: {"IS1", "ATT", "ORB"}}, of one day or all; one that lacks is an error."""
+    by_day: dict = {}
+    for one in inventory(folder):
+        if wanted in (None, one.date) and one.product in INERTIAL:
+            by_day.setdefault(one.date, {})[one.product] = one
+    if not by_day:
+        absent, expected = f"no file{f' of {wanted}' if wanted else ''}", "IS1, ATT and ORB files of satellite T"
+        refuse(folder, absent, expected, "Check --data.", NoDataError)
+    for day, files in by_day.items():
+        if missing := sorted(set(INERTIAL) - set(files)):
+            refuse(folder, f"no {', '.join(missing)} of {day}", "IS1, ATT and ORB of each day", "Add the missing file.")
+    return by_day
+
+
+def sgrs_file(folder, wanted: str | None = None) -> LevelOneFile:
+    """The SGRS file of a folder and its subfolders; of several days the one wanted, YYYY-MM-DD."""
+    files = [one for one in inventory(folder) if one.product == "SGRS" and wanted in (None, one.date)]
+    if not files:
+        absent = f"no SGRS file{f' of {wanted}' if wanted else ''}"
+        refuse(folder, absent, "SGRS_YYYY-MM-DD_S_01.nc", "Check --data.", NoDataError)
+    if len(files) > 1:
+        refuse(folder, f"SGRS files of {', '.join(one.date for one in files)}", "one day", "Give --date.")
+    return files[0]
+
+
+def other_file(path, kind: str, day: str) -> LevelOneFile:
+    """A gravity field ("GFC") or a truth ("TRUTH") as a file that a stage can read, used for a day YYYY-MM-DD."""
+    return LevelOneFile(Path(path), None, kind, "S", day, "01")
+
+
+def read(file: LevelOneFile, start: float | None = None, stop: float | None = None) -> dict[str, np.ndarray]:
+    """Epochs and values of one file of an inertial sensor, or of a part of it between two epochs in s.
+
+    {"time" (n,) s; IS1: "volts" (n, 6) V; ATT: "quaternion" (n, 4); ORB: "position" m, "velocity" m s-1}
+    """
+    time, values = _records(file, LAYOUTS[file.product], start, stop)
+    if file.product == "IS1":
+        values = {"volts": np.stack([values[name] for name in VOLTAGES], axis=1)}
+    elif file.product == "ATT":
+        values = {"quaternion": values["q"]}
+    return {"time": time} | values
+
+
+def loader(file: LevelOneFile) -> Callable[[], dict[str, np.ndarray]]:
+    """Function that reads a file when called; nothing is held in memory until then."""
+    return functools.partial(read, file)
+
+
+def loaders(files: Sequence[LevelOneFile]) -> list[tuple[Callable, ...]]:
+    """Functions that read sensor, tracker and orbit of each day, without arguments; files in any order."""
+    by_day: dict = {}
+    for one in files:
+        by_day.setdefault(one.date, {})[one.product] = loader(one)
+    return [tuple(day[name] for name in INERTIAL) for _, day in sorted(by_day.items())]
+
+
+def between(files: Sequence[LevelOneFile]) -> list[Callable]:
+    """Functions (start, stop) that read sensor, tracker and orbit between two epochs, across midnight."""
+
+    def read_part(name, start, stop):
+        own = sorted((one for one in files if one.product == name), key=lambda one: one.date)
+        parts = [read(one, start, stop) for one in own]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    return [functools.partial(read_part, name) for name in INERTIAL]
+
+
+def read_sgrs(file: LevelOneFile, truth: bool = False):
+    """Content of an SGRS file, checked, as a Dataset "ingest"; of a file of truth with the drag."""
+    layout = LAYOUTS["SGRS"] | (DRAG if truth else {})
+    time, values = _records(file, layout)
+    for name, limit in BEYOND.items():
+        values[name] = np.where((np.abs(values[name]) < limit).all(axis=1, keepdims=True), values[name], np.nan)
+    return _dataset(time, values, layout, {"satellite": "S-GRS", "product": "SGRS", "origin": archive.origin_of(file)})
+
+
+def sensor_positions(file: LevelOneFile) -> np.ndarray:
+    """Places of the test masses of an SGRS file, (1 or 2, 3) m, without reading the rest."""
+    try:
+        with product.opened(file.path) as content:
+            return np.asarray(content["sensor_position"][...], dtype=float)
+    except (*archive.DAMAGED, IndexError) as reason:
+        return refuse(file.path, f"no sensor_position ({reason})", "an SGRS file", REPAIR)
+
+
+def _records(file, layout, start=None, stop=None):
     """Epochs (n,) s, increasing, and {name: array} of a file between two epochs, in order and checked by its layout.
 
     ProductError where it is no netCDF file, a variable or unit is missing or wrong, or the day is another one.
@@ -107,7 +225,7 @@ def in_order(time: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[np.nda
     return time[order][new], ordered
 
 
-def dataset(time, values, layout, attributes):
+def _dataset(time, values, layout, attributes):
     """Dataset of epochs (n,) s and values by name, with units and meanings."""
     import xarray as xr
 
@@ -115,12 +233,35 @@ def dataset(time, values, layout, attributes):
         name: (dims, np.asarray(values[name], dtype=float), {"units": unit, "long_name": meaning})
         for name, (dims, unit, meaning) in layout.items()
     }
-    attributes = {"time_scale": "GPS"} | attributes
-    return xr.Dataset(data, {"time": ("time", np.asarray(time, dtype=float), product.TIME)}, attributes)
+    times = ("time", np.asarray(time, dtype=float), product.TIME)
+    return xr.Dataset(data, {"time": times}, {"time_scale": "GPS"} | attributes)
 
 
-def write(path, time, values, layout, attributes):
+def _write(path, time, values, layout, attributes):
     """Write a file that says that it is simulated; reading gives the same numbers."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    product.write(product.settled(dataset(time, values, layout, attributes | origin.LABELS)), Path(path))
+    product.write(product.settled(_dataset(time, values, layout, attributes | archive.LABELS)), Path(path))
     return Path(path)
+
+
+def write(folder, name: str, record: Mapping[str, np.ndarray]) -> list[Path]:
+    """Files of a record as `read` returns it, one a day (UTC of the GPS time scale)."""
+    time = np.asarray(record["time"], dtype=float)
+    columns = record
+    if name == "IS1":
+        columns = dict(zip(VOLTAGES, np.asarray(record["volts"]).T, strict=True))
+    elif name == "ATT":
+        columns = {"q": record["quaternion"]}
+    day, paths = np.floor((time + 43200.0 + 1e-6) / 86400.0), []
+    for one in np.unique(day):
+        inside, begins = day == one, (EPOCH + timedelta(seconds=float(one) * 86400.0 - 43200.0)).date()
+        values = {part: np.asarray(columns[part])[inside] for part in LAYOUTS[name]}
+        about = {"satellite": "Taiji-1", "product": name}
+        paths.append(_write(Path(folder) / f"{name}_{begins}_T_01.nc", time[inside], values, LAYOUTS[name], about))
+    return paths
+
+
+def write_sgrs(path, columns: Mapping) -> Path:
+    """Write an SGRS file: {"time" (n,) s, and the values of its layout}; with "drag" it is a file of truth."""
+    layout = LAYOUTS["SGRS"] | (DRAG if "drag" in columns else {})
+    return _write(path, columns["time"], columns, layout, {"satellite": "S-GRS", "product": "SGRS"})

@@ -13,9 +13,8 @@ from gravcal import catalog
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre import checks
 from gravcal.errors import GravcalError
-from gravcal.io import vcm, writers
+from gravcal.io import archive, vcm, writers
 from gravcal.simulation import kbr_phase_centre as simulation
-from gravcal.store import origin
 from tasks import kbr_phase_centre as stages
 
 SHORT = (("manoeuvres", "+pitch_a,-pitch_a,+yaw_b,-yaw_b"), ("quiet_s", 900.0))
@@ -202,7 +201,7 @@ def test_a_questionable_result_says_so_everywhere(tmp_path, monkeypatch):
     for (product, letter), values in changed(put("GNI1B", "C", "ypos", 0.0)).items():
         path = writers.write(values, tmp_path / writers.file_name(product, "2020-09-10", letter))
         path.write_text(
-            path.read_text().replace("simulated data", "none").replace(origin.BY, "1")
+            path.read_text().replace("simulated data", "none").replace(archive.BY, "1")
         )  # counts as measured
     options = ("--data", tmp_path, "--engine", "inline", "--json", tmp_path / "result.json")
     assert gravcal("run", "kbr_phase_centre", *options) == 4

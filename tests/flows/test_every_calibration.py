@@ -22,7 +22,8 @@ from flows.calibration import known
 from flows.engine import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
-from gravcal.store import housekeeping, keys, location, origin
+from gravcal.io import archive
+from gravcal.store import housekeeping, keys, location
 from tasks import stage
 
 #: Calibration: what makes its simulated event small.
@@ -321,7 +322,7 @@ def test_nothing_is_simulated_into_a_folder_of_others(name, level_one, tmp_path)
     with pytest.raises(ProductError, match=kept.name):
         command.simulate(name, tmp_path, (1, tmp_path / "truth.json"), None, None)
     assert list(tmp_path.iterdir()) == [kept]
-    origin.check_own(level_one / name)
+    archive.check_own(level_one / name)
 
 
 def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gravcal.errors import ProductError
-from gravcal.io import inertial_files as files
+from gravcal.io import daily as files
 
 
 def records(start, count=50):

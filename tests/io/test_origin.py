@@ -12,12 +12,11 @@ import xarray as xr
 from flows import engine
 from gravcal import catalog
 from gravcal.errors import CatalogError, ProductError
-from gravcal.io import archive, readers, sgrs_files, writers
-from gravcal.store import origin
+from gravcal.io import archive, daily, readers, writers
 from tasks.stage import read
 
 RECORDS = {"time_second": 634219200 + np.arange(3), "time_fraction": np.zeros(3)}
-TAKEN_BACK = ((b"simulated data", b"as flown"), (origin.BY.encode(), b"9a1b2"))
+TAKEN_BACK = ((b"simulated data", b"as flown"), (archive.BY.encode(), b"9a1b2"))
 
 
 def written(folder, product="MAG1B", letter="C", release="04"):
@@ -58,7 +57,7 @@ def flown(path):
 )
 def test_headers_that_say_simulated(header, expected):
     """Contract: our own header, thanks for simulated data, version sim; what says nothing counts as measured."""
-    assert origin.of_header(header) == expected
+    assert archive.origin_of_header(header) == expected
 
 
 @pytest.mark.parametrize("product", ["ACC1B", "MAG1B"])
@@ -70,11 +69,11 @@ def test_text_files_of_both_missions_say_it(tmp_path, product, letter, release):
     with tarfile.open(tmp_path / "day.tgz", "w:gz") as made:
         made.add(path, path.name)
     member = archive.find(tmp_path / "day.tgz", product, letter, "2020-02-05")
-    assert origin.of_file(member) == readers.read(member).attrs["origin"] == "simulated"
+    assert archive.origin_of(member) == readers.read(member).attrs["origin"] == "simulated"
     assert readers.read(flown(path)).attrs["origin"] == "measured"
     packed = path.with_name(path.name + ".gz")
     packed.write_bytes(gzip.compress(path.read_bytes()))
-    assert origin.of_file(archive.from_name(packed)) == "measured"
+    assert archive.origin_of(archive.from_name(packed)) == "measured"
 
 
 def test_binary_files_say_it(tmp_path):
@@ -92,19 +91,23 @@ def test_binary_files_say_it(tmp_path):
 def test_netcdf_files_say_it(tmp_path):
     """Contract: global attributes of the same names."""
     known = {"acknowledgement": "Thanks. Simulated data.", "software_version": "sim"}
-    for number, (name, value) in enumerate([*known.items(), ("software_version", origin.BY), ("title", "simulated")]):
+    for number, (name, value) in enumerate([*known.items(), ("software_version", archive.BY), ("title", "simulated")]):
         path = tmp_path / f"SGRS_2020-02-0{number + 1}_S_01.nc"
         xr.Dataset(attrs={name: value}).to_netcdf(path)
-        found = origin.of_file(archive.LevelOneFile(path, None, "SGRS", "S", "2020-02-01", "01"))
+        found = archive.origin_of(archive.LevelOneFile(path, None, "SGRS", "S", "2020-02-01", "01"))
         assert found == ("measured" if name == "title" else "simulated")
 
 
 def test_what_holds_no_records_has_no_origin(tmp_path):
     """Contract: a gravity field makes a simulated day no mixture."""
     (tmp_path / "field.gfc").write_text("product_type gravity_field\n")
-    assert origin.of_file(sgrs_files.other_file(tmp_path / "field.gfc", "GFC", "2020-02-01")) == ""
-    assert origin.together(["simulated", "", "simulated"]) == "simulated"
-    assert origin.together(["simulated", "measured"]) == origin.together(["mixed", "measured"]) == "mixed"
+    assert archive.origin_of(daily.other_file(tmp_path / "field.gfc", "GFC", "2020-02-01")) == ""
+    assert archive.origins_together(["simulated", "", "simulated"]) == "simulated"
+    assert (
+        archive.origins_together(["simulated", "measured"])
+        == archive.origins_together(["mixed", "measured"])
+        == "mixed"
+    )
 
 
 @pytest.mark.parametrize(
@@ -112,9 +115,9 @@ def test_what_holds_no_records_has_no_origin(tmp_path):
 )
 def test_a_stage_cannot_make_measured_of_simulated(own, expected):
     """Contract: what a stage says itself wins only upwards."""
-    assert origin.raised("simulated", own) == expected
-    assert origin.raised("measured", own) == (own or "measured")
-    assert origin.raised("mixed", own) == "mixed"
+    assert archive.raised_origin("simulated", own) == expected
+    assert archive.raised_origin("measured", own) == (own or "measured")
+    assert archive.raised_origin("mixed", own) == "mixed"
 
 
 def test_products_pass_it_on(pipeline):
@@ -162,8 +165,8 @@ def test_no_simulation_beside_files_of_others(tmp_path, foreign):
     """Contract: refused by name for a measured file, an archive, any data file here or a Level-1 file below."""
     own = written(tmp_path / "day")
     (tmp_path / "day" / "truth.json").write_text("{}")
-    origin.check_own(tmp_path / "day")
-    origin.check_own(tmp_path / "new")
+    archive.check_own(tmp_path / "day")
+    archive.check_own(tmp_path / "new")
     path = tmp_path / "day" / {
         "measured": "ACC1B_2020-02-05_C_04.txt",
         "measured.gz": "ACC1B_2020-02-05_C_04.txt.gz",
@@ -179,7 +182,7 @@ def test_no_simulation_beside_files_of_others(tmp_path, foreign):
         with tarfile.open(path, "w") as made:
             made.add(own, own.name)
     with pytest.raises(ProductError, match=path.name):
-        origin.check_own(tmp_path / "day")
+        archive.check_own(tmp_path / "day")
     assert own.is_file()
 
 
@@ -195,12 +198,12 @@ def test_the_files_of_one_day_below_a_folder(tmp_path):
             for path in folder.glob("*.txt") if made else ():
                 made.add(path, f"1B/{path.name}")
                 path.unlink()
-        assert origin.below(folder, date) == name
-    assert origin.below(folders["simulated"], "2020-02-06") == "measured"
+        assert archive.origin_below(folder, date) == name
+    assert archive.origin_below(folders["simulated"], "2020-02-06") == "measured"
     with tarfile.open(folders["measured"] / "gracefo_2020-02-05.tgz", "w:gz") as made:
         made.add(written(tmp_path), "MAG1B_2020-02-05_C_04.txt")
         made.add(written(tmp_path), "MAG1B_2020-02-06_C_04.txt")
     days = ("2020-02-05", "2020-02-06")  # an archive of one day is not read for another: a folder may have a thousand
-    assert [origin.below(folders["measured"], day) for day in days] == ["mixed", "measured"]
+    assert [archive.origin_below(folders["measured"], day) for day in days] == ["mixed", "measured"]
     (folders["simulated"] / "day.tgz").write_bytes(b"damaged")
-    assert origin.below(folders["simulated"], None) == "measured"
+    assert archive.origin_below(folders["simulated"], None) == "measured"

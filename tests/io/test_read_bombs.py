@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gravcal.errors import ProductError
-from gravcal.io import archive, inertial_files, sgrs_files
+from gravcal.io import archive, daily
 from gravcal.io.archive import inventory
 from gravcal.io.readers import read
 
@@ -86,30 +86,30 @@ def declared(path, name, shape):
 
 
 @pytest.mark.parametrize(
-    ("name", "module"), [("IS1_2022-05-18_T_01.nc", inertial_files), ("SGRS_2022-05-18_S_01.nc", sgrs_files)]
+    ("name", "read"), [("IS1_2022-05-18_T_01.nc", daily.read), ("SGRS_2022-05-18_S_01.nc", daily.read_sgrs)]
 )
-def test_variables_that_declare_too_much_are_refused(tmp_path, name, module):
+def test_variables_that_declare_too_much_are_refused(tmp_path, name, read):
     """Contract: 8 TB declared in a file of some kilobytes."""
     declared(tmp_path / name, "time", (10**12,))
     with pytest.raises(ProductError, match="declared variables"):
-        module.read(module.inventory(tmp_path)[0])
+        read(daily.inventory(tmp_path)[0])
 
 
 @pytest.mark.parametrize(
-    ("name", "module"), [("IS1_2022-05-18_T_01.nc", inertial_files), ("SGRS_2022-05-18_S_01.nc", sgrs_files)]
+    ("name", "read"), [("IS1_2022-05-18_T_01.nc", daily.read), ("SGRS_2022-05-18_S_01.nc", daily.read_sgrs)]
 )
-def test_variables_of_other_files_are_not_followed(tmp_path, name, module):
+def test_variables_of_other_files_are_not_followed(tmp_path, name, read):
     """Contract: a link to another file, and raw data in one."""
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["time"] = np.arange(3.0)
     with h5py.File(tmp_path / name, "w") as file:
         file["time"] = h5py.ExternalLink("other.h5", "time")
     with pytest.raises(ProductError, match="no variable of this file"):
-        module.read(module.inventory(tmp_path)[0])
+        read(daily.inventory(tmp_path)[0])
     with h5py.File(tmp_path / name, "w") as file:
         file.create_dataset("time", (3,), "f8", external=[(str(tmp_path / "other.h5"), 0, 24)])
     with pytest.raises(ProductError, match="no variable of this file"):
-        module.read(module.inventory(tmp_path)[0])
+        read(daily.inventory(tmp_path)[0])
 
 
 READ = """
@@ -173,13 +173,13 @@ def test_a_netcdf_file_with_damaged_structure_is_refused(tmp_path, product):
     record = {"IS1": {"volts": np.ones((2000, 6))}, "ATT": {"quaternion": np.ones((2000, 4))}}.get(
         product, {"position": np.ones((2000, 3)), "velocity": np.ones((2000, 3))}
     )
-    (path,) = inertial_files.write(tmp_path, product, {"time": time} | record)
-    (file,) = inertial_files.inventory(tmp_path)
+    (path,) = daily.write(tmp_path, product, {"time": time} | record)
+    (file,) = daily.inventory(tmp_path)
     whole, refused = path.read_bytes(), 0
     for place in range(0, 9000, 90):
         path.write_bytes(whole[:place] + b"\x00\xffgravcal\x17" + whole[place:])
         try:
-            inertial_files.read(file)
+            daily.read(file)
         except ProductError:
             refused += 1
     assert refused > 10
@@ -188,4 +188,4 @@ def test_a_netcdf_file_with_damaged_structure_is_refused(tmp_path, product):
         del content["time"]
         content["time"] = np.array([b"noon"] * 2000)
     with pytest.raises(ProductError, match="no readable netCDF file"):
-        inertial_files.read(file)
+        daily.read(file)

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gravcal.errors import ProductError
-from gravcal.io import sgrs_files
+from gravcal.io import daily
 
 
 def columns(sensors=2, count=20):
@@ -25,17 +25,17 @@ def columns(sensors=2, count=20):
 
 def written(tmp_path, **changed):
     """A file of a day, found again."""
-    sgrs_files.write(tmp_path / sgrs_files.file_name("2020-02-01"), columns() | changed)
-    return sgrs_files.find(tmp_path)
+    daily.write_sgrs(tmp_path / "SGRS_2020-02-01_S_01.nc", columns() | changed)
+    return daily.sgrs_file(tmp_path)
 
 
 @pytest.mark.parametrize("sensors", [1, 2])
 def test_a_file_reads_back_exactly_and_twice_the_same_bytes(tmp_path, sensors):
     """Contract: round trip of every variable with its unit; a file of truth holds the drag too."""
     given = columns(sensors) | {"drag": np.ones((20, 3))}
-    first, second = (sgrs_files.write(tmp_path / name, given).read_bytes() for name in ("a.nc", "b.nc"))
+    first, second = (daily.write_sgrs(tmp_path / name, given).read_bytes() for name in ("a.nc", "b.nc"))
     assert first == second
-    read = sgrs_files.read(sgrs_files.other_file(tmp_path / "a.nc", "TRUTH", "2020-02-01"), truth=True)
+    read = daily.read_sgrs(daily.other_file(tmp_path / "a.nc", "TRUTH", "2020-02-01"), truth=True)
     for name, values in given.items():
         assert_array_equal(read[name].values, values)
     assert read["angular"].attrs["units"] == "rad s-2"
@@ -45,7 +45,7 @@ def test_positions_and_velocities_of_no_orbit_are_missing(tmp_path):
     """Contract: 1e300 m is not a place; other rows stay."""
     spoiled = columns()
     spoiled["position"][4, 0], spoiled["velocity"][7, 2] = 1e300, -1e6
-    read = sgrs_files.read(written(tmp_path, position=spoiled["position"], velocity=spoiled["velocity"]))
+    read = daily.read_sgrs(written(tmp_path, position=spoiled["position"], velocity=spoiled["velocity"]))
     for name, row in (("position", 4), ("velocity", 7)):
         missing = np.isnan(read[name].values).all(axis=1)
         assert_array_equal(np.flatnonzero(missing), [row])
@@ -54,12 +54,12 @@ def test_positions_and_velocities_of_no_orbit_are_missing(tmp_path):
 def test_other_writers_are_read(tmp_path):
     """Contract: netCDF-4 by plain xarray, single precision."""
     one = written(tmp_path)
-    read = sgrs_files.read(one).astype("f4").assign_coords(time=sgrs_files.read(one)["time"] + 86400.0)
+    read = daily.read_sgrs(one).astype("f4").assign_coords(time=daily.read_sgrs(one)["time"] + 86400.0)
     read.to_netcdf(tmp_path / "SGRS_2020-02-02_S_01.nc", engine="netcdf4")
-    assert sgrs_files.read(sgrs_files.find(tmp_path, "2020-02-02"))["linear"].dtype == float
-    assert_array_equal(sgrs_files.sensor_positions(one), columns()["sensor_position"])
+    assert daily.read_sgrs(daily.sgrs_file(tmp_path, "2020-02-02"))["linear"].dtype == float
+    assert_array_equal(daily.sensor_positions(one), columns()["sensor_position"])
     with pytest.raises(ProductError, match="Give --date"):
-        sgrs_files.find(tmp_path)
+        daily.sgrs_file(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_other_writers_are_read(tmp_path):
 def test_wrong_content_is_refused(tmp_path, changed, message):
     """Contract: what was found and what was expected."""
     with pytest.raises(ProductError, match=message):
-        sgrs_files.read(written(tmp_path, **changed))
+        daily.read_sgrs(written(tmp_path, **changed))
 
 
 def test_wrong_units_missing_variables_and_other_files_are_refused(tmp_path):
@@ -83,22 +83,22 @@ def test_wrong_units_missing_variables_and_other_files_are_refused(tmp_path):
     with h5py.File(one.path, "a") as file:
         file["linear"].attrs["units"] = "mm s-2"
     with pytest.raises(ProductError, match="linear in mm s-2"):
-        sgrs_files.read(one)
+        daily.read_sgrs(one)
     with h5py.File(one.path, "a") as file:
         del file["linear"]
     with pytest.raises(ProductError, match="no variable linear"):
-        sgrs_files.read(one)
+        daily.read_sgrs(one)
     with pytest.raises(ProductError, match="no variable drag|no variable linear"):
-        sgrs_files.read(one, truth=True)
+        daily.read_sgrs(one, truth=True)
     one.path.write_text("not a file")
     with pytest.raises(ProductError, match="no readable netCDF"):
-        sgrs_files.read(one)
+        daily.read_sgrs(one)
     with pytest.raises(ProductError, match="no sensor_position"):
-        sgrs_files.sensor_positions(one)
+        daily.sensor_positions(one)
     with pytest.raises(ProductError, match="no folder"):
-        sgrs_files.find(tmp_path / "none")
+        daily.sgrs_file(tmp_path / "none")
     with pytest.raises(ProductError, match="no SGRS file of 2021-01-01"):
-        sgrs_files.find(tmp_path, "2021-01-01")
+        daily.sgrs_file(tmp_path, "2021-01-01")
 
 
 def test_records_out_of_order_are_sorted_and_contradictions_left_out(tmp_path):
@@ -107,7 +107,7 @@ def test_records_out_of_order_are_sorted_and_contradictions_left_out(tmp_path):
     time = given["time"].copy()
     time[[4, 5]] = time[[5, 4]]
     time[11] = time[10]
-    read = sgrs_files.read(written(tmp_path, time=time))
+    read = daily.read_sgrs(written(tmp_path, time=time))
     assert np.all(np.diff(read["time"].values) > 0)
     assert read["time"].size == time.size - 1
     assert np.all(read["linear"].values[4] == given["linear"][5])

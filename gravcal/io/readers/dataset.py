@@ -14,7 +14,6 @@ from gravcal.io import archive
 from gravcal.io.readers import records
 from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Product, mission_of, reordered
 from gravcal.io.readers.tables import product as product_table
-from gravcal.store import origin
 
 TICKS = {"s": 1_000_000_000, "us": 1_000, "ns": 1}
 NOT_FINITE = 1
@@ -93,7 +92,7 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
         attrs["header_satellite"] = header.satellite
     attrs |= {"table_tested": str(table.sampled).lower()}
     observed.attrs = attrs | {f"header_{k}": v for k, v in header.notes.items()}
-    observed.attrs["origin"] = origin.of_header(data[: header.size].decode("latin-1"))
+    observed.attrs["origin"] = archive.origin_of_header(data[: header.size].decode("latin-1"))
     return observed
 
 

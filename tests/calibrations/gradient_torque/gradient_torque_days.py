@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import estimate, model
-from gravcal.io import icgem, sgrs_files
+from gravcal.io import daily, icgem
 from gravcal.simulation import by_slug
 from gravcal.simulation import gradient_torque as simulation
 
@@ -20,7 +20,7 @@ SHORT = {"duration_s": 7200, "step_s": 5, "field_degree": 20}
 
 def observed(columns):
     """Dataset as the reader of SGRS files gives it."""
-    known = {name: (dims, columns[name]) for name, (dims, _, _) in sgrs_files.VARIABLES.items()}
+    known = {name: (dims, columns[name]) for name, (dims, _, _) in daily.LAYOUTS["SGRS"].items()}
     return xr.Dataset(known, {"time": columns["time"]})
 
 

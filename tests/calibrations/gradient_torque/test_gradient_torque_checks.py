@@ -13,7 +13,7 @@ from flows import gradient_torque as flow
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import model, page
 from gravcal.errors import GravcalError
-from gravcal.io import icgem, sgrs_files
+from gravcal.io import daily, icgem
 from gravcal.store.schemas import validate
 
 STEP = 2.0
@@ -168,7 +168,7 @@ def test_a_world_of_other_code_keeps_to_every_check(tmp_path, monkeypatch):
 
 def test_attitudes_of_no_norm_are_bridged_as_missing_ones(days):
     """Contract: rows of zeros are no attitude; the angular readings carry it on."""
-    observed = sgrs_files.read(sgrs_files.find(days[2]))
+    observed = daily.read_sgrs(daily.sgrs_file(days[2]))
     stored = model.field(icgem.read_field(icgem.shipped(), 12))
     chosen = catalog.parameters("gradient_torque").with_settings(QUICK).for_stage("gradient")
     lost = [observed.copy(deep=True) for _ in range(2)]

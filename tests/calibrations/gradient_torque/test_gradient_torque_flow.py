@@ -9,7 +9,7 @@ from flows import calibration, engine
 from flows import gradient_torque as flow
 from gravcal import catalog
 from gravcal.errors import EstimationError, ProductError
-from gravcal.io import sgrs_files, writers
+from gravcal.io import daily, writers
 from gravcal.store.schemas import validate
 from tasks.stage import read
 
@@ -96,7 +96,7 @@ def test_simulation_writes_truth_beside_and_takes_measured_accelerations(tmp_pat
     writers.write(columns, path)
     invented(tmp_path, nongravitational=str(path), duration_s="600")
     truth = json.loads((tmp_path / "truth.json").read_text())
-    series = sgrs_files.read(sgrs_files.other_file(tmp_path / truth["series"], "TRUTH", "2020-02-01"), truth=True)
+    series = daily.read_sgrs(daily.other_file(tmp_path / truth["series"], "TRUTH", "2020-02-01"), truth=True)
     np.testing.assert_allclose(series["drag"].values, [[-3e-8, 1e-9, 2e-9]] * 120)
     with pytest.raises(ProductError, match="no such file"):
         invented(tmp_path, field="absent.gfc")
