@@ -27,6 +27,8 @@ from tasks.stage import lazy, read
 GROUP = "gravcal.calibrations"
 EPOCH = datetime(2000, 1, 1, 12)  # of GPS seconds
 SI = {"um": 1e-6, "mm": 1e-3}
+RESULT = ((1, "correction"), (2, "covariance"))  # of the result of a model: power of its unit, name
+WRITTEN = "Write it with gravcal discover."
 
 effect_catalogue = lazy("gravcal.effects")
 simulations = lazy("gravcal.simulation")
@@ -149,8 +151,7 @@ class Calibration:
 
     def __post_init__(self):
         """Where nothing else is said, sources and files are found in the common way."""
-        ways = {"source": common.source_of, "level_one_files": _level_one_files}
-        for name, common_way in ways.items():
+        for name, common_way in {"source": common.source_of, "level_one_files": common.level_one_files}.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, functools.partial(common_way, self))
 
@@ -198,11 +199,6 @@ def of_one_satellite(module: str) -> Callable:
     return simulation
 
 
-def _level_one_files(calibration, source):
-    """Level-1 files of a source, one for each role."""
-    return [file for names in calibration.inputs.values() for file in source.files(*names) or [source.file(*names)]]
-
-
 def known() -> tuple[str, ...]:
     """Names of the installed calibrations, sorted; none of them is imported."""
     return tuple(sorted(_entry_points()))
@@ -248,21 +244,17 @@ def model_text(path: Path) -> str:
         return ""
     made = [_entry(one, path) for one in content["effect"]]
     if "result" in content:
-        made[0]["result"] = _result(content["result"], path)
+        one = content["result"]
+        try:
+            shift, added = (SI[one["unit"]] ** n * np.array(one[name], dtype=float) for n, name in RESULT)
+        except ValueError:
+            shift, added = np.zeros(0), np.zeros(1)
+        if added.shape != (shift.size, shift.size):
+            found = "[result] whose correction and covariance do not belong together"
+            refuse(path, found, "p and p x p numbers", WRITTEN, CatalogError)
+        words = {name: one[name] for name in ("calibration", "records")}
+        made[0]["result"] = words | {"correction": shift.tolist(), "covariance": added.tolist()}
     return json.dumps(made, sort_keys=True, allow_nan=False)
-
-
-def _result(one, path):
-    """Table of what a search adds to a result, in SI."""
-    try:
-        shift, added = (np.array(one[name], dtype=float) for name in ("correction", "covariance"))
-    except ValueError:
-        shift, added = np.zeros(0), np.zeros(1)
-    if added.shape != (shift.size, shift.size):
-        _wrong(path, "[result] whose correction and covariance do not belong together", "p and p x p numbers")
-    size = SI[one["unit"]]
-    words = {name: one[name] for name in ("calibration", "records")}
-    return words | {"correction": (size * shift).tolist(), "covariance": (size**2 * added).tolist()}
 
 
 def model_result(text: str, calibration: str, records: str | None) -> str:
@@ -281,7 +273,7 @@ def _entry(one, path):
     known = None if cause.startswith("unknown:") else [p.name for p in effect_catalogue.effect(cause).parameters]
     for name, parameter in one["parameters"].items():
         if known is not None and name not in known:
-            _wrong(path, f"{cause}.{name}", f"one of {', '.join(known)}")
+            refuse(path, f"{cause}.{name}", f"one of {', '.join(known)}", WRITTEN, CatalogError)
         values[name] = {n: float(parameter[n]) for n in ("value", "sigma") if n in parameter}
         values[name] |= {"unit": parameter["unit"]} if "unit" in parameter else {}
         if "sigma" in parameter and "correlation" in parameter:
@@ -323,7 +315,3 @@ def _directions(parameters):
     size, vectors = np.linalg.eigh(related)
     columns = sigma[:, None] * vectors * np.sqrt(np.clip(size, 0.0, None))
     return [dict(zip(names, column.tolist(), strict=True)) for column in columns.T if column.any()]
-
-
-def _wrong(path, found, expected):
-    refuse(path, found, expected, "Write it with gravcal discover.", CatalogError)

@@ -50,7 +50,10 @@ def calibrate(source, chosen):
     others = [common.ingest(file, event=source.event) for file in source.files(*PRODUCTS["orbit"])[1:]]
     judged = com_offset.checks(aligned, checked, smoothed, *others, **chosen.for_stage("checks"))
     products = (combined, *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
-    return com_offset.report(*products, **_report_settings(source, chosen))
+    known, settings = catalog.satellite(source.satellite).settings(), chosen.for_report()
+    settings |= {name: known[name] for name in ("roll_response", "roll_response_sigma") if name in known}
+    told = {"event": source.event, "satellite": source.satellite, "settings": settings}
+    return com_offset.report(*products, **told, published=common.printed_of("com_offset", source.event))
 
 
 def _aligned(source, chosen):
@@ -70,19 +73,13 @@ def _solved(source, chosen, aligned, checked, variants):
     turning = dict(zip(variants, angular, strict=True))
     if chosen.method == "published":
         solved = [com_offset.published_solve(aligned, smoothed, one, variant=name) for name, one in turning.items()]
-    else:
-        solved = _weighed(chosen, aligned, smoothed, turning)
-    return smoothed, angular, solved
-
-
-def _weighed(chosen, aligned, smoothed, angular):
-    """Offset of every manoeuvre, with the noise as measured; angular accelerations by variant."""
+        return smoothed, angular, solved
     pieces = com_offset.quiet(aligned, **chosen.for_stage("quiet"))
     measured, solved = com_offset.noise(pieces, **chosen.for_stage("noise")), []
-    for variant, one in angular.items():
+    for variant, one in turning.items():
         resampled = com_offset.equations(aligned, smoothed, one, variant=variant, **chosen.for_stage("equations"))
         solved.append(com_offset.solve(resampled, measured, variant=variant, **chosen.for_stage("solve")))
-    return solved
+    return smoothed, angular, solved
 
 
 def with_torquers(source, chosen, aligned):
@@ -109,16 +106,6 @@ def scene_settings(source, chosen):
     for stage in ("attitude", "quiet", "equations", "noise", "solve"):
         known |= chosen.for_stage(stage)
     return dict(sorted(known.items()))
-
-
-def _report_settings(source, chosen):
-    """What the report says beside the products: all settings, and what was published of the event."""
-    values = chosen.for_report()
-    known = catalog.satellite(source.satellite).settings()
-    values |= {name: known[name] for name in ("roll_response", "roll_response_sigma") if name in known}
-    printed = common.printed_of("com_offset", source.event)
-    named = {"event": source.event, "satellite": source.satellite}
-    return named | {"settings": values, "published": printed}
 
 
 @flow(name="com_offset_detect")

@@ -114,7 +114,13 @@ class Place:
         found = design.judged(design.pooled(flights[FLIGHTS:]), counts, pairs)
         before = design.judged(design.pooled(published), np.array([m.count for m in usual]), pairs)
         plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
-        return plan, *(_judged(flights[-1], one, tied) for one in (found, before))
+        said, unit = [], flights[-1].unit
+        for spread, apart in (found, before):
+            sigma = dict(zip(flights[-1].parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
+            odds = [{"causes": list(pair), "chi2": float(c), "odds": design.odds(c, tied)} for pair, c in apart.items()]
+            said.append({"sigma": sigma, "unit": dict.fromkeys(sigma, unit)})
+            said[-1] |= {"trace": float(np.trace(spread)), "separated": odds}
+        return plan, *said
 
     def best(self, minutes):
         """Plan of the session with the least errors, beside those of the published one, and the errors of both."""
@@ -199,12 +205,3 @@ class Place:
         found = self.errors(plan, range(101, 101 + flights))
         sigma, error, _ = zip(*found.values(), strict=True)
         return {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
-
-
-def _judged(flight, found, tied):
-    """Errors and odds of a design."""
-    spread, apart = found
-    sigma = dict(zip(flight.parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
-    odds = [{"causes": list(pair), "chi2": float(c), "odds": design.odds(c, tied)} for pair, c in apart.items()]
-    unit = dict.fromkeys(sigma, flight.unit)
-    return {"sigma": sigma, "unit": unit, "trace": float(np.trace(spread)), "separated": odds}

@@ -9,6 +9,7 @@ from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.errors import ProductError
+from gravcal.io import archive
 from gravcal.store import results
 from tasks import common, gradient_torque
 from tasks.stage import lazy
@@ -16,6 +17,7 @@ from tasks.stage import lazy
 simulator = lazy("gravcal.simulation.gradient_torque")
 icgem = lazy("gravcal.io.icgem")
 daily = lazy("gravcal.io.daily")
+readers = lazy("gravcal.io.readers")
 
 TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the last value is held
 
@@ -117,8 +119,6 @@ def _nongravitational(chosen, day):
     """Accelerations of an ACT1B file as a function of time, or None."""
     if not chosen.nongravitational:
         return None
-    from gravcal.io import archive, readers
-
     file = archive.from_name(Path(chosen.nongravitational).expanduser())
     if file.product not in ("ACT1B", "ACC1B"):
         raise ProductError(f"nongravitational: found {file.path.name}, expected an ACT1B or ACC1B file. Give one.")

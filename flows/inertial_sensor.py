@@ -33,7 +33,13 @@ def calibrate(source, chosen):
         settings = {"event": source.event, "variant": ""} | known | chosen.for_stage("checks")
         products["checks"] = inertial_sensor.checks(products["detect"], *level_one_files(source), **settings)
     products.pop("segment", None)
-    return inertial_sensor.report(*products.values(), names=list(products), **_report_settings(source, chosen))
+    printed = {
+        section: [{"labels": dict(r.labels), "value": list(r.value), "sigma": list(r.sigma)} for r in records]
+        for section, records in catalog.published("inertial_sensor").items()
+        if section != "scalars"
+    }
+    told = {"event": source.event, "settings": chosen.for_report(), "published": printed}
+    return inertial_sensor.report(*products.values(), names=list(products), **told)
 
 
 def observed(source, chosen, _records, found=None):
@@ -125,17 +131,6 @@ def geometry():
 def assumed(chosen):
     """Scale factors and offset for a roll without a swing."""
     return {name.removeprefix("assumed_"): value for name, value in chosen.for_stage("assumed").items()}
-
-
-def _report_settings(source, chosen):
-    """What the report says beside the products: all settings, and what is printed."""
-    values = chosen.for_report()
-    printed = {
-        section: [{"labels": dict(r.labels), "value": list(r.value), "sigma": list(r.sigma)} for r in records]
-        for section, records in catalog.published("inertial_sensor").items()
-        if section != "scalars"
-    }
-    return {"event": source.event, "settings": values, "published": printed}
 
 
 @flow(name="inertial_sensor_detect")

@@ -42,7 +42,16 @@ def calibrate(source, chosen):
     if moved or added:
         combined = kbr_phase_centre.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
     checked = inputs_checked(source, chosen, files, aligned, pointed, equations)
-    return kbr_phase_centre.report(combined, pointed, quiet, checked, *solved, **_report_settings(source, chosen))
+    records = catalog.published("kbr_phase_centre")
+    printed = {
+        section: [
+            {"labels": dict(one.labels), "value": one.value, "sigma": one.sigma, "source": one.source}
+            for one in records[section]
+        ]
+        for section in ("ls", "robust", "subsets", "vkb1b")
+    }
+    told = {"event": source.event, "settings": chosen.for_report(), "published": printed} | nominal_of(source)
+    return kbr_phase_centre.report(combined, pointed, quiet, checked, *solved, **told)
 
 
 def with_equations(source, chosen, aligned, observables):
@@ -157,20 +166,6 @@ def nominal_of(source):
     """Phase centres of the catalogue, as a setting."""
     centres = [catalog.satellite(letter).com_to_antenna.value for letter in source.satellite]
     return {"nominal_m": tuple(tuple(float(v) for v in centre) for centre in centres)}
-
-
-def _report_settings(source, chosen):
-    """What the report says beside the products: all settings and what was published."""
-    values = chosen.for_report()
-    records = catalog.published("kbr_phase_centre")
-    printed = {
-        section: [
-            {"labels": dict(one.labels), "value": one.value, "sigma": one.sigma, "source": one.source}
-            for one in records[section]
-        ]
-        for section in ("ls", "robust", "subsets", "vkb1b")
-    }
-    return {"event": source.event, "settings": values, "published": printed} | nominal_of(source)
 
 
 def manoeuvres(found):

@@ -3,7 +3,6 @@
 What a paper consists of stands in `catalog/published/papers.toml`, what is compared in the record of its calibration.
 """
 
-import contextlib
 import csv
 import datetime
 import re
@@ -101,18 +100,11 @@ def _compared(one, item, documents):
         label = " ".join(value for value in record.labels.values() if value)
         for k, component in enumerate(names):
             sigma = record.sigma[k] if k < len(record.sigma) else None
-            row = {"row": f"{label} {component}".strip(), "printed": [_number(record.value[k]), sigma]}
+            row = {"row": f"{label} {component}".strip(), "printed": [record.value[k], sigma]}
             row |= {run: [part[k] for part in found[run] or none] for run in RUNS}
             if any(value is not None for value, _ in (row[name] for name in ("printed", *RUNS))):
                 rows.append(row)
     return item | {"rows": rows}
-
-
-def _number(value):
-    """Printed number, or None for a text."""
-    with contextlib.suppress(TypeError, ValueError):
-        return float(value)
-    return value
 
 
 def _text(pair):

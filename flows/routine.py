@@ -27,16 +27,15 @@ def simulate_and_fit(source, chosen):
 
 def search(source, chosen, shown):
     """One report of the searches of all parts of a day: what each gets wrong, why, and what is gained."""
-    found, missing = _attempted({part: functools.partial(_search, part, shown) for part in PARTS}, source, chosen)
+
+    def of_part(part, source, chosen):
+        one, source, own = _owner(part, source, chosen)
+        about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
+        return discover.searched(one, source, own, shown), about
+
+    found, missing = _attempted({part: functools.partial(of_part, part) for part in PARTS}, source, chosen)
     known = {"parts": {part: about for part, (_, about) in found.items()}, "missing": missing, "event": source.event}
     return routine.discovered(*(ref for ref, _ in found.values()), settings=chosen.for_report(), **known)
-
-
-def _search(part, shown, source, chosen):
-    """Product of the search of a part, and what its report says of it."""
-    one, source, own = _owner(part, source, chosen)
-    about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
-    return discover.searched(one, source, own, shown), about
 
 
 def _owner(part, source, chosen):
@@ -56,17 +55,12 @@ def _attempted(parts, source, chosen):
     found, missing = {}, {}
     for part, made in parts.items():
         done = engine.attempt(lambda made=made: made(source, chosen))
-        if isinstance(done, engine.GravcalError):
-            missing[part] = _said(done)
+        if isinstance(done, engine.GravcalError):  # said without the folder that was looked into
+            products = done.facts.get("products")
+            missing[part] = f"no {' or '.join(products)}" if products else str(done).partition(". ")[0]
         else:
             found[part] = done
     return found, missing
-
-
-def _said(error):
-    """Why a part could not run, without the folder that was looked into."""
-    products = error.facts.get("products")
-    return f"no {' or '.join(products)}" if products else str(error).partition(". ")[0]
 
 
 def _accelerometer(source, chosen):

@@ -85,6 +85,11 @@ def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Sourc
     return Source(f"{one.mission}-{letters.lower()}-{first}", letters, None if joined else first, folder)
 
 
+def level_one_files(one, source) -> list:
+    """Level-1 files of a source, one for each role of a calibration."""
+    return [file for names in one.inputs.values() for file in source.files(*names) or [source.file(*names)]]
+
+
 def _are_joined(dates, span_days):
     """True if the days of a folder are one event."""
     first, last = (datetime.date.fromisoformat(one) for one in (min(dates), max(dates)))
