@@ -49,9 +49,13 @@ def serve(served, said):
 
     try:
         with _alone(served.name):
-            begun = server.begin(_port(served, "pages"))
-            with server.running(begun) as url, reports(_port(served, "reports")) as address:
-                _keep_ports(served, begun, url, address)
+            names = [f"port-{what}-{served.name}" for what in ("pages", "reports")]
+            last = [port if isinstance(port := location.recall(name), int) else None for name in names]
+            begun = server.begin(last[0])
+            with server.running(begun) as url, reports(last[1]) as address:
+                for name, one in zip(names, (url, address), strict=True):  # so that links and bookmarks stay good
+                    if begun.child is not None or one is address:  # a server of the user's own keeps its port
+                        location.remember(name, urlsplit(one).port)
                 os.environ["PREFECT_API_URL"] = url
                 os.environ.setdefault("GRAVCAL_REPORTS", address)
                 with temporary_settings(server.client(url)), contextlib.suppress(KeyboardInterrupt):
@@ -78,32 +82,25 @@ def _alone(name):
         ) from None
 
 
-def _port(served, what):
-    """Port of the last time, so that links and bookmarks stay good; None the first time."""
-    found = location.recall(f"port-{what}-{served.name}")
-    return found if isinstance(found, int) else None
-
-
-def _keep_ports(served, begun, url, address):
-    """Remember the ports for the next time; a server of the user's own keeps its."""
-    location.remember(f"port-reports-{served.name}", urlsplit(address).port)
-    if begun.child is not None:
-        location.remember(f"port-pages-{served.name}", urlsplit(url).port)
-
-
 def _run(served, schedule, where, said):
     """Register the deployments and wait for their runs, one at a time."""
     from prefect.deployments.runner import EntrypointType
     from prefect.runner import Runner
 
+    from flows import scheduled
+
     (url, is_own), ended = where, threading.Event()
     runner = Runner(name=f"gravcal {served.name}", limit=1)
     how = {"name": served.name, "entrypoint_type": EntrypointType.MODULE_PATH}
-    known = {flow.name: runner.add_flow(flow, **how, **more) for flow, more in _flows(served, schedule).items()}
+    given = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
+    made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": given | served.pruning}}
+    if served.watched:
+        made[scheduled.new_data] = {"parameters": served.arguments | {"data": str(served.watched.absolute())}}
+    known = {flow.name: runner.add_flow(flow, **how, **more) for flow, more in made.items()}
     registered = {str(one): server.registered(url, one) for one in known.values()}
     os.environ["GRAVCAL_REGISTERED"] = json.dumps(registered)
     if is_own:
-        server.bury_all(url, list(known.values()))
+        server.bury(url, list(known.values()))
     said(f"Prefect {url.removesuffix('/api')}")
     if is_own:
         said(f"signed in by {server.page(url, served.name).as_uri()}")
@@ -128,18 +125,6 @@ async def _until_told(runner):
         loop.add_signal_handler(name, work.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await work
-
-
-def _flows(served, schedule):
-    """Flows with what their deployments need: one by the clock and, if a folder is watched, one on its changes."""
-    from flows import scheduled
-
-    given = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
-    made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": given | served.pruning}}
-    if served.watched:
-        given = served.arguments | {"data": str(served.watched.absolute())}
-        made[scheduled.new_data] = {"parameters": given}
-    return made
 
 
 def _schedule(cron):

@@ -220,36 +220,23 @@ def registered(url, deployment):
     return {name: value for name, value in ask(url, f"/deployments/{deployment}").items() if name in RUNS}
 
 
-def bury(url):
-    """Mark runs as crashed whose process on this machine was killed: the server cannot know."""
-    here = f"{OWN}{platform.node()}-"
-    with contextlib.suppress(OSError, ValueError):
-        for run in _unfinished(url, {}):
-            pids = [tag.removeprefix(here) for tag in run["tags"] if tag.startswith(here)]
-            if pids and not Path(f"/proc/{pids[0]}").exists():
-                _crash(url, run)
+def bury(url, deployments=()):
+    """Mark runs and their tasks as crashed whose process on this machine was killed: the server cannot know.
 
-
-def bury_all(url, deployments):
-    """Mark all unfinished runs of deployments as crashed; for one who knows that nobody else runs them."""
-    with contextlib.suppress(OSError, ValueError):
-        for run in _unfinished(url, {"deployment_id": {"any_": [str(one) for one in deployments]}}):
-            _crash(url, run)
-
-
-def _unfinished(url, which):
-    """Flow runs that a process has begun, of those named."""
-    question = {"flow_runs": which | {"state": {"type": {"any_": BEGUN}}}}
-    return ask(url, "/flow_runs/filter", question)
-
-
-def _crash(url, run):
-    """Mark a flow run and its tasks as crashed."""
+    Of deployments all that are unfinished; for one who knows that nobody else runs them.
+    """
+    here, begun = f"{OWN}{platform.node()}-", {"state": {"type": {"any_": BEGUN}}}
     crashed = {"state": {"type": "CRASHED", "name": "Crashed", "message": "its process was killed"}, "force": True}
-    wanted = {"flow_runs": {"id": {"any_": [run["id"]]}}, "task_runs": {"state": {"type": {"any_": BEGUN}}}}
-    for task in ask(url, "/task_runs/filter", wanted):
-        ask(url, f"/task_runs/{task['id']}/set_state", crashed)
-    ask(url, f"/flow_runs/{run['id']}/set_state", crashed)
+    which = {"deployment_id": {"any_": [str(one) for one in deployments]}} if deployments else {}
+    with contextlib.suppress(OSError, ValueError):
+        for run in ask(url, "/flow_runs/filter", {"flow_runs": which | begun}):
+            pids = [tag.removeprefix(here) for tag in run["tags"] if tag.startswith(here)]
+            if not deployments and (not pids or Path(f"/proc/{pids[0]}").exists()):
+                continue
+            wanted = {"flow_runs": {"id": {"any_": [run["id"]]}}, "task_runs": begun}
+            for task in ask(url, "/task_runs/filter", wanted):
+                ask(url, f"/task_runs/{task['id']}/set_state", crashed)
+            ask(url, f"/flow_runs/{run['id']}/set_state", crashed)
 
 
 def ask(url, path, question=None, method=None):
@@ -298,13 +285,6 @@ def shorten(log):
             os.truncate(log, 0)
 
 
-def _keep_short():
-    """Look after the log as long as this process lives."""
-    while True:
-        shorten(_log())
-        time.sleep(LOG_LOOK_S)
-
-
 def listener(wanted=None):
     """Socket that listens on a port of this machine, the one wanted if nobody else does."""
     for port in (wanted if wanted in range(1 << 16) else 0, 0):
@@ -313,19 +293,20 @@ def listener(wanted=None):
     raise OSError(f"no free port on {HOST}")
 
 
-def die_with(parent):
-    """Let the kernel end this process when its parent dies; if that is gone already, end here."""
-    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG, linux/prctl.h
-    if os.getppid() != parent:
-        os._exit(1)
-
-
 def serve(door, parent):
     """Be the server on a socket (file descriptor) that listens, until the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    die_with(parent)
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # when the parent dies: PR_SET_PDEATHSIG, linux/prctl.h
+    if os.getppid() != parent:  # it is gone already
+        os._exit(1)
     os.umask(0o077)
-    threading.Thread(target=_keep_short, daemon=True).start()
+
+    def keep_short():
+        while True:
+            shorten(_log())
+            time.sleep(LOG_LOOK_S)
+
+    threading.Thread(target=keep_short, daemon=True).start()
     door = socket.socket(fileno=door)
     os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(door.getsockname()[1])}
     import uvicorn

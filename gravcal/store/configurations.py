@@ -45,7 +45,7 @@ def chosen(calibration, given, name=None):
     if name == OPERATIONAL:
         remedy = "They make an experiment: give it another name, and make it operational with gravcal promote."
         _refuse(calibration, name, "--set or --model", "none", remedy)
-    name = name or _made_of(changed)
+    name = name or _name_of(changed)
     known = _recorded(calibration, name)
     if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
         was = ", ".join(said(known["settings"] if known else {}))
@@ -158,7 +158,7 @@ def _with(catalogue, settings, name):
         _refuse(catalogue.calibration, name, str(error), "settings of this catalogue", remedy)
 
 
-def _made_of(changed):
+def _name_of(changed):
     """Name made of a change: readable, and the same for the same change."""
     if not changed:
         return CATALOGUE

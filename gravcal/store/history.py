@@ -130,24 +130,18 @@ def tree(entry):
 
     A node has "name", "record" (None for a raw file or a product that is gone) and "inputs", a list of the same.
     """
-    return _node(entry.ref.key, {})
-
-
-def _node(key, known):
-    """Node of one product; one that was met before is not opened again."""
-    record = store.read_record(store.folder_of(key))
-    if record is None:
-        return {"name": key[:12], "record": None, "inputs": [], "gone": True}
-    if key not in known:
-        known[key] = {"name": store.reference(record, store.folder_of(key)).name, "record": record, "inputs": []}
-        for part, label in store.inputs(record):
+    records, known = store.ancestry(entry.ref.key), {}
+    for key, record in records.items():
+        name = store.reference(record, store.folder_of(key)).name if record else key[:12]
+        known[key] = {"name": name, "record": record, "inputs": []} | ({} if record else {"gone": True})
+    for key, record in records.items():
+        for part, label in store.inputs(record) if record else ():
             if "path" in part:
                 where = f"{part['path']}:{part['member']}" if part["member"] else part["path"]
-                node = {"name": where, "record": None, "inputs": [], "digest": label["digest"]}
+                known[key]["inputs"].append({"name": where, "record": None, "inputs": [], "digest": label["digest"]})
             else:
-                node = _node(part["key"], known)
-            known[key]["inputs"].append(node)
-    return known[key]
+                known[key]["inputs"].append(known[part["key"]])
+    return known[entry.ref.key]
 
 
 def seconds(entry):

@@ -166,7 +166,18 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
             gone.append((path, _size(path)))
             left -= gone[-1][1]
     for path, _ in gone if remove else []:
-        _remove(path)
+        if path.is_symlink() or not path.is_dir():
+            path.unlink(missing_ok=True)
+            continue
+        aside = location.new_aside()  # renamed first, so that a product is gone at once
+        try:
+            location.prepare()
+            path.rename(aside)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise location.unwritable(error, path.name[:12]) from error
+        shutil.rmtree(aside, ignore_errors=True)
     return gone
 
 
@@ -218,19 +229,3 @@ def _size(path):
         with contextlib.suppress(OSError):
             total += one.stat().st_size if one.is_file() else 0
     return total
-
-
-def _remove(path):
-    """Remove a product so that it is gone at once: renamed first, then emptied."""
-    if path.is_symlink() or not path.is_dir():
-        path.unlink(missing_ok=True)
-        return
-    aside = location.new_aside()
-    try:
-        location.prepare()
-        path.rename(aside)
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise location.unwritable(error, path.name[:12]) from error
-    shutil.rmtree(aside, ignore_errors=True)
