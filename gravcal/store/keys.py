@@ -218,31 +218,29 @@ def _body_part(body, scope):
         line = body.__code__.co_firstlineno
         nodes = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == body.__name__]
         local[body.__name__] = min(nodes, key=lambda node: abs(node.lineno - line))
-    texts, targets, endings, waiting, seen = [], set(), set(), [body.__name__], set()
+    texts, targets, endings, waiting = {}, set(), set(), [body.__name__]
     while waiting:
         name = waiting.pop()
-        if name in seen:
+        if name in texts:
             continue
-        seen.add(name)
         node = local[name]
         if isinstance(node, ast.FunctionDef):  # version and kinds of a stage are in the label already
             node = ast.FunctionDef(node.name, node.args, node.body, [], node.returns, None)
-        texts.append(f"{name}={_tree_text(node)}")
-        uses = list(_uses(node))
-        targets |= {_narrowed(imported[first], rest, scope) for first, rest in uses if first in imported}
+        texts[name] = _tree_text(node)
         targets |= set(_imports(node, package))
         endings |= set(_file_names(node))
-        waiting += [first for first, _ in uses if first in local]
-    return hashlib.sha256("\n".join(sorted(texts)).encode()).hexdigest()[:32], sorted(targets), endings
-
-
-def _narrowed(target, attribute, scope):
-    """Target of "x.attribute", x an imported package: the module its __init__ takes the attribute from, if any."""
-    name = _module_of(target) if attribute and _top(target) in scope else None
-    if name is None or _path(name).name != "__init__.py":
-        return target
-    _, imported = _definitions(_tree(_path(name)), name)
-    return imported.get(attribute, f"{name}:{attribute}")
+        for first, attribute in _uses(node):
+            if first in local:
+                waiting.append(first)
+            if first in imported:  # of a package: the module that its __init__ takes the attribute from
+                target = imported[first]
+                module = _module_of(target) if attribute and _top(target) in scope else None
+                if module and _path(module).name == "__init__.py":
+                    taken = _definitions(_tree(_path(module)), module)[1]
+                    target = taken.get(attribute, f"{module}:{attribute}")
+                targets.add(target)
+    content = "\n".join(f"{name}={text}" for name, text in sorted(texts.items()))
+    return hashlib.sha256(content.encode()).hexdigest()[:32], sorted(targets), endings
 
 
 def _data_parts(module, imported, endings):
@@ -299,10 +297,9 @@ def _source(path):
 def _status(path):
     """Size and time of change of a file, None where it is gone."""
     try:
-        status = path.stat()
+        return path.stat().st_size, path.stat().st_mtime_ns
     except FileNotFoundError:
         return None
-    return status.st_size, status.st_mtime_ns
 
 
 @functools.cache
@@ -385,9 +382,9 @@ def _bindings(node, package):
     if isinstance(node, ast.Import):
         return [(alias.asname or alias.name.partition(".")[0], alias.name) for alias in node.names]
     if isinstance(node, ast.ImportFrom):
-        parents = package.split(".")
-        base = parents[: len(parents) - node.level + 1] if node.level else []
-        module = ".".join([*base, *([node.module] if node.module else [])])
+        module = (
+            importlib.util.resolve_name("." * node.level + (node.module or ""), package) if node.level else node.module
+        )
         return [(alias.asname or alias.name, f"{module}:{alias.name}") for alias in node.names]
     named = node.args[0] if isinstance(node, ast.Call) and node.args else None
     is_import = (
@@ -412,12 +409,9 @@ def _definitions(tree, package):
 
 
 def _uses(node):
-    """Names that a tree reads, each with the attribute taken from it, if any; decorators apart."""
+    """Names that a tree reads, each with the attribute taken from it, if any."""
     inner = {id(part.value) for part in ast.walk(node) if isinstance(part, ast.Attribute)}
-    skipped = {id(part) for top in getattr(node, "decorator_list", []) for part in ast.walk(top)}
     for part in ast.walk(node):
-        if id(part) in skipped:
-            continue
         if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
             yield part.value.id, part.attr
         elif isinstance(part, ast.Name) and id(part) not in inner:
