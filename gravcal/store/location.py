@@ -19,12 +19,9 @@ from gravcal.errors import ProductError
 
 OPERATIONAL = "operational"
 NAMES = ("objects", "latest", "tmp", "locks", "quarantine")
-REMEDIES = {
-    errno.ENOSPC: "Free space there (gravcal products prune)",
-    errno.EDQUOT: "Free space there (gravcal products prune)",
-    errno.EXDEV: "Keep its folders objects, tmp and quarantine on one file system",
-    errno.ENOTDIR: "Move the file away that stands where a folder should be",
-    errno.EEXIST: "Move the file away that stands where a folder should be",
+FULL, TAKEN = "Free space there (gravcal products prune)", "Move the file away that stands where a folder should be"
+REMEDIES = {errno.ENOSPC: FULL, errno.EDQUOT: FULL, errno.ENOTDIR: TAKEN, errno.EEXIST: TAKEN} | {
+    errno.EXDEV: "Keep its folders objects, tmp and quarantine on one file system"
 }
 _running = contextvars.ContextVar("gravcal_configuration", default=OPERATIONAL)
 _swept = set()

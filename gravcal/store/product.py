@@ -154,11 +154,6 @@ def provenance(recipe, key, content_digest, version):
     }
 
 
-def read(path):
-    """Dataset of a product file, times in GPS seconds, with its provenance attributes."""
-    return from_bytes(path.read_bytes())
-
-
 def without_provenance(dataset):
     """The dataset as its stage's body returned it; what other bodies are given."""
     return dataset.drop_attrs(deep=False).assign_attrs(_own(dataset.attrs))

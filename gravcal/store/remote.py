@@ -52,7 +52,15 @@ def pull(url: str) -> tuple[int, int]:
             if store.find(key) is None:
                 pulled, size = pulled + 1, size + _fetch(system, f"{root}/objects/{key[:2]}/{key}", key)
         for path in system.find(f"{root}/latest"):
-            _link(system.cat_file(path).decode(errors="replace"))
+            key = system.cat_file(path).decode(errors="replace")
+            ref = store.find(key) if store.KEY.fullmatch(key) else None
+            if ref is None:
+                continue
+            held = store.linked(location.links(ref.event, location.OPERATIONAL) / ref.stage)
+            records = [store.read_record(folder) for folder in (held, ref.folder) if folder]
+            if len(records) == 1 or records[0] is None or records[0]["made"] < records[1]["made"]:
+                with location.configured(location.OPERATIONAL):
+                    store.point(ref)
     return pulled, size
 
 
@@ -81,17 +89,6 @@ def _fetch(system, there, key):
     finally:
         shutil.rmtree(aside, ignore_errors=True)
     return record["bytes"]
-
-
-def _link(key):
-    """Let the operational link of a product's name lead to it, unless it leads to one made later."""
-    ref = store.find(key) if store.KEY.fullmatch(key) else None
-    if ref:
-        held = store.linked(location.links(ref.event, location.OPERATIONAL) / ref.stage)
-        records = [store.read_record(folder) for folder in (held, ref.folder) if folder]
-        if len(records) == 1 or records[0] is None or records[0]["made"] < records[1]["made"]:
-            with location.configured(location.OPERATIONAL):
-                store.point(ref)
 
 
 @contextlib.contextmanager

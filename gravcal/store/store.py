@@ -105,42 +105,34 @@ def put(key, recipe, made, facts):
     is full or the store not writable, which is then as before.
     """
     dataset, files = made
-    aside = location.new_aside()
+    content, aside = product.digest(dataset), location.new_aside()
+    labels = product.provenance(recipe, key, content, keys.versions()["gravcal"])
+    extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     try:
         location.prepare()
         aside.mkdir()
-        record = _write_folder(aside, key, recipe, dataset, files) | facts
-        (aside / "meta.json").write_bytes(sealed(record))
+        product.write(dataset.assign_attrs(labels), aside / "product.nc")
+        for name, text in extra.items():
+            (aside / Path(name).name).write_bytes(text)
+        image = (aside / "product.nc").read_bytes()
+        record = {
+            "key": key,
+            "digest": content,
+            "sha256": hashlib.sha256(image).hexdigest(),
+            "bytes": len(image),
+            "mtime_ns": (aside / "product.nc").stat().st_mtime_ns,
+            "labels_at": [image.find(text.encode()) for text in (key, content)],
+            "files": {name: hashlib.sha256(text).hexdigest() for name, text in extra.items()},
+            "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "machine": platform.node(),
+            "recipe": recipe,
+        }
+        (aside / "meta.json").write_bytes(sealed(record | facts))
         location.flush(aside)
-        ref = publish(aside, key)
+        return publish(aside, key)
     except OSError as error:
         shutil.rmtree(aside, ignore_errors=True)
         raise location.unwritable(error, f"{recipe['event']}/{recipe['kind']}") from error
-    return ref
-
-
-def _write_folder(aside, key, recipe, dataset, files):
-    """Write product and files; their record without the facts of the run."""
-    content = product.digest(dataset)
-    dataset.encoding[product.DIGEST] = content
-    labels = product.provenance(recipe, key, content, keys.versions()["gravcal"])
-    product.write(dataset.assign_attrs(labels), aside / "product.nc")
-    image = (aside / "product.nc").read_bytes()
-    extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
-    for name, text in extra.items():
-        (aside / Path(name).name).write_bytes(text)
-    return {
-        "key": key,
-        "digest": content,
-        "sha256": hashlib.sha256(image).hexdigest(),
-        "bytes": len(image),
-        "mtime_ns": (aside / "product.nc").stat().st_mtime_ns,
-        "labels_at": [image.find(text.encode()) for text in (key, content)],
-        "files": {name: hashlib.sha256(text).hexdigest() for name, text in extra.items()},
-        "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "machine": platform.node(),
-        "recipe": recipe,
-    }
 
 
 def publish(aside, key):

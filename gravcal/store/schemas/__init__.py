@@ -48,9 +48,14 @@ def validate(document, name=None):
     if not validator(name).is_valid(document):
         error = min(validator(name).iter_errors(document), key=lambda e: list(map(str, e.instance_path)))
         _refuse(_text(error.instance_path), error.instance, f"what the schema says: {error.message[:200]}")
-    for path, item in parts:
-        if isinstance(item, dict):
-            _check_triples(item, path)
+    for path, block in parts:
+        for value, sigma, covariance in TRIPLES if isinstance(block, dict) else ():
+            if isinstance(block.get(value), list) and isinstance(block.get(sigma), list):
+                missing = [item is None for item in block[value]]
+                if missing != [item is None for item in block[sigma]]:
+                    _refuse(_text((*path, sigma)), block[sigma], f"null exactly where {value} is null")
+                if covariance in block:
+                    _check_covariance(block[covariance], block[sigma], missing, (*path, covariance))
 
 
 @functools.cache
@@ -65,17 +70,6 @@ def _walk(item, path):
     parts = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, (list, tuple)) else ()
     for key, part in parts:
         yield from _walk(part, (*path, key))
-
-
-def _check_triples(block, path):
-    """Value, sigma and covariance of a block leave the same components out and agree."""
-    for value, sigma, covariance in TRIPLES:
-        if isinstance(block.get(value), list) and isinstance(block.get(sigma), list):
-            missing = [item is None for item in block[value]]
-            if missing != [item is None for item in block[sigma]]:
-                _refuse(_text((*path, sigma)), block[sigma], f"null exactly where {value} is null")
-            if covariance in block:
-                _check_covariance(block[covariance], block[sigma], missing, (*path, covariance))
 
 
 def _check_covariance(matrix, sigma, missing, path):
