@@ -171,7 +171,6 @@ def make(campaign, source, folder):
 
 
 def _row(calibration: Calibration, ref, note):
-    """Row of an event that has its report; the document stays in the store."""
     document = calibration.document(ref)
     verdict = document.get("verdict")
     verdict = verdict.get("text", "") if isinstance(verdict, dict) else verdict or ""
@@ -193,7 +192,6 @@ def _row(calibration: Calibration, ref, note):
 
 
 def _effort(made, reused, started):
-    """Columns of the row that say what was done."""
     return {"made": made, "reused": reused, "seconds": round(time.perf_counter() - started, 3)}
 
 

@@ -118,7 +118,6 @@ def _calibration_of(ctx):
 
 
 def _beginning(names, incomplete):
-    """Those that begin with what was typed."""
     return [name for name in names if name.startswith(incomplete)]
 
 
@@ -611,7 +610,6 @@ def list_products(
 
 
 def _summary(entry):
-    """One product for JSON."""
     names = ("key", "digest", "bytes", "seconds", "made", "machine", "stage")
     known = {name: entry.record.get(name) for name in names}
     return {
@@ -671,7 +669,6 @@ def pull(url: Url, json: Json = None) -> None:
 
 
 def _copied(what, url, done, json):
-    """Say how much was copied."""
     if output.delivered({"products": done[0], "bytes": done[1]}, json):
         output.say(f"{done[0]} products, {done[1] / 1e6:.1f} MB {what} {url}")
 
@@ -817,7 +814,6 @@ def _document(calibration, name):
 
 
 def _say(document):
-    """Tables of parameters and configurations."""
     mark = lambda one: "" if one["value"] == one["catalogue"] else f"catalogue: {one['catalogue']}"  # noqa: E731
     rows = [[n, _short(e["value"]), e["unit"] or "", mark(e), ", ".join(e["stages"]), e["reason"]]
             for n, e in document["parameters"].items()]  # fmt: skip
@@ -849,14 +845,12 @@ def promote(
 
 
 def _promoted(one):
-    """An entry of the journal of promotions in words."""
     if not one["when"]:
         return "the catalogue"
     return f"{one['name']} is operational since {one['when'][:16].replace('T', ' ')} UTC ({one['who']}: {one['why']})"
 
 
 def _short(value):
-    """A value on one line."""
     text = str(value)
     return text if len(text) <= 40 else text[:37] + "..."
 

@@ -57,7 +57,6 @@ def calibrate(source, chosen):
 
 
 def _aligned(source, chosen):
-    """Manoeuvres, records on GPS time."""
     files = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
     found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
     return found, com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))

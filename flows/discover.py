@@ -110,7 +110,6 @@ def evidence_of(calibration: str) -> Calibration:
 
 
 def _evidence(one: Calibration, source, chosen):
-    """Products of whitened columns of one event."""
     looked = one.discovery
     products = looked.baseline(source, chosen)
     settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]

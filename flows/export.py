@@ -98,7 +98,6 @@ def citation(event: str, configuration: str, reports: list) -> str:
 
 
 def _papers(calibration):
-    """DOIs of the papers whose values the catalogue holds for a calibration."""
     try:
         sections = catalog.published(calibration)
     except CatalogError:
@@ -108,5 +107,4 @@ def _papers(calibration):
 
 
 def _origin(report):
-    """Origin of the data of a report."""
     return housekeeping.content(report).attrs.get("origin", "measured")

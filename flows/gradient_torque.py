@@ -47,12 +47,10 @@ def calibrate(source, chosen):
 
 
 def _settings(stage, chosen):
-    """Settings of a stage, with the numbers of the satellite."""
     return chosen.for_stage(stage) | {"satellite": catalog.satellite("S").settings()}
 
 
 def _recorded(source, chosen):
-    """Readings and gravity field."""
     observed = gradient_torque.ingest(daily.sgrs_file(source.folder, source.date), event=source.event)
     file = daily.other_file(icgem.located(chosen.field), "GFC", source.date)
     return observed, gradient_torque.field(file, event=source.event, variant="")
@@ -67,7 +65,6 @@ def _methods(source, chosen):
 
 
 def _solved(observed, field, chosen, methods, suffix=""):
-    """Gradient and drags of one set of readings."""
     variant = suffix.removeprefix(".")
     modelled = gradient_torque.gradient(observed, field, variant=variant, **_settings("gradient", chosen))
     settings = _settings("drag", chosen)

@@ -72,7 +72,6 @@ def _solved(source, chosen, *, widened, found=None):
 
 
 def _swing(chosen, aligned, _known):
-    """Products of the record of a swing by name."""
     scaled = inertial_sensor.scale(aligned, geometry=geometry(), **chosen.for_stage("scale"))
     moved = inertial_sensor.offset(aligned, scaled, **chosen.for_stage("offset"))
     return {"align": aligned, "scale": scaled, "offset": moved}
@@ -117,7 +116,6 @@ def views(_source, chosen):
 
 
 def _files(days, start, stop, margin):
-    """Files of the days that a span touches."""
     first, last = ((EPOCH + timedelta(seconds=float(t))).date().isoformat() for t in (start - margin, stop + margin))
     return [one for date, files in days.items() if first <= date <= last for one in files.values()]
 
@@ -140,7 +138,6 @@ def detect(source, chosen):
 
 
 def _detected(days, source, chosen):
-    """Swings and rolls of all days in one product."""
     attitudes = (files["ATT"] for files in days.values())
     return inertial_sensor.detect(*attitudes, event=source.event, variant="", **chosen.for_stage("detect"))
 

@@ -146,7 +146,6 @@ def _days(source):
 
 
 def _known(event):
-    """Letter and manoeuvre of all that the catalogue holds for an event."""
     known = catalog.event(event) if event in catalog.names("events") else None
     found = known.found if known and known.calibration == "kbr_phase_centre" else ()
     return [(letter, one) for one in found for letter in (one.satellite or known.letters)]

@@ -102,7 +102,6 @@ def plan(steps, json_path, every=False):
 
 
 def _by_stage(steps):
-    """Rows of the steps of all events, one for each stage and action."""
     groups = {}
     for step in steps:
         groups.setdefault((".".join(step["stage"].split(".")[:2]), step["action"]), []).append(step)
@@ -220,7 +219,6 @@ def joint(found, json_path):
 
 
 def _joint(document, files, notes):
-    """Verdict over many events, causes, the next prediction, and what has changed since the last time."""
     from gravcal.report import plain
 
     say(f"{document['event']}: {document['verdict']['text']}")
@@ -307,7 +305,6 @@ def coloured():
 
 
 def _painted(text, style):
-    """Text in bold, or in the colour of its word."""
     colour = COLOURS.get(text.strip())
     if not (style or colour) or not coloured():
         return text

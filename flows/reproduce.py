@@ -67,7 +67,6 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
 
 
 def _run(one, paper, folder, run, out):
-    """Document of one run, its report copied."""
     settings = [f"{key}={value}" for key, value in paper["as_printed"].items()] if run == "as_printed" else []
     truth = out.parent / f"truth_{paper['days'][0]}.nc"
     settings += [f"truth={truth}"] if truth.is_file() else []  # series of a simulated day
@@ -108,7 +107,6 @@ def _compared(one, item, documents):
 
 
 def _text(pair):
-    """Value and error in four digits."""
     value, sigma = pair
     if value is None:
         return "-"
@@ -140,7 +138,6 @@ def _write(out, document):
 
 
 def _figures(path, section):
-    """Figures of the first section of a report whose heading begins so, as HTML."""
     parts = re.split(r"<h2[^>]*>", path.read_text(encoding="utf-8"))[1:]
     own = next((part for part in parts if part.startswith(section)), "")
     return re.findall(r"<figure.*?</figure>", own, re.DOTALL)

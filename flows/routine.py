@@ -64,14 +64,12 @@ def _attempted(parts, source, chosen):
 
 
 def _accelerometer(source, chosen):
-    """Products of the accelerometer, by stage."""
     made = _estimated(source, chosen, _aligned(source, chosen))
     checked = routine.checks(made["estimate"], **chosen.for_stage("checks"))
     return _searched("accelerometer", source, chosen, checks=checked, **made)
 
 
 def _estimated(_source, chosen, aligned):
-    """Products that a search of the accelerometer is made of."""
     return {"align": aligned, "estimate": routine.estimate(aligned, **chosen.for_stage("estimate"))}
 
 
@@ -105,7 +103,6 @@ def _searched(part, source, chosen, **made):
 
 
 def _aligned(source, chosen):
-    """Accelerometer with what stands beside it."""
     files = [source.file(*names) for names in CALIBRATION.inputs.values()] + source.files("MAG1B", "THR1B")
     satellite = catalog.satellite(source.satellite).settings()
     wanted = thrusters.TABLE | {name: name for name in ("inertia", "dipole_per_current")}

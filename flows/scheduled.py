@@ -127,7 +127,6 @@ def _together(calibration, satellite, data, chosen, workers):
 
 
 def _show(summary):
-    """Table of offsets and list of reports as artifacts of the run."""
     key = campaign.slug(summary["calibration"])
     rows, left_out = campaign.table(summary["events"])
     shown = [_table_row(row) for row in rows]
@@ -159,7 +158,6 @@ def _address(page):
 
 
 def _state(summary):
-    """State of the run: failed when an event failed, and how many of what."""
     message = ", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items()))
     if summary["status"] == "failed":
         return Failed(message=message)

@@ -128,7 +128,6 @@ async def _until_told(runner):
 
 
 def _schedule(cron):
-    """Schedule of Prefect for times of the clock."""
     from prefect.client.schemas.schedules import CronSchedule
 
     try:

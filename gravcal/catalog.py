@@ -159,7 +159,6 @@ def satellite(name):
 
 
 def _satellite(key, path, content):
-    """Satellite from the content of its file."""
     tables = {name: entry for name, entry in content.items() if isinstance(entry, dict)}
     heading = {name: entry for name, entry in content.items() if name not in tables}
     heading["launched"] = None if heading["launched"] == "none" else _date(heading, "launched")
@@ -168,7 +167,6 @@ def _satellite(key, path, content):
 
 
 def _quantity(table, path, key):
-    """Quantity from its TOML table."""
     value = _value(table["value"], path, f"{key}.value")
     sigma = None if table["sigma"] == "unknown" else _value(table["sigma"], path, f"{key}.sigma")
     if sigma is not None and (isinstance(value, (str, tuple)) or np.shape(sigma) != np.shape(value)):
@@ -253,13 +251,11 @@ def _name_of(member):
 
 
 def _date(content, key):
-    """Date, or None where there is none or it is unknown."""
     date = content.get(key, "unknown")
     return None if date == "unknown" else datetime.date.fromisoformat(str(date))
 
 
 def _found(table, path):
-    """Manoeuvre found in the data."""
     if not table["stop"] > table["start"]:
         _wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
     return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]), table.get("satellite", ""))
@@ -394,7 +390,6 @@ def _parsed(path, text, table):
 
 
 def _record(row, table):
-    """One record of one row."""
     events = tuple(filter(None, row["events"].split(";"))) if "events" in row else tuple(table.get("events", ()))
     return Published(
         section=table["section"],
@@ -499,7 +494,6 @@ def parameters(calibration):
 
 
 def _parameter(name, table, path):
-    """Parameter from its TOML table."""
     stages = (table["stage"],) if isinstance(table["stage"], str) else tuple(table["stage"])
     rest = {key: table[key] for key in ("unit", "minimum", "maximum") if key in table}
     allowed = tuple(_typed(item, table) for item in table["allowed"]) if "allowed" in table else None
@@ -546,7 +540,6 @@ def _check(entry, where):
 
 
 def _refused(where, name, found, expected):
-    """Refuse a parameter's value."""
     remedy = f"Choose such a value, or leave {name} as it is."
     refuse(f"{where}: {name}", repr(found), expected, remedy, CatalogError, parameter=name)
 
@@ -613,7 +606,6 @@ def _loads(text, form):
 
 @lru_cache
 def _form(name):
-    """Validator of the entries of a kind."""
     schema = json.loads((resources.files("catalog") / "schema.json").read_text(encoding="utf-8"))
     return jsonschema_rs.Draft202012Validator(schema | {"$ref": f"#/$defs/{name}"})
 
@@ -628,5 +620,4 @@ def _unknown(what, name, known, where):
 
 
 def _wrong(path, key, found, expected, remedy):
-    """Refuse a value of the wrong kind."""
     refuse(f"{path}: {key}", repr(found), expected, remedy, CatalogError)

@@ -91,7 +91,6 @@ def level_one_files(one, source) -> list:
 
 
 def _are_joined(dates, span_days):
-    """True if the days of a folder are one event."""
     first, last = (datetime.date.fromisoformat(one) for one in (min(dates), max(dates)))
     return span_days > 1 and (last - first).days < span_days
 
@@ -148,7 +147,6 @@ def _from_catalogue(one, event):
 
 
 def _only(folder, found, what, option):
-    """The one satellite or day of a folder."""
     if len(found) == 1:
         return found[0]
     have = f"{what}s {', '.join(found)}"

@@ -44,7 +44,6 @@ def search_again(first, *products, calibration, observations, names, settings, *
 
 
 def _limits(given):
-    """Limits of a search from its settings."""
     return driver.Limits(*(given[name] for name in LIMITS))
 
 
@@ -104,7 +103,6 @@ def observations_of(products, observations, names, settings):
 
 
 def _model(found, tentative=True):
-    """Entries of what was found, all of it or what is adopted."""
     findings = json.loads(found.attrs["numbers"]).get("findings", [])
     return entries([one for one in findings if tentative or one["adopted"]])
 

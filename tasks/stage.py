@@ -215,7 +215,6 @@ def recipe(call):
 
 @functools.cache
 def _parameters(body):
-    """Parameters of the body of a stage."""
     return inspect.signature(body).parameters
 
 
@@ -254,7 +253,6 @@ def is_dataset(value):
 
 
 def _make(call, key, wanted, modules):
-    """Run the body, check what it returns, publish it."""
     contents = [item if keys.is_file(item) else read(item) for item in call.inputs]
     settings = copy.deepcopy(dict(call.settings))
     started = time.perf_counter()

@@ -168,7 +168,6 @@ def attempt(part):
 
 
 def _event(arguments):
-    """Event that the first argument of a flow names, or None."""
     return getattr(arguments[0], "event", None) if arguments else None
 
 
@@ -227,7 +226,6 @@ class Planner:
         return ref
 
     def _note(self, call, action, reasons, ref):
-        """Add a step."""
         self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref))
 
 
@@ -260,7 +258,6 @@ def remake(entry):
 
 
 def _make(key, original, stages, done):
-    """Make one product and, before, all it needs."""
     if key in done:
         return done[key]
     folder = original / "objects" / key[:2] / key
@@ -279,7 +276,6 @@ def _make(key, original, stages, done):
 
 
 def _compared(record, made):
-    """Verdict on one stage."""
     equal = made.digest == record["digest"]
     anew = store.read_record(made.folder)
     old, new = record["recipe"], anew["recipe"]

@@ -273,7 +273,6 @@ def _wait_for(server):
 
 
 def _log():
-    """Where the server says what went wrong."""
     return Path(os.environ["PREFECT_HOME"]).expanduser() / "server.log"
 
 

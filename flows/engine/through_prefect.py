@@ -99,7 +99,6 @@ def flow_on(url, body, name, count):
 
 
 def _show_plan(steps):
-    """Table of the plan as an artifact of the run."""
     from prefect.artifacts import create_table_artifact
 
     rows = [{"stage": one.stage, "action": one.action, "why": "; ".join(one.reasons)} for one in steps]

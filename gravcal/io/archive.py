@@ -136,7 +136,6 @@ def _safe(path, item):
 
 @lru_cache(maxsize=64)
 def _members(path, size, changed_ns):  # noqa: ARG001 - the last two make the cache honest
-    """Names of the members of an archive."""
     try:
         with opened(path) as tar:
             return tuple(_safe(path, item).name for item in members(tar, path) if not item.isdir())
@@ -279,7 +278,6 @@ def limit() -> int:
 
 
 def _too_large(where, what):
-    """Refuse a file that exceeds the limit."""
     refuse(where, f"more than {limit() / MEGABYTE:g} MB of {what}", "less", REMEDY)
 
 
@@ -413,7 +411,6 @@ def _head(stream, name):
 
 
 def _cut(data):
-    """Text before the records."""
     text = data[:HEAD].decode("latin-1")
     end = END.search(text)
     return text[: end.start()] if end else ""

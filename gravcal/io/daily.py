@@ -181,7 +181,6 @@ def _records(file, layout, start=None, stop=None):
 
 
 def _part(time, start, stop):
-    """Slice between two epochs."""
     first = 0 if start is None else int(np.searchsorted(time, start))
     return slice(first, time.size if stop is None else int(np.searchsorted(time, stop)))
 

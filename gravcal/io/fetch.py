@@ -157,12 +157,10 @@ def of_day(satellite, date, parts=("noLRI",), release=None):
 
 @functools.cache
 def _layouts():
-    """Where the archives keep which files."""
     return tomllib.loads(Path(__file__).with_name("archives.toml").read_text(encoding="utf-8"))
 
 
 def _mission(letter):
-    """Mission of a letter; only GRACE and GRACE-FO have public archives."""
     if letter not in MISSIONS:
         remedy = "Get its files from its operator."
         refuse(f"satellite {letter}", "no public archive", "one of A, B, C, D", remedy, CatalogError)
@@ -477,18 +475,15 @@ def _validator(response):
 
 
 def _size(part):
-    """Bytes that came."""
     return part.stat().st_size if part.exists() else 0
 
 
 def _discard(part):
-    """Forget what came."""
     part.unlink(missing_ok=True)
     _note_path(part).unlink(missing_ok=True)
 
 
 def _note_path(part):
-    """File that says what a part is of."""
     return part.with_name(f"{part.name}.json")
 
 
@@ -528,7 +523,6 @@ def authorization(url, start):
 
 
 def _is_loopback(host):
-    """True if a host is this machine."""
     try:
         return ipaddress.ip_address(host or "").is_loopback
     except ValueError:

@@ -161,7 +161,6 @@ def _printable(array, column):
 
 
 def _yaml(table, platform, ticks):
-    """YAML header, as of RL04."""
     edges = [("start", ticks[0]), ("stop", ticks[-1])] if len(ticks) else []
     attributes = {
         "conventions": "CF-1.6, ACDD-1.3, ISO 8601",
@@ -195,12 +194,10 @@ def _yaml(table, platform, ticks):
 
 
 def _date(tick):
-    """Date of a time tag in ns."""
     return (EPOCH + np.timedelta64(int(tick), "ns")).astype("datetime64[us]")
 
 
 def _variable(table, column, comment):
-    """Entry of one column in a YAML header."""
     flags = (table.flags or {}).get(column.name) or {}
     if column.name == "prod_flag":
         flags = {str(c.bit): c.file_name for c in table.optional}

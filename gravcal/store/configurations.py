@@ -170,19 +170,16 @@ def _name_of(changed):
 
 
 def _causes(model):
-    """Causes of the text of a model."""
     return "+".join(dict.fromkeys(one["cause"] for one in json.loads(model)))
 
 
 def _check_name(name):
-    """Refuse what cannot be the name of a folder."""
     if not NAME.fullmatch(name):
         expected = "expected letters, digits and . _ , + -, at most 80, a letter or digit first"
         raise CatalogError(f"--as {name!r}: {expected}.", found=name)
 
 
 def _recorded(calibration, name):
-    """Record of an experiment, or None."""
     path = _path(calibration, name)
     try:
         recorded = json.loads(path.read_bytes()) if path.exists() else None
@@ -194,7 +191,6 @@ def _recorded(calibration, name):
 
 
 def _refuse(calibration, name, found, expected, remedy):
-    """Refuse a configuration."""
     where = f"configuration {name} of {calibration}"
     refuse(where, found, expected, remedy, CatalogError, configuration=name)
 
@@ -205,10 +201,8 @@ def _broken(path, found):
 
 
 def _path(calibration, name):
-    """Place of a record."""
     return location.folder() / "configurations" / calibration / f"{name}.json"
 
 
 def _now():
-    """Present time as text, UTC."""
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

@@ -84,7 +84,6 @@ def remade(entries, setting):
 
 
 def _takes(settings, name):
-    """Whether settings, also those handed on as a table, hold a name."""
     return name in settings or any(isinstance(one, dict) and _takes(one, name) for one in settings.values())
 
 
@@ -121,7 +120,6 @@ def _differences(old, new, name):
 
 
 def _name(recipe):
-    """Kind and variant of a recipe or input."""
     return ".".join(part for part in (recipe["kind"], recipe["variant"]) if part)
 
 
@@ -266,7 +264,6 @@ def _path_of_run(event, flow, configuration):
 
 
 def _read_run(path):
-    """Record at a path, or None where it cannot be read."""
     record = location.read_json(path)
     whole = isinstance(record, dict) and {"event", "flow", "status", "stages"} <= set(record)
     return {"configuration": location.OPERATIONAL} | record if whole else None

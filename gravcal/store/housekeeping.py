@@ -122,7 +122,6 @@ def verify():
 
 
 def _problems(folder):
-    """What is wrong with one product."""
     record, reason = store.believed(folder)
     reason = reason or store.doubt(folder, record)
     if reason:
@@ -210,7 +209,6 @@ def pinned():
 
 
 def _pins():
-    """Folder with a link to each product that is pinned."""
     return location.folder() / "pins"
 
 

@@ -289,13 +289,11 @@ def _module(name):
 
 
 def _source(path):
-    """Bytes of a file, whose status is noted."""
     _files.setdefault(path, _status(path))
     return path.read_bytes()
 
 
 def _status(path):
-    """Size and time of change of a file, None where it is gone."""
     try:
         return path.stat().st_size, path.stat().st_mtime_ns
     except FileNotFoundError:
@@ -304,7 +302,6 @@ def _status(path):
 
 @functools.cache
 def _tree(path):
-    """Syntax tree of a file."""
     return ast.parse(_source(path))
 
 
@@ -317,7 +314,6 @@ def _module_of(target):
 
 
 def _top(target):
-    """Name of the top-level package of a target."""
     return target.partition(":")[0].partition(".")[0]
 
 
@@ -367,7 +363,6 @@ def _tree_text(node):
 
 
 def _imports(tree, package):
-    """Names that a tree imports: "a.b" for a module, "a.b:c" for c from a.b."""
     return [target for node in ast.walk(tree) for _, target in _bindings(node, package)]
 
 

@@ -160,7 +160,6 @@ def without_provenance(dataset):
 
 
 def _own(attributes):
-    """Global attributes without provenance."""
     return {name: value for name, value in attributes.items() if name not in PROVENANCE}
 
 
@@ -272,7 +271,6 @@ def from_bytes(image):
 
 
 def _attribute(value):
-    """Attribute as str, int, float, list of str or array of numbers."""
     return value.item() if getattr(value, "shape", None) == () else value
 
 

@@ -418,7 +418,6 @@ def _text_columns(text, table):
 
 
 def _groups(text, table):
-    """Rows of each layout, by the value of the layout key."""
     if not table.layout_key:
         return [(0, np.arange(len(text)))]
     place = [c.name for c in table.columns].index(table.layout_key)

@@ -65,7 +65,6 @@ def validator(name):
 
 
 def _walk(item, path):
-    """Every part of a document with its path."""
     yield path, item
     parts = item.items() if isinstance(item, dict) else enumerate(item) if isinstance(item, (list, tuple)) else ()
     for key, part in parts:
@@ -92,6 +91,5 @@ def _text(path):
 
 
 def _refuse(where, found, expected):
-    """Refuse a part of a document."""
     shown = repr(found) if len(repr(found)) < 80 else f"{repr(found)[:77]}..."
     refuse(f"result document: {where}", shown, expected, "Correct what writes the document.")
