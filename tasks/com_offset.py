@@ -13,6 +13,7 @@ checking = lazy("gravcal.calibrations.com_offset.checks")
 pages = lazy("gravcal.calibrations.com_offset.page")
 
 KINDS = product.registered("com_offset", **schemas.of("com_offset.toml"))
+ALIGNED, SMOOTHED, ANGULAR = (f"com_offset.{name}" for name in ("align", "attitude", "angular_acceleration"))
 
 
 @stage(reads=["ingest"], writes="com_offset.detect", version=2)
@@ -45,11 +46,7 @@ def survey(aligned, checked):
     return modelling.survey(aligned, checked)
 
 
-@stage(
-    reads=["com_offset.align", "com_offset.field", "com_offset.attitude", "ingest"],
-    writes="com_offset.checks",
-    version=1,
-)
+@stage(reads=[ALIGNED, "com_offset.field", SMOOTHED, "ingest"], writes="com_offset.checks", version=1)
 def checks(aligned, checked, smoothed, *others, **limits):
     """Records against each other."""
     return checking.inputs(aligned, checked, smoothed, *others, **limits)
@@ -73,11 +70,7 @@ def angular_acceleration(smoothed, aligned, *, variant, **settings):
     return modelling.angular_acceleration(smoothed, aligned, variant=variant, **settings)
 
 
-@stage(
-    reads=["com_offset.align", "com_offset.attitude", "com_offset.angular_acceleration"],
-    writes="com_offset.equations",
-    version=1,
-)
+@stage(reads=[ALIGNED, SMOOTHED, ANGULAR], writes="com_offset.equations", version=1)
 def equations(aligned, smoothed, angular, **settings):
     """Resampled reading and columns of every manoeuvre for one angular acceleration."""
     return modelling.equations(aligned, smoothed, angular, **settings)
@@ -89,11 +82,7 @@ def solve(resampled, measured, *, drift_degree, noise_order):
     return estimating.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)
 
 
-@stage(
-    reads=["com_offset.align", "com_offset.attitude", "com_offset.angular_acceleration"],
-    writes="com_offset.solve",
-    version=1,
-)
+@stage(reads=[ALIGNED, SMOOTHED, ANGULAR], writes="com_offset.solve", version=1)
 def published_solve(aligned, smoothed, angular):
     """The same as printed in the source paper."""
     return estimating.published_solve(aligned, smoothed, angular)
@@ -111,21 +100,11 @@ def model_error(combined, *moved, added, determined_sigma_um):
     return estimating.with_model_error(combined, *moved, added=added, determined_sigma_um=determined_sigma_um)
 
 
-@stage(
-    reads=[
-        "com_offset.combine",
-        *["com_offset.solve"] * 4,
-        *["com_offset.angular_acceleration"] * 4,
-        "com_offset.attitude",
-        "com_offset.field",
-        "com_offset.survey",
-        "com_offset.detect",
-        "com_offset.align",
-        "com_offset.checks",
-    ],
-    writes="com_offset.report",
-    version=5,
-)
+REPORTED = ["com_offset.combine", *["com_offset.solve"] * 4, *[ANGULAR] * 4, SMOOTHED]
+REPORTED += [f"com_offset.{name}" for name in ("field", "survey", "detect", "align", "checks")]
+
+
+@stage(reads=REPORTED, writes="com_offset.report", version=5)
 def report(*products, event, satellite, settings, published):
     """Result document, page and line of the sequence-of-events file."""
     return pages.report(*products, event=event, satellite=satellite, settings=settings, published=published)

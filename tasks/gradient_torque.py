@@ -11,6 +11,7 @@ estimate = lazy("gravcal.calibrations.gradient_torque.estimate")
 checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 page = lazy("gravcal.calibrations.gradient_torque.page")
 
+GRADIENT, FIELD, DRAG = "gradient_torque.gradient", "gradient_torque.field", "gradient_torque.drag"
 product.register("ingest", product.ANY)
 KINDS = product.registered("gradient_torque", **schemas.of("gradient_torque.toml"))
 
@@ -39,9 +40,7 @@ def gradient(observed, stored, **settings):
     return model.gradient(observed, stored, **settings)
 
 
-@stage(
-    reads=["gradient_torque.gradient", "ingest", "gradient_torque.field"], writes="gradient_torque.torque", version=1
-)
+@stage(reads=[GRADIENT, "ingest", FIELD], writes="gradient_torque.torque", version=1)
 def torque(modelled, observed, stored, **settings):
     """Gravity-gradient torque by zonal degree."""
     return model.torque(modelled, observed, stored, **settings)
@@ -59,11 +58,7 @@ def drag_model_error(found, *moved):
     return estimate.with_model_error(found, *moved)
 
 
-@stage(
-    reads=["gradient_torque.gradient", "gradient_torque.drag|gradient_torque.truth"],
-    writes="gradient_torque.combine",
-    version=1,
-)
+@stage(reads=[GRADIENT, f"{DRAG}|gradient_torque.truth"], writes="gradient_torque.combine", version=1)
 def combine(*products, **settings):
     """All methods compared, and what can be told apart."""
     return estimate.combine(*products, **settings)
@@ -75,14 +70,10 @@ def checks(modelled, observed, **settings):
     return checks_science.inputs(modelled, observed, **settings)
 
 
-@stage(
-    reads=[
-        *("gradient_torque.combine", "gradient_torque.torque", "gradient_torque.gradient", "gradient_torque.checks"),
-        "gradient_torque.drag",
-    ],
-    writes="gradient_torque.report",
-    version=2,
-)
+REPORTED = ["gradient_torque.combine", "gradient_torque.torque", GRADIENT, "gradient_torque.checks", DRAG]
+
+
+@stage(reads=REPORTED, writes="gradient_torque.report", version=2)
 def report(*products, event, settings):
     """Result document and page."""
     return page.report(*products, event=event, settings=settings)

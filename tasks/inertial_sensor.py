@@ -44,11 +44,10 @@ def segment(detected, *observed, **settings):
     return records.segment(detected, files.loaders(observed), **settings)
 
 
-@stage(
-    reads=["inertial_sensor.segment", "inertial_sensor.scale", "inertial_sensor.offset"],
-    writes="inertial_sensor.bias",
-    version=5,
-)
+SEGMENTED = [f"inertial_sensor.{name}" for name in ("segment", "scale", "offset")]
+
+
+@stage(reads=SEGMENTED, writes="inertial_sensor.bias", version=5)
 def bias(segmented, *swing, **settings):
     """Bias of every segment and their robust mean."""
     return biases.bias(segmented, *swing, **settings)
