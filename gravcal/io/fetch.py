@@ -6,7 +6,6 @@ Credentials are read when needed, sent to the host that they belong to, never pr
 import base64
 import contextlib
 import datetime
-import fcntl
 import functools
 import hashlib
 import ipaddress
@@ -30,6 +29,7 @@ from gravcal.errors import CatalogError, GravcalError, ProductError, refuse
 from gravcal.io.archive import members, opened
 from gravcal.store import location
 
+LAYOUTS = tomllib.loads(Path(__file__).with_name("archives.toml").read_text(encoding="utf-8"))
 ISDC = "https://isdc-data.gfz.de"
 PODAAC = "https://archive.podaac.earthdata.nasa.gov"
 PROTECTED, PUBLIC = "podaac-ops-cumulus-protected", "podaac-ops-cumulus-public"
@@ -71,11 +71,10 @@ class Archive:
     @property
     def layout(self) -> dict:
         """Name, folders and source of its kind of files, of `archives.toml`, filled in."""
-        known = _layouts()
         kind = f"{self.mission}-{self.level}"
         words = {name: getattr(self, name) for name in ("level", "date", "release", "part")}
         words |= {"day": f"{self.date:%Y%m%d}", "year": self.date.year}
-        return {key: text.format(**words) for key, text in known[kind if kind in known else self.mission].items()}
+        return {key: text.format(**words) for key, text in LAYOUTS.get(kind, LAYOUTS[self.mission]).items()}
 
     @property
     def name(self) -> str:
@@ -102,7 +101,6 @@ class Patience:
     longest_wait_s: float = 60.0
     connect_s: float = 8.0
     stall_s: float = 60.0  # without any byte
-    slowest: float = 100.0  # bytes per second, over the time of a stall
     tell: Callable | None = None  #: function of a line, called before every pause; or None
 
 
@@ -139,12 +137,11 @@ def of_day(satellite, date, parts=("noLRI",), release=None):
     calibrated magnetometer); of both missions "SOE" (sequence of events). GRACE has Level 1B without parts.
     """
     mission, found = _mission(satellite[:1]), []
+    known = PARTS if mission == "gracefo" else ("noLRI", "SOE")
     for part in parts:
-        if part not in PARTS or mission == "grace" and part not in ("noLRI", "SOE"):
-            known = PARTS if mission == "gracefo" else ("noLRI", "SOE")
-            refuse(
-                f"{mission}: part {part}", "no such archive", f"one of {', '.join(known)}", "Name one.", CatalogError
-            )
+        if part not in known:
+            expected = f"one of {', '.join(known)}"
+            refuse(f"{mission}: part {part}", "no such archive", expected, "Name one.", CatalogError)
         if part == "SOE":
             found.append(Archive(mission, part, date, "", ""))
         elif part == "MAG":
@@ -153,11 +150,6 @@ def of_day(satellite, date, parts=("noLRI",), release=None):
             levels = ("1A", "1B") if mission == "gracefo" and "LRI" in part else ("1B",)
             found += [Archive(mission, level, date, release or RELEASES[mission], part) for level in levels]
     return found
-
-
-@functools.cache
-def _layouts():
-    return tomllib.loads(Path(__file__).with_name("archives.toml").read_text(encoding="utf-8"))
 
 
 def _mission(letter):
@@ -206,7 +198,7 @@ def fetch(archives, out, place, listener=None, patience=None):
     except OSError as error:
         refuse(out, error.strerror, "a folder that can be written", "Name another folder with --out.")
     fetched, failed = [], []
-    with _alone(out), Session() as session:
+    with Session() as session:
         session.max_redirects = REDIRECTS
         for archive in archives:
             progress = functools.partial(listener, archive.name) if listener else None
@@ -217,19 +209,6 @@ def fetch(archives, out, place, listener=None, patience=None):
     if failed:
         raise failed[0]
     return fetched
-
-
-@contextlib.contextmanager
-def _alone(out):
-    """Keep other processes from fetching into the same folder."""
-    held = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    except BlockingIOError:
-        refuse(out, "another process that fetches into this folder", "none", "Wait for it, or name another folder.")
-    finally:
-        os.close(held)
 
 
 def _one(session, archive, out, place, patience, progress):
@@ -298,9 +277,9 @@ def _md5_of(text, name):
 def _check(archive, path, digest):
     """What a file was checked by; raises for another MD5, a web page, a damaged archive, a foreign member."""
     with path.open("rb") as stream:
-        start = stream.read(512)
-        stream.seek(0)
         md5 = hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
+        stream.seek(0)
+        start = stream.read(512)
     remedy = "Try again later, or name another archive with --from."
     if digest and md5 != digest:
         refuse(archive.name, f"MD5 {md5}", f"{digest}, as the archive publishes", remedy)
@@ -447,8 +426,8 @@ def _extent(response, have, part):
 
 
 def _chunks(response, patience, limit):
-    """Bytes as they come; a line that is silent or hardly moves ends with Interrupted."""
-    count, total, since = 0, 0, time.monotonic()
+    """Bytes as they come; a line that is silent ends with Interrupted."""
+    total = 0
     while True:
         try:
             chunk = response.raw.read1(CHUNK, decode_content=False)
@@ -458,14 +437,10 @@ def _chunks(response, patience, limit):
             raise Interrupted(reason) from None
         if not chunk:
             return
-        count, total = count + len(chunk), total + len(chunk)
+        total += len(chunk)
         if total > limit:
             refuse(shown(response.url), f"more than {limit} bytes", "less", "Check the address.")
         yield chunk
-        if (passed := time.monotonic() - since) > patience.stall_s:
-            if count < patience.slowest * passed:
-                raise Interrupted(f"{count} bytes in {passed:.0f} s")
-            count, since = 0, time.monotonic()
 
 
 def _validator(response):
