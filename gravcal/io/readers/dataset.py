@@ -67,7 +67,15 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
     ------
     ProductError : the file cannot be understood, or is not the expected one
     """
-    file = _located(source, product, expect_satellite, expect_date)
+    file = source
+    if not isinstance(source, archive.LevelOneFile):
+        path = Path(source)
+        if archive.is_archive(path):
+            if not product:
+                refuse(path, "an archive", "a product to read from it", "Give the product, or use find().")
+            file = archive.find(path, product, expect_satellite, expect_date)
+        else:
+            file = archive.from_name(path) or archive.LevelOneFile(path, None, "", "", "", "")
     data = archive.content(file)
     header = records.parse_header(data, file.where)
     satellite = file.satellite or header.satellite
@@ -94,17 +102,6 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
     observed.attrs = attrs | {f"header_{k}": v for k, v in header.notes.items()}
     observed.attrs["origin"] = archive.origin_of_header(data[: header.size].decode("latin-1"))
     return observed
-
-
-def _located(source, product, satellite, date):
-    if isinstance(source, archive.LevelOneFile):
-        return source
-    path = Path(source)
-    if archive.is_archive(path):
-        if not product:
-            refuse(path, "an archive", "a product to read from it", "Give the product, or use find().")
-        return archive.find(path, product, satellite, date)
-    return archive.from_name(path) or archive.LevelOneFile(path, None, "", "", "", "")
 
 
 def _check_columns(header, table: Product, where):
@@ -269,10 +266,17 @@ def _check_identity(file, header, table, arrays, expected):
         refuse(where, f"satellite {found}", "one satellite", "Take the file of the right satellite.", **letters)
     if day and file.date and file.date != day:
         refuse(where, f"a file of {file.date}", day, "Take the file of the right day.", date=file.date)
-    seconds = arrays[table.time[0]]
-    if (day or file.date) and len(seconds) and not table.constant:
+    seconds, day = arrays[table.time[0]], day or file.date
+    if day and len(seconds) and not table.constant:
         exact = table.time_scale == "GPS" and table.name.endswith("1B")
-        _check_day(where, day or file.date, seconds, GPS_MARGIN_S if exact else MARGIN_S)
+        margin, noon_2000 = GPS_MARGIN_S if exact else MARGIN_S, np.datetime64("2000-01-01T12:00:00")
+        if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", day):
+            refuse(where, f"the date {day}", "YYYY-MM-DD", "Correct the date.")
+        start = int((np.datetime64(day) - noon_2000) / np.timedelta64(1, "s"))
+        if not ((seconds >= start - margin) & (seconds < start + DAY_S + margin)).any():
+            first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
+            found = f"no record of {day}, the first at {first} GPS"
+            refuse(where, found, f"records of {day}", "Take the right day's file.")
     wrong = _other_time(arrays, table)
     if wrong is not None and 2 * np.count_nonzero(wrong) > wrong.size:  # fewer are flagged
         written = ", ".join(sorted({one.decode("latin-1") for one in np.unique(arrays["time_ref"][wrong])}))
@@ -283,18 +287,6 @@ def _check_identity(file, header, table, arrays, expected):
     if lengths is not None and np.count_nonzero(lengths) > NORM_SHARE * lengths.size:  # fewer are flagged
         found = f"{np.count_nonzero(lengths)} of {lengths.size} quaternions whose norm is not one"
         refuse(where, found, "unit quaternions", "The file is damaged: fetch it again, or write it with more digits.")
-
-
-def _check_day(where, date, seconds, margin):
-    if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", date):
-        refuse(where, f"the date {date}", "YYYY-MM-DD", "Correct the date.")
-    noon_2000 = np.datetime64("2000-01-01T12:00:00")
-    start = int((np.datetime64(date) - noon_2000) / np.timedelta64(1, "s"))
-    inside = (seconds >= start - margin) & (seconds < start + DAY_S + margin)
-    if not inside.any():
-        first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
-        found = f"no record of {date}, the first at {first} GPS"
-        refuse(where, found, f"records of {date}", "Take the right day's file.")
 
 
 def _off_length(arrays, table):

@@ -28,7 +28,6 @@ DAMAGED = "The file is damaged or of another layout: fetch it again, or correct 
 class Header:
     """What the header of a file says; ``names`` are its columns in order, empty where it lists none."""
 
-    form: str
     binary: bool
     size: int
     lines: int
@@ -41,10 +40,8 @@ class Header:
 
 def parse_header(data: bytes, where) -> Header:
     """Header at the start of a Level-1 file; ProductError where it has no end or cannot be understood."""
-    return _yaml_header(data, where) if data.startswith(b"header:") else _label_header(data, where)
-
-
-def _yaml_header(data, where):
+    if not data.startswith(b"header:"):
+        return _label_header(data, where)
     end = data.find(YAML_END, 0, HEADER_LIMIT)
     if end < 0:
         refuse(where, "no end of the YAML header", repr(YAML_END.decode().strip()), "The file is cut or foreign.")
@@ -59,7 +56,7 @@ def _yaml_header(data, where):
         refuse(where, f"a header without {reason}", "attributes and variables as YAML", "The file is damaged.")
     notes = {k: str(loose[k]) for k in KEPT if k in loose and not isinstance(loose[k], (dict, list))}
     satellite = _letter(str(loose.get("platform", "")))
-    return Header("yaml", False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
+    return Header(False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
 
 
 def _yaml(text, where):
@@ -93,7 +90,7 @@ def _label_header(data, where):
     lines, satellite = data.count(b"\n", 0, end.end()), _letter(labels.get("SATELLITE NAME", ""))
     declared = int(declared) if re.fullmatch("[0-9]{1,18}", declared) else None
     product, notes = labels.get("FILENAME", "").rpartition("/")[2][:5], {k: v for k, v in notes.items() if v}
-    return Header("label", binary, end.end(), lines, satellite, declared, product=product, notes=notes)
+    return Header(binary, end.end(), lines, satellite, declared, product=product, notes=notes)
 
 
 def _letter(platform):
@@ -126,6 +123,12 @@ def decode(series, column: Column) -> np.ndarray:
     return numbers.fill_null(float("nan")).to_numpy() if column.kind in FLOATS else numbers.to_numpy()
 
 
+def _empty(table, n):
+    """Arrays of so many records of fixed and optional columns, to be filled; absent values NaN."""
+    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns if c.kind != "text"}
+    return arrays | {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
+
+
 def dtype_of(column: Column) -> np.dtype:
     """Type of the array that stands for a column that every record has."""
     if column.kind in INTEGERS:
@@ -153,9 +156,7 @@ def _by_distinct(series, column):
             raise Malformed(row, column, token, "one character")
         return token.encode()
 
-    if not len(series):
-        return np.empty(0, dtype_of(column))
-    if (series == series[0]).all():
+    if len(series) and (series == series[0]).all():
         return np.full(len(series), np.array(convert(series[0], 0), dtype_of(column)))
     tokens = series.unique(maintain_order=True)
     first = [series.index_of(token) for token in tokens]
@@ -189,10 +190,7 @@ def structure(columns) -> np.dtype:
 def _by_flag(body, table, where):
     """Records of several lengths: find where each starts, then read those alike together."""
     starts, flags = _starts(body, table, where)
-    n = len(starts)
-    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns}
-    arrays |= {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
-    raw = np.frombuffer(body, np.uint8)
+    arrays, raw = _empty(table, len(starts)), np.frombuffer(body, np.uint8)
     for flag in np.unique(flags):
         columns = (*table.columns, *table.following(int(flag)))
         record = structure(columns)
@@ -270,7 +268,8 @@ def parse_text(data: bytes, start: int, header_lines: int, table: Product, where
             return _sorted_by_layout(data[start:], table, where, header_lines)
         arrays = _at_once(data, start, header_lines, table)
         if arrays is None:  # with blanks between columns made single
-            body = _single_blanks(data[start:].rstrip(b" \t\r\n") + b"\n")
+            body = re.sub(rb"[ \t\r]+", b" ", data[start:].rstrip(b" \t\r\n") + b"\n")
+            body = body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip(b" ")
             arrays = _at_once(body, 0, 0, table) or _sorted_by_layout(body, table, where, header_lines)
         return arrays
     except Malformed as bad:
@@ -337,12 +336,10 @@ def _sorted_by_layout(body, table, where, header_lines):
     lines, undecodable = _lines(body, table, where, header_lines)
     text = polars.Series("line", lines, dtype=polars.String)
     counts = text.str.count_matches(" ", literal=True).to_numpy() + 1
-    n = len(lines)
-    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns if c.kind != "text"}
-    arrays |= {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
+    arrays = _empty(table, len(lines))
     if table.repeated:
         slots = max((int(counts.max()) - len(table.columns)) // len(table.repeated), 0)
-        arrays |= {c.name: np.full((n, slots), np.nan) for c in table.repeated}
+        arrays |= {c.name: np.full((len(lines), slots), np.nan) for c in table.repeated}
     for key, rows in _groups(text, table):
         columns = (*table.columns, *table.following(key))
         if unknown := table.undefined_bits(key):
@@ -399,13 +396,6 @@ def _lines(body, table, where, header_lines):
     return lines, undecodable
 
 
-def _single_blanks(body):
-    body = body.replace(b"\t", b" ").replace(b"\r", b" ")
-    while b"  " in body:
-        body = body.replace(b"  ", b" ")
-    return body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip(b" ")
-
-
 def _text_columns(text, table):
     """Leading columns, then the rest of the record as it stands."""
     leading = len(table.columns) - 1
@@ -422,8 +412,5 @@ def _groups(text, table):
         return [(0, np.arange(len(text)))]
     place = [c.name for c in table.columns].index(table.layout_key)
     keys = text.str.extract(rf"^(?:\S+ ){{{place}}}(\S+)").fill_null("")
-    found = []
-    for token in keys.unique(maintain_order=True):
-        rows = (keys == token).arg_true().to_numpy()
-        found.append((_key_value(table, token, int(rows[0])) if token else 0, rows))
-    return found
+    groups = [(token, (keys == token).arg_true().to_numpy()) for token in keys.unique(maintain_order=True)]
+    return [(_key_value(table, token, int(rows[0])) if token else 0, rows) for token, rows in groups]

@@ -155,7 +155,13 @@ def _for_grace(table, grace):
     changed = {**table, **{k: v for k, v in grace.items() if k not in ("flags", "ranges", "units")}}
     changed["flags"] = {**table.get("flags", {}), **grace.get("flags", {})}
     for key in ("columns", "optional", "repeated"):
-        changed[key] = [_grace_column(c, grace) for c in changed.get(key, [])]
+        changed[key] = [dict(column) for column in changed.get(key, [])]
+        for column in changed[key]:
+            if column["name"] == "GRACEFO_id":
+                column |= {"name": "GRACE_id", "meaning": "GRACE satellite identifier", "range": ["A", "B"]}
+            for given, what in (("ranges", "range"), ("units", "unit")):
+                if column["name"] in grace.get(given, {}):
+                    column[what] = grace[given][column["name"]]
     if "optional_of" in grace:
         other = _loaded(grace["optional_of"])
         changed["optional"] = other["optional"] + other["grace"]["extra_optional"]
@@ -165,18 +171,6 @@ def _for_grace(table, grace):
     ]
     changed["title"] = table["title"].replace("GRACE-FO", "GRACE")
     return changed
-
-
-def _grace_column(column, grace):
-    column = dict(column)
-    if column["name"] == "GRACEFO_id":
-        column |= {"name": "GRACE_id", "meaning": "GRACE satellite identifier", "range": ["A", "B"]}
-    name = column["name"]
-    if name in grace.get("ranges", {}):
-        column["range"] = grace["ranges"][name]
-    if name in grace.get("units", {}):
-        column["unit"] = grace["units"][name]
-    return column
 
 
 def _frozen(value):
