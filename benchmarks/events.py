@@ -12,8 +12,7 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from flows import com_offset
 from gravcal import catalog
-from gravcal.io.readers import tables
-from gravcal.io.readers.dataset import TICKS
+from gravcal.io.readers import TICKS, records
 from gravcal.simulation import com_offset as simulation
 from gravcal.simulation import sensors
 from gravcal.store.store import ProductRef
@@ -51,7 +50,7 @@ def simulated(seed: int, effects: Mapping, **settings) -> Simulated:
 
 def observed(product: str, columns: Mapping, satellite: str) -> xr.Dataset:
     """Dataset of a product as its reader would give it, from the columns {name: (n,) array} of the simulator."""
-    table = tables.product(product, tables.mission_of(satellite))
+    table = records.product(product, records.mission_of(satellite))
     second, *fraction = (np.asarray(columns[name]) for name in table.time)
     tick = TICKS[table.column(table.time[1]).units] if fraction else 0
     fraction = 1e-9 * tick * fraction[0] if fraction else np.zeros(second.size)

@@ -121,15 +121,15 @@ def test_every_unit_of_the_schemas_is_known_to_udunits():
 
 
 def test_every_unit_of_the_level_one_files_is_known_to_udunits():
-    """Contract: all columns of all tables."""
+    """Contract: all columns of all records."""
     from cf_units import Unit
 
-    from gravcal.io.readers import tables
+    from gravcal.io.readers import records
 
-    names = [path.stem for path in Path(tables.PRODUCTS).glob("*.toml")]
+    names = [path.stem for path in Path(records.PRODUCTS).glob("*.toml")]
     assert len(names) > 20
     for name in names:
-        table = tables.product(name)
+        table = records.product(name)
         for column in (*table.columns, *table.optional, *table.repeated):
             Unit(column.units)
 

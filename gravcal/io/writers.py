@@ -15,9 +15,9 @@ import yaml
 from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.io.archive import BY
-from gravcal.io.readers.dataset import KNOWN_TIMES, TICKS, srf_names
-from gravcal.io.readers.tables import BITS, FLOATS, INTEGERS, Product, mission_of
-from gravcal.io.readers.tables import product as product_table
+from gravcal.io.readers import KNOWN_TIMES, TICKS, srf_names
+from gravcal.io.readers.records import BITS, FLOATS, INTEGERS, Product, mission_of
+from gravcal.io.readers.records import product as product_table
 
 EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
 LEVELS = {"A": "1A", "B": "1B"}

@@ -6,7 +6,8 @@ from numpy.testing import assert_array_equal
 
 from gravcal.calibrations.align import UNUSABLE
 from gravcal.errors import ProductError
-from gravcal.io.readers import dataset, read
+from gravcal.io import readers
+from gravcal.io.readers import read
 from gravcal.io.writers import write
 
 END = b"# End of YAML header\n"
@@ -60,10 +61,10 @@ REFUSED = {  # in a record of SCA1B: record, what stands there, what instead, wo
     "blank line": (4, b"", b"\n", ()),
 }
 FLAGGED = {  # in a record of SCA1B: record, what stands there, what instead, the only bit of the flag
-    "signed NaN": (3, COEFFICIENT, b"-nan", dataset.NOT_FINITE | dataset.NOT_UNIT),
-    "another satellite": (6, b" C ", b" D ", dataset.OTHER_SATELLITE),
-    "out of range": (6, b" 23 ", b" 24 ", dataset.OUT_OF_RANGE),
-    "undefined quality bit": (6, b" 00000000", b" 10000000", dataset.UNDEFINED),
+    "signed NaN": (3, COEFFICIENT, b"-nan", readers.NOT_FINITE | readers.NOT_UNIT),
+    "another satellite": (6, b" C ", b" D ", readers.OTHER_SATELLITE),
+    "out of range": (6, b" 23 ", b" 24 ", readers.OUT_OF_RANGE),
+    "undefined quality bit": (6, b" 00000000", b" 10000000", readers.UNDEFINED),
 }
 FOREIGN = {  # bytes of the whole file, from those of a right one; word of the message
     "empty": (lambda _: b"", "empty"),
@@ -158,7 +159,7 @@ def test_one_tag_of_another_time_scale_is_flagged(acceleration_file):
     _damaged(acceleration_file, lambda lines: [*lines[:-2], lines[-2].replace(b"  R  ", b"  G  "), lines[-1]])
     damaged = read(acceleration_file)
     assert (damaged["flag"].values & UNUSABLE != 0).sum() == (whole["flag"].values & UNUSABLE != 0).sum() + 1
-    assert damaged["flag"].values[-2] & dataset.OUT_OF_RANGE
+    assert damaged["flag"].values[-2] & readers.OUT_OF_RANGE
     assert np.array_equal(damaged["lin_accl_x"], whole["lin_accl_x"])
 
 
@@ -204,7 +205,7 @@ def test_values_that_are_not_finite_are_kept_and_flagged(tmp_path, acceleration,
     acceleration["lin_accl_x"][11] = value
     observed = read(write(acceleration, tmp_path / "ACC1A_2023-06-01_C_04.txt"))
     assert_array_equal(np.flatnonzero(observed.flag), [11])
-    assert observed.flag[11] == dataset.NOT_FINITE
+    assert observed.flag[11] == readers.NOT_FINITE
     assert_array_equal(observed.lin_accl_x.values, acceleration["lin_accl_x"])
     assert_array_equal(observed.lin_accl_y.values, acceleration["lin_accl_y"])
 
@@ -217,7 +218,7 @@ def test_quaternion_that_is_no_rotation_is_flagged(tmp_path, attitude):
         attitude[name][7] *= 1 + 1e-7
     attitude["quatangle"][6] = attitude["quaticoeff"][6] = 0.0
     observed = read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
-    assert_array_equal(np.flatnonzero(observed.flag == dataset.NOT_UNIT), [4, 6, 7])
+    assert_array_equal(np.flatnonzero(observed.flag == readers.NOT_UNIT), [4, 6, 7])
 
 
 def test_a_file_of_no_rotations_is_refused(tmp_path, attitude):
@@ -238,7 +239,7 @@ def test_few_digits_are_no_damage(tmp_path, attitude):
 def test_records_out_of_order_are_flagged(attitude_file):
     """Contract: the record that comes too late carries the bit, all are kept."""
     observed = read(_damaged(attitude_file, lambda x: [*x[:8], *x[9:12], x[8], *x[12:]]))
-    assert_array_equal(np.flatnonzero(observed.flag == dataset.OUT_OF_ORDER), [11])
+    assert_array_equal(np.flatnonzero(observed.flag == readers.OUT_OF_ORDER), [11])
     assert observed.sizes["record"] == 20
 
 
@@ -250,8 +251,8 @@ def test_repeated_records_are_flagged_by_their_values(attitude_file, attitude):
         return [*lines[:5], lines[4], *lines[5:13], lines[12].replace(old, b"0.11"), *lines[13:]]
 
     observed = read(_damaged(attitude_file, change))
-    assert observed.flag[5] == dataset.REPEATED
-    assert observed.flag[14] & dataset.CONFLICTING
+    assert observed.flag[5] == readers.REPEATED
+    assert observed.flag[14] & readers.CONFLICTING
     assert np.count_nonzero(observed.flag) == 2
 
 

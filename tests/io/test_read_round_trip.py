@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gravcal.errors import ProductError
-from gravcal.io.readers import read, tables
+from gravcal.io.readers import read, records
 from gravcal.io.writers import write
 
 START = 738849600
@@ -62,15 +62,15 @@ def test_headers_are_yaml_with_the_columns_of_the_table(tmp_path, acceleration):
     assert header["global_attributes"]["platform"] == "GRACE C"
     assert header["global_attributes"]["time_coverage_start"].isoformat().startswith("2023-06-01T00:00:00")
     names = [next(iter(v)) for v in header["variables"]]
-    table = tables.product("ACC1A")
+    table = records.product("ACC1A")
     assert names == [c.name for c in (*table.columns, *table.optional)] + ["statusflag"]
     assert "simulation" in header["global_attributes"]["source"]
 
 
-@pytest.mark.parametrize("name", [n for n in tables.names() if not tables.product(n).repeated])
+@pytest.mark.parametrize("name", [n for n in records.names() if not records.product(n).repeated])
 def test_every_table_writes_and_reads(tmp_path, name):
     """Analytic: two records of every product, samples of it seen or not, all optional columns present."""
-    table = tables.product(name)
+    table = records.product(name)
     satellite = "C" if table.id_name else "Y"
     columns = {}
     for column in (*table.columns, *table.optional):
