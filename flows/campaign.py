@@ -17,8 +17,7 @@ from flows import command, discover, engine
 from flows.calibration import Calibration, load
 from flows.engine import server, through_prefect
 from gravcal.errors import GravcalError, ProductError
-from gravcal.io import archive
-from gravcal.store import history, keys, location, results, schemas
+from gravcal.store import history, keys, location, product, results, schemas
 from tasks import stage
 
 #: Status of a campaign: the first of these that any event has.
@@ -101,7 +100,7 @@ def run(campaign, sources, listener=None):
         "status": next((status for status in ORDER if counts[status]), "no_data"),
         "calibration": campaign.calibration,
         "configuration": campaign.chosen.configuration,
-        "origin": archive.origins_together(row.get("origin", "") for row in rows) or archive.MEASURED,
+        "origin": product.origins_together(row.get("origin", "") for row in rows) or product.MEASURED,
         "counts": dict(counts),
         "events": rows,
     }

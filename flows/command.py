@@ -15,7 +15,7 @@ from flows.calibration import Calibration, known, load, load_all, model_text
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
 from gravcal.io import archive
-from gravcal.store import configurations, history, housekeeping, keys, location, store
+from gravcal.store import configurations, history, housekeeping, keys, location, product, store
 from gravcal.store.schemas import VERSION
 from tasks.stage import lazy
 
@@ -389,7 +389,7 @@ def origin_of(source):
     event, folder = [source] * 2 if isinstance(source, str) else (source.event, getattr(source, "folder", None))
     stated = catalog.event_origin(event)
     found = bool(folder) and not stated and Path(folder).is_dir()
-    return archive.origin_below(folder, getattr(source, "date", None)) if found else stated or archive.MEASURED
+    return archive.origin_below(folder, getattr(source, "date", None)) if found else stated or product.MEASURED
 
 
 def failed(calibration, source, error, configuration=location.OPERATIONAL):

@@ -291,7 +291,7 @@ def _origin(call, contents, stated, own):
         (stated or own or archive.origin_of(item)) if keys.is_file(item) else content.attrs.get("origin", "")
         for item, content in inputs_of
     ]
-    return archive.raised_origin(archive.origins_together(found), own)
+    return product.raised_origin(product.origins_together(found), own)
 
 
 def _of_input(error, call):

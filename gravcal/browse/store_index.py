@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from gravcal import catalog
 from gravcal.store import history, housekeeping, location, product, store
-from gravcal.store import origin as origins
+from gravcal.store.product import MEASURED, origins_together
 
 SEARCHES = ("discovery.json", "joint.json")  # documents of an event, and of all events of a satellite together
 _json = functools.lru_cache(maxsize=4096)(location.read_json)  # documents of products never change
@@ -218,11 +218,11 @@ def _result(event, calibration, own, runs):
     if together and not report:
         state, said = "all events", _json(together[-1])["verdict"]["text"]
     made_of = [one for one in own if one.ref.kind != "ingest"] or own  # files may have been read for others only
-    told = found["origin"] if found and "origin" in found else origins.together(origin(one.ref.path) for one in made_of)
+    told = found["origin"] if found and "origin" in found else origins_together(origin(one.ref.path) for one in made_of)
     made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")
     names = {"event": event, "calibration": calibration, "state": state, "mood": mood, "said": said, "made": made}
     return names | {
-        "origin": told or origins.MEASURED,
+        "origin": told or MEASURED,
         "products": len(own),
         "report": report,
         "run": run,

@@ -13,13 +13,13 @@ import re
 import tarfile
 import time
 import zlib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from gravcal.errors import GravcalError, refuse
 from gravcal.store import location, product
+from gravcal.store.product import MEASURED, SIMULATED, origins_together
 
 NAME = re.compile(
     r"(?P<product>[A-Z0-9]{5})_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[A-DXY])_(?P<release>\d{2})"
@@ -28,7 +28,6 @@ NAME = re.compile(
 FORMS = ("dat", "txt", "asc")
 ARCHIVES = (".tgz", ".tar.gz", ".tar")
 TOGETHER = {"A": "X", "B": "X", "AB": "X", "C": "Y", "D": "Y", "CD": "Y"}
-MEASURED, SIMULATED, MIXED = ORIGINS = ("measured", "simulated", "mixed")
 #: Labels in every file that gravcal simulates.
 BY = "gravcal simulation"
 LABELS = {"acknowledgement": "simulated data", "software_version": BY}
@@ -356,17 +355,6 @@ def origin_of(file: LevelOneFile) -> str:
     if file.member:
         return origin_of_header(_cut(content(file)))
     return origin_of_header(_header(file.path)) if file.name.endswith(".nc") or LEVEL_ONE.fullmatch(file.name) else ""
-
-
-def origins_together(origins: Iterable[str]) -> str:
-    """Origin of what is made of several; "" says nothing and changes nothing."""
-    distinct = {one for one in origins if one}
-    return distinct.pop() if len(distinct) == 1 else MIXED if distinct else ""
-
-
-def raised_origin(origin: str, own: str) -> str:
-    """Origin by the inputs and what a stage says itself, which may make measured simulated and never the reverse."""
-    return max(origin, own, key=("", *ORIGINS).index)
 
 
 def origin_below(folder, date: str | None) -> str:

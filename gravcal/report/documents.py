@@ -4,8 +4,8 @@ import json
 from collections.abc import Mapping, Sequence
 
 from gravcal.calibrations import checks as checking
-from gravcal.store import origin as origins
 from gravcal.store import product
+from gravcal.store.product import MEASURED, origins_together
 from gravcal.store.schemas import validate
 
 #: Statuses of documents that hold a result.
@@ -50,7 +50,7 @@ def settings_of(document: Mapping) -> Mapping:
 
 def foreword(origin: str) -> str:
     """What a verdict begins with: the origin of the data where they were not all measured."""
-    return "" if origin == origins.MEASURED else f"{origin.upper()}. "
+    return "" if origin == MEASURED else f"{origin.upper()}. "
 
 
 def said(check: checking.Check) -> str:
@@ -60,4 +60,4 @@ def said(check: checking.Check) -> str:
 
 def origin_of(products: Sequence) -> str:
     """Where the records of some products came from: "measured", "simulated", or "mixed"."""
-    return origins.together(one.attrs.get("origin", "") for one in products if one is not None) or origins.MEASURED
+    return origins_together(one.attrs.get("origin", "") for one in products if one is not None) or MEASURED

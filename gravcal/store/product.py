@@ -25,6 +25,7 @@ import hashlib
 import json
 import re
 import threading
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -47,6 +48,7 @@ LOCK = threading.RLock()
 PIECE = 1 << 20  # bytes of a compressed piece, before it is compressed
 SMALL = 4096  # bytes; below this a compressed chunk costs more than it saves
 LABEL = "_label"
+MEASURED, SIMULATED, MIXED = ORIGINS = ("measured", "simulated", "mixed")  # of records; saying nothing: measured
 _schemas = {}
 
 
@@ -296,3 +298,14 @@ def _damage_as_oserror():
 def attributes(node):
     """Attributes of a file or variable of netCDF4, plain."""
     return {name: _attribute(node.getncattr(name)) for name in node.ncattrs()}
+
+
+def origins_together(origins: Iterable[str]) -> str:
+    """Origin of what is made of several; "" says nothing and changes nothing."""
+    distinct = {one for one in origins if one}
+    return distinct.pop() if len(distinct) == 1 else MIXED if distinct else ""
+
+
+def raised_origin(origin: str, own: str) -> str:
+    """Origin by the inputs and what a stage says itself, which may make measured simulated and never the reverse."""
+    return max(origin, own, key=("", *ORIGINS).index)

@@ -13,6 +13,7 @@ from flows import engine
 from gravcal import catalog
 from gravcal.errors import CatalogError, ProductError
 from gravcal.io import archive, daily, readers, writers
+from gravcal.store import product
 from tasks.stage import read
 
 RECORDS = {"time_second": 634219200 + np.arange(3), "time_fraction": np.zeros(3)}
@@ -102,10 +103,10 @@ def test_what_holds_no_records_has_no_origin(tmp_path):
     """Contract: a gravity field makes a simulated day no mixture."""
     (tmp_path / "field.gfc").write_text("product_type gravity_field\n")
     assert archive.origin_of(daily.other_file(tmp_path / "field.gfc", "GFC", "2020-02-01")) == ""
-    assert archive.origins_together(["simulated", "", "simulated"]) == "simulated"
+    assert product.origins_together(["simulated", "", "simulated"]) == "simulated"
     assert (
-        archive.origins_together(["simulated", "measured"])
-        == archive.origins_together(["mixed", "measured"])
+        product.origins_together(["simulated", "measured"])
+        == product.origins_together(["mixed", "measured"])
         == "mixed"
     )
 
@@ -115,9 +116,9 @@ def test_what_holds_no_records_has_no_origin(tmp_path):
 )
 def test_a_stage_cannot_make_measured_of_simulated(own, expected):
     """Contract: what a stage says itself wins only upwards."""
-    assert archive.raised_origin("simulated", own) == expected
-    assert archive.raised_origin("measured", own) == (own or "measured")
-    assert archive.raised_origin("mixed", own) == "mixed"
+    assert product.raised_origin("simulated", own) == expected
+    assert product.raised_origin("measured", own) == (own or "measured")
+    assert product.raised_origin("mixed", own) == "mixed"
 
 
 def test_products_pass_it_on(pipeline):
