@@ -535,7 +535,7 @@ def fetch(
         fetched = fetching.fetch(archives, out, place, listener, fetching.Patience(tell=output.note))
     rows = [vars(one) | {"path": str(one.path)} for one in fetched]
     if output.delivered(rows, json):
-        output.table(["archive", "state", "checked by", "bytes"], [row.values() for row in rows])
+        output.table(["archive", "state", "checked by", "bytes"], [list(row.values()) for row in rows])
 
 
 @app.command()
