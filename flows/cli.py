@@ -815,8 +815,11 @@ def _document(calibration, name):
 
 def _say(document):
     mark = lambda one: "" if one["value"] == one["catalogue"] else f"catalogue: {one['catalogue']}"  # noqa: E731
-    rows = [[n, _short(e["value"]), e["unit"] or "", mark(e), ", ".join(e["stages"]), e["reason"]]
-            for n, e in document["parameters"].items()]  # fmt: skip
+    short = lambda text: text if len(text) <= 40 else text[:37] + "..."  # noqa: E731
+    rows = [
+        [n, short(str(e["value"])), e["unit"] or "", mark(e), ", ".join(e["stages"]), e["reason"]]
+        for n, e in document["parameters"].items()
+    ]
     if rows:
         output.table(["parameter", "value", "unit", "", "stages", "reason"], rows)
     for one in document["parameters"].values():
@@ -848,11 +851,6 @@ def _promoted(one):
     if not one["when"]:
         return "the catalogue"
     return f"{one['name']} is operational since {one['when'][:16].replace('T', ' ')} UTC ({one['who']}: {one['why']})"
-
-
-def _short(value):
-    text = str(value)
-    return text if len(text) <= 40 else text[:37] + "..."
 
 
 @app.command()

@@ -201,7 +201,13 @@ def many_sources(calibration, satellite, data):
     one = record(calibration)
     check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
     if data is not None:
-        days = _days(one, data, satellite)
+        if not data.is_dir():
+            raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
+        days = [day for day in one.days(data) if satellite is None or set(satellite) & set(day[1])]
+        if not days:
+            check_folder(calibration, data)
+            whose = f" of satellite {satellite}" if satellite else ""
+            raise ProductError(f"{data}: no Level-1 file that begins an event{whose}. Give another folder.")
         return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
     own = catalog.events(calibration=calibration)
     names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
@@ -215,20 +221,6 @@ def _source(calibration: Calibration, event, **where):
     except GravcalError as error:
         name = event or "-".join(str(where[part]) for part in ("satellite", "date") if where[part])
         return Refused(name, str(error), status_of(error))
-
-
-def _days(calibration: Calibration, data, satellite):
-    """Folders, satellites and dates of the events below a folder, of one satellite if it is named."""
-    if not data.is_dir():
-        raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
-    days = [day for day in calibration.days(data) if satellite is None or set(satellite) & set(day[1])]
-    if not days:
-        check_folder(calibration.name, data)
-        raise ProductError(
-            f"{data}: no Level-1 file that begins an event{f' of satellite {satellite}' if satellite else ''}. "
-            f"Give another folder."
-        )
-    return days
 
 
 def detect(calibration, source, chosen):

@@ -155,10 +155,7 @@ def satellite(name):
         key = next(named, key)
     if key not in known:
         raise _unknown("satellite", name, known, where="catalogue")
-    return _satellite(key, *read("satellites", key))
-
-
-def _satellite(key, path, content):
+    path, content = read("satellites", key)
     tables = {name: entry for name, entry in content.items() if isinstance(entry, dict)}
     heading = {name: entry for name, entry in content.items() if name not in tables}
     heading["launched"] = None if heading["launched"] == "none" else _date(heading, "launched")
@@ -489,18 +486,15 @@ class Parameters:
 def parameters(calibration):
     """Parameters of a calibration from ``catalog/parameters/<calibration>.toml``."""
     path, content = read("parameters", calibration)
-    entries = {name: _parameter(name, table, path) for name, table in content.items()}
+    entries = {}
+    for name, table in content.items():
+        stages = (table["stage"],) if isinstance(table["stage"], str) else tuple(table["stage"])
+        rest = {key: table[key] for key in ("unit", "minimum", "maximum") if key in table}
+        allowed = tuple(_typed(item, table) for item in table["allowed"]) if "allowed" in table else None
+        value = _typed(table["value"], table)
+        entries[name] = Parameter(name, value, stages, table["reason"], allowed=allowed, **rest)
+        _check(entries[name], str(path))
     return Parameters(calibration, entries)
-
-
-def _parameter(name, table, path):
-    stages = (table["stage"],) if isinstance(table["stage"], str) else tuple(table["stage"])
-    rest = {key: table[key] for key in ("unit", "minimum", "maximum") if key in table}
-    allowed = tuple(_typed(item, table) for item in table["allowed"]) if "allowed" in table else None
-    value = _typed(table["value"], table)
-    parameter = Parameter(name, value, stages, table["reason"], allowed=allowed, **rest)
-    _check(parameter, str(path))
-    return parameter
 
 
 def _typed(value, table):

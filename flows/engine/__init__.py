@@ -270,19 +270,14 @@ def _make(key, original, stages, done):
     ]
     recipe = record["recipe"]
     settings = dict(recipe["settings"]) | {"event": recipe["event"], "variant": recipe["variant"]}
-    done[key] = history.stage_of(record)(*items, **settings)
-    stages.append(_compared(record, done[key]))
-    return done[key]
-
-
-def _compared(record, made):
-    equal = made.digest == record["digest"]
+    made = done[key] = history.stage_of(record)(*items, **settings)
     anew = store.read_record(made.folder)
-    old, new = record["recipe"], anew["recipe"]
-    changed = history.changed(record, anew)
-    if old["version"] != new["version"]:
-        changed.append(f"version {old['version']} -> {new['version']}")
-    return {"stage": made.stage, "verdict": "equal" if equal else "different", "why": "; ".join(changed)}
+    changed, version = history.changed(record, anew), anew["recipe"]["version"]
+    if recipe["version"] != version:
+        changed.append(f"version {recipe['version']} -> {version}")
+    verdict = "equal" if made.digest == record["digest"] else "different"
+    stages.append({"stage": made.stage, "verdict": verdict, "why": "; ".join(changed)})
+    return made
 
 
 def _raw_file(part, label):

@@ -195,16 +195,10 @@ def holds(folder, product, satellite, date) -> bool:
 def _listing(folder):
     """Files of a folder; listed again when one of its folders or archives changed."""
     folder = Path(folder)
-    known = _listed.pop(folder, None)
-    if known is None or known.stamps != {path: _stamp(path) for path in known.stamps}:
-        known = _list(folder)
-    if max(changed for _, changed in known.stamps.values()) < time.time_ns() - SETTLED_NS:
-        _listed[folder] = known
-    return known
-
-
-def _list(folder):
-    """Look into a folder, its subfolders and archives."""
+    known = _listed.get(folder)
+    if known and known.stamps == {path: _stamp(path) for path in known.stamps}:
+        return known
+    _listed.pop(folder, None)
     if not folder.exists():
         refuse(folder, "nothing there", "a folder of Level-1 files", "Check the path.")
     folders, paths = [], [] if folder.is_dir() else [folder]
@@ -220,7 +214,10 @@ def _list(folder):
     files, index = sorted(files, key=_preference), {}
     for file in files:
         index.setdefault((file.product, file.satellite, file.date), []).append(file)
-    return Listing(tuple(files), index, stamps)
+    listed = Listing(tuple(files), index, stamps)
+    if max(changed for _, changed in stamps.values()) < time.time_ns() - SETTLED_NS:
+        _listed[folder] = listed
+    return listed
 
 
 def _stamp(path):

@@ -236,22 +236,17 @@ def write(dataset, path):
     for name, variable in labelled.variables.items():
         flags = {key: variable.attrs[key] for key in ("flag_masks", "flag_values") if key in variable.attrs}
         variable.attrs |= {key: np.asarray(value, variable.dtype) for key, value in flags.items()}
-        encoding[name] = _encoding(name, variable)
+        encoding[name] = {"_FillValue": None} if variable.dims == (name,) else {}  # no gaps to fill in a coordinate
+        if variable.dtype.kind in "iuf" and variable.nbytes >= SMALL:
+            rows = max(1, min(variable.shape[0], PIECE * variable.shape[0] // variable.nbytes))
+            pieces = {"chunksizes": (rows, *variable.shape[1:])}
+            encoding[name] |= {"zlib": True, "complevel": 1, "shuffle": True} | pieces
     try:
         with LOCK:
             labelled.to_netcdf(path, engine="netcdf4", encoding=encoding)
     except RuntimeError as error:  # netCDF4 does not say which error of the system it was: plain writing does
         path.write_bytes(bytes(dataset.nbytes + (1 << 16)))
         raise OSError(errno.EIO, str(error), str(path)) from error
-
-
-def _encoding(name, variable):
-    """How a variable is kept in the file; the coordinate of a dimension has no gaps to fill."""
-    kept = {"_FillValue": None} if variable.dims == (name,) else {}
-    if variable.dtype.kind not in "iuf" or variable.nbytes < SMALL:
-        return kept
-    rows = max(1, min(variable.shape[0], PIECE * variable.shape[0] // variable.nbytes))
-    return kept | {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": (rows, *variable.shape[1:])}
 
 
 def from_bytes(image):
