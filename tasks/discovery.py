@@ -32,7 +32,7 @@ LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     found = driver.discover(observations_of(products, observations, names, settings), _limits(limits))
-    return found.assign_attrs(records=product.digest_as_read(products[0]) if products else "")
+    return found.assign_attrs(records=product.digest(products[0]) if products else "")
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=14, also=["{observations}"])

@@ -5,23 +5,18 @@ The store decides what runs: Prefect's own cache stays off, and a product that i
 
 import functools
 import os
+from dataclasses import dataclass
 
 from flows.engine import server
 from gravcal.store.store import ProductRef
 from tasks import stage
 
 
+@dataclass(frozen=True)
 class Pending(ProductRef):
     """Reference to a product that a submitted task will give."""
 
-    __slots__ = ("future",)
-
-    @classmethod
-    def of(cls, ref, future):
-        """Reference of a call that was submitted."""
-        pending = cls(ref.event, ref.kind, ref.variant)
-        object.__setattr__(pending, "future", future)
-        return pending
+    future: object = None
 
 
 class Submitter:
@@ -34,7 +29,7 @@ class Submitter:
         """Reference to the product of a submitted task."""
         waits = [item.future if isinstance(item, Pending) else item for item in call.inputs]
         future = _task(call, self.listener).submit(*waits)
-        self.pending.append(Pending.of(call.unmade, future))
+        self.pending.append(Pending(call.event, call.stage.writes, call.variant, future=future))
         return self.pending[-1]
 
     def resolve(self, ref):

@@ -59,7 +59,7 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     numbers = json.loads(found.attrs["numbers"])
     if combined and "calibration_change" in numbers:
         numbers = _with_result(numbers, *(reported.result(one) for one in combined))
-    label = product.digest_as_read(found)[:12]
+    label = product.digest(found)[:12]
     provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
     status, checks = numbers.pop("status", "delivered"), _of_result(numbers, numbers.pop("expected", {}))
     head = {"schema_version": VERSION, "status": status, "calibration": calibration, "event": event}

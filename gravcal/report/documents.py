@@ -16,7 +16,7 @@ OPERATIONAL = "operational"
 def traced(calibration: str, products: Mapping) -> dict:
     """Provenance of a document: digests of its products {stage or "stage.variant": Dataset}, None left out."""
     known = {f"{calibration}.{name}": one for name, one in products.items() if one is not None}
-    return {"products": {name: product.digest_as_read(one)[:12] for name, one in known.items()}}
+    return {"products": {name: product.digest(one)[:12] for name, one in known.items()}}
 
 
 def delivered(document: Mapping, products: Sequence, checks: Sequence[checking.Check], schema: str = ""):

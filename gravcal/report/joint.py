@@ -77,7 +77,7 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "level": search.level,
         "provenance": {
             "settings": settings,
-            "products": {n: product.digest_as_read(p)[:12] for n, p in products.items()},
+            "products": {n: product.digest(p)[:12] for n, p in products.items()},
         },
     }
     document["verdict"] = {"text": verdict(document)}

@@ -78,19 +78,6 @@ def new_aside():
     return folder() / "tmp" / f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
 
 
-def flush(made):
-    """Bring the files of a folder and their names down to the disk.
-
-    The name under which the folder is published need not follow: should it be lost, the product is made again.
-    """
-    for path in (*made.iterdir(), made):
-        descriptor = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
 def write_json(path, value, indent=None):
     """Write a JSON value in one step, so that a reader finds the old file or the new one."""
     aside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")

@@ -42,7 +42,6 @@ TIME = {
 ANY = None  # schema of kinds whose variables differ from file to file (ingest): only the general rules hold
 STATED = ("units", "long_name", "frame")
 PROVENANCE = ("Conventions", "title", "source", "history", "gravcal_key", "gravcal_digest", "gravcal_recipe")
-DIGEST = "gravcal_digest"  # also in the encoding of a content that the store gave
 CHANGE = "Return it so, or change the schema and the version of the stage."
 LOCK = threading.RLock()
 PIECE = 1 << 20  # bytes of a compressed piece, before it is compressed
@@ -135,11 +134,6 @@ def digest(dataset):
             values = np.where(np.isnan(values), values.dtype.type(np.nan), values)
         total.update(np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"), copy=False)).data)
     return total.hexdigest()
-
-
-def digest_as_read(dataset):
-    """The same of a dataset as the store gave it, not changed since, without computing it again."""
-    return dataset.encoding.get(DIGEST) or digest(dataset)
 
 
 def provenance(recipe, key, content_digest, version):

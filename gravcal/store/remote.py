@@ -84,7 +84,6 @@ def _fetch(system, there, key):
         if reason:
             raise ProductError(f"{there}: {reason}. Push it again from the store that made it; nothing was taken.")
         os.utime(folder / "product.nc", ns=(record["mtime_ns"], record["mtime_ns"]))
-        location.flush(folder)
         store.publish(folder, key)
     finally:
         shutil.rmtree(aside, ignore_errors=True)

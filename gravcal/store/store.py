@@ -5,7 +5,7 @@
     latest/<event>/as/<NAME>/<stage>           the same of the experiment of that name
     tmp/  locks/  quarantine/  memo/           being written; who computes; set aside; what is cheap to remember
 
-A product is written aside, flushed and published by one rename of its folder, so it is there in full or not at all. A
+A product is written aside and published by one rename of its folder, so it is there in full or not at all. A
 folder counts when its record is whole, the file bears the key and digest that the record says, and has the recorded
 size and time of change; otherwise, and at every first read, the digest of the bytes decides. A record has a checksum of
 its own; it is whole when its bytes are those that were written, every part has its type, its key is that of its recipe
@@ -92,7 +92,6 @@ def load(ref):
         set_aside(ref.folder, reason or "bytes differ from the record")
         return None
     dataset = product.without_provenance(product.from_bytes(image))
-    dataset.encoding[product.DIGEST] = record["digest"]
     for variable in dataset.variables.values():
         variable.values.flags.writeable = False
     return dataset
@@ -128,7 +127,6 @@ def put(key, recipe, made, facts):
             "recipe": recipe,
         }
         (aside / "meta.json").write_bytes(sealed(record | facts))
-        location.flush(aside)
         return publish(aside, key)
     except OSError as error:
         shutil.rmtree(aside, ignore_errors=True)
