@@ -308,8 +308,7 @@ def test_of_many_events_several_are_one_task(monkeypatch):
 
     monkeypatch.setattr(prefect, "task", Task)
     monkeypatch.setattr(campaigns, "TASKS", 3)
-    monkeypatch.setattr(command, "name_of", str)
-    waiting = {number: number for number in range(7)}
+    waiting = {number: SimpleNamespace(event=str(number)) for number in range(7)}
     rows = campaigns.as_tasks(waiting, row_of)
     assert [rows[number]["event"] for number in waiting] == [str(number) for number in waiting]
     assert [(name, state.name, state.message) for name, state in states.items()] == [

@@ -10,7 +10,6 @@ import pytest
 from commands import gravcal
 
 from flows import command, engine
-from flows.engine import through_prefect
 from gravcal import catalog
 from gravcal.errors import CatalogError
 from gravcal.store import configurations, history, housekeeping, location, store
@@ -297,7 +296,7 @@ def test_tasks_of_prefect_point_the_links_of_their_configuration(fakecal, monkey
     chosen = command.recorded(command.chosen("fakecal", ["gain=3"]))
     source = command.source("fakecal", None, fakecal, None, None)
     used = []
-    monkeypatch.setattr(through_prefect, "warn", used.append)
+    monkeypatch.setattr(engine, "warn", used.append)
     engine.run(command.record("fakecal").flow, source, chosen)
     assert used == []
     assert links() == {}
