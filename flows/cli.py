@@ -463,7 +463,7 @@ def browse(
         raise typer.BadParameter(
             f"browse needs {error.name}, which is not installed; pip install 'gravcal[browse]'"
         ) from error
-    app.serve(load_all(), app.bound(host, port), host, output.say_at_once)
+    app.serve(load_all(), app.bound(host, port), host, output.say)
 
 
 @app.command()
@@ -582,7 +582,7 @@ def serve(
     arguments = {"calibration": calibration, "satellite": satellite, "settings": settings, "workers": workers}
     arguments["joint"] = joint
     pruning = {"prune_days": prune_days, "quota_gb": quota_gb}
-    servers.serve(servers.Served(cron, watched, every_s, data or watched, arguments, pruning), output.say_at_once)
+    servers.serve(servers.Served(cron, watched, every_s, data or watched, arguments, pruning), output.say)
 
 
 @products.callback(invoke_without_command=True)

@@ -8,9 +8,14 @@ import sys
 import textwrap
 import traceback
 
+import typer
+
 from gravcal.errors import NoDataError, ProductError
 from gravcal.report.documents import foreword
-from gravcal.store import location
+from gravcal.store import history, location
+from tasks.stage import lazy
+
+joint_report, plain = lazy("gravcal.report.joint"), lazy("gravcal.report.plain")
 
 AXES = "xyz"
 REASONS, SHOWN = 2, 4  # of a stage that a plan shows, and stages that one of them names
@@ -29,13 +34,8 @@ COLOURS = {
 
 
 def say(text=""):
-    """One line on standard output."""
+    """One line on standard output, at once."""
     sys.stdout.write(text + "\n")
-
-
-def say_at_once(text):
-    """One line on standard output of a process that goes on for long."""
-    say(text)
     sys.stdout.flush()
 
 
@@ -147,12 +147,14 @@ def took(seconds):
 
 def manoeuvres(document, json_path):
     """Document, or table of the manoeuvres found."""
-    from gravcal.report.plain import gps_text
-
     if not delivered(document, json_path):
         return
     rows = [
-        [f"{one.get('satellite', '')} {one['kind']}".strip(), gps_text(one["start"], 3), gps_text(one["stop"], 3)]
+        [
+            f"{one.get('satellite', '')} {one['kind']}".strip(),
+            plain.gps_text(one["start"], 3),
+            plain.gps_text(one["stop"], 3),
+        ]
         + [f"{one['start']:.3f}", f"{one['stop']:.3f}"]
         for one in document["manoeuvres"]
     ]
@@ -162,8 +164,6 @@ def manoeuvres(document, json_path):
 
 def campaign(summary, json_path):
     """Table of a campaign: what was delivered, what failed and why."""
-    from flows import engine
-
     if not delivered(summary, json_path):
         return
     names = ("event", "status", "made", "reused", "seconds")
@@ -177,7 +177,7 @@ def campaign(summary, json_path):
     answered = sum("since" in row for row in rows)
     if answered:
         say(f"{answered} failed as before: nothing they depend on has changed (--only-failed tries again)")
-    other = engine.other_versions(reason for row in rows for reason in row.get("other_versions", ()))
+    other = history.other_versions_said(reason for row in rows for reason in row.get("other_versions", ()))
     if other:
         say(other)
     if any(row.get("report") for row in rows):
@@ -187,8 +187,6 @@ def campaign(summary, json_path):
 
 def discovery(document, files, json_path):
     """Verdict, findings and where the files are."""
-    from gravcal.report import plain
-
     if not delivered(document, json_path):
         return
     say(f"{document['event']}: {document['verdict']['text']}")
@@ -206,10 +204,8 @@ def discovery(document, files, json_path):
 
 def joint(found, json_path):
     """What many events of each satellite say, and what their models share."""
-    from gravcal.report.joint import shared
-
     documents = [document | {"changes": notes} for document, _, notes in found]
-    both = shared(documents) if len(documents) > 1 else []
+    both = joint_report.shared(documents) if len(documents) > 1 else []
     if not delivered(documents[0] | ({"others": documents[1:], "shared": both} if documents[1:] else {}), json_path):
         return
     for one in found:
@@ -219,8 +215,6 @@ def joint(found, json_path):
 
 
 def _joint(document, files, notes):
-    from gravcal.report import plain
-
     say(f"{document['event']}: {document['verdict']['text']}")
     rows = []
     for one in document["causes"]:
@@ -246,8 +240,8 @@ def design(document, out, json_path):
     """Document of a design, or its manoeuvres, and its errors and odds beside those of the published session."""
     if not delivered(document, json_path):
         return
-    plain = lambda one: f"{one:.4g}" if isinstance(one, float) else str(one)  # noqa: E731
-    shown = lambda one: ", ".join(map(plain, one)) if isinstance(one, list) else plain(one)  # noqa: E731
+    short = lambda one: f"{one:.4g}" if isinstance(one, float) else str(one)  # noqa: E731
+    shown = lambda one: ", ".join(map(short, one)) if isinstance(one, list) else short(one)  # noqa: E731
     heads = ["count", "kind", *(name for name in document["manoeuvres"][0] if name not in ("count", "kind"))]
     table(heads, [[shown(one[name]) for name in heads] for one in document["manoeuvres"]])
     new, old, achieved = document["design"], document["published"], document.get("verified")
@@ -291,7 +285,7 @@ def table(heads, rows):
             for cell, width, right in zip(row, widths, numbers, strict=True)
         ]
         texts[-1] = texts[-1].rstrip()
-        say("  ".join(_painted(text, "bold" if count == 0 else "") for text in texts).rstrip())
+        say("  ".join(_painted(text, count == 0) for text in texts).rstrip())
 
 
 def named(rows, *names):
@@ -299,18 +293,11 @@ def named(rows, *names):
     table(names, [[row[name] for name in names] for row in rows])
 
 
-def coloured():
-    """Whether standard output is a terminal that shows colours and its user wants them (NO_COLOR)."""
-    return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-
-
-def _painted(text, style):
+def _painted(text, bold):
+    """Text in bold or the colour of its word, on a terminal that shows colours and whose user wants them."""
     colour = COLOURS.get(text.strip())
-    if not (style or colour) or not coloured():
-        return text
-    import typer
-
-    return typer.style(text, fg=colour, bold=style == "bold")
+    plain = not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return text if plain or not (bold or colour) else typer.style(text, fg=colour, bold=bold)
 
 
 def error(problem):

@@ -8,7 +8,6 @@ steps, ref = plan(calibrate, source, chosen)             # what would be reused 
 ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts Prefect only if there is work
 """
 
-import collections
 import contextlib
 import functools
 import os
@@ -129,7 +128,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
     """
     single_threaded()
     steps, ref = plan(body, *arguments)
-    told = other_versions(reason for step in steps if step.action == "reuse" for reason in step.reasons)
+    told = history.other_versions_said(reason for step in steps if step.action == "reuse" for reason in step.reasons)
     if told:
         warn(told)
     if ref is not None and all(step.action == "reuse" for step in steps):
@@ -232,13 +231,6 @@ class Planner:
 def remake_versions(wanted):
     """Let products that other versions of numpy, scipy or numba made be made again from now on, or not; also below."""
     os.environ[history.REMAKE] = "1" if wanted else "0"
-
-
-def other_versions(reasons):
-    """Sentence on the products of other versions that are reused, "" where there are none."""
-    counts = collections.Counter(reasons)
-    said = "; ".join(f"{count} {reason}" for reason, count in counts.items())
-    return f"products reused: {said}. --remake-versions makes them again." if said else ""
 
 
 def warn(message):

@@ -69,7 +69,8 @@ def read_line(line):
     fields = line.split(maxsplit=4)
     if fields and fields[0] == "x":
         return None
-    wrong = functools.partial(refuse, _where(line), expected=EXPECTED, remedy="Correct the line.")
+    where = f"sequence-of-events line {line.strip()!r}"
+    wrong = functools.partial(refuse, where, expected=EXPECTED, remedy="Correct the line.")
     if len(fields) < 4 or fields[1] not in SPACECRAFT:
         wrong(f"{len(fields)} fields")
     try:
@@ -117,10 +118,6 @@ def in_force(entries, name, satellite, time):
     """Entry of this name and satellite that holds at a GPS second, None before the first."""
     fits = [e for e in entries if (e.name, e.satellite) == (name, satellite) and e.time <= time]
     return fits[-1] if fits else None
-
-
-def _where(line):
-    return f"sequence-of-events line {line.strip()!r}"
 
 
 def write_vector_file(path, time, satellite, vector_b, source=""):

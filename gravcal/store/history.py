@@ -7,6 +7,7 @@ The store says what there is; only the run knows what it found there already. ``
 fails after one that did not, such as one from a folder without the files, takes nothing from that: it stands beside it.
 """
 
+import collections
 import contextlib
 import datetime
 import importlib
@@ -40,6 +41,13 @@ def other_versions(ref):
     made, here = (store.read_record(ref.folder) or {}).get("versions", {}), keys.versions()
     other = [name for name in NUMERICAL if made.get(name, here[name]) != here[name]]
     return [f"made by {name} {made[name]}, here {here[name]}" for name in other]
+
+
+def other_versions_said(reasons):
+    """Sentence on the products of other versions that are reused, "" where there are none."""
+    counts = collections.Counter(reasons)
+    said = "; ".join(f"{count} {reason}" for reason, count in counts.items())
+    return f"products reused: {said}. --remake-versions makes them again." if said else ""
 
 
 def remakes_versions():
