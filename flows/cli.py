@@ -234,7 +234,7 @@ def _prepared(calibration, event, data, satellite, date, settings, model, as_, j
     chosen = command.chosen(calibration, settings, model, as_)
     with _failures(calibration, event or str(data), json, chosen.configuration):
         source = command.source(calibration, event, data, satellite, date)
-        return source, command.recorded(chosen)
+        return source, configurations.record(chosen)
 
 
 @app.command()
@@ -294,7 +294,7 @@ def detect(
     ] = False,
 ) -> None:
     """Find the manoeuvres in the data of an event or folder."""
-    chosen = command.recorded(command.chosen(calibration, settings))
+    chosen = configurations.record(command.chosen(calibration, settings))
     source = command.source(calibration, event, data, satellite, date)
     document = command.detect(calibration, source, chosen)
     output.manoeuvres(document, json)
@@ -339,7 +339,7 @@ def discover(
     elif event or data or satellite or date or model:
         raise typer.BadParameter(f"{calibration} is a study of printed numbers: it takes no event, folder or model")
     else:
-        source, chosen = study, command.recorded(command.configured(calibration, settings, None, as_))
+        source, chosen = study, configurations.record(command.configured(calibration, settings, None, as_))
     with _failures(calibration, source, json, chosen.configuration):
         document, files = command.discover(calibration, source, chosen, engine, limits)
     files += [shutil.copy(path, out) for path in files if out and path.name == "discovery.html"]
@@ -350,7 +350,7 @@ def discover(
 def _joint(calibration, satellite, data, given, events, engine, workers, out, json):
     """Search many events together, and say what that found and what has changed since the last time."""
     command.check_searched(calibration)
-    chosen = command.recorded(command.chosen(calibration, *given))
+    chosen = configurations.record(command.chosen(calibration, *given))
     named = [one.strip() for one in events.split(",") if one.strip()]
     found = joint_searches.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
     for document, files, _ in found if out else ():
@@ -486,7 +486,7 @@ def campaign(
     """Calibrate all events of a satellite, in parallel; a failed event is tabulated and stops no other."""
     chosen = command.chosen(calibration, settings, model, as_)
     sources = command.many_sources(calibration, satellite, data)
-    command.recorded(chosen)
+    configurations.record(chosen)
     if search or limits:
         command.check_searched(calibration)
     wanted = "limits" if limits else "discover" if search else ""
@@ -602,22 +602,21 @@ def list_products(
 ) -> None:
     """List the products of the store."""
     found = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_)
-    document = [_summary(entry) for entry in found]
+    facts = ("key", "digest", "bytes", "seconds", "made", "machine", "stage")
+    document = [
+        {
+            "product": entry.ref.name,
+            "path": str(entry.ref.path),
+            "newest": entry.newest,
+            "configurations": list(entry.configurations),
+        }
+        | {name: entry.record.get(name) for name in facts}
+        for entry in found
+    ]
     if output.delivered(document, json):
         names = ("bytes", "seconds", "made")
         rows = [[e.ref.name, e.ref.key[:12], *(e.record[n] for n in names), ", ".join(e.configurations)] for e in found]
         output.table(["product", "key", *names, "configuration"], rows)
-
-
-def _summary(entry):
-    names = ("key", "digest", "bytes", "seconds", "made", "machine", "stage")
-    known = {name: entry.record.get(name) for name in names}
-    return {
-        "product": entry.ref.name,
-        "path": str(entry.ref.path),
-        "newest": entry.newest,
-        "configurations": list(entry.configurations),
-    } | known
 
 
 @products.command()
@@ -785,13 +784,6 @@ def settings(
         configurations.forget(calibration, name or "")
         output.say(f"{calibration}: {name} is forgotten; gravcal products prune removes what only it used")
         return
-    document = _document(calibration, name)
-    if output.delivered(document, json):
-        _say(document)
-
-
-def _document(calibration, name):
-    """Parameters, operational configuration and experiments, or only what is named."""
     known = {one: configurations.settings_of(calibration, one) for one in configurations.names(calibration)}
     plain, used = catalog.parameters(calibration), configurations.chosen(calibration, {})
     names, shown = list(plain.entries), known
@@ -809,24 +801,28 @@ def _document(calibration, name):
     }
     if name in entries:
         entries[name]["reaches"] = command.reached(calibration, name)
-    head = {"calibration": calibration, "operational": configurations.operational(calibration)}
-    return head | {"promotions": configurations.promotions(calibration), "parameters": entries, "configurations": shown}
-
-
-def _say(document):
+    document = {
+        "calibration": calibration,
+        "operational": configurations.operational(calibration),
+        "promotions": configurations.promotions(calibration),
+        "parameters": entries,
+        "configurations": shown,
+    }
+    if not output.delivered(document, json):
+        return
     mark = lambda one: "" if one["value"] == one["catalogue"] else f"catalogue: {one['catalogue']}"  # noqa: E731
     short = lambda text: text if len(text) <= 40 else text[:37] + "..."  # noqa: E731
     rows = [
         [n, short(str(e["value"])), e["unit"] or "", mark(e), ", ".join(e["stages"]), e["reason"]]
-        for n, e in document["parameters"].items()
+        for n, e in entries.items()
     ]
     if rows:
         output.table(["parameter", "value", "unit", "", "stages", "reason"], rows)
-    for one in document["parameters"].values():
+    for one in entries.values():
         if one.get("reaches"):
             output.say(f"another value makes again: {', '.join(one['reaches'])}")
     output.say(f"operational: {_promoted(document['operational'])}")
-    rows = [[name, ", ".join(configurations.said(given))] for name, given in document["configurations"].items()]
+    rows = [[name, ", ".join(configurations.said(given))] for name, given in shown.items()]
     if rows:
         output.table(["configuration", "differs from the catalogue in"], rows)
 
@@ -902,7 +898,8 @@ def results(
     json: Json = None,
 ) -> None:
     """List all delivered values with their errors; as CSV or JSON with links to report, document and product."""
-    rows = command.results(calibration)
+    chosen = {calibration: command.record(calibration)} if calibration else load_all()
+    rows = timeline.delivered(chosen, lambda entry, name: (entry.ref.folder / name).as_uri())
     if out is not None:
         out.write_text(timeline.csv_of(rows), encoding="utf-8")
     if output.delivered(rows, json):
@@ -931,9 +928,7 @@ def events(
 
 
 @app.command()
-def effects(
-    json: Json = None,
-) -> None:
+def effects(json: Json = None) -> None:
     """List the effects that a simulation can hide, an estimator fit and discovery name."""
     entries = [
         {

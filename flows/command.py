@@ -58,12 +58,6 @@ def configured(calibration, settings, model=None, name=None):
         raise
 
 
-def recorded(chosen):
-    """The same parameters; an experiment is recorded under its name."""
-    configurations.record(chosen)
-    return chosen
-
-
 def pairs(texts):
     """Mapping of key=value texts; a text without "=" is wrong usage."""
     found = {}
@@ -243,12 +237,6 @@ def series(calibration, satellite):
     points += [point for letter in letters for point in timeline.printed_points(one, letter)]
     trims = [(letter, trim) for letter in letters if one.trims for trim in timeline.trims(letter)]
     return report_history.history(one.quantity, points, trims, one.band)
-
-
-def results(calibration=None):
-    """Rows of all delivered values with links to files, of one calibration if it is named."""
-    chosen = {calibration: record(calibration)} if calibration else load_all()
-    return timeline.delivered(chosen, lambda entry, name: (entry.ref.folder / name).as_uri())
 
 
 def simulate(calibration, out, seed_truth, effects, settings):

@@ -14,7 +14,7 @@ from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.io import archive, fetch
 from gravcal.report import pages
-from gravcal.store import schemas
+from gravcal.store import configurations, schemas
 
 RUNS = ("as_printed", "corrected")
 HEADS = ("printed", "as printed, recomputed", "corrected")
@@ -71,7 +71,7 @@ def _run(one, paper, folder, run, out):
     truth = out.parent / f"truth_{paper['days'][0]}.nc"
     settings += [f"truth={truth}"] if truth.is_file() else []  # series of a simulated day
     name = run if run == "as_printed" and paper["as_printed"] else None
-    chosen = command.recorded(command.configured(one.name, settings, None, name))
+    chosen = configurations.record(command.configured(one.name, settings, None, name))
     date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     source = command.source(one.name, None, folder, paper["satellite"], date)
     document, ref = command.calibrate(one.name, source, chosen, "inline")

@@ -22,7 +22,7 @@ from flows.calibration import load
 from flows.engine import server
 from gravcal.errors import GravcalError
 from gravcal.io import archive
-from gravcal.store import housekeeping, location
+from gravcal.store import configurations, housekeeping, location
 
 REPORTS = "GRAVCAL_REPORTS"  # addresses under which the store's objects are served, if they are
 REGISTERED = "GRAVCAL_REGISTERED"  # deployments as gravcal serve registered them, if it started this run
@@ -97,7 +97,7 @@ def refusal():
 
 def _campaign(calibration, satellite, data, settings, workers, joint):
     """State of a campaign inside the flow that is running; then what its events say together is written."""
-    chosen = command.recorded(command.chosen(calibration, settings))
+    chosen = configurations.record(command.chosen(calibration, settings))
     sources = command.many_sources(calibration, satellite, Path(data) if data else None)
     seen = itertools.count()
 

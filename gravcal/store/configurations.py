@@ -62,12 +62,12 @@ def changes(chosen):
 
 
 def record(chosen):
-    """Keep what the experiment of these parameters stands for; the operational configuration needs no record."""
+    """The same parameters; what an experiment stands for is kept, the operational configuration needs no record."""
     name = chosen.configuration
-    if name in (OPERATIONAL, CATALOGUE) or _recorded(chosen.calibration, name) is not None:
-        return
-    kept = {"calibration": chosen.calibration, "name": name, "settings": changes(chosen), "recorded": _now()}
-    location.write_json(_path(chosen.calibration, name), kept, indent=1)
+    if name not in (OPERATIONAL, CATALOGUE) and _recorded(chosen.calibration, name) is None:
+        kept = {"calibration": chosen.calibration, "name": name, "settings": changes(chosen), "recorded": _now()}
+        location.write_json(_path(chosen.calibration, name), kept, indent=1)
+    return chosen
 
 
 def names(calibration):

@@ -293,7 +293,7 @@ def test_a_campaign_of_an_experiment_leaves_the_delivery(run, fakecal, pipeline,
 def test_tasks_of_prefect_point_the_links_of_their_configuration(fakecal, monkeypatch, prefect_home):
     """Contract: the engine that submits stages to threads of Prefect."""
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home))
-    chosen = command.recorded(command.chosen("fakecal", ["gain=3"]))
+    chosen = configurations.record(command.chosen("fakecal", ["gain=3"]))
     source = command.source("fakecal", None, fakecal, None, None)
     used = []
     monkeypatch.setattr(engine, "warn", used.append)

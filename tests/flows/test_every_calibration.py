@@ -23,7 +23,7 @@ from flows.engine import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
 from gravcal.io import archive
-from gravcal.store import housekeeping, keys, location
+from gravcal.store import configurations, housekeeping, keys, location
 from tasks import stage
 
 #: Calibration: what makes its simulated event small.
@@ -123,7 +123,7 @@ def test_an_experiment_is_said_in_document_and_page(name, level_one):
     assert [f"Experiment {configuration}" in page for page in pages] == [False, True]
     shared = [link.name for link in folder.glob("*.*") if link.readlink().name == before[link.name].name]
     assert len(shared) == len(list(folder.glob("*.*"))) - row["made"] > 0
-    command.recorded(command.chosen(name, [WHAT_IF[name]]))
+    configurations.record(command.chosen(name, [WHAT_IF[name]]))
     compared = command.compare(name, "operational", configuration, row["event"].split("-")[1][0].upper())
     (one,) = compared["events"]
     assert list(one["settings"]) == [WHAT_IF[name].partition("=")[0]]
