@@ -110,15 +110,33 @@ def left(body, *arguments, again=False):
     """What a flow has left to make; nothing is computed."""
     with location.configured(configuration_of(arguments)):
         failure = None if again else history.failure(_event(arguments), body.flow_name)
-    seeker = Seeker(failure)
-    with stage.using(seeker):
+    found = []
+
+    def look_up(call):
+        """A file of which there never was a product is not read, unless the last run failed: who makes one reads it."""
+        name = call.unmade
+        new = any(keys.is_file(item) for item in call.inputs) and store.newest_record(name.event, name.stage) is None
+        if new and not failure:
+            raise Unknown(f"{name.stage} was never made", event=call.event)
+        key = keys.key(stage.recipe(call)[0])
+        ref = stage.usable(key)
+        if not ref and failure and key == failure["failed_key"]:
+            raise FailsAgain(f"{name.stage} fails as before", event=call.event)
+        if not ref:
+            raise Unknown(f"{name.stage} is to be made", event=call.event)
+        store.point(ref)
+        found.append((call, ref))
+        return ref
+
+    look_up.computes = False
+    with stage.using(look_up):
         try:
             ref = body(*arguments)
         except FailsAgain:
-            return Left(None, seeker.found, failure)
+            return Left(None, found, failure)
         except Unknown:
-            return Left(None, seeker.found)
-    return Left(None if ref.digest is None else ref, seeker.found)
+            return Left(None, found)
+    return Left(None if ref.digest is None else ref, found)
 
 
 def run(body, *arguments, engine="prefect", listener=None, server=None):
@@ -156,9 +174,9 @@ def attempt(part):
 
     In a plan only what can be said without computing is one, such as a file that is missing.
     """
-    thought = isinstance(stage.current(), (Planner, Seeker))
+    computes = getattr(stage.current(), "computes", True)
     try:
-        with contextlib.nullcontext() if thought else stage.using(stage.inline):
+        with stage.using(stage.inline) if computes else contextlib.nullcontext():
             return part()
     except (Unknown, FailsAgain):
         raise
@@ -170,34 +188,10 @@ def _event(arguments):
     return getattr(arguments[0], "event", None) if arguments else None
 
 
-class Seeker:
-    """Engine that makes nothing: what is there."""
-
-    def __init__(self, failure=None):
-        self.found, self.failure = [], failure
-
-    def __call__(self, call):
-        """Reference of the product; what is not there ends the search.
-
-        A file of which there never was a product is not read, unless the last run failed: who makes one reads it.
-        """
-        name = call.unmade
-        new = any(keys.is_file(item) for item in call.inputs) and store.newest_record(name.event, name.stage) is None
-        if new and not self.failure:
-            raise Unknown(f"{name.stage} was never made", event=call.event)
-        key = keys.key(stage.recipe(call)[0])
-        ref = stage.usable(key)
-        if not ref and self.failure and key == self.failure["failed_key"]:
-            raise FailsAgain(f"{name.stage} fails as before", event=call.event)
-        if not ref:
-            raise Unknown(f"{name.stage} is to be made", event=call.event)
-        store.point(ref)
-        self.found.append((call, ref))
-        return ref
-
-
 class Planner:
     """Engine that makes nothing and notes what would be made."""
+
+    computes = False
 
     def __init__(self):
         self.steps = []
@@ -208,24 +202,22 @@ class Planner:
         unknown = [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
         found = None if unknown else store.find(keys.key(recipe))
         other = tuple(history.other_versions(found)) if found else ()
+        ref = call.unmade
         if found and not (other and history.remakes_versions()):
-            self._note(call, "reuse", other, found)
-            return found
-        reasons = other or history.why(recipe, modules)
-        if unknown and not reasons:
-            self._note(call, "may run", (f"after {', '.join(dict.fromkeys(unknown))}",), call.unmade)
+            action, reasons, ref = "reuse", other, found
         else:
-            self._note(call, "run", tuple(reasons) or ("made before with another result",), call.unmade)
-        return call.unmade
+            action, reasons = "run", tuple(other or history.why(recipe, modules))
+            if unknown and not reasons:
+                action, reasons = "may run", (f"after {', '.join(dict.fromkeys(unknown))}",)
+        reasons = reasons or (("made before with another result",) if action == "run" else ())
+        self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref))
+        return ref
 
     def resolve(self, ref):
         """The reference itself if its product is there; otherwise the plan ends here."""
         if ref.digest is None:
             raise Unknown(f"after {ref.stage}", event=ref.event)
         return ref
-
-    def _note(self, call, action, reasons, ref):
-        self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref))
 
 
 def remake_versions(wanted):
