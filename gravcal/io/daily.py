@@ -7,6 +7,7 @@ past 2000-01-01 12:00:00.
 
 import functools
 import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date, datetime, timedelta
 from pathlib import Path
@@ -28,27 +29,13 @@ NAME = re.compile(
     r"(?P<product>IS1|ATT|ORB|SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[ST])_(?P<release>\d{2})\.nc"
 )
 VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
-#: Layout of each product: dimensions, unit, meaning.
+TABLES = tomllib.loads(Path(__file__).with_name("daily.toml").read_text(encoding="utf-8"))
+#: Layout of each product: dimensions, unit, meaning of its variables; that of "DRAG" is added to a file of truth.
 LAYOUTS = {
-    "IS1": {name: (("time",), "V", "actuation voltage") for name in VOLTAGES},
-    "ATT": {
-        "q": (("time", "element"), "1", "attitude of the sensor frame, scalar first, rotation from inertial to sensor")
-    },
-    "ORB": {
-        "position": (("time", "axis"), "m", "position of the centre of mass"),
-        "velocity": (("time", "axis"), "m s-1", "velocity of the centre of mass"),
-    },
-    "SGRS": {
-        "linear": (("time", "sensor", "axis"), "m s-2", "test mass relative to the spacecraft, in b"),
-        "angular": (("time", "sensor", "axis"), "rad s-2", "test mass relative to the spacecraft, in b"),
-        "q": (("time", "element"), "1", "attitude, scalar first, rotation from inertial to b"),
-        "position": (("time", "axis"), "m", "centre of mass, inertial"),
-        "velocity": (("time", "axis"), "m s-1", "centre of mass, inertial"),
-        "sensor_position": (("sensor", "axis"), "m", "centre of mass to test mass, in b"),
-    },
+    name: {part: (tuple(dims.split()), *rest) for part, (dims, *rest) in table.items()}
+    for name, table in TABLES.items()
 }
 INERTIAL = ("IS1", "ATT", "ORB")
-DRAG = {"drag": (("time", "axis"), "m s-2", "non-gravitational acceleration of the centre of mass, true, in b")}
 
 
 def inventory(folder) -> list[LevelOneFile]:
@@ -132,7 +119,7 @@ def between(files: Sequence[LevelOneFile]) -> list[Callable]:
 
 def read_sgrs(file: LevelOneFile, truth: bool = False):
     """Content of an SGRS file, checked, as a Dataset "ingest"; of a file of truth with the drag."""
-    layout = LAYOUTS["SGRS"] | (DRAG if truth else {})
+    layout = LAYOUTS["SGRS"] | (LAYOUTS["DRAG"] if truth else {})
     time, values = _records(file, layout)
     for name, limit in BEYOND.items():
         values[name] = np.where((np.abs(values[name]) < limit).all(axis=1, keepdims=True), values[name], np.nan)
@@ -262,5 +249,5 @@ def write(folder, name: str, record: Mapping[str, np.ndarray]) -> list[Path]:
 
 def write_sgrs(path, columns: Mapping) -> Path:
     """Write an SGRS file: {"time" (n,) s, and the values of its layout}; with "drag" it is a file of truth."""
-    layout = LAYOUTS["SGRS"] | (DRAG if "drag" in columns else {})
+    layout = LAYOUTS["SGRS"] | (LAYOUTS["DRAG"] if "drag" in columns else {})
     return _write(path, columns["time"], columns, layout, {"satellite": "S-GRS", "product": "SGRS"})

@@ -18,27 +18,7 @@ import yaml
 from gravcal.errors import refuse
 
 PRODUCTS = Path(__file__).with_name("products")
-SI_UNITS = {
-    "": "1",
-    "seconds": "s",
-    "second": "s",
-    "microseconds": "us",
-    "nanoseconds": "ns",
-    "milliseconds": "ms",
-    "m/s": "m s-1",
-    "m/s2": "m s-2",
-    "rad/s2": "rad s-2",
-    "s/s": "s s-1",
-    "microTesla": "uT",
-    "microrad": "urad",
-    "degrees": "degree",
-    "degrees N": "degree",
-    "degrees E": "degree",
-    "degrees C": "degC",
-    "V/V": "V V-1",
-    "0.1 db-Hz": "0.01 lg(re 1 Hz)",
-    "db-Hz": "0.1 lg(re 1 Hz)",
-}
+SI_UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
 BITS = {"b8": "u1", "b16": "u2", "b32": "u4"}
 INTEGERS = ("i1", "i4", "u1", "u2", "u4")
 FLOATS = ("f4", "f8")
