@@ -5,10 +5,14 @@ Contributions are (n, sensors, 3), as an accelerometer reads them. The context h
 pressure that is not where it is stated is `torque.aerodynamic`.
 """
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
-from gravcal.effects.base import Context, Laws, Parameter, axes
-from gravcal.physics.sensing import offset_tensor
+from gravcal.effects.base import Context, Effect, Laws, Parameter, axes
+from gravcal.physics import frames, gravity, gravity_field
+from gravcal.physics.sensing import offset_tensor, proof_mass_reading
 
 SOURCE = "S-GRS paper, eqs. 4-10 (errata S-2, S-3, S-5)"
 EFFECTS = Laws()
@@ -20,8 +24,7 @@ _PLACE = axes("", "m", "distance of both test masses from their place along", 1e
 @law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)
 def _mounting(context: Context, values):
     """Both sensors moved by the same vector: what eq. 10 takes to be zero, as an accelerometer reads it."""
-    tensor = offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
-    return _each(context, np.matvec(tensor, values))
+    return _each(context, np.matvec(tensor(context), values))
 
 
 _SHARE = (Parameter("scale", "1", "relative excess of the gravity gradient", 1e-3),)
@@ -43,8 +46,14 @@ _WAVE = (
 @law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)
 def _tesseral(context: Context, values):
     """Gradient of coefficients that the model does not know, felt at each sensor's place."""
-    tensor = np.einsum("p,npij->nij", np.asarray(values, dtype=float), context.extra["tesseral_b"])
-    return np.stack([-np.matvec(tensor, place) for place in context.extra["positions"]], axis=1)
+    excess = np.einsum("p,npij->nij", np.asarray(values, dtype=float), context.extra["tesseral_b"])
+    return np.stack([-np.matvec(excess, place) for place in context.extra["positions"]], axis=1)
+
+
+def tesseral(position_e: np.ndarray, R_be: np.ndarray, degree: int = 2, order: int = 2) -> np.ndarray:
+    """Gravity gradient (n, 2, 3, 3) s-2 in b of C_nm = 1 and of S_nm = 1 at positions (n, 3) m, from R_be (n, 3, 3)."""
+    both = gravity_field.tesseral_gradient_e(position_e, degree, order)
+    return np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
 
 
 _BIAS = axes("", "rad s-2", "constant angular reading about", 1e-9)
@@ -58,3 +67,49 @@ def _angular_bias(context: Context, values):
 def _each(context, reading):
     """The same reading for every sensor, (n, sensors, 3)."""
     return np.repeat(reading[:, None, :], len(context.extra["positions"]), axis=1)
+
+
+def readings(about: Context, entry: Effect, law: Callable) -> dict[str, np.ndarray]:
+    """What a law of an effect adds to the readings of each sensor, {"linear", "angular": (n, sensors or 1, 3, ...)}."""
+    if entry.channel in ("linear_each_b", "angular_each_b"):
+        return {entry.channel.removesuffix("_each_b"): law(about)}
+    return {"angular": law(replace(about, angular_b=about.rate_dot_b))[:, None]} if entry.channel == "angular_b" else {}
+
+
+def added_to_channels(about: Context, entry: Effect) -> dict[str, np.ndarray]:
+    """What an effect adds to what sensors show of each other by each parameter, {channel: (n, 3, q)}, SI.
+
+    Channels are the difference of both "linear" readings, the "attitude" by the star camera against the angular ones,
+    rad s-2, and the "torque" that gravity gradient and control leave, N m. Files hold minus a reading.
+    """
+    each = readings(about, entry, entry.columns)
+    if "linear" in each:
+        first, last = each["linear"][:, 0], each["linear"][:, -1]
+        return {"linear": last - first}
+    if "angular" in each:
+        return {"attitude": -each["angular"].mean(axis=1)}
+    if entry.channel == "torque_b":
+        return {"torque": entry.columns(about)}
+    if entry.channel == "dipole_b":
+        return {"torque": np.cross(entry.columns(about), about.field_b[:, :, None], axis=1)}
+    # a star camera that is turned: what it calls b is not the frame that the sensors read in
+    turned = {"attitude": np.moveaxis(np.cross(about.rate_dot_b[:, None], np.eye(3)), 1, 2)}
+    if len(about.extra["positions"]) == 2:
+        T, crosses = tensor(about), [frames.cross_matrix(axis) for axis in np.eye(3)]
+        turned["linear"] = np.stack([np.matvec(T @ c - c @ T, apart(about)) for c in crosses], axis=2)
+    return turned
+
+
+def apart(about: Context) -> np.ndarray:
+    """Vector (3,) m from the second sensor to the first."""
+    return about.extra["positions"][0] - about.extra["positions"][1]
+
+
+def tensor(about: Context) -> np.ndarray:
+    """Tensor (n, 3, 3) s-2 of the offset of a sensor."""
+    return offset_tensor(about.rate_b, about.rate_dot_b, about.gradient_b)
+
+
+def reading_of(about: Context, sensor: int) -> np.ndarray:
+    """What the model says an accelerometer in the place of a sensor reads, (n, 3) m s-2."""
+    return proof_mass_reading(about.extra["non_gravitational_b"], tensor(about), about.extra["positions"][sensor])

@@ -46,6 +46,50 @@ def lagged(commanded, decay):
     return out
 
 
+def lag_missing(edges: np.ndarray, dipole_b: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:
+    """Dipole (m + 1, 3) that lagging rods miss after each edge (m + 1,) s of a commanded one (m, 3), and its jump."""
+    jump = np.diff(dipole_b, axis=0, prepend=np.zeros((1, 3)), append=np.zeros((1, 3)))
+    missing, decay = jump.copy(), np.exp(-np.diff(edges) / tau)
+    for k in range(1, len(jump)):
+        missing[k] += missing[k - 1] * decay[k - 1]
+    return missing, jump
+
+
+@njit(cache=True)
+def lagging(time, edges, dipole, missing, tau, leads):
+    """Dipole (n, 3, q) of lagging rods at increasing epochs, for each lead."""
+    out = np.zeros((time.size, 3, leads.size))
+    for q in range(leads.size):
+        last = -1
+        for k in range(time.size):
+            at = time[k] + leads[q]
+            while last + 1 < edges.size and edges[last + 1] <= at:
+                last += 1
+            if last < 0:
+                continue
+            left = np.exp(-(at - edges[last]) / tau)
+            for axis in range(3):
+                commanded = dipole[last, axis] if last < dipole.shape[0] else 0.0
+                out[k, axis, q] = commanded - missing[last, axis] * left
+    return out
+
+
+def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.ndarray, tau: float) -> np.ndarray:
+    """Dipole (n, 3) A m2 s2, twice integrated, of lagging rods less that of edges later by the lag; all shifted.
+
+    A time t after its edge a jump D has turned the body by D (t2 / 2 - tau t + tau2 (1 - exp(-t / tau))), one that is
+    late by tau by D (t - tau)2 / 2 once it has happened.
+    """
+    missing, jump = lag_missing(edges, dipole_b, tau)
+    edges = edges + (shift - tau)
+    last = np.searchsorted(edges, time, side="right") - 1
+    since = np.where(last >= 0, time - edges[last], np.inf)[:, None]
+    early = np.where(since < tau, (np.minimum(since, tau) - tau) ** 2 / 2, 0.0) * jump[last]
+    inside = ((last >= 0) & (last < len(dipole_b)))[:, None]
+    settled = tau**2 / 2 * np.where(inside, dipole_b[np.clip(last, 0, len(dipole_b) - 1)], 0.0)
+    return settled - tau**2 * missing[last] * np.exp(-since / tau) + early
+
+
 _LIMIT = Parameter("limit", "A m2", "largest dipole of a rod", 1.0, neutral=np.inf)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
 from gravcal.effects import Context
-from gravcal.effects.gradient import EFFECTS
+from gravcal.effects.gradient import EFFECTS, tesseral
 from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, magnetic, sensing
 from gravcal.physics.constants import EARTH_RADIUS
 from gravcal.simulation import added, flight, within
@@ -193,8 +193,7 @@ def _readings(motion, body, drag, effects):
     if "gradient.tesseral" in effects:
         R_ei = earth.R_ei(motion.time)
         R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(R_ei, -1, -2)
-        both = gravity_field.tesseral_gradient_e(np.matvec(R_ei, motion.state_i[:, :3]))
-        context.extra["tesseral_b"] = np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
+        context.extra["tesseral_b"] = tesseral(np.matvec(R_ei, motion.state_i[:, :3]), R_be)
     linear = linear - added(effects, "linear_each_b", context)
     return linear, angular - added(effects, "angular_each_b", context)
 

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gravcal import catalog
+from gravcal.effects import effect
 from gravcal.errors import CatalogError
 
 DEMO = """
@@ -126,6 +127,12 @@ def test_the_prior_of_the_torque_scale_covers_those_of_dipole_and_inertia():
         dipole = satellite.dipole_per_current.sigma / satellite.dipole_per_current.value
         inertia = np.diag(satellite.inertia.sigma) / np.diag(satellite.inertia.value)
         assert_allclose(catalog.parameters("com_offset").torque_scale_sigma, np.hypot(dipole, inertia), atol=0.01)
+
+
+def test_the_prior_of_the_angular_scale_is_the_plausible_size_of_its_effect():
+    """Contract: estimator and discovery take the scale of the angular accelerometer for as uncertain."""
+    sizes = {one.prior_sigma for one in effect("accelerometer.angular_scale").parameters}
+    assert sizes == {catalog.parameters("com_offset").angular_scale_sigma}
 
 
 @pytest.mark.parametrize(

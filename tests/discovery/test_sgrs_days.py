@@ -7,7 +7,7 @@ from draws import ALARM, clean
 
 from flows import gradient_torque
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import observations
+from gravcal.calibrations.gradient_torque import noise, observations
 from gravcal.estimation.records import Entry, Parameter
 from gravcal.physics import frames, gravity, gravity_field
 from gravcal.store import product
@@ -141,11 +141,11 @@ def test_a_constant_angular_acceleration_turns_by_half_its_square_of_time():
     for rate in (0.0, 1.1e-3):
         angles = np.outer(time, [0.0, rate, 0.0])
         R_bi = np.swapaxes(frames.R_bi_from_quaternion(frames.from_rotation_vector(-angles)), 1, 2)
-        grown = observations.integrated(time, R_bi, turn)
+        grown = noise.integrated(time, R_bi, turn)
         assert np.allclose(grown[:, 1, 0], 1e-9 * time**2, rtol=1e-6, atol=1e-12)
 
 
 def test_means_leave_out_what_is_missing():
     """Analytic: of the samples that are there; nothing where none is."""
     values = np.array([1.0, np.nan, 3.0, 5.0, np.nan, np.nan, 7.0])
-    assert np.array_equal(observations.means(values, 2), [1.0, 4.0, np.nan], equal_nan=True)
+    assert np.array_equal(noise.means(values, 2), [1.0, 4.0, np.nan], equal_nan=True)

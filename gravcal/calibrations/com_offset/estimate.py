@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build, replaced, widened
-from gravcal.calibrations.com_offset.model import VARIANTS, arrays, of_rotation, reading, samples, where
+from gravcal.calibrations.com_offset.model import VARIANTS, arrays, reading, samples, where
 from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares
@@ -139,7 +139,8 @@ def _block(given, index, settings):
         return None
     time, still = given["epoch"][inside], given["still"][inside]
     driven, modes = given["driven_b"][:, inside], given["mode"][:, inside]
-    turning = list(of_rotation(time, np.concatenate([given["rate_dot_b"][None, inside], driven, modes])))
+    rate_dot = np.concatenate([given["rate_dot_b"][None, inside], driven, modes])
+    turning = list(-sensing.rotation_tensor(np.zeros(3), rate_dot))
     return {
         "time": time,
         "valid": given["valid"][inside].astype(bool),

@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import solve_triangular
 
-from gravcal.calibrations.com_offset import attitude as motion
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer
+from gravcal.effects.torque import lag_missing, lag_swing, lagging
 from gravcal.estimation.least_squares import polynomial
 from gravcal.estimation.records import Entry, Lead, Shape
 
@@ -37,7 +37,7 @@ def signal(one: Manoeuvre, tau: float, leads) -> dict[str, np.ndarray]:
     Leads (q,) s: by which the commanded edges are earlier than those that the accelerometer shows.
     """
     slow = one.at(one.window.time)
-    torque = np.cross(swung(one.arc, one.shift, slow.time, tau), slow.field_b)
+    torque = np.cross(lag_swing(one.arc.edges, one.arc.dipole_b, one.shift, slow.time, tau), slow.field_b)
     angle = np.linalg.solve(slow.inertia_b, torque.T).T
     attitude = {"attitude": np.repeat(angle[..., None], len(leads), axis=2)}
     return at_accelerometer(one, _acceleration(one, tau, leads)) | attitude
@@ -47,7 +47,8 @@ def _acceleration(one, tau, leads):
     """Angular acceleration (n, 3, q) rad s-2 of lagging rods less that of the edges as they were fitted."""
     arc, time = one.arc, one.context.time
     edges = arc.edges + one.seen
-    dipole = lagging(time, edges, arc.dipole_b, missing_of(arc, tau)[0], tau, np.asarray(leads, dtype=float))
+    missing, _ = lag_missing(arc.edges, arc.dipole_b, tau)
+    dipole = lagging(time, edges, arc.dipole_b, missing, tau, np.asarray(leads, dtype=float))
     key = ("turning", CAUSE)
     if key not in one.memory:  # what a unit dipole on each axis does
         torque = np.stack([np.cross(unit, one.context.field_b) for unit in np.eye(3)], axis=2)
@@ -66,50 +67,6 @@ def _turning(response, dipole, fitted):
                 for i in range(3):
                     out[k, i, q] += response[k, i, j] * more
     return out
-
-
-def missing_of(arc: motion.Arc, tau: float) -> tuple[np.ndarray, np.ndarray]:
-    """Dipole (m + 1, 3) that lagging rods miss after each edge, and its jump there."""
-    jump = np.diff(arc.dipole_b, axis=0, prepend=np.zeros((1, 3)), append=np.zeros((1, 3)))
-    missing, decay = jump.copy(), np.exp(-np.diff(arc.edges) / tau)
-    for k in range(1, len(jump)):
-        missing[k] += missing[k - 1] * decay[k - 1]
-    return missing, jump
-
-
-@numba.njit(cache=True)
-def lagging(time, edges, dipole, missing, tau, leads):
-    """Dipole (n, 3, q) of lagging rods at increasing epochs, for each lead."""
-    out = np.zeros((time.size, 3, leads.size))
-    for q in range(leads.size):
-        last = -1
-        for k in range(time.size):
-            at = time[k] + leads[q]
-            while last + 1 < edges.size and edges[last + 1] <= at:
-                last += 1
-            if last < 0:
-                continue
-            left = np.exp(-(at - edges[last]) / tau)
-            for axis in range(3):
-                commanded = dipole[last, axis] if last < dipole.shape[0] else 0.0
-                out[k, axis, q] = commanded - missing[last, axis] * left
-    return out
-
-
-def swung(arc: motion.Arc, shift: float, time: np.ndarray, tau: float) -> np.ndarray:
-    """Dipole (n, 3) A m2 s2, twice integrated, of lagging rods less that of edges later by the lag.
-
-    A time t after its edge a jump D has turned the body by D (t2 / 2 - tau t + tau2 (1 - exp(-t / tau))), one that is
-    late by tau by D (t - tau)2 / 2 once it has happened.
-    """
-    first = shift - tau
-    missing, jump = missing_of(arc, tau)
-    edges = arc.edges + first
-    last = np.searchsorted(edges, time, side="right") - 1
-    since = np.where(last >= 0, time - edges[last], np.inf)[:, None]
-    early = np.where(since < tau, (np.minimum(since, tau) - tau) ** 2 / 2, 0.0) * jump[last]
-    settled = tau**2 / 2 * motion.dipole_at(arc, time, first)
-    return settled - tau**2 * missing[last] * np.exp(-since / tau) + early
 
 
 def per_second(one: Manoeuvre, tau: float, lead: float) -> dict[str, np.ndarray]:

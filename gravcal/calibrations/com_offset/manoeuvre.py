@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.causes import on_axes, whitened
 from gravcal.calibrations.com_offset import attitude as motion
 from gravcal.calibrations.com_offset import noise as linear_noise
 from gravcal.effects import Context, catalogue
@@ -103,8 +104,7 @@ class Manoeuvre:
         """Those rows (3 m, q) of one channel, from its values (samples, 3, q)."""
         if channel in ("linear", "angular"):
             values = self.operator(values)
-        valid = self.valid[channel]
-        return np.concatenate([whiten(self.noise[channel][a], values[:, a], valid) for a in range(3)])
+        return whitened(self.noise[channel], values, self.valid[channel])
 
     def at(self, time: np.ndarray) -> Context:
         """Context at any epochs of the manoeuvre."""
@@ -284,7 +284,7 @@ def _local(one, settings):
         if time.size:
             ends = (grid[0], grid[-1]) if channel != "magnetometer" else (time[0], max(time[-1], time[0] + 1))
             shape = least_squares.polynomial(time, degree, *ends)
-            columns.append({channel: np.einsum("nk,ac->nakc", shape, np.eye(3)).reshape(time.size, 3, -1)})
+            columns.append({channel: on_axes(shape)})
     columns.append({"attitude": one.local_attitude})
     rest = one.time, one.context.field_b, float(np.median(np.diff(one.time)))
     ends = [motion.magnetic_acceleration(one.arc, one.seen + d, *rest) for d in (-0.15, 0.15)]

@@ -7,10 +7,9 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.align import between
 from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.align import SURVEY_S
-from gravcal.effects import Context, effect
 from gravcal.estimation import least_squares
 from gravcal.estimation.resampling import operator_for
-from gravcal.physics import earth, frames, kinematics, magnetic
+from gravcal.physics import earth, frames, kinematics, magnetic, sensing
 
 SCHEMAS = schemas.of("com_offset.toml")
 
@@ -131,8 +130,6 @@ def _slope(rate, impulse):
     return value, float(sigma * np.sqrt((1 + lag) / (1 - lag)))
 
 
-#: Prior of the angular accelerometer's scale (3,).
-ANGULAR_SCALE_PRIOR = np.array([one.prior_sigma for one in effect("accelerometer.angular_scale").parameters])
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 ORBITAL_PERIOD_S = 97.13 * 60.0  # Sec. 3.4 of the CoM paper; erratum C-7
 
@@ -148,7 +145,7 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     ----------
     smoothed : Dataset, "com_offset.attitude"
     aligned : Dataset, "align"
-    settings : variant, method, inertia, inertia_sigma, dipole_per_current, dipole_per_current_sigma
+    settings : variant, method, angular_scale_sigma, inertia and dipole_per_current, each of the two with its sigma
     """
     variant, torquer = settings["variant"], smoothed["rate_dot_mtq_b"].values
     time, manoeuvre = smoothed["time_acc"].values, smoothed["acc_manoeuvre"].values
@@ -194,7 +191,7 @@ def _with_modes(smoothed, measured, scale, sigma, settings):
     if variant == "mtq":
         return smoothed["rate_dot_mtq_b"].values, catalogue, 3, 3
     if variant == "acc":  # as it is: nothing but its prior says how far its scale is off
-        return measured, _axis_modes(measured, ANGULAR_SCALE_PRIOR), 3, 3
+        return measured, _axis_modes(measured, np.full(3, settings["angular_scale_sigma"])), 3, 3
     if variant == "sca":
         return smoothed["rate_dot_sca_b"].values, smoothed["sca_modes"].values, 0, 0
     scaled = measured * scale
@@ -297,29 +294,6 @@ def reading(aligned, time) -> tuple[np.ndarray, np.ndarray]:
     return linear, (aligned["acc_flag"][at] != 0) | ~np.isfinite(linear).all(axis=1)
 
 
-def columns(time, rate, rate_dot, gradient) -> np.ndarray:
-    """Reading per metre of offset, s-2.
-
-    Parameters
-    ----------
-    time : (n,) s
-    rate : (n, 3) or (3,) rad s-1
-    rate_dot : (..., n, 3) rad s-2
-    gradient : (n, 3, 3) or (3, 3) s-2
-
-    Returns
-    -------
-    columns : (..., n, 3, 3), axis and component
-    """
-    context = Context(time=time, rate_b=rate, rate_dot_b=rate_dot, gradient_b=gradient)
-    return effect("accelerometer.offset").columns(context)
-
-
-def of_rotation(time, rate_dot) -> np.ndarray:
-    """The part of the columns that an angular acceleration has; arguments and result as of `columns`."""
-    return columns(time, np.zeros(3), rate_dot, np.zeros((3, 3)))
-
-
 def _block(aligned, smoothed, angular, index, driven, settings):
     """Resampled reading, columns and angular accelerations of one manoeuvre; None without samples."""
     inside = samples(smoothed, index)
@@ -339,7 +313,7 @@ def _block(aligned, smoothed, angular, index, driven, settings):
     noise_free = [smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside]] if driven else []
     series = np.stack([linear - linear[good].mean(axis=0), value, *noise_free, *modes], axis=1)
     resampled = np.moveaxis(operator(np.nan_to_num(series)), 1, 0)
-    still = operator(columns(time, smoothed["rate_b"][inside], np.zeros(3), smoothed["gradient_b"][inside]))
+    still = operator(-sensing.offset_tensor(smoothed["rate_b"][inside], np.zeros(3), smoothed["gradient_b"][inside]))
     block = {"epoch": operator.time, "valid": operator.valid, "reading": resampled[0]}
     return block | {"still": still, "rate_dot_b": resampled[1:]}
 

@@ -11,15 +11,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numba
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.com_offset import lag
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer, attitude_at, field_at, of_torque
 from gravcal.effects import Context, catalogue, effect
 from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
+from gravcal.effects.drivers import CONSTANTS, MEMORY, WAVES, Law, laws, play, products
 from gravcal.estimation import least_squares
 from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape, Wave, Wider
 from gravcal.physics import frames
@@ -264,14 +265,9 @@ def _unknown(channel, unit, words, signal, **known):
 
 def _of_series(channel, index):
     def signal(one):
-        return {channel: _on_axes(_series(one)[index][2])}
+        return {channel: on_axes(_series(one)[index][2])}
 
     return signal
-
-
-def _on_axes(shape):
-    """Series (n, w) on each of three axes, (n, 3, 3 w)."""
-    return np.einsum("nw,ac->nawc", shape, np.eye(3)).reshape(len(shape), 3, -1)
 
 
 def _series(one) -> list[tuple[str, str, np.ndarray]]:
@@ -291,15 +287,13 @@ def _made_series(one):
     position = np.stack([np.interp(time, one.orbit[0], p) for p in one.orbit[1].T], axis=1)
     latitude = np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1))
     field, u = c.field_b * 2e4, (time - time[0]) / (time[-1] - time[0])
-    rows = [("torquer_current", f"hysteresis of {w:g} of full", _play(current, w)) for w in PLAY]
+    rows = [("torquer_current", f"hysteresis of {w:g} of full", play(current, w)) for w in PLAY]
     strength = np.linalg.norm(field, axis=1)
     rows.append(("torquer_current*field", "current times field strength", current * strength))
     rows += [("torquer_current*field", f"current times field {'xyz'[i]}", current * field[:, i]) for i in range(3)]
     rows.append(("torquer_current*latitude", "current times sine of latitude", current * np.sin(latitude)))
     rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (u - 0.5)))
-    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-    for name, values in (("rate", rate), ("attitude", angle)):
-        rows += [(name, f"product {'xyz'[i]}{'xyz'[j]}", values[:, i] * values[:, j]) for i, j in pairs]
+    rows += [(name, *one) for name, values in (("rate", rate), ("attitude", angle)) for one in products(values)]
     rows += [(name, form, values) for form, (name, values) in _bases(one).items()]
     rows += [("time", f"decay {t:g} s from the start", np.exp(-(u * 180.0) / t)) for t in SETTLING_S]
     rows.append(("time", "saw-tooth of the second", (one.time % 1.0) - 0.5))
@@ -314,153 +308,58 @@ def _bases(one) -> dict[str, tuple[str, np.ndarray]]:
         rate, place = c.rate_b - c.rate_b.mean(axis=0), [np.interp(time, one.orbit[0], p) for p in one.orbit[1].T]
         angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
         latitude = np.arcsin(place[2] / np.linalg.norm(place, axis=0))
-        found = {"the current": ("torquer_current", current)}
+        found = {CURRENT: ("torquer_current", current)}
         change = np.diff(current, prepend=0.0) / np.median(np.diff(time))
-        found["the change of the current"] = ("torquer_current", change)
+        found[CHANGE] = ("torquer_current", change)
         vectors = {"rate": rate, "angular acceleration": c.rate_dot_b, "attitude": angle - angle.mean(axis=0)}
         for name, values in vectors.items():
             size = max(np.abs(values).max(), 1e-30)
             found |= {f"{name} {a}": (name.replace(" ", "_"), values[:, i] / size) for i, a in enumerate("xyz")}
         found |= {f"field {a}": ("field", 2e4 * c.field_b[:, i]) for i, a in enumerate("xyz")}
         found["strength of the field"] = ("field", 2e4 * np.linalg.norm(c.field_b, axis=1))
-        found |= {"the latitude": ("latitude", latitude), "sunlight with a lag": ("eclipse", c.extra["warmth"])}
+        found |= {LATITUDE: ("latitude", latitude), "sunlight with a lag": ("eclipse", c.extra["warmth"])}
         one.memory["bases"] = found
     return one.memory["bases"]
 
 
-#: What a law does to a series x: words, and a function of x and of constants (s,) of these names and units.
-NONLINEAR = {
-    "{}": ((), lambda x: x),
-    "the square of {}": ((), lambda x: x**2),
-    "the size of {}": ((), np.abs),
-    "the cube of {}": ((), lambda x: x**3),
-    "{} beyond a threshold": (("threshold",), lambda x, c: np.sign(x) * np.maximum(np.abs(x) - c, 0.0)),
-    "the saturation of {}": (("level",), lambda x, c: c * np.tanh(x / c)),
-    "waves in {}": (("cycles",), lambda x, c: np.stack([np.sin(c * x), np.cos(c * x)], axis=1)),
-}
-KERNELS = {
-    "{}": ((), lambda _, x: x),
-    "a memory of {}": (("tau",), lambda t, x, tau: _lagged(t, x, tau)),
-    "a delay of {}": (("delay",), lambda t, x, late: np.interp(t - late, t, x)),
-    "a resonance with {}": (("frequency", "damping"), lambda t, x, f, d: x + ringing(t, x, f, d)),
-}
-GATES = {
-    "{}": lambda _, x: x,
-    "{} where it is positive": lambda _, x: np.maximum(x, 0.0),
-    "{} while the torquers are off": lambda off, x: off * x,
-}
-#: Unit, values that are tried and bounds of a constant.
-CONSTANTS = {
-    "threshold": ("1", (0.3, 0.6), (0.02, 0.98)),
-    "level": ("1", (0.15, 0.5), (0.02, 5.0)),
-    "cycles": ("1", tuple(np.arange(1.0, 101.0)), (0.3, 120.0)),
-    "tau": ("s", (0.5, 2.0, 8.0, 30.0, 90.0), (0.05, 500.0)),
-    "delay": ("s", (0.5, 2.0, 8.0), (0.05, 30.0)),
-    "frequency": ("Hz", (0.02, 0.05, 0.12, 0.3), (0.005, 0.8)),
-    "damping": ("1", (0.1,), (0.003, 1.0)),
-}
-
-
-@dataclass(frozen=True)
-class Law:
-    """A series through a nonlinearity, a kernel and a gate, each a key of its table; constants are fitted."""
-
-    base: str
-    nonlinear: str = "{}"
-    kernel: str = "{}"
-    gate: str = "{}"
-
-    @property
-    def words(self) -> str:
-        """The law in words."""
-        return self.gate.format(self.kernel.format(self.nonlinear.format(self.base)))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Its constants."""
-        return NONLINEAR[self.nonlinear][0] + KERNELS[self.kernel][0]
-
-    def series(self, one: Manoeuvre, constants) -> np.ndarray:
-        """Values (n, w) in a manoeuvre."""
-        count, values = len(NONLINEAR[self.nonlinear][0]), tuple(map(float, constants))
-        x = NONLINEAR[self.nonlinear][1](_bases(one)[self.base][1], *values[:count])
-        off = np.abs(_bases(one)["the current"][1]) < 0.05
-        first, time = x[0], one.context.time
-        x = KERNELS[self.kernel][1](time, x, *values[count:]) if values[count:] else x
-        if self.kernel == _MEMORY and self.base in (_CURRENT, _CHANGE):  # which is off before the manoeuvre
-            x = x - first * np.exp(-(time - time[0] + np.median(np.diff(time))) / values[-1])
-        x = GATES[self.gate](off, x)
-        return x if x.ndim == 2 else x[:, None]
-
-
-_CURRENT, _CHANGE, _MEMORY, _WAVES = "the current", "the change of the current", "a memory of {}", "waves in {}"
+CURRENT, CHANGE, LATITUDE = "the current", "the change of the current", "the latitude"
 #: Laws with constants that stand for all others while it is looked for what comes near.
-SCREENED = [(Law(_CURRENT, n, _MEMORY), (t,)) for n in ("{}", "the square of {}") for t in (0.5, 2.0, 6.0, 20.0, 60.0)]
-SCREENED += [(Law(_CHANGE, n, _MEMORY), (t,)) for n in ("{}", "the size of {}") for t in (0.3, 0.7, 2.0)]
-SCREENED += [(Law(_CURRENT, "the square of {}"), ())]
-SCREENED += [(Law("the latitude", _WAVES), (k,)) for k in (4.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)]
+SCREENED = [(Law(CURRENT, n, MEMORY), (t,)) for n in ("{}", "the square of {}") for t in (0.5, 2.0, 6.0, 20.0, 60.0)]
+SCREENED += [(Law(CHANGE, n, MEMORY), (t,)) for n in ("{}", "the size of {}") for t in (0.3, 0.7, 2.0)]
+SCREENED += [(Law(CURRENT, "the square of {}"), ())]
+SCREENED += [(Law(LATITUDE, WAVES), (k,)) for k in (4.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)]
 
 
-def _laws(base):
-    """Laws of a series that differ from it."""
-    if base == "the latitude":
-        return [Law(base, _WAVES)]
-    both = [Law(base, n, k) for n in NONLINEAR if n != _WAVES for k in KERNELS if (n, k) != ("{}", "{}")]
-    return both + [Law(base, n, gate=g) for n in list(NONLINEAR)[:3] for g in GATES if g != "{}"]
+def _values(law: Law, one: Manoeuvre, constants) -> np.ndarray:
+    """Values (n, w) of a law in a manoeuvre, before which the current is off."""
+    bases, rested = _bases(one), law.base in (CURRENT, CHANGE)
+    off = np.abs(bases[CURRENT][1]) < 0.05
+    return law.values(one.context.time, bases[law.base][1], constants, off=off, rested=rested)
 
 
 def _wider(form, views, smoothed, starts):
     """Candidates of every law of the series of a form, with the constants that are tried."""
-    channel, found = form.form.split()[0], []
-    for law in _laws(form.base):
-        for constants in itertools.product(*(CONSTANTS[name][1] for name in law.names)):
-            found.append(_of_law(law, constants, channel, form.cause.partition(":")[2]))
-    return _made(found, views, smoothed, starts)
+    channel, driver = form.form.split()[0], form.cause.partition(":")[2]
+    own = laws(form.base, form.base == LATITUDE)
+    return _made([_of_law(law, one, channel, driver) for law in own for one in law.tried()], views, smoothed, starts)
 
 
 def _of_law(law, constants, channel, driver, screened=False):
     """Form of a law with its constants."""
-    told = [f"{n} {v:.4g} {CONSTANTS[n][0]}".removesuffix(" 1") for n, v in zip(law.names, constants, strict=True)]
-    words = driver, ", ".join([law.words, *told]), 2 if law.nonlinear.startswith("waves") else 1
-    signal = lambda one: {channel: _on_axes(law.series(one, constants))}  # noqa: E731
+    signal = lambda one: {channel: on_axes(_values(law, one, constants))}  # noqa: E731
     known = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
-    return _unknown(channel, UNITS[channel], words, signal, **known)
+    return _unknown(channel, UNITS[channel], (driver, law.told(constants), law.width), signal, **known)
 
 
 def _law_shape(views, form):
     """Shape of a law about the constants that were tried."""
     law, channel, value = form.law, form.form.split()[0], np.array(form.constants)
-    columns = lambda v: [*(one.whitened({channel: _on_axes(law.series(one, v))}) for one in views), None]  # noqa: E731
+    columns = lambda v: [*(one.whitened({channel: on_axes(_values(law, one, v))}) for one in views), None]  # noqa: E731
     lower, upper = np.transpose([CONSTANTS[name][2] for name in law.names])
     steps = (0.98, 1.0, 1.02) if "cycles" in law.names else (0.6, 1.0, 1.6)
     tried = np.clip(np.array(list(itertools.product(*[[s * v for s in steps] for v in value]))), lower, upper)
     units = tuple(CONSTANTS[name][0] for name in law.names)
     return Shape(law.names, units, value, columns, tried, lower, upper, words=f"{channel} reading, {law.words}")
-
-
-def _tells(entry, law):
-    """Whether the form of an entry is a law with its constants."""
-    words = entry.form.partition(" reading, ")[2]
-    return words == law.words or bool(law.names) and words.startswith(f"{law.words}, {law.names[0]} ")
-
-
-@numba.njit(cache=True)
-def _lagged(time, values, lag_s):
-    out, state = np.empty_like(values), values[0]
-    for k in range(values.size):
-        step = time[k] - time[k - 1] if k else 0.0
-        state = values[k] + (state - values[k]) * np.exp(-step / lag_s)
-        out[k] = state
-    return out
-
-
-@numba.njit(cache=True)
-def _play(values, width):
-    out, state = np.empty_like(values), 0.0
-    for k in range(values.size):
-        state = min(max(state, values[k] - width / 2), values[k] + width / 2)
-        out[k] = state
-    return out
 
 
 # edge times
@@ -569,7 +468,9 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
         axes = [np.zeros(2) if size is None else np.array(size) for size in (known[0].x, known[0].y, known[0].z)]
         return {known[0].channel: np.stack([unit @ size for size in axes], axis=1)}
     if not entry.listed:
-        law = next((law for base in _bases(one) for law in _laws(base) if _tells(entry, law)), None)
+        told = entry.form.partition(" reading, ")[2]
+        found = (law for base in _bases(one) for law in laws(base, base == LATITUDE) if law.tells(told))
+        law = next(found, None)
         forms = [f for f in _drivers(one) if (f.cause, f.form) == (entry.cause, entry.form)]
         if law is not None:
             constants, channel = [entry.values[name] for name in law.names], entry.form.split()[0]

@@ -6,23 +6,22 @@ every form that is tried.
 """
 
 import functools
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from scipy.fft import next_fast_len
-from scipy.optimize import nnls
 
+from gravcal.calibrations.causes import added_by, listed, unknown, whitened
 from gravcal.calibrations.inertial_sensor import bias as segments
-from gravcal.calibrations.inertial_sensor.observed_swing import EFFECTS, TONE, listed, unknown, unknown_added, waves_of
+from gravcal.calibrations.inertial_sensor.noise import power_laws
+from gravcal.calibrations.inertial_sensor.observed_swing import EFFECTS, TONE, waves_of
 from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
+from gravcal.effects.drivers import products, waves
 from gravcal.estimation import noise
 from gravcal.estimation.least_squares import orthonormal
-from gravcal.estimation.noise import without_lines
 from gravcal.estimation.records import Block, Candidate, Entry
 from gravcal.physics import frames
 
@@ -33,11 +32,6 @@ UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
 STEP_EVERY_S = 20.0
 EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
 USUAL = 1e-7  # m s-2, size of a reading without its bias
-HARMONICS = (1, 2, 3, 4)  # of the argument of latitude, by which a reading may follow the orbit
-EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise
-ORDER, NODES = 60, 16384  # coefficients that stand for it, frequencies that they are made of
-DRAWS = 400  # segments of simulated noise, for what a fit leaves of each
-ROUNDS, HIGHEST = 20, 6.0  # of the fit; power over that of the model, reached by noise in one of 400
 
 
 @dataclass(frozen=True)
@@ -133,10 +127,7 @@ class RollView:
         The last three, which hold the constants, are zero.
         """
         whole, nothing = np.ones(added.shape[1], dtype=bool), np.zeros((3, added.shape[3]))
-        axes = [
-            [noise.whiten(self.noise[a], np.ascontiguousarray(one[:, a]), whole) for a in range(3)] for one in added
-        ]
-        return [np.concatenate([*one, nothing]) for one in axes]
+        return [np.concatenate([whitened(self.noise, one, whole), nothing]) for one in added]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
         """Each segment; bias and offset are among the first of so many global columns, whose names are given.
@@ -151,11 +142,11 @@ class RollView:
             shared.append(-self.steady[..., None] * factors)
             places += [parameters.index(name) for name in ("beta_x", "beta_yz", "k_y")]
         shared = np.concatenate(shared, axis=3)
-        whitened = self.rows(np.concatenate([left[..., None], shared], axis=3))
+        each = self.rows(np.concatenate([left[..., None], shared], axis=3))
         channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)
         axis = np.append(np.repeat([0, 1, 2], size), [0, 1, 2])
         blocks = []
-        for s, (time, rows) in enumerate(zip(self.time, whitened, strict=True)):
+        for s, (time, rows) in enumerate(zip(self.time, each, strict=True)):
             columns = np.zeros((len(rows), width))
             columns[:, places] = rows[:, 1:]
             own = np.zeros((size, 3, sum(design.shape[1] for design in self.designs[s])))
@@ -245,14 +236,9 @@ class RollView:
         for n, name in ((1, "the roll angle"), (2, "twice the roll angle"), (3, "three times the roll angle")):
             wave = self.turn**n
             rows += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
-        for order in HARMONICS:
-            angle = order * self.along
-            rows += [("latitude", f"cosine of {order} times its argument", np.cos(angle))]
-            rows += [("latitude", f"sine of {order} times its argument", np.sin(angle))]
+        rows += [("latitude", *one) for one in waves(self.along)]
         reading = (self.steady + self.start[:3]) / USUAL
-        for one, other in itertools.combinations_with_replacement(range(3), 2):
-            words = f"square of {'xyz'[one]}" if one == other else f"product {'xyz'[one]}{'xyz'[other]}"
-            rows.append(("reading", words, reading[:, :, one] * reading[:, :, other]))
+        rows += [("reading", *one) for one in products(reading, "square of {}")]
         rate = self.rate_b[:, :, 1] - self.rate_b[:, :, 1].mean()
         rate = rate / max(np.abs(rate).max(), 1e-30)
         return [*rows, ("rate", "component y", rate), ("rate", "square of y", rate**2)]
@@ -278,7 +264,7 @@ class RollView:
         rows = [(driver, form, values.ravel()) for driver, form, values in view.series()]
         for entry in model:
             if not entry.listed:
-                added += unknown_added(entry, "linear", CHANNEL, rows)
+                added += added_by(entry, "linear", f"{CHANNEL} reading, ", rows)
                 continue
             known = effect(entry.cause)
             if known.channel == "pointing_b":
@@ -355,44 +341,3 @@ def _view(products, settings, used):
         k=sensor.k,
         beta=products["scale"]["batch_value"].values[:2] if "scale" in products else None,
     )
-
-
-def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: float) -> noise.NoiseModel:
-    """Noise model of a series from what a fit leaves of it: the sum of power laws that its periodogram shows.
-
-    Power laws are drawn and go through the same fit. Sharp lines are no noise, and the power at a frequency counts up
-    to a few times that of the model.
-
-    Parameters
-    ----------
-    values : (s, b, 1) any unit, segments
-    clean : values (s, b, d) -> what the fit leaves, runs of segments that touch (n, d)
-    count : (s, b) steps since the first sample
-    step_s : s
-    """
-    lowest, rng = 1 / (step_s * count.max()), np.random.default_rng(0)
-    draws = max(8, DRAWS // len(count))
-    white = rng.standard_normal((next_fast_len(2 * int(count.max()) + 1, real=True), draws))
-    frequency = np.maximum(np.fft.rfftfreq(len(white), step_s), lowest)[:, None]
-    spectrum, expected = np.fft.rfft(white, axis=0), []
-    for exponent in EXPONENTS:
-        drawn = np.fft.irfft(spectrum * (frequency * step_s) ** (exponent / 2), len(white), axis=0)
-        expected.append(_periodogram(clean(drawn[count])).mean(axis=1))
-    expected = np.stack(expected, axis=1)
-    power = _periodogram(without_lines(clean(values), step_s)[0])[:, 0]
-    model = expected[:, EXPONENTS.index(0)] * power.mean() / expected[:, EXPONENTS.index(0)].mean()
-    for _ in range(ROUNDS):
-        size = nnls(expected / model[:, None], np.minimum(power / model, HIGHEST))[0]
-        model = expected @ size
-    at = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
-    density = 2 * step_s * sum(a * (np.maximum(at, lowest) * step_s) ** e for a, e in zip(size, EXPONENTS, strict=True))
-    return noise.from_density(density, ORDER, step_s)
-
-
-def _periodogram(runs):
-    """Power over that of a Hann window (f, d) of all runs (n, d), one behind the other, without their means."""
-    parts = []
-    for run in runs:
-        window = np.hanning(len(run) + 2)[1:-1, None]
-        parts.append(np.abs(np.fft.rfft(window * (run - run.mean(axis=0)), axis=0)[1:]) ** 2 / np.sum(window**2))
-    return np.concatenate(parts)

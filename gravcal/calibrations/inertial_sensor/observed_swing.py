@@ -13,12 +13,14 @@ import xarray as xr
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
+from gravcal.calibrations.causes import added_by, listed, on_axes, unknown, whitened
 from gravcal.calibrations.inertial_sensor import align
 from gravcal.calibrations.inertial_sensor import model as fits
 from gravcal.calibrations.inertial_sensor.estimate import Record, noise_models, quiet_blocks, record_of, swing_of
-from gravcal.effects import Effect, effect
+from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
+from gravcal.effects.drivers import products
 from gravcal.estimation import noise
 from gravcal.estimation.noise import without_lines
 from gravcal.estimation.records import Block, Candidate, Entry, at_epoch
@@ -94,14 +96,13 @@ class SwingView:
     def linear_rows(self, reading: np.ndarray) -> np.ndarray:
         """Whitened rows (3 b, q), axis by axis, of what is added to the linear readings, (b, 3, q) m s-2."""
         volts = reading / self.k[:, None]
-        each = zip(self.record.noise, np.moveaxis(volts, 1, 0), strict=True)
-        return np.concatenate([noise.whiten(model, np.ascontiguousarray(v), self.good) for model, v in each])
+        return whitened(self.record.noise, volts, self.good)
 
     def blocks(self, parameters: Sequence[str]) -> list[Block]:
         """Both channels, even and odd stretches; global columns: all parameters, start values, drifts."""
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
-        drift = np.einsum("nk,ac->nakc", record.trend, np.eye(3)).reshape(record.time.size, 3, -1)
+        drift = on_axes(record.trend)
         left = self.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, self.start[3:6])
         # a_x tells p_z, then a_y the factor of a_y; those of a_z and a_x, and the turning, follow beta
         factors = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]) / np.append(self.start[:2], self.k[1])
@@ -256,8 +257,7 @@ class SwingView:
         for name, values in (("rate", rate), ("attitude", angle), ("angular_acceleration", about.rate_dot_b)):
             values = np.nan_to_num(values) / max(np.nanmax(np.abs(values)), 1e-30)
             rows += [(name, f"component {a}", values[:, i]) for i, a in enumerate("xyz")]
-            pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-            rows += [(name, f"product {'xyz'[i]}{'xyz'[j]}", values[:, i] * values[:, j]) for i, j in pairs]
+            rows += [(name, *one) for one in products(values)]
             rows += [(name, f"size of {a}", np.abs(values[:, i])) for i, a in enumerate("xyz")]
             rows += [(name, f"cube of {a}", values[:, i] ** 3) for i, a in enumerate("xyz")]
         size = np.abs(np.nan_to_num(rate)) / max(np.nanmax(np.abs(rate)), 1e-30)
@@ -328,8 +328,10 @@ class SwingView:
 
         With a coupling of a quarter the offset of the readings as they are makes an eighth of it wrong.
         """
-        place, drift = self.start[3:6], np.einsum("nk,ac->nakc", self.record.trend, np.eye(3))
-        columns = np.concatenate([np.nan_to_num(self.tensor), drift.reshape(*drift.shape[:2], -1)], axis=2)
+        place, columns = (
+            self.start[3:6],
+            np.concatenate([np.nan_to_num(self.tensor), on_axes(self.record.trend)], axis=2),
+        )
         seen = np.repeat([True, False, True], self.record.time.size)  # the factor of a_y is not known
         for _ in range(FIXED_POINT):
             about = self.context(place=place)
@@ -349,7 +351,7 @@ class SwingView:
             return known.contribution(about, known.values(entry.values))
         own = self.context()  # where its candidates are made
         rows = ((d, f, np.interp(about.time, own.time, values)) for d, f, values in self.series(own))
-        return unknown_added(entry, channel, channel, rows)
+        return added_by(entry, channel, f"{channel} reading, ", rows)
 
 
 def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
@@ -390,28 +392,9 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
     )
 
 
-def listed(entry: Effect, columns: list[np.ndarray | None]) -> Candidate:
-    """Candidate with all parameters of an effect."""
-    names, units = [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
-    return Candidate(entry.slug, "", names, units, columns, [p.prior_sigma for p in entry.parameters])
-
-
 def step(epoch: float, columns: list[np.ndarray | None]) -> Candidate:
     """Candidate of a step of the linear readings at an epoch s."""
     return Candidate(at_epoch(STEP, epoch), f"time {epoch:.1f} s", ["x", "y", "z"], ["m s-2"] * 3, columns)
-
-
-def unknown(driver: str, form: str, channel: str, unit: str, columns: list[np.ndarray | None]) -> Candidate:
-    """Candidate in no list, added to the three readings of a channel."""
-    return Candidate(f"unknown:{driver}", form, [f"{channel}_{a}" for a in "xyz"], [unit] * 3, columns)
-
-
-def unknown_added(entry: Entry, channel: str, words: str, series) -> np.ndarray | float:
-    """What an entry in no list adds to the readings of a channel, (n, 3); series as of a view, values (n,)."""
-    size = np.array([entry.values.get(f"{channel}_{axis}", 0.0) for axis in "xyz"])
-    named = {(f"unknown:{driver}", f"{words} reading, {form}"): values for driver, form, values in series}
-    values = named.get((entry.cause, entry.form))
-    return 0.0 if values is None else values[:, None] * size
 
 
 def waves_of(time: np.ndarray, width: float, frequency: float) -> np.ndarray:

@@ -6,15 +6,17 @@ have an effect; a ripple with the angles has any period and phase.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 from scipy.signal import lfilter
 
+from gravcal.calibrations.causes import listed
 from gravcal.calibrations.kbr_phase_centre.model import middle
 from gravcal.effects import Context, Effect, catalogue, effect
 from gravcal.effects.ranging import ripples
+from gravcal.estimation.records import Candidate
 from gravcal.physics import frames, orbit_environment
 
 BREAK = "ranging.phase_break"
@@ -36,21 +38,6 @@ SUNLIGHT_LAGS_S = (60.0, 200.0, 2000.0)
 #: Of waves along the argument of latitude; slower ones are taken up by the slow orbit error.
 CYCLES = range(8, 41)
 SETTLING_S = (100.0, 300.0, 900.0)
-
-
-@dataclass(frozen=True)
-class Signal:
-    """What a cause adds to the range."""
-
-    #: cause, form: slug or "unknown:<driver channel>"; which of its shapes
-    cause: str
-    form: str
-    #: names, units, prior: of the parameters; prior empty for a regressor
-    names: list[str]
-    units: list[str]
-    prior: list[float]
-    columns: np.ndarray  #: (n, q) m per unit of each parameter, on whole seconds
-    period: float = np.nan  #: rad, of a ripple with the angles, of which the columns are those of both satellites
 
 
 def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Context:
@@ -105,8 +92,10 @@ def turning(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
     return result
 
 
-def listed(context: Context, centre: np.ndarray) -> list[Signal]:
-    """Effects of the catalogue that a ranging calibration can show.
+def effects_of(context: Context, centre: np.ndarray) -> list[Candidate]:
+    """Effects of the catalogue that a ranging calibration can show, with one column (n, q) m on whole seconds.
+
+    A ripple with the angles has the columns of both satellites, and its period, rad, for a place.
 
     Parameters
     ----------
@@ -117,18 +106,16 @@ def listed(context: Context, centre: np.ndarray) -> list[Signal]:
     for slug, entry in catalogue().items():
         if slug.partition(".")[0] not in FAMILIES or slug in (*NOT_HERE, RIPPLE):
             continue
-        parameters = entry.parameters
-        words = [p.name for p in parameters], [p.unit for p in parameters], [p.prior_sigma for p in parameters]
         if entry.channel == "range":
-            signals.append(Signal(slug, "", *words, entry.columns(context)))
+            signals.append(listed(entry, [entry.columns(context)]))
         elif entry.channel in ("sca_delay", "pointing_b"):
             for form, those in SATELLITES.items():
-                signals.append(Signal(slug, form, *words, _of_attitude(entry, context, centre, those)))
-    angle, known = np.nan_to_num(context.extra["angle"]), effect(RIPPLE).parameters[:-1]
-    words = [p.name for p in known], [p.unit for p in known], [p.prior_sigma for p in known]
+                signals.append(listed(entry, [_of_attitude(entry, context, centre, those)], form))
+    angle = np.nan_to_num(context.extra["angle"])
     for period in np.radians(1 / RIPPLES_PER_DEG):
         form = f"period {np.degrees(period):.3g} deg"
-        signals.append(Signal(RIPPLE, form, *words, ripples(angle, period), float(period)))
+        ripple = listed(effect(RIPPLE), [ripples(angle, period)], form, slice(-1))
+        signals.append(replace(ripple, at=float(period)))
     return signals
 
 
@@ -145,7 +132,7 @@ def _of_attitude(entry: Effect, context, centre, those):
     return -np.einsum("na,naq->nq", arm, entry.columns(context))
 
 
-def drivers(context: Context, starts: Sequence[float]) -> list[Signal]:
+def drivers(context: Context, starts: Sequence[float]) -> list[Candidate]:
     """Regressors for effects that are in no list; a rate times its angle is a late star camera.
 
     Parameters
@@ -190,7 +177,7 @@ def drivers(context: Context, starts: Sequence[float]) -> list[Signal]:
 
 
 def _driver(channel, form, names, columns):
-    return Signal(f"unknown:{channel}", form, names, ["m"] * len(names), [], columns)
+    return Candidate(f"unknown:{channel}", form, names, ["m"] * len(names), [columns])
 
 
 def _each(channel, form, values):

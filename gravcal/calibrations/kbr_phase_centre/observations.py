@@ -22,10 +22,9 @@ from gravcal.calibrations.kbr_phase_centre.candidates import (
     RIPPLE,
     RIPPLE_STEP,
     SATELLITES,
-    Signal,
     context,
     drivers,
-    listed,
+    effects_of,
 )
 from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS, angles
@@ -209,15 +208,15 @@ class Ranging(Observations):
         return {"range": 1 / (1 / max(samples, 1.0) + 1 / max(inside, 1))}
 
     @functools.cached_property
-    def signals(self) -> list[Signal]:
-        """Effects of the catalogue, then regressors."""
-        known = listed(self.context, self.start.reshape(2, 3))
+    def signals(self) -> list[Candidate]:
+        """Effects of the catalogue, then regressors, on whole seconds."""
+        known = effects_of(self.context, self.start.reshape(2, 3))
         return known + drivers(self.context, [half.time[0] for half in self.halves])
 
     @functools.cached_property
     def filtered(self) -> np.ndarray:
         """Columns (m, q) m of all signals side by side at the ranging epochs."""
-        return np.concatenate([self.through(np.nan_to_num(signal.columns)) for signal in self.signals], axis=1)
+        return np.concatenate([self.through(np.nan_to_num(signal.columns[0])) for signal in self.signals], axis=1)
 
     @functools.cached_property
     def fitted(self) -> xr.Dataset:
@@ -255,10 +254,9 @@ class Ranging(Observations):
         for one in self.signals:
             last = first + len(one.names)
             columns = [part[:, first:last] for part in rows]
-            words = one.cause, one.form, one.names, one.units
-            whole = Candidate(*words, columns, one.prior, of_frame=one.cause in FRAME)
-            if np.isfinite(one.period):
-                made += [self._ripple(whole, one.period, form) for form in SATELLITES]
+            whole = replace(one, columns=columns, of_frame=one.cause in FRAME)
+            if np.isfinite(one.at):
+                made += [self._ripple(whole, one.at, form) for form in SATELLITES]
             else:
                 made += [*whole.each_alone(), *_of_satellites(whole)] if whole.listed and not whole.form else [whole]
             first = last
@@ -369,7 +367,7 @@ class Ranging(Observations):
         for entry in model:
             if not entry.listed:
                 for one in (s for s in self.signals if (s.cause, s.form) == (entry.cause, entry.form)):
-                    total += np.nan_to_num(one.columns @ [entry.values.get(name, 0.0) for name in one.names])
+                    total += np.nan_to_num(one.columns[0] @ [entry.values.get(name, 0.0) for name in one.names])
                 continue
             known = effect(entry.cause)
             added = known.contribution(self.context, known.values(entry.values))

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gravcal.calibrations.causes import listed
 from gravcal.effects import Context, catalogue
 from gravcal.estimation.records import Block, Candidate, Observations, Reported
 from gravcal.physics import earth, magnetic
@@ -162,14 +163,14 @@ class Table(Observations):
     def candidates(self) -> list[Candidate]:
         """Causes with what they do to the offset of each manoeuvre, and their rows of the priors."""
         made, (_, sigma, known) = [], self.printed
-        for number, (cause, form, names, units, columns) in enumerate(self._causes):
-            held = np.zeros((len(self._priors), len(names)))
+        for number, one in enumerate(self._causes):
+            held = np.zeros((len(self._priors), len(one.names)))
             for k, (owner, parameter, prior) in enumerate(self._priors):
                 if owner == number:
                     held[k, parameter] = 1 / (prior * np.sqrt(len(self.rows)))
-            rows = zip(columns, sigma, known, strict=True)
+            rows = zip(one.columns, sigma, known, strict=True)
             whitened = [np.concatenate([c[k] / s[k][:, None], held]) for c, s, k in rows]
-            made.append(Candidate(cause, form, list(names), list(units), whitened))
+            made.append(replace(one, columns=whitened, prior=[]))
         return made
 
     def weighed(self) -> list[dict]:
@@ -191,26 +192,22 @@ class Table(Observations):
             return np.logaddexp.reduce(logs)
 
         alone, found = log_evidence(np.zeros((y.size, 0)), np.zeros(0)), {}
-        for number, (cause, form, _, _, columns) in enumerate(self._causes):
+        for number, one in enumerate(self._causes):
             sizes = [size for owner, _, size in self._priors if owner == number]
-            odds = float(log_evidence(np.concatenate(columns)[known], sizes) - alone) if sizes else -np.inf
-            if sizes and odds > found.get(cause, {"log_odds": -np.inf})["log_odds"] + 0.05:  # a heading changes nothing
-                found[cause] = {"cause": cause, "form": form, "log_odds": odds}
+            odds = float(log_evidence(np.concatenate(one.columns)[known], sizes) - alone) if sizes else -np.inf
+            before = found.get(one.cause, {"log_odds": -np.inf})["log_odds"]
+            if sizes and odds > before + 0.05:  # a heading changes nothing
+                found[one.cause] = {"cause": one.cause, "form": one.form, "log_odds": odds}
         return sorted(found.values(), key=lambda one: -one["log_odds"])
 
     @functools.cached_property
     def _priors(self):
         """Number of the cause, place in it and plausible size of every parameter of a listed effect."""
-        found = []
-        for number, (cause, _, names, _, _) in enumerate(self._causes):
-            sizes = {p.name: p.prior_sigma for p in catalogue()[cause].parameters} if cause in catalogue() else {}
-            sizes = dict.fromkeys(names, RATE_PRIOR) if cause == RATE else sizes
-            found += [(number, k, sizes.get(name, 1.0)) for k, name in enumerate(names) if sizes]
-        return found
+        return [(number, k, size) for number, one in enumerate(self._causes) for k, size in enumerate(one.prior)]
 
     @functools.cached_property
     def _causes(self):
-        """Cause, form, names, units, and what it does to the offset of each manoeuvre (3, q) m."""
+        """Causes, and what they do to the offset of each manoeuvre (3, q) m."""
         found, mean, count = [], self.mean, len(self.rows)
         for (pitch, yaw), form in HEADINGS.items():
             heading = {"pitch": pitch, "roll": pitch, "yaw": yaw}
@@ -218,13 +215,16 @@ class Table(Observations):
             each = [arcs[r["kind"], r["latitude_class"]] for r in self.rows]
             whole = [_readings(slug, form, each, mean) for slug in READINGS]
             whole += [_rate(form, each), _scale(form, each, mean)]
-            found += [one for one in whole if len(one[2]) < BETWEEN]
-            found += [alone for one in whole for alone in _each_alone(*one)]
-        found.append(("timing.accelerometer_delay", "", ["one_minus_cosine"], ["1"], [-mean[:, None]] * count))
+            found += [one for one in whole if len(one.names) < BETWEEN]
+            for one in whole:  # each parameter by itself, so that all families are as sparse as they can be
+                parts = [one.part([k], name) for k, name in enumerate(one.names)]
+                found += [replace(part, form=f"{part.form}, {form}") for part in parts]
+        columns = [-mean[:, None]] * count
+        found.append(Candidate("timing.accelerometer_delay", "", ["one_minus_cosine"], ["1"], columns, [1.0]))
         order = [(r["order"] - 4.0) * np.eye(3) for r in self.rows]
-        found.append(("unknown:time", "offset moves between manoeuvres", "xyz", ["m"] * 3, order))
+        found.append(Candidate("unknown:time", "offset moves between manoeuvres", [*"xyz"], ["m"] * 3, order))
         low = [float(r["latitude_class"] == "low") * np.eye(3) for r in self.rows]
-        found.append(("unknown:latitude", "offset differs at low latitude", "xyz", ["m"] * 3, low))
+        found.append(Candidate("unknown:latitude", "offset differs at low latitude", [*"xyz"], ["m"] * 3, low))
         return found
 
 
@@ -265,7 +265,7 @@ def _readings(slug, form, arcs, mean):
         time = np.arange(len(linear), dtype=float)
         context = Context(time=time, dipole_b=arc.dipole_b, angular_b=arc.alpha_b, linear_b=linear)
         columns.append(arc.answer(entry.columns(context)))
-    return slug, form, [p.name for p in entry.parameters], [p.unit for p in entry.parameters], columns
+    return listed(entry, columns, form)
 
 
 def _rate(form, arcs):
@@ -274,13 +274,9 @@ def _rate(form, arcs):
     for arc in arcs:
         rate = np.gradient(arc.dipole_b, STEP_S, axis=0)
         columns.append(arc.answer(entry.columns(Context(time=np.arange(len(rate), dtype=float), dipole_b=rate))))
-    return RATE, form, [p.name for p in entry.parameters], ["m s-1 A-1 m-2"] * len(entry.parameters), columns
-
-
-def _each_alone(slug, form, names, units, columns):
-    """Each parameter of a cause by itself, so that all families are offered as sparse as they can be."""
-    for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-        yield slug, f"{name} alone, {form}", [name], [unit], [one[:, k : k + 1] for one in columns]
+    count = len(entry.parameters)
+    units, prior = ["m s-1 A-1 m-2"] * count, [RATE_PRIOR] * count
+    return replace(listed(entry, columns, form), cause=RATE, units=units, prior=prior)
 
 
 def _scale(form, arcs, mean):
@@ -289,7 +285,7 @@ def _scale(form, arcs, mean):
     for arc in arcs:
         parts = [euler_columns(arc.alpha_b * unit) @ -mean for unit in np.eye(3)]
         columns.append(arc.answer(np.stack(parts, axis=2)))
-    return entry.slug, form, [p.name for p in entry.parameters], ["1"] * 3, columns
+    return listed(entry, columns, form)
 
 
 REPORT = Reported(

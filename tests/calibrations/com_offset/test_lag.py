@@ -9,12 +9,12 @@ import xarray as xr
 from scipy.integrate import quad, solve_ivp
 
 from gravcal.calibrations.com_offset import lag, responses
+from gravcal.effects import torque
 from gravcal.estimation.records import Entry
 
 RNG_LEVEL = 1e-5  # a mean square of 1000 draws 0.9 +- 0.04 below 1.1
 EDGES = np.array([2.0, 8.0, 14.0, 20.0])
 DIPOLE = np.array([[0.0, 3.0, 1.0], [0.5, -3.0, 1.0], [0.0, 3.0, 0.0]])
-ARC = SimpleNamespace(edges=EDGES, dipole_b=DIPOLE)
 
 
 def commanded(t):
@@ -27,8 +27,8 @@ def commanded(t):
 def test_a_lagging_rod_follows_its_equation(tau):
     """Analytic: tau dm/dt = m_commanded - m, integrated between the edges; edges a lead before the fitted ones."""
     lead, time = 0.4 * tau, np.arange(0.05, 25.0, 0.1)
-    missing, _ = lag.missing_of(ARC, tau)
-    found = lag.lagging(time, EDGES + lead, DIPOLE, missing, tau, np.array([0.0, lead]))[:, :, 1]
+    missing, _ = torque.lag_missing(EDGES, DIPOLE, tau)
+    found = torque.lagging(time, EDGES + lead, DIPOLE, missing, tau, np.array([0.0, lead]))[:, :, 1]
     state, begin, expected = np.zeros(3), 0.0, []
     for end in [*EDGES, 26.0]:
         inside = time[(time >= begin) & (time < end)]
@@ -43,11 +43,11 @@ def test_a_lagging_rod_follows_its_equation(tau):
 def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
     """Analytic: quadrature of (t - s) times lagging less late dipole over s."""
     time = np.array([1.0, 2.3, 2.9, 5.0, 8.05, 9.4, 13.9, 19.0, 24.0])
-    found = lag.swung(ARC, tau, time, tau)  # edges fitted later by the lag
-    missing, _ = lag.missing_of(ARC, tau)
+    found = torque.lag_swing(EDGES, DIPOLE, tau, time, tau)  # edges fitted later by the lag
+    missing, _ = torque.lag_missing(EDGES, DIPOLE, tau)
 
     def weighed(s, t, axis):
-        lagging = lag.lagging(np.array([s]), EDGES, DIPOLE, missing, tau, np.zeros(1))[0, axis, 0]
+        lagging = torque.lagging(np.array([s]), EDGES, DIPOLE, missing, tau, np.zeros(1))[0, axis, 0]
         return (t - s) * (lagging - commanded(s - tau)[axis])
 
     for t, row in zip(time, found, strict=True):

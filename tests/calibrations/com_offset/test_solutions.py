@@ -10,8 +10,8 @@ from scipy import stats
 
 from gravcal import catalog
 from gravcal.calibrations.com_offset.estimate import _joint, combine
-from gravcal.calibrations.com_offset.model import columns
 from gravcal.calibrations.com_offset.noise import noise, quiet
+from gravcal.physics.sensing import offset_tensor
 from gravcal.simulation.sensors import table_density
 
 KINDS = {0: "roll", 1: "pitch", 2: "yaw"}
@@ -50,9 +50,9 @@ def test_the_offset_follows_the_reading(made):
     made, _ = made
     smoothed, aligned = made["attitude"], made["align"]
     added = np.array([3e-5, -2e-5, 5e-5])
-    values = (smoothed[n].values for n in ("time_acc", "rate_b", "rate_dot_mtq_b", "gradient_b"))
+    tensor = offset_tensor(*(smoothed[n].values for n in ("rate_b", "rate_dot_mtq_b", "gradient_b")))
     linear = aligned["linear_b"].values.copy()
-    linear[np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)] += columns(*values) @ added
+    linear[np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)] -= tensor @ added
     moved = aligned.assign(linear_b=(aligned["linear_b"].dims, linear))
     others = (smoothed, made["angular_acceleration"]["mtq"], made["noise"], catalog.parameters("com_offset"))
     one, other = (tools.solution(a, *others) for a in (aligned, moved))

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from gravcal.calibrations.inertial_sensor import align, bias, observed_roll
 from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, linear_factors, published_offset_matrix
+from gravcal.calibrations.inertial_sensor.noise import power_laws
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
 from gravcal.physics import frames, kinematics, sensing
@@ -200,7 +201,7 @@ def test_power_laws_go_on_below_what_a_fit_leaves():
     def clean(values):
         return list(values - np.einsum("bq,cq,scd->sbd", line, line, values))
 
-    found = observed_roll.power_laws(drawn, clean, count, 10.0).density(frequency)
+    found = power_laws(drawn, clean, count, 10.0).density(frequency)
     assert_allclose(np.log(found / truth(frequency)), 0.0, atol=2 * np.log(4 / 3))
     short = noise.fit_noise([one[:, 0] for one in clean(drawn)], 3, 10.0).density(frequency)
     assert abs(np.log(short[0] / truth(frequency[0]))) > 2 * np.log(4 / 3)  # a short memory stops at 4 mHz

@@ -1,0 +1,178 @@
+"""Noise of what discovery sees of a day: each channel in bins, its noise beside what is free in it, whitened rows.
+
+The drag is free at every epoch, so that it takes up the mean reading of the sensors and leaves their difference.
+Distance of the sensors, a constant torque and the centre of pressure are free as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from gravcal.calibrations.gradient_torque.model import box_inertia, free_mass_angular_acceleration
+from gravcal.estimation import noise
+from gravcal.estimation.least_squares import orthonormal
+from gravcal.physics import frames, kinematics
+
+#: Global parameters: centre of pressure m, constant torque N m, distance of the sensors m.
+PLACES = {"pressure": slice(0, 3), "constant": slice(3, 6), "distance": slice(6, 9)}
+GLOBAL = 9
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel in bins, with its noise.
+
+    Attributes
+    ----------
+    width : epochs in a bin; time : (m,) s; good : (m,) bool, bins with data
+    models : noise models of the axes, none for the attitude
+    R_bi : (m, 3, 3) of the bins of the attitude, None for the others
+    stretches : (begin, end, (3 k, 3 k) rad Cholesky factor of the noise) of the attitude
+    rows : (n, 1 + GLOBAL) whitened: observed, columns of the global parameters
+    """
+
+    width: int
+    time: np.ndarray
+    good: np.ndarray
+    models: tuple = ()
+    R_bi: np.ndarray | None = None
+    stretches: tuple = ()
+    rows: np.ndarray | None = None
+
+    def whitened(self, added: np.ndarray) -> np.ndarray:
+        """Rows (n, q) of what is added at the epochs, (epochs, 3, q) m s-2, N m, rad s-2 of the angular reading."""
+        bins = np.nan_to_num(means(added, self.width))
+        if self.models:
+            return np.concatenate([noise.whiten(model, bins[:, k], self.good) for k, model in enumerate(self.models)])
+        angle = [integrated(self.time[b:e], self.R_bi[b:e], bins[b:e]) for b, e, _ in self.stretches]
+        return self.whitened_angles(angle, added.shape[2])
+
+    def whitened_angles(self, angles: Sequence[np.ndarray], width: int) -> np.ndarray:
+        """Rows (n, q) of angles (k, 3, q) rad of each stretch."""
+        rows = [np.zeros((0, width))]
+        for angle, (_, _, lower) in zip(angles, self.stretches, strict=True):
+            rows.append(solve_triangular(lower, angle.reshape(-1, width), lower=True))
+        return np.concatenate(rows)
+
+    def in_unit(self, rows: np.ndarray) -> np.ndarray:
+        """Columns (m, 3, q) of whitened rows (n, q) in the unit of the channel; of angles those of the stretches."""
+        if not self.models:
+            parts = np.split(rows, np.cumsum([lower.shape[0] for *_, lower in self.stretches])[:-1])
+            angles = [lower @ part for (*_, lower), part in zip(self.stretches, parts, strict=True)]
+            return np.concatenate(angles).reshape(-1, 3, rows.shape[1])
+        parts = rows.reshape(3, self.time.size, -1)
+        each = [noise.unwhiten(model, part, self.good) for model, part in zip(self.models, parts, strict=True)]
+        return np.stack(each, axis=1)
+
+    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Time s and axis of the rows, and the time by which they belong to a block: a stretch to that it begins in."""
+        if self.models:
+            time = np.tile(self.time, 3)
+            return time, np.repeat([0, 1, 2], self.time.size), time
+        time = np.repeat(np.concatenate([np.zeros(0), *(self.time[b:e] for b, e, _ in self.stretches)]), 3)
+        size = np.array([3 * (e - b) for b, e, _ in self.stretches], dtype=int)
+        return time, np.tile([0, 1, 2], time.size // 3), np.repeat([self.time[b] for b, _, _ in self.stretches], size)
+
+    def free(self, stretch: tuple) -> np.ndarray:
+        """Whitened columns (3 k, 6) of start and rate of the attitude of a stretch."""
+        begin, end, lower = stretch
+        R_bi = self.R_bi[begin:end]
+        start = R_bi @ np.broadcast_to(R_bi[0].T, R_bi.shape)
+        rate = kinematics.angle_from_rate_change(self.time[begin:end], R_bi, np.broadcast_to(np.eye(3), R_bi.shape))
+        return solve_triangular(lower, np.concatenate([start, rate], axis=2).reshape(-1, 6), lower=True)
+
+
+def _width(time, bin_s):
+    """Epochs in a bin."""
+    return max(1, round(bin_s / float(np.median(np.diff(time)))))
+
+
+def coloured(time, series, columns, effects, bin_s, order) -> Channel:
+    """Channel of a series (n, 3) with a noise model of each axis, beside the columns of the global parameters.
+
+    In the difference of the sensors everything that a listed effect adds is free as well, and jumps are, so that none
+    is noise; what the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts
+    on attitude.
+    """
+    observed, width = np.zeros((len(series), 3, 1 + GLOBAL)), _width(time, bin_s)
+    observed[:, :, 0] = series
+    for name, part in columns.items():
+        observed[:, :, 1:][:, :, PLACES[name]] = part
+    bins = means(observed, width)
+    good = np.isfinite(bins).all(axis=(1, 2))
+    left = np.where(good[:, None], bins[:, :, 0], np.nan)
+    beside = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
+    for axis in range(3 if effects else 0):
+        found = noise.jumps(lambda places, a=axis, b=beside: _left_beside(left, _with_jumps(b, a, places))[:, a])
+        beside = _with_jumps(beside, axis, found)
+    models = tuple(noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s))
+    channel = Channel(width, means(time, width), good, models)
+    return replace(channel, rows=channel.whitened(observed))
+
+
+def _with_jumps(beside, axis, places):
+    """Columns (m, 3, q) and those of jumps of an axis."""
+    columns = np.zeros((len(beside), 3, 2 * len(places)))
+    columns[:, axis] = noise.jump_columns(len(beside), places)
+    return np.concatenate([beside, columns], axis=2)
+
+
+def _left_beside(series, columns):
+    """What is left of bins (m, 3) beside columns (m, 3, q), zero where there are none."""
+    good = np.isfinite(series).all(axis=1)
+    basis, flat = orthonormal(columns[good].reshape(-1, columns.shape[2]), noise.DEPENDENT), series[good].ravel()
+    left = np.zeros_like(series)
+    left[good] = (flat - basis @ (basis.T @ flat)).reshape(-1, 3)
+    return left
+
+
+def of_attitude(about, R_bi, observed, modelled, settings) -> Channel:
+    """Channel of the star camera against the angular readings: angles of each stretch, its start and rate free."""
+    width = _width(about.time, settings["bin_s"])
+    turned = R_bi @ np.swapaxes(frames.R_bi_from_quaternion(observed["q"].values), 1, 2)
+    angle = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
+    angular = modelled["angular_b"].values.mean(axis=1)
+    inertia = box_inertia(settings["satellite"], settings["elongation"])
+    free = free_mass_angular_acceleration(inertia, about.gradient_b, about.rate_b)
+    residual = angular - (free - about.rate_dot_b)
+    time, turned = means(about.time, width), means(R_bi, width)
+    bins = means(angle, width)
+    good = np.isfinite(bins).all(axis=1) & np.isfinite(means(residual, width)).all(axis=1)
+    # white noise of one bin, from differences of neighbouring samples of a series that changes slowly
+    angle_sigma, angular_sigma = (
+        np.sqrt(np.nanmean(np.diff(series, axis=0) ** 2, axis=0) / 2 / width) for series in (angle, angular)
+    )
+    size, stretches = max(4, round(settings["stretch_s"] / np.median(np.diff(time)))), []
+    for begin in range(0, time.size - size + 1, size):
+        end = begin + size
+        if good[begin:end].all():
+            units = np.eye(3 * size).reshape(size, 3, 3 * size) * np.tile(angular_sigma, size)
+            P = integrated(time[begin:end], turned[begin:end], units).reshape(3 * size, -1)
+            stretches.append((begin, end, np.linalg.cholesky(P @ P.T + np.diag(np.tile(angle_sigma**2, size)))))
+    channel = Channel(width, time, good, R_bi=turned, stretches=tuple(stretches))
+    rows = channel.whitened_angles([bins[begin:end, :, None] for begin, end, _ in stretches], 1)
+    rows = rows + channel.whitened(residual[:, :, None])
+    return replace(channel, rows=np.concatenate([rows, np.zeros((len(rows), GLOBAL))], axis=1))
+
+
+def integrated(time: np.ndarray, R_bi: np.ndarray, rate_dot_b: np.ndarray) -> np.ndarray:
+    """Rotation (k, 3, q) rad that grows from additional angular accelerations (k, 3, q) rad s-2, at rest at the start.
+
+    Parameters
+    ----------
+    time : (k,) s; R_bi : (k, 3, 3); rate_dot_b : (k, 3, q)
+    """
+    return kinematics.angle_from_rate_change(time, R_bi, kinematics.running_integral(time, rate_dot_b))
+
+
+def means(series: np.ndarray, width: int) -> np.ndarray:
+    """Means (m, ...) of `width` neighbouring samples (n, ...), of those there are; NaN where there are none."""
+    whole = len(series) // width * width
+    parts = series[:whole].reshape(-1, width, *series.shape[1:])
+    known = np.isfinite(parts)
+    count = known.sum(axis=1)
+    return np.where(count > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(count, 1)
