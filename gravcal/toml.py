@@ -20,12 +20,12 @@ def _are_tables(value):
 
 
 def _lines(table):
-    """Lines of a table; tables in it by dotted names."""
+    """Lines of a table; tables of tables in it by dotted names."""
     found = []
     for name, item in table.items():
-        if isinstance(item, dict):
+        if isinstance(item, dict) and item and all(isinstance(value, dict) for value in item.values()):
             found += [f"{_key(name)}.{_key(part)} = {_value(value)}" for part, value in item.items()]
-        elif item is not None:
+        elif item is not None and item != {}:
             found.append(f"{_key(name)} = {_value(item)}")
     return found
 
