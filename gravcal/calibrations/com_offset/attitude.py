@@ -16,6 +16,12 @@ from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, gravity
 
 SCHEMAS = schemas.of("com_offset.toml")
+SURVEY_DEGREE = 5  # of the slow torque where no manoeuvre is there and control goes on
+#: A noise model takes this many samples a coefficient, few manoeuvres a short one: else it follows the fit's own notch.
+SAMPLES_PER_ORDER, FEW_ORDER = 84, 6
+#: A change of the noise's reflection coefficients that moves the weights by less than their own error.
+SETTLED = 0.02
+LOOSE_TORQUE = 1e-3  # N m, above any torque of the environment: a prior that keeps the sum solvable
 
 
 @dataclass(frozen=True)
@@ -326,14 +332,6 @@ def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
     quaternion, _, _ = evaluate(window.arc, fit.solution, at, 1.0)
     field_i = CubicSpline(window.arc.field_time, window.arc.field_i)(at)
     return np.matvec(frames.R_bi_from_quaternion(quaternion), field_i)
-
-
-SURVEY_DEGREE = 5  # of the slow torque where no manoeuvre is there and control goes on
-#: A noise model takes this many samples a coefficient, few manoeuvres a short one: else it follows the fit's own notch.
-SAMPLES_PER_ORDER, FEW_ORDER = 84, 6
-#: A change of the noise's reflection coefficients that moves the weights by less than their own error.
-SETTLED = 0.02
-LOOSE_TORQUE = 1e-3  # N m, above any torque of the environment: a prior that keeps the sum solvable
 
 
 @dataclass(frozen=True)

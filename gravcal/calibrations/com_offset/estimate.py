@@ -16,6 +16,12 @@ from gravcal.estimation.resampling import lowpass_resampler
 from gravcal.physics import sensing
 
 SCHEMAS = schemas.of("com_offset.toml")
+#: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
+PRIOR = np.eye(3) / 1e-3**2
+#: A direction in which one manoeuvre knows the offset worse than this is held at the value of all of them.
+DIRECTION_LIMIT_M = 1e-4
+#: Of the CoM paper: Sec. 4.3, Sec. 3.1, and between the areas of Table 3.
+LOWPASS_HZ, WEIGHTS, HIGH_LATITUDE = 0.166, np.array([1.0, 0.09, 1.0]), np.radians(45.0)
 
 
 def estimate(
@@ -68,14 +74,6 @@ def estimate(
     columns = -sensing.offset_tensor(np.asarray(rate_b), np.asarray(rate_dot_b), np.asarray(gradient_b))
     drift = least_squares.polynomial(time, drift_degree, time[0], time[-1])
     return estimating.estimate(reading_b, columns, noise, drift, ("x", "y", "z"), "m")
-
-
-#: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
-PRIOR = np.eye(3) / 1e-3**2
-#: A direction in which one manoeuvre knows the offset worse than this is held at the value of all of them.
-DIRECTION_LIMIT_M = 1e-4
-#: Of the CoM paper: Sec. 4.3, Sec. 3.1, and between the areas of Table 3.
-LOWPASS_HZ, WEIGHTS, HIGH_LATITUDE = 0.166, np.array([1.0, 0.09, 1.0]), np.radians(45.0)
 
 
 def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset:

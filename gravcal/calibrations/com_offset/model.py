@@ -12,6 +12,10 @@ from gravcal.estimation.resampling import operator_for
 from gravcal.physics import earth, frames, kinematics, magnetic, sensing
 
 SCHEMAS = schemas.of("com_offset.toml")
+HALF_WIDTH = 2  # star-camera samples either side of the parabola whose slope is the rate
+DRIFT_DEGREE = 2  # of the roll rate, for the torques that are not of the torquers
+VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
+ORBITAL_PERIOD_S = 97.13 * 60.0  # Sec. 3.4 of the CoM paper; erratum C-7
 
 
 def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
@@ -65,10 +69,6 @@ def _at_magnetometer(aligned, time, field_i):
     model_b[covered] = np.matvec(frames.R_bi_from_quaternion(body), inertial)
     measured = aligned["field_measured_b"].values
     return covered & (aligned["mag_flag"].values == 0) & np.isfinite(measured).all(axis=1), model_b
-
-
-HALF_WIDTH = 2  # star-camera samples either side of the parabola whose slope is the rate
-DRIFT_DEGREE = 2  # of the roll rate, for the torques that are not of the torquers
 
 
 def survey(aligned: xr.Dataset, checked: xr.Dataset) -> xr.Dataset:
@@ -128,10 +128,6 @@ def _slope(rate, impulse):
     sigma = np.sqrt(residual @ residual / (residual.size - DRIFT_DEGREE - 2) / square)
     lag = float(np.clip(np.corrcoef(residual[1:], residual[:-1])[0, 1], 0.0, 0.95))
     return value, float(sigma * np.sqrt((1 + lag) / (1 - lag)))
-
-
-VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
-ORBITAL_PERIOD_S = 97.13 * 60.0  # Sec. 3.4 of the CoM paper; erratum C-7
 
 
 def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) -> xr.Dataset:

@@ -22,6 +22,14 @@ from gravcal.physics.sensing import offset_tensor
 SCHEMAS = schemas.of("gradient_torque.toml")
 
 METHODS = ("one_sensor", "two_sensor")
+#: Independent elements xx, yy, xy, xz, yz of a symmetric tensor without trace; zz is -xx - yy.
+ELEMENTS = np.zeros((5, 3, 3))
+for _k, (_i, _j) in enumerate(((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))):
+    ELEMENTS[_k, _i, _j] = ELEMENTS[_k, _j, _i] = 1.0
+ELEMENTS[:2, 2, 2] = -1.0
+UNKNOWNS = ("G_xx", "G_yy", "G_xy", "G_xz", "G_yz", "drag_x", "drag_y", "drag_z")
+GRADIENT_SCALE, DRAG_SCALE = 1e-6, 1e-7  # s-2, m s-2; unknowns of one size, so that a rank means something
+TOLERANCE = 1e-9  # singular values below this share of the largest count as zero
 
 
 def field(read: gravity_field.Field) -> xr.Dataset:
@@ -228,16 +236,6 @@ def amplitude_spectrum(series: np.ndarray, step: float) -> tuple[np.ndarray, np.
                 one[lost] = np.interp(index[lost], index[~lost], one[~lost])
     spectrum = np.fft.rfft(window * (series - series.mean(axis=-2, keepdims=True)), axis=-2)
     return np.fft.rfftfreq(n, step)[1:], np.abs(spectrum[..., 1:, :]) * 2 / window.sum()
-
-
-#: Independent elements xx, yy, xy, xz, yz of a symmetric tensor without trace; zz is -xx - yy.
-ELEMENTS = np.zeros((5, 3, 3))
-for _k, (_i, _j) in enumerate(((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))):
-    ELEMENTS[_k, _i, _j] = ELEMENTS[_k, _j, _i] = 1.0
-ELEMENTS[:2, 2, 2] = -1.0
-UNKNOWNS = ("G_xx", "G_yy", "G_xy", "G_xz", "G_yz", "drag_x", "drag_y", "drag_z")
-GRADIENT_SCALE, DRAG_SCALE = 1e-6, 1e-7  # s-2, m s-2; unknowns of one size, so that a rank means something
-TOLERANCE = 1e-9  # singular values below this share of the largest count as zero
 
 
 def drag_from(linear_b, tensor_b, com_to_test_mass_b):

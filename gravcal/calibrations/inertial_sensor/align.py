@@ -17,6 +17,11 @@ from gravcal.physics import frames, gravity
 SCHEMAS = schemas.of("inertial_sensor.toml")
 
 SPIKE = 6.0  # standard deviations of a sample about the mean of its bin
+STEP = 2.0  # s, of the attitude looked at
+SHOWN = 60.0  # s, of the rates kept
+WINDOW = 28.0  # s, of the running rms, about one period of a swing
+EARLY = 8.0  # s, by which a running rms shows a swing before it begins
+SENSOR_STEP = 0.1  # s
 
 
 def spikes(values: np.ndarray, half_width: int, limit: float) -> np.ndarray:
@@ -176,13 +181,6 @@ def rates(quaternion: np.ndarray, step_s: float) -> np.ndarray:
     out[1:-1] = (turn[1:] + turn[:-1]) / 2
     out[0], out[-1] = turn[0], turn[-1]
     return out
-
-
-STEP = 2.0  # s, of the attitude looked at
-SHOWN = 60.0  # s, of the rates kept
-WINDOW = 28.0  # s, of the running rms, about one period of a swing
-EARLY = 8.0  # s, by which a running rms shows a swing before it begins
-SENSOR_STEP = 0.1  # s
 
 
 def detect(

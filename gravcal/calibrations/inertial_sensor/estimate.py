@@ -15,9 +15,23 @@ from gravcal.estimation import crn, kalman, least_squares
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import frames, gravity, sensing
-from gravcal.physics.sensing import rotation_tensor
 
 SCHEMAS = schemas.of("inertial_sensor.toml")
+EDGE = 5.0  # s fitted before the first and after the last reversal
+ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every ratio of Table 4 follows the second
+CAUSES = ("beta", "mass", "inertia", "arm")  # of the errors of k_x and k_z
+FILTER = crn.Crn(window_s=30.0, bandwidth_hz=0.1, convolutions=5)  # of the published method
+CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor is that of the ground
+ROUNDS = 4  # of a fit that converges in three
+#: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
+#: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
+FACTORS = {
+    "beta_x": ([1, 0, 0], [0, 0, 1]),
+    "beta_y": ([0, 1, 1], [1, 0, 0]),
+    "ratio_x": ([0, 0, 0], [0, 0, 1]),
+    "ratio_y": ([0, 0, 0], [1, 0, 0]),
+    "k_y": ([0, 0, 0], [0, 1, 0]),
+}
 
 
 def estimate(
@@ -73,12 +87,6 @@ def estimate(
     columns = tensor / np.asarray(scale, dtype=float)[:, None]
     drift = least_squares.polynomial(time, drift_degree, time[0], time[-1])
     return estimating.estimate(linear_volt, columns, noise, drift, ("x", "y", "z"), "m")
-
-
-EDGE = 5.0  # s fitted before the first and after the last reversal
-ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every ratio of Table 4 follows the second
-CAUSES = ("beta", "mass", "inertia", "arm")  # of the errors of k_x and k_z
-FILTER = crn.Crn(window_s=30.0, bandwidth_hz=0.1, convolutions=5)  # of the published method
 
 
 def scale(
@@ -286,22 +294,9 @@ def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarra
 
 def published_offset_matrix(rate_b, rate_dot_b, gradient_b):  # noqa: ARG001 - the printed form drops the gradient
     """Matrix A (..., 3, 3) s-2 of eq. 13 as printed: element (3,1) of wrong sign (erratum T-1), no gravity gradient."""
-    matrix = rotation_tensor(rate_b, rate_dot_b)
+    matrix = sensing.rotation_tensor(rate_b, rate_dot_b)
     matrix[..., 2, 0] += 2 * np.asarray(rate_dot_b)[..., 1]
     return matrix
-
-
-CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor is that of the ground
-ROUNDS = 4  # of a fit that converges in three
-#: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
-#: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
-FACTORS = {
-    "beta_x": ([1, 0, 0], [0, 0, 1]),
-    "beta_y": ([0, 1, 1], [1, 0, 0]),
-    "ratio_x": ([0, 0, 0], [0, 0, 1]),
-    "ratio_y": ([0, 0, 0], [1, 0, 0]),
-    "k_y": ([0, 0, 0], [0, 1, 0]),
-}
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,15 @@ from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares, robust
 from gravcal.estimation.noise import NoiseModel
 
+X = np.array([True, False, False] * 2)
+LONGEST = 4000  # observations of one stretch, whose covariance is held as a matrix; a wiggle of 1000 s at 5 s has 200
+#: Degree of the polynomial that the source paper removes from the observations, Remote Sens. 2022, 14, 3395, Sec. 4.1.
+PUBLISHED_DEGREE = (15, 13, None)
+STACKED = (
+    *("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept"),
+    *("arc_value", "arc_sigma", "arcs_chi2", "arcs_dof"),
+)
+
 
 def estimate(
     line_of_sight_b: np.ndarray,
@@ -63,18 +72,6 @@ def estimate(
     return estimating.estimate(
         np.asarray(range_less_orbit, dtype=float)[:, None], columns, [noise], drift, PARAMETERS, "m"
     )
-
-
-X = np.array([True, False, False] * 2)
-LONGEST = 4000  # observations of one stretch, whose covariance is held as a matrix; a wiggle of 1000 s at 5 s has 200
-#: Degree of the polynomial that the source paper removes from the observations, Remote Sens. 2022, 14, 3395, Sec. 4.1.
-PUBLISHED_DEGREE = (15, 13, None)
-
-
-STACKED = (
-    *("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept"),
-    *("arc_value", "arc_sigma", "arcs_chi2", "arcs_dof"),
-)
 
 
 @dataclass(frozen=True)
