@@ -146,13 +146,13 @@ def reports(port=None):
     from starlette.routing import Mount
     from starlette.staticfiles import StaticFiles
 
-    from gravcal.browse import access
+    from gravcal.browse.app import guarded
 
     objects = location.folder() / "objects"
     objects.mkdir(parents=True, exist_ok=True)
     token = hmac.digest(server.auth_string().encode(), b"reports", hashlib.sha256).hex()
     files = Starlette(routes=[Mount("/", StaticFiles(directory=objects))])
-    app = access.guarded(files, token, server.NAMES)
+    app = guarded(files, token, server.NAMES)
     pages = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off", ws="none"))
     with server.listener(port) as heard:
         thread = threading.Thread(target=pages.run, kwargs={"sockets": [heard]}, daemon=True)

@@ -38,9 +38,9 @@ def imports(path):
 
 
 def layer(name):
-    """Layer of a module: its top package, inside gravcal the next one; page and document of a calibration are one."""
+    """Layer of a module: its top package, inside gravcal the next one; the page of a calibration is one."""
     parts = name.removesuffix(".__init__").split(".")
-    if parts[:2] == ["gravcal", "calibrations"] and parts[3:4] in (["page"], ["document"]):
+    if parts[:2] == ["gravcal", "calibrations"] and parts[3:4] == ["page"]:
         return "pages"
     return parts[1] if parts[0] == "gravcal" and len(parts) > 1 else parts[0]
 

@@ -5,6 +5,5 @@ series     variables of a product; a column at the resolution of the screen; dif
 plots      figures (Bokeh) with the data the page asks for
 timeline   results over the years, with trims and printed values
 pages      one function for each page
-access       who may ask, and what an answer may contain
-app        addresses; the server
+app        addresses, who may ask for them; the server
 """

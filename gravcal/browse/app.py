@@ -1,26 +1,40 @@
-"""Addresses of the pages, and the server."""
+"""Addresses of the pages, who may ask for them, what an answer may contain, and the server."""
 
+import hmac
+import ipaddress
 import secrets
 import socket
-from importlib import resources
-from pathlib import Path
+from urllib.parse import parse_qsl, urlencode
 
 import uvicorn
 from bokeh.util.paths import bokehjs_path
 from starlette.applications import Starlette
-from starlette.responses import FileResponse
-from starlette.routing import Route
+from starlette.middleware.base import BaseHTTPMiddleware
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
 
-from gravcal.browse import access, pages, plots
+from gravcal.browse import pages, series
 from gravcal.errors import GravcalError
 
-LOCAL = ("127.0.0.1", "localhost", "[::1]")
-STATIC = {"browse.css": "text/css", "browse.js": "text/javascript"}
-LONG = {"Cache-Control": "public, max-age=31536000, immutable"}
+COOKIE = "gravcal_token_{}"  # by port: a browser sends the cookies of this machine to every port of it
+OURS = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "font-src 'self'; connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'"
+)
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Content-Security-Policy": OURS,
+}
+LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
 def application(calibrations, token="", hosts=LOCAL):
-    """The pages of calibrations {name: record} as an ASGI application; token and hosts as of `access.guarded`."""
+    """The pages of calibrations {name: record} as an ASGI application; token and hosts as of `guarded`."""
     routes = [
         Route("/", pages.home),
         Route("/timeline/{calibration}", pages.timeline),
@@ -37,23 +51,62 @@ def application(calibrations, token="", hosts=LOCAL):
         Route("/csv/{key}/{variable}", pages.samples),
         Route("/report/{key}/{name}", pages.report),
         Route("/file/{key}/{name}", pages.download),
-        Route("/static/{name}", static),
+        Mount("/static/bokeh", StaticFiles(directory=bokehjs_path() / "js")),
+        Mount("/static", StaticFiles(packages=[("gravcal.browse", "static")])),
     ]
-    handlers = {404: pages.not_found, 500: pages.broken}
+    handlers = {404: pages.not_found, 500: pages.broken, series.Missing: pages.missing}
     application = Starlette(routes=routes, exception_handlers=handlers)
     application.state.calibrations = calibrations
-    return access.guarded(application, token, hosts)
+    return guarded(application, token, hosts)
 
 
-def static(request):
-    """Style, script and Bokeh's script, all from this machine."""
-    name = request.path_params["name"]
-    if name == "bokeh.min.js":
-        return FileResponse(bokehjs_path() / "js" / name, media_type="text/javascript", headers=LONG)
-    if name not in STATIC:
-        return pages.not_found(request, None)
-    path = Path(str(resources.files("gravcal.browse"))) / "static" / name
-    return FileResponse(path, media_type=STATIC[name], headers={"Cache-Control": "no-cache"})
+def is_loopback(host):
+    """Whether an address can be reached from this machine only."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def guarded(app, token, hosts):
+    """ASGI application that answers only those who may ask; an empty token is not asked for.
+
+    Hosts are the names under which the server may be addressed, "*" for any: foreign pages cannot reach it by a name of
+    their own that leads to this machine.
+    """
+
+    async def answer(request, call_next):
+        response = _refused(request, token, hosts) or await call_next(request)
+        for name, value in HEADERS.items():
+            response.headers.setdefault(name, value)
+        return response
+
+    return BaseHTTPMiddleware(app, answer)
+
+
+def _refused(request, token, hosts):
+    """Answer to a request that is not let through, or None."""
+    named = request.headers.get("host") and request.url.hostname
+    if "*" not in hosts and named not in hosts:
+        return PlainTextResponse("This server does not answer to that host name.\n", 421)
+    if request.method not in ("GET", "HEAD"):
+        return PlainTextResponse("These pages can only be read.\n", 405)
+    cookie = COOKIE.format(request.scope["server"][1])
+    if not token or _same(request.cookies.get(cookie, ""), token):
+        return None
+    if _same(request.query_params.get("token", ""), token):
+        rest = urlencode([pair for pair in parse_qsl(request.url.query) if pair[0] != "token"])
+        moved = RedirectResponse("/" + request.url.path.lstrip("/") + (f"?{rest}" if rest else ""), 303)
+        moved.set_cookie(cookie, token, httponly=True, samesite="strict")
+        return moved
+    return PlainTextResponse("Open the address that gravcal printed or linked; it holds the token.\n", 401)
+
+
+def _same(given, token):
+    """Comparison that takes as long whatever was given."""
+    return hmac.compare_digest(given.encode(), token.encode())
 
 
 def bound(host: str, port: int) -> socket.socket:
@@ -75,12 +128,10 @@ def bound(host: str, port: int) -> socket.socket:
 
 def serve(calibrations, listening, host, say):
     """Answer on a socket until the process is ended; host as the user gave it, ``say`` prints a line."""
-    plots.ready()
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
-    shown = f"[{shown}]" if ":" in shown else shown
     port = listening.getsockname()[1]
     token = secrets.token_urlsafe(24)  # on loopback, too: other users of this machine can ask
-    hosts = (*LOCAL, shown) if access.is_loopback(host) else ("*",)
-    say(f"http://{shown}:{port}/?token={token}")
+    hosts = (*LOCAL, shown) if is_loopback(host) else ("*",)
+    say(f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/?token={token}")
     settings = uvicorn.Config(application(calibrations, token, hosts), log_level="warning", lifespan="off", ws="none")
     uvicorn.Server(settings).run(sockets=[listening])

@@ -1,15 +1,14 @@
-"""One function for each page: asks the shelf, fills a template. Names from the address are looked up, never joined."""
+"""One function for each page: asks the store, fills a template. Names from the address are looked up, never joined."""
 
 import functools
 import graphlib
-import math
 import re
 
-from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse
 
 from gravcal import __version__, catalog
-from gravcal.browse import access, plots, series, store_index
+from gravcal.browse import plots, series, store_index
 from gravcal.browse import timeline as years
 from gravcal.report import comparison
 from gravcal.report.pages import environment, true_units
@@ -19,22 +18,13 @@ from gravcal.store import product as contents
 from gravcal.store.results import rounded
 
 KINDS = {".html": "text/html; charset=utf-8", ".json": "application/json", ".nc": "application/x-netcdf"}
+#: What a report may do: show itself, without scripts.
+REPORT = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
 WIDTH, HEIGHT = 138, 50  # of a box, px
 ACROSS, DOWN = 158, 60  # from one box to the next, px
 MARGIN = 6
 
 
-def page(body):
-    """Decorator: a page is computed in a thread of its own, so that others are answered meanwhile."""
-
-    @functools.wraps(body)
-    async def answer(request):
-        return await run_in_threadpool(body, request)
-
-    return answer
-
-
-@page
 def home(request):
     """Calibrations with their state, and all events."""
     rows = store_index.results()
@@ -42,37 +32,27 @@ def home(request):
     return _filled("home.html", request, rows=rows, counts=counts, waiting=store_index.waiting(rows))
 
 
-@page
 def timeline(request):
     """Results of a calibration over the years."""
-    name = request.path_params["calibration"]
-    calibration = request.app.state.calibrations.get(name)
-    if calibration is None:
-        return not_found(request, None)
+    calibration = _calibration(request)
     points = years.points(calibration)
     letters = sorted({point.satellite for point in points})
     return _filled("timeline.html", request, calibration=calibration, letters=letters, points=points)
 
 
-@page
 def timeline_figure(request):
     """Figure of one satellite over the years."""
-    calibration = request.app.state.calibrations.get(request.path_params["calibration"])
-    satellite = request.path_params["satellite"]
-    drawn = plots.over_years(calibration, satellite) if calibration else None
-    return JSONResponse(drawn) if drawn else JSONResponse({"error": "found no result"}, 404)
+    return JSONResponse(_there(plots.over_years(_calibration(request), request.path_params["satellite"])))
 
 
-@page
 def event(request):
     """Chain of stages of one event as its last run left it, what a change would remake, its results and reports."""
-    name, configuration = request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
+    name, configuration = _event(request)
     plain = [row for row in store_index.results() if row["event"] == name]
     flows = store_index.flows(name, configuration)
     flow = request.query_params.get("flow", flows[0] if flows else "")
     nodes = store_index.chain(name, configuration, flow if flow in flows else None)
-    if not (nodes or plain and configuration == location.OPERATIONAL):
-        return not_found(request, None)
+    _there(nodes or (plain if configuration == location.OPERATIONAL else None))
     rows = [row for row in store_index.results(configuration) if row["event"] == name]
     experiments = sorted({one for row in plain for one in row["experiments"]})
     tried = {one: [row for row in store_index.results(one) if row["event"] == name] for one in experiments}
@@ -111,19 +91,20 @@ def _delivered(document):
     return (document or {}).get("status") in years.RESULTS
 
 
-@page
 def compare(request):
     """Results of two configurations event by event: values, difference in sigma, and why."""
-    name = request.path_params["calibration"]
-    calibration = request.app.state.calibrations.get(name)
-    if calibration is None:
-        return not_found(request, None)
-    known = [location.OPERATIONAL, *configurations.names(name)]
+    calibration = _calibration(request)
+    known = [location.OPERATIONAL, *configurations.names(calibration.name)]
     first, second = (request.query_params.get(side, known[0 if side == "a" else -1]) for side in "ab")
-    sides = []
-    for one in (first, second):
-        own = [row for row in store_index.results(one) if row["calibration"] == name and _delivered(row["document"])]
-        sides.append({row["event"]: row for row in own})
+    rows = {name: store_index.results(name) for name in (first, second)}
+    sides = [
+        {
+            row["event"]: row
+            for row in rows[name]
+            if row["calibration"] == calibration.name and _delivered(row["document"])
+        }
+        for name in (first, second)
+    ]
     shared = sorted(sides[0].keys() & sides[1].keys())
     whys = {one: history.apart(*(side[one]["report"].ref.key for side in sides)) for one in shared}
     pairs = [(one, *(side[one]["document"] for side in sides), whys[one]) for one in shared]
@@ -133,17 +114,13 @@ def compare(request):
                    tables=tables, alone=alone, assumption=comparison.ASSUMPTION)  # fmt: skip
 
 
-@page
 def search(request):
     """What discovery said of an event: verdict, findings, what it could not have seen; and its own page."""
-    name, configuration = request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
-    found = store_index.searches(name, configuration)
-    if not found:
-        return not_found(request, None)
+    name, configuration = _event(request)
+    found = _there(store_index.searches(name, configuration))
     return _filled("search.html", request, name=name, configuration=configuration, found=found)
 
 
-@page
 def designs(request):
     """Designs of sessions in the catalogue, and what of an event was planned and found."""
     known = {name: catalog.design(name) for name in catalog.names("designs")}
@@ -155,7 +132,6 @@ def designs(request):
     return _filled("designs.html", request, known=known, name=name, event=event, flown=flown, proposed=proposed)
 
 
-@page
 def results(request):
     """Catalogue of all delivered values as CSV, with links to these pages."""
     at = str(request.base_url).rstrip("/")
@@ -165,25 +141,21 @@ def results(request):
 
 def _csv(text, name):
     """Answer with a table to be kept."""
-    return PlainTextResponse(text, media_type="text/csv",
-                             headers={"Content-Disposition": f'attachment; filename="{name}.csv"'})  # fmt: skip
+    disposition = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
+    return PlainTextResponse(text, media_type="text/csv", headers=disposition)
 
 
-@page
 def products(request):
     """All products of the store, those replaced by newer ones when asked for."""
     everything = request.query_params.get("all") == "1"
     found = [one for one in store_index.entries() if one.configurations or everything]
-    return _filled("products.html", request, found=found[::-1], everything=everything,
-                   differs=store_index.differing(found))  # fmt: skip
+    differs = store_index.differing(found)
+    return _filled("products.html", request, found=found[::-1], everything=everything, differs=differs)
 
 
-@page
 def product(request):
     """One product: what it holds, a plot, how it was made."""
-    found = store_index.entry(request.path_params["key"])
-    if found is None:
-        return not_found(request, None)
+    found = _there(store_index.entry(request.path_params["key"]))
     held = series.listed(found.ref.path)
     shown = _shown(held, request.query_params.get("variable"))
     wish = _wish(request, shown.name if shown else "")
@@ -196,49 +168,36 @@ def product(request):
                    tree=history.tree(found), views=plots.VIEWS)  # fmt: skip
 
 
-@page
 def figure(request):
     """Figure of a variable."""
-    try:
-        return JSONResponse(plots.figure(_wish(request, request.path_params["variable"])))
-    except (plots.Missing, OSError) as error:
-        return JSONResponse({"error": str(error)}, 404)
+    return JSONResponse(plots.figure(_wish(request, request.path_params["variable"])))
 
 
-@page
 def data(request):
     """Data of a figure between two places of its axis."""
-    try:
-        start, stop = (float(request.query_params[name]) for name in ("from", "to"))
-        if not (math.isfinite(start) and math.isfinite(stop)):
-            raise ValueError
-        return JSONResponse(plots.data(_wish(request, request.path_params["variable"]), start, stop))
-    except (plots.Missing, OSError) as error:
-        return JSONResponse({"error": str(error)}, 404)
-    except (KeyError, ValueError):
-        return JSONResponse({"error": "give from and to, two numbers"}, 400)
+    start, stop = _ends(request)
+    if start is None or stop is None:
+        raise HTTPException(400, "give from and to, two numbers")
+    return JSONResponse(plots.data(_wish(request, request.path_params["variable"]), start, stop))
 
 
-@page
 def samples(request):
     """Data of a figure as CSV, every sample between two places of its axis."""
-    try:
-        ends = [float(request.query_params.get(name, "nan")) for name in ("from", "to")]
-        wish = _wish(request, request.path_params["variable"])
-        return _csv(plots.table(wish, *(None if math.isnan(one) else one for one in ends)), wish.variable)
-    except (plots.Missing, OSError) as error:
-        return PlainTextResponse(f"{error}\n", 404)
-    except ValueError as error:
-        return PlainTextResponse(f"{error}\n", 400)
+    wish = _wish(request, request.path_params["variable"])
+    return _csv(plots.table(wish, *_ends(request)), wish.variable)
 
 
-@page
+def _ends(request):
+    """Places of the axis between which data are asked for, None for each that is not given as a number."""
+    texts = (request.query_params.get(name, "") for name in ("from", "to"))
+    return [float(text) if re.fullmatch(r"[-+]?\d[\d.]*(e[-+]?\d+)?", text) else None for text in texts]
+
+
 def report(request):
     """A file of a report, shown without scripts."""
-    return _file(request, {"Content-Security-Policy": access.REPORT})
+    return _file(request, {"Content-Security-Policy": REPORT})
 
 
-@page
 def download(request):
     """A file of a product, to be kept."""
     return _file(request, {"Content-Disposition": "attachment"})
@@ -256,12 +215,32 @@ def broken(request, _):
                    text="A product may be damaged: gravcal products verify says which.")  # fmt: skip
 
 
+def missing(_, error):
+    """Say what cannot be drawn, and why."""
+    return PlainTextResponse(f"{error}\n", 404)
+
+
+def _there(found):
+    """What was looked up; the answer is "not found" where that is nothing."""
+    if not found:
+        raise HTTPException(404)
+    return found
+
+
+def _calibration(request):
+    """Record of the calibration in the address."""
+    return _there(request.app.state.calibrations.get(request.path_params["calibration"]))
+
+
+def _event(request):
+    """Names of the event and of the configuration in the address."""
+    return request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
+
+
 def _file(request, headers):
     """A file that the record of a product names."""
-    found = store_index.entry(request.path_params["key"])
-    path = store_index.file(found, request.path_params["name"]) if found else None
-    if path is None:
-        return not_found(request, None)
+    found = _there(store_index.entry(request.path_params["key"]))
+    path = _there(store_index.file(found, request.path_params["name"]))
     return FileResponse(path, media_type=KINDS.get(path.suffix, "text/plain; charset=utf-8"), headers=headers)
 
 
@@ -292,9 +271,9 @@ def _filled(template, request, status=200, **content):
         "store": str(location.folder()),
         "version": __version__,
         "path": request.url.path,
+        "query": str(request.url.query),
     }
-    return HTMLResponse(_environment().get_template(template).render(query=str(request.url.query), **known, **content),
-                        status)  # fmt: skip
+    return HTMLResponse(_environment().get_template(template).render(**known, **content), status)
 
 
 @functools.lru_cache(maxsize=1)
@@ -320,30 +299,30 @@ def _signed(text):
 
 
 def placed(nodes):
-    """Picture of a chain, stages beside inputs: "width", "height", "boxes" (x, y, node), "lines" as path texts."""
-    known, depths, columns, places = {node.key: node for node in nodes if node.key}, {}, {}, {}
-    inputs = {node.key or node.stage: [key for key in node.inputs if key in known] for node in nodes}
-    for key in graphlib.TopologicalSorter(inputs).static_order():
-        depths[key] = 1 + max((depths[below] for below in inputs[key]), default=-1)
-    for node in nodes:
-        depth = depths[node.key] if node.key else max((depths[key] for key in known), default=-1) + 1
-        columns.setdefault(depth, []).append(node)
+    """Picture of a chain, stages right of their inputs: "width", "height", "boxes" (x, y, node), "lines" as paths."""
+    known = {node.key or node.stage: node for node in nodes}
+    inputs = {name: [key for key in node.inputs if key in known] for name, node in known.items()}
+    depths, columns, places, lines = {}, {}, {}, []
+    for name in graphlib.TopologicalSorter(inputs).static_order():
+        depths[name] = 1 + max((depths[key] for key in inputs[name]), default=-1)
+    last = max((depths[name] for name, node in known.items() if node.key), default=-1)
+    for name, node in known.items():
+        columns.setdefault(depths[name] if node.key else last + 1, []).append(name)  # what failed stands at the end
     tallest = max(map(len, columns.values()), default=0)
     for depth, column in sorted(columns.items()):
-        beside = {id(node): [places[key][1] for key in inputs[node.key or node.stage]] for node in column}
-        wish = lambda node, near=beside: (sum(near[id(node)]) / max(len(near[id(node)]), 1), node.stage)  # noqa: E731
-        for row, node in enumerate(sorted(column, key=wish)):
-            top = MARGIN + (tallest - len(column)) * DOWN / 2
-            places[node.key or node.stage] = (MARGIN + depth * ACROSS, top + row * DOWN, node)
-    lines = [_line(places[key], places[node], depths[node] - depths[key]) for node in known for key in inputs[node]]
+        near = {name: [places[key][1] for key in inputs[name]] for name in column}
+        column.sort(key=lambda name, near=near: (sum(near[name]) / max(len(near[name]), 1), known[name].stage))
+        for row, name in enumerate(column):
+            x, y = MARGIN + depth * ACROSS, MARGIN + ((tallest - len(column)) / 2 + row) * DOWN
+            places[name] = (x, y, known[name])
+            lines += [_line(places[key], places[name]) for key in inputs[name]]
     width = 2 * MARGIN + max(columns, default=0) * ACROSS + WIDTH
-    boxes = {"width": width, "height": 2 * MARGIN + tallest * DOWN, "boxes": list(places.values())}
-    return boxes | {"lines": sorted(lines)}
+    return {"width": width, "height": 2 * MARGIN + tallest * DOWN, "boxes": list(places.values()), "lines": lines}
 
 
-def _line(start, stop, columns):
+def _line(start, stop):
     """Curve from the right of one box to the left of another; one that passes columns bends late."""
     x, y = start[0] + WIDTH, start[1] + HEIGHT / 2
     u, v = stop[0], stop[1] + HEIGHT / 2
-    bend = (ACROSS - WIDTH) * (0.5 if columns == 1 else 0.9)
+    bend = (ACROSS - WIDTH) * (0.5 if u - start[0] == ACROSS else 0.9)
     return f"M{x:.0f},{y:.0f} C{x + bend:.0f},{y:.0f} {u - bend:.0f},{v:.0f} {u:.0f},{v:.0f}"

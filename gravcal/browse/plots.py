@@ -2,37 +2,38 @@
 
 import base64
 import csv
-import dataclasses
 import datetime
 import io
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from bokeh.embed import json_item
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, HoverTool, Label, OpenURL, Range1d, Span, TapTool
 from bokeh.plotting import figure as bokeh_figure
+from bokeh.themes import Theme
 
 from gravcal.browse import series, store_index, timeline
+from gravcal.report.figures import COLOURS
 from gravcal.report.plain import gps_text
 from gravcal.store.results import rounded
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")  # Okabe and Ito, 2008
+LINES = [COLOURS[name] for name in ("blue", "vermilion", "green", "purple", "sky", "orange")]
 VIEWS = ("overlay", "difference", "spectrum")
 DRAWN = 6  # series of one product, at most
 MANY = 4_000_000  # samples; of more, only the first series is drawn unasked
 GAPS = 0.5  # share of the axis that gaps may fill before the page says what to do
-FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', Arial, sans-serif"
 GREY = "#5a5a5a"
-SHOWN = {"@date": "datetime"}
 #: Colour, mark, its size and filling by verdict, and by origin where not all was measured; a diamond is drawn smaller.
 MOODS = {
-    "good": ("#009E73", "circle", 9, None),
-    "bad": ("#D55E00", "triangle", 9, None),
-    "plain": (GREY, "square", 9, None),
-    "questionable": ("#000000", "x", 9, None),
-    "simulated": ("#7b52ab", "diamond", 14, None),
-    "mixed": ("#7b52ab", "diamond_cross", 14, None),
+    "good": ("#009E73", "circle", 9, "#009E73"),
+    "bad": ("#D55E00", "triangle", 9, "#D55E00"),
+    "plain": (GREY, "square", 9, GREY),
+    "questionable": ("#000000", "x", 9, "#000000"),
+    "simulated": ("#7b52ab", "diamond", 14, "#7b52ab"),
+    "mixed": ("#7b52ab", "diamond_cross", 14, "#7b52ab"),
     "printed": ("#0072B2", "circle", 7, "white"),
 }
 TOOLS = {
@@ -41,6 +42,7 @@ TOOLS = {
     "active_scroll": "xwheel_zoom",
     "sizing_mode": "stretch_width",
 }
+THEME = Theme(Path(__file__).with_name("theme.json"))
 
 
 @dataclass(frozen=True)
@@ -68,17 +70,6 @@ class Trace:
     column: int
 
 
-class Missing(LookupError):
-    """A product, variable or column that is not there, or not to be plotted."""
-
-
-def ready():
-    """Try what draws, so that the first figure comes as fast as the others."""
-    drawn = _empty("time", "", "")
-    drawn.line([0.0, 1.0], [0.0, 1.0])
-    json_item(drawn)
-
-
 def chosen(variable, columns=()):
     """Numbers of the series that are drawn: those wished, else the first ones."""
     wished = tuple(number for number in columns if 0 <= number < len(variable.columns))
@@ -89,9 +80,31 @@ def chosen(variable, columns=()):
 
 
 def figure(wish: Wish) -> dict:
-    """Figure with its data, as Bokeh's embed_item takes it."""
-    made, said = _spectra(wish) if wish.view == "spectrum" else _lines(wish)
-    return json_item(made) | {"said": said}
+    """Figure with its data, as Bokeh's embed_item takes it, and "said": what stands behind the picture."""
+    traces, kind, along, unit = _traces(wish)
+    if wish.view == "spectrum":
+        seconds = kind == "time" or along.endswith("(s)")
+        drawn = _empty("log", "frequency (Hz)" if seconds else "cycles per unit of the axis")
+        drawn.yaxis.axis_label = f"{unit[:-1]} Hz-1/2)" if seconds else unit
+        curves = [series.spectrum(one.whole) for one in traces]
+        said = "; ".join(dict.fromkeys(one[2] for one in curves))
+    else:
+        drawn = _empty(kind, along)
+        drawn.yaxis.axis_label = f"difference of {unit}" if wish.view == "difference" and wish.other else unit
+        views = [series.view(one.whole) for one in traces]
+        curves = [(_drawn(x + one.shift, kind), y) for one, (x, y) in zip(traces, views, strict=True)]
+        ends = [_drawn(one.whole.x[[0, -1]] + one.shift, kind) for one in traces] or [(0.0, 1.0)]
+        low, high = np.min(ends), np.max(ends)
+        drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
+        said = _said(traces)
+    for number, (one, (x, y, *_)) in enumerate(zip(traces, curves, strict=True)):
+        name = "spectrum" if wish.view == "spectrum" else "line"
+        source = ColumnDataSource({"x": x, "y": y}, name=f"{name}-{number}")
+        look = {"color": LINES[one.column % len(LINES)], "line_dash": "solid" if one.product == 0 else [5, 3]}
+        drawn.line("x", "y", source=source, line_width=1.2, legend_label=one.label, **look)
+    if traces:
+        drawn.add_layout(drawn.legend[0], "above")
+    return json_item(drawn, theme=THEME) | {"said": said}
 
 
 def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
@@ -106,10 +119,7 @@ def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
 
 
 def table(wish: Wish, start=None, stop=None) -> str:
-    """CSV of the lines of a figure, every sample between two places of its axis; of a spectrum all of it.
-
-    ValueError where that are more samples than `MANY`.
-    """
+    """CSV of the lines of a figure, every sample between two places of its axis; of a spectrum all of it."""
     traces, kind, along, unit = _traces(wish)
     rows = []
     if wish.view == "spectrum":
@@ -134,6 +144,7 @@ def _csv_of(heads, rows):
 
 def _traces(wish):
     """Lines of a figure; kind and label of the axis along; unit."""
+    wish = replace(wish, without_gaps=False) if wish.view == "spectrum" else wish
     own, variable = _asked(wish.key, wish.variable)
     coordinate, kind, label = _along(own, variable, wish)
     numbers = chosen(variable, wish.columns)
@@ -142,7 +153,7 @@ def _traces(wish):
         other, second = _asked(wish.other, wish.variable)
         more = [_trace(other, second, number, 1, wish) for number in numbers if number < len(second.columns)]
         traces = _differences(traces, more, wish) if wish.view == "difference" else traces + more
-    if wish.from_start and coordinate is not None:
+    if wish.from_start and coordinate:
         kind, label = "value", "time since the start (s)" if kind == "time" else f"{label}, from its start"
     return traces, kind, label, f"{variable.name} ({variable.units or '1'})"
 
@@ -152,21 +163,21 @@ def _asked(key, name):
     found = store_index.entry(key)
     variable = series.find(found.ref.path, name) if found else None
     if variable is None or not variable.plottable:
-        raise Missing(f"{key[:12]} {name}: found no numbers along an axis")
+        raise series.Missing(f"{key[:12]} {name}: found no numbers along an axis")
     return found.ref.path, variable
 
 
 def _along(path, variable, wish):
-    """Coordinate that a figure runs along, its kind and its label."""
+    """Name of the coordinate that a figure runs along, its kind and its label."""
     if wish.without_gaps:
-        return None, "index", f"{variable.dims[variable.axis]} (number of the sample, gaps left out)"
+        return "", "index", f"{variable.dims[variable.axis]} (number of the sample, gaps left out)"
     return series.coordinate(path, variable)
 
 
 def _trace(path, variable, number, product, wish):
     """One line of one product."""
     coordinate, _, _ = _along(path, variable, wish)
-    whole = series.series(series.column(path, variable, number), coordinate)
+    whole = series.series(path, variable.name, number, coordinate)
     name, origin = variable.columns[number] or variable.name, store_index.origin(path)
     name = name if origin in ("", "measured") else f"{name} ({origin})"
     mark = f"{'AB'[product]} {name}" if wish.other else name
@@ -186,79 +197,15 @@ def _differences(first, second, wish):
     return found
 
 
-def _lines(wish):
-    """Figure of lines along the coordinate, and a sentence on what was left out."""
-    traces, kind, along, unit = _traces(wish)
-    drawn = _empty(kind, along, f"difference of {unit}" if wish.view == "difference" and wish.other else unit)
-    ends = [(one.whole.x[0] + one.shift, one.whole.x[-1] + one.shift) for one in traces]
-    low, high = (_drawn(np.array([f(side) for f, side in zip((min, max), zip(*ends, strict=True), strict=True)]), kind)
-                 if ends else (0.0, 1.0))  # fmt: skip
-    drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
-    for number, one in enumerate(traces):
-        x, y = series.view(one.whole)
-        source = ColumnDataSource({"x": _drawn(x + one.shift, kind), "y": y}, name=f"line-{number}")
-        _add(drawn, source, one, number)
-    _finish(drawn, traces)
-    return drawn, _said(traces)
-
-
-def _spectra(wish):
-    """Figure of amplitude spectral densities, and how they were computed."""
-    traces, kind, along, unit = _traces(dataclasses.replace(wish, without_gaps=False))
-    seconds = kind == "time" or along.endswith("(s)")
-    scale = "frequency (Hz)" if seconds else "cycles per unit of the axis"
-    drawn = _empty("log", scale, f"{unit[:-1]} Hz-1/2)" if seconds else unit)
-    sentences = []
-    for number, one in enumerate(traces):
-        frequency, density, said = series.spectrum(one.whole)
-        _add(drawn, ColumnDataSource({"x": frequency, "y": density}), one, number)
-        sentences.append(said)
-    _finish(drawn, traces)
-    return drawn, "; ".join(dict.fromkeys(sentences))
-
-
-def _empty(kind, along, unit):
-    """Figure without lines in the look of the pages."""
-    scales = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
+def _empty(kind, along):
+    """Figure without lines; a cross-hair shows values."""
+    axes = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
     ranges = {} if kind == "log" else {"x_range": Range1d()}
-    drawn = bokeh_figure(name="figure", height=430, **TOOLS, **scales, **ranges)
-    drawn.xaxis.axis_label, drawn.yaxis.axis_label = along, unit
-    return styled(drawn)
-
-
-def styled(drawn):
-    """The same figure in the look of the pages."""
-    drawn.toolbar.logo = drawn.outline_line_color = None
-    for axis in (drawn.xaxis, drawn.yaxis):
-        axis.axis_label_text_font, axis.major_label_text_font = FONT, FONT
-        axis.axis_label_text_font_style, axis.axis_label_text_font_size = "normal", "12px"
-        axis.major_label_text_color, axis.axis_label_text_color = GREY, "#1a1a1a"
-        axis.axis_line_color, axis.major_tick_line_color, axis.minor_tick_line_color = GREY, GREY, None
-    drawn.grid.grid_line_color = "#e6e6e6"
+    drawn = bokeh_figure(name="figure", height=430, x_axis_label=along, **TOOLS, **axes, **ranges)
+    tips = [("", "@x{%F %T.%3N}"), ("GPS s", "@s{0.000}")] if kind == "time" else [("", "@x{0.000000}")]
+    formats = {"@y": "printf"} | ({"@x": "datetime"} if kind == "time" else {})
+    drawn.add_tools(HoverTool(tooltips=[*tips, ("", "@y{%.6g}")], formatters=formats, mode="mouse"))
     return drawn
-
-
-def _add(drawn, source, trace, number):
-    """One line; the second product is dashed."""
-    colour = COLOURS[trace.column % len(COLOURS)]
-    dash = "solid" if trace.product == 0 else [5, 3]
-    drawn.line("x", "y", source=source, color=colour, line_dash=dash, line_width=1.2, legend_label=trace.label,
-               name=f"glyph-{number}")  # fmt: skip
-
-
-def _finish(drawn, traces):
-    """Legend above the figure, a click hides a line; a cross-hair shows values."""
-    if traces:
-        drawn.add_layout(drawn.legend[0], "above")
-        drawn.legend.orientation, drawn.legend.click_policy = "horizontal", "hide"
-        drawn.legend.border_line_color, drawn.legend.label_text_font = None, FONT
-        drawn.legend.label_text_font_size, drawn.legend.padding, drawn.legend.margin = "12px", 0, 4
-    stamp = type(drawn.x_scale).__name__ == "LinearScale" and type(drawn.xaxis[0]).__name__ == "DatetimeAxis"
-    tips = [("", "@x{%F %T.%3N}"), ("GPS s", "@s{0.000}")] if stamp else [("", "@x{0.000000}")]
-    tips.append(("", "@y{%.6g}"))
-    drawn.add_tools(
-        HoverTool(tooltips=tips, formatters={"@y": "printf"} | ({"@x": "datetime"} if stamp else {}), mode="mouse")
-    )
 
 
 def _said(traces):
@@ -291,67 +238,45 @@ def over_years(calibration, satellite: str) -> dict | None:
     own = [point for point in timeline.points(calibration) if point.satellite == satellite]
     if not own:
         return None
-    said, orders = timeline.printed_points(calibration, satellite), timeline.levels(calibration)
-    trimmed = timeline.trims(satellite) if calibration.trims else []
+    points, orders = [*own, *timeline.printed_points(calibration, satellite)], timeline.levels(calibration)
+    trims = timeline.trims(satellite) if calibration.trims else []
     panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
-    drawn, shared = [], {}
+    drawn, axes = [], {"x_axis_type": "datetime"}
     for panel, unit in panels:
-        one = _panel(f"{panel}\n({unit})", shared, (panel, unit) == panels[-1], "log" if panel in orders else "linear")
-        shared = {"x_range": one.x_range}
-        _values(one, [point for point in [*own, *said] if point.panel == panel])
-        for trim in (trim for trim in trimmed if trim.axis == panel):
-            _trim(one, trim)
+        last = (panel, unit) == panels[-1]
+        scale = "log" if panel in orders else "linear"
+        one = bokeh_figure(height=190 if last else 160, y_axis_type=scale, **TOOLS, **axes)
+        one.yaxis.axis_label, one.xaxis.visible = f"{panel}\n({unit})", last
+        one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
+        axes = {"x_range": one.x_range, "x_axis_type": "datetime"}
+        _values(one, [point for point in points if point.panel == panel])
+        for trim in (trim for trim in trims if trim.axis == panel):
+            when = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
+            dash = "dashed" if trim.confirmed else "dotted"  # where the printed series does not confirm it
+            one.add_layout(Span(location=when, dimension="height", line_color=GREY, line_dash=dash))
+            text = f" trim {trim.trim_um:+.0f} µm"
+            one.add_layout(Label(x=when, y=4, y_units="screen", text=text, text_color=GREY))
         if panel in orders:
-            values = [point.value for point in own if point.panel == panel]
-            _level(one, *orders[panel], max(values))
+            level, text = orders[panel]
+            one.y_range = Range1d(level / 5, 5 * max([level, *(point.value for point in own if point.panel == panel)]))
+            one.add_layout(Span(location=level, dimension="width", line_color="#0072B2", line_dash="dashed"))
+            one.add_layout(Label(x=4, x_units="screen", y=level, y_offset=3, text=text, text_color="#0072B2"))
         drawn.append(one)
-    return json_item(column(drawn, sizing_mode="stretch_width"))
+    drawn[0].x_range.default_span = 365 * 86400e3  # ms, where there is one event only
+    return json_item(column(drawn, sizing_mode="stretch_width"), theme=THEME)
 
 
-def _panel(label, shared, last, scale):
-    """Empty panel of the time line."""
-    axes = {"x_axis_type": "datetime", "y_axis_type": scale} | shared
-    one = bokeh_figure(height=190 if last else 160, **TOOLS, **axes)
-    if not shared:
-        one.x_range.default_span = 365 * 86400e3  # ms, where there is one event only
-    one.yaxis.axis_label, one.xaxis.visible = label, last
-    one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
-    return styled(one)
-
-
-def _points_of(own):
-    """Points as columns for Bokeh."""
-    known = {name: [getattr(point, name) for point in own] for name in ("date", "value", "event", "said")}
-    spread = [point.sigma or 0.0 for point in own]
-    bounds = {"low": [p.value - s for p, s in zip(own, spread, strict=True)],
-              "high": [p.value + s for p, s in zip(own, spread, strict=True)]}  # fmt: skip
-    return known | bounds | {"told": [rounded(point.value, point.sigma).replace("+-", "±") for point in own]}
-
-
-def _values(panel, own):
+def _values(panel, points):
     """Values with their errors, ours and printed; form and colour say the verdict."""
-    for mood, (colour, marker, size, fill) in MOODS.items():
-        source = ColumnDataSource(_points_of([point for point in own if point.mood == mood]))
-        panel.segment("date", "low", "date", "high", source=source, color=colour, line_width=1.6)
-        look = {"marker": marker, "size": size, "line_color": colour, "fill_color": fill or colour}
-        marks = panel.scatter("date", "value", source=source, **look)
-        of = [("printed" if mood == "printed" else "", "@event"), ("", "@date{%F}")]
-        tips = [*of, ("value", "@told"), ("", "@said")]
-        panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters=SHOWN))
-
-
-def _trim(panel, trim):
-    """A mass trim as a line, dashed where the printed series confirms it, dotted where not."""
-    when = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
-    panel.add_layout(Span(location=when, dimension="height", line_color=GREY,
-                          line_dash="dashed" if trim.confirmed else "dotted"))  # fmt: skip
-    panel.add_layout(Label(x=when, y=4, y_units="screen", text=f" trim {trim.trim_um:+.0f} µm",
-                           text_font_size="10px", text_font=FONT, text_color=GREY))  # fmt: skip
-
-
-def _level(panel, value, text, largest):
-    """A printed order of magnitude as a line, always within the picture."""
-    panel.y_range = Range1d(value / 5, 5 * max(value, largest))
-    panel.add_layout(Span(location=value, dimension="width", line_color="#0072B2", line_dash="dashed"))
-    panel.add_layout(Label(x=4, x_units="screen", y=value, y_offset=3, text=text, text_font_size="10px",
-                           text_font=FONT, text_color="#0072B2"))  # fmt: skip
+    frame = pd.DataFrame([asdict(one) for one in points])
+    spread = frame["sigma"].astype(float).fillna(0.0)
+    frame["low"], frame["high"] = frame["value"] - spread, frame["value"] + spread
+    frame["told"] = [rounded(one.value, one.sigma).replace("+-", "±") for one in points]
+    frame["printed"] = ["printed" if one.mood == "printed" else "" for one in points]
+    frame[["colour", "marker", "size", "filled"]] = [MOODS[one.mood] for one in points]
+    source = ColumnDataSource(frame.to_dict("list"))
+    panel.segment("date", "low", "date", "high", source=source, color="colour", line_width=1.6)
+    look = {"marker": "marker", "size": "size", "line_color": "colour", "fill_color": "filled"}
+    marks = panel.scatter("date", "value", source=source, **look)
+    tips = [("@printed", "@event"), ("", "@date{%F}"), ("value", "@told"), ("", "@said")]
+    panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))

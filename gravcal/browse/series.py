@@ -23,6 +23,10 @@ UNIX_OF_EPOCH_S = 946728000.0  # 2000-01-01 12:00:00 in seconds past 1970-01-01,
 SHOWN = 400  # values of a small variable that a table shows, and series of a large one that can be chosen
 
 
+class Missing(LookupError):
+    """What cannot be shown: a product or variable that is not there, or more samples than a table holds."""
+
+
 @dataclass(frozen=True)
 class Variable:
     """One variable of a product."""
@@ -51,17 +55,6 @@ class Variable:
         return str(self.attributes.get("units", ""))
 
 
-@dataclass(frozen=True)
-class Column:
-    """One series of a variable: where it is in the file."""
-
-    path: Path
-    variable: str
-    index: tuple
-    axis: int
-    size: int
-
-
 @functools.lru_cache(maxsize=256)
 def listed(path: Path) -> tuple[Variable, ...]:
     """Variables of a product, coordinates first; it never changes, so they are read once."""
@@ -75,34 +68,28 @@ def find(path, name):
     return next((one for one in listed(path) if one.name == name), None)
 
 
-def column(path: Path, variable: Variable, number: int) -> Column:
-    """One series of a variable that can be plotted, by its number."""
-    others = [size for axis, size in enumerate(variable.shape) if axis != variable.axis]
-    index = tuple(int(i) for i in np.unravel_index(number, others)) if others else ()
-    return Column(path, variable.name, index, variable.axis, variable.shape[variable.axis])
-
-
 def coordinate(path, variable):
-    """Column that a plot of a variable runs along, None where only the number of the sample is known; kind and label.
+    """Name of what a plot of a variable runs along, "" where only the number of the sample is known; kind and label.
 
     The kind is "time", "value" or "index".
     """
     name = variable.dims[variable.axis]
     found = find(path, name)
     if found is None or found.dtype == "text" or found.shape != (variable.shape[variable.axis],):
-        return None, "index", f"{name} (number)"
-    where = Column(path, name, (), 0, found.shape[0])
+        return "", "index", f"{name} (number)"
     if found.units == TIME_UNITS:
-        return where, "time", "GPS time"
-    return where, "value", f"{found.attributes.get('long_name', name)} ({found.units or '1'})"
+        return name, "time", "GPS time"
+    return name, "value", f"{found.attributes.get('long_name', name)} ({found.units or '1'})"
 
 
 @functools.lru_cache(maxsize=8)
-def read(column: Column) -> np.ndarray:
-    """Samples (n,) of a column as floats; products never change, so the last ones are kept."""
-    with product.opened(column.path) as file:
-        index = (*column.index[: column.axis], slice(None), *column.index[column.axis :])
-        return np.asarray(file[column.variable][index], dtype=float)
+def read(path: Path, name: str, number: int = 0) -> np.ndarray:
+    """Samples (n,) of a series of a variable, by its number, as floats; products never change, so the last stay."""
+    variable = find(path, name)
+    index = list(np.unravel_index(number, np.delete(variable.shape, variable.axis)))
+    index.insert(variable.axis, slice(None))
+    with product.opened(path) as file:
+        return np.asarray(file[name][tuple(index)], dtype=float)
 
 
 def table(path, variable):
@@ -117,24 +104,18 @@ def table(path, variable):
 def _variable(file, name):
     """Record of one variable of an open file."""
     node = file.variables[name]
-    numeric = getattr(node.dtype, "kind", "O") in "iuf"
-    shape = tuple(int(size) for size in node.shape)
-    axis = _long_axis(node.dimensions, shape)
-    across = [
-        (dim, size) for number, (dim, size) in enumerate(zip(node.dimensions, shape, strict=True)) if number != axis
-    ]
-    labels = itertools.product(*(_labels(file, *one) for one in across)) if numeric and axis is not None else ()
-    columns = tuple(" ".join(part) for part in itertools.islice(labels, SHOWN))
+    dims, shape = tuple(node.dimensions), tuple(int(size) for size in node.shape)
+    times = [number for number, one in enumerate(dims) if one == "time" or one.startswith("time_")]
+    axis = times[0] if times else int(np.argmax(shape)) if dims else None  # of time, else the longest
+    columns = ()
+    if axis is not None and getattr(node.dtype, "kind", "O") in "iuf":
+        across = [
+            _labels(file, *one)
+            for one in zip(dims[:axis] + dims[axis + 1 :], shape[:axis] + shape[axis + 1 :], strict=True)
+        ]
+        columns = tuple(" ".join(part) for part in itertools.islice(itertools.product(*across), SHOWN))
     attributes = {key: _plain(value) for key, value in product.attributes(node).items() if not key.startswith("_")}
-    return Variable(name, tuple(node.dimensions), shape, _type(node.dtype), attributes, axis, columns)
-
-
-def _long_axis(dims, shape):
-    """Dimension that a plot runs along: one of time, else the longest."""
-    if not dims:
-        return None
-    times = [axis for axis, name in enumerate(dims) if name == "time" or name.startswith("time_")]
-    return times[0] if times else int(np.argmax(shape))
+    return Variable(name, dims, shape, _type(node.dtype), attributes, axis, columns)
 
 
 def _labels(file, dimension, size):
@@ -189,9 +170,10 @@ class Series:
 
 
 @functools.lru_cache(maxsize=8)
-def series(column: Column, coordinate: Column | None) -> Series:
-    """Samples of a column against another, or the number of the sample."""
-    return Series(read(coordinate) if coordinate else np.arange(float(column.size)), read(column))
+def series(path: Path, name: str, number: int, along: str) -> Series:
+    """A series of a variable, by its number, against a coordinate, or the number of the sample where that is ""."""
+    values = read(path, name, number)
+    return Series(read(path, along) if along else np.arange(float(values.size)), values)
 
 
 def view(whole, start=None, stop=None, bins=BINS):
@@ -205,10 +187,10 @@ def view(whole, start=None, stop=None, bins=BINS):
 
 
 def samples(whole, start=None, stop=None, most=LONGEST):
-    """Samples x, y (n,) of a Series between two values of the coordinate; ValueError if more than `most`."""
+    """Samples x, y (n,) of a Series between two values of the coordinate; `Missing` if more than `most`."""
     inside = _inside(whole.x, start, stop)
     if inside.stop - inside.start > most:
-        raise ValueError(f"{inside.stop - inside.start:,} samples: zoom in to {most:,} at most, or take product.nc")
+        raise Missing(f"{inside.stop - inside.start:,} samples: zoom in to {most:,} at most, or take product.nc")
     return whole.x[inside], whole.y[inside]
 
 

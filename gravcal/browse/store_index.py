@@ -26,13 +26,7 @@ class Node:
 
 def entries() -> list[housekeeping.Entry]:
     """All products, those replaced by newer ones included, by event, time and stage."""
-    links, found = housekeeping.linked(), []
-    for folder in housekeeping.folders():
-        record = _record(folder)
-        if record is not None:
-            names = tuple(sorted(links.get(folder.name, ())))
-            found.append(housekeeping.Entry(store.reference(record, folder), record, names))
-    return sorted(found, key=lambda entry: (entry.ref.event, entry.record["made"], entry.ref.stage))
+    return housekeeping.entries(newest_only=False, record_of=_record)
 
 
 def entry(key):
@@ -180,13 +174,8 @@ def proposed() -> list[dict]:
 
 def siblings(found):
     """Newest products of the same kind and event with another variant."""
-    return [
-        one
-        for one in entries()
-        if one.newest
-        and (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind)
-        and one.ref.variant != found.ref.variant
-    ]
+    same = [one for one in entries() if (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind)]
+    return [one for one in same if one.newest and one.ref.variant != found.ref.variant]
 
 
 def _record(folder):
@@ -237,13 +226,9 @@ def _state(document, run):
         return "failed", "bad", run.get("error", "")
     if document is None:
         return "no report", "plain", "no report of this configuration is in the store"
-    verdict = document.get("verdict")
-    said = verdict.get("text", "") if isinstance(verdict, dict) else str(verdict or "")
-    if document.get("status") == "questionable":
-        return "questionable", "bad", said
-    if document.get("status") != "delivered":
-        return str(document.get("status", "")).replace("_", " "), "plain", said
-    return "delivered", _mood(verdict if isinstance(verdict, dict) else {}), said
+    verdict, status = document.get("verdict") or {}, str(document.get("status", "")).replace("_", " ")
+    mood = {"questionable": "bad", "delivered": _mood(verdict)}.get(status, "plain")
+    return status, mood, verdict.get("text", "")
 
 
 def _mood(verdict):

@@ -1,330 +1,24 @@
 """What a discovery delivers: the result document, its verdict in words, the page, and the extended model as a file."""
 
 import json
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from gravcal import toml
 from gravcal.calibrations.checks import at_most
 from gravcal.estimation.records import Reported
-from gravcal.report import discovery_figures as figures
 from gravcal.report import discovery_words as words
-from gravcal.report import documents, pages
-from gravcal.report.pages import Figure, Section, Table
-from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, measured, plus_minus, probability, quantity, signed
-from gravcal.store import product
+from gravcal.report import documents, pages, plain
+from gravcal.report.figures import COLOURS, bars, grid, thinned
+from gravcal.report.pages import Figure, Section, Table, figure
+from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, plus_minus, probability, signed
 from gravcal.store.results import units
-from gravcal.store.schemas import VERSION, validate
 
-MOVED = ("change", "change_in_old_sigma")
 WIDE = 3.0  # sigma of a result that contradicts nothing
-
-
-def report(
-    found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, satellite: str, settings: dict, reported
-) -> tuple[xr.Dataset, dict[str, str]]:
-    """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    combined : results of the calibration before and after, if it has such
-    calibration, event : names
-    satellite : letters
-    settings : mapping of all parameters
-    reported : Reported, what the calibration says of its result and readings
-    """
-    document, numbers = judged(
-        found, *combined, calibration=calibration, event=event, settings=settings, reported=reported
-    )
-    files = {"discovery.json": json.dumps(document, indent=1, allow_nan=False) + "\n"}
-    extended = model_text(numbers, event, settings.get("model", "")) if numbers.get("findings") else ""
-    if extended and combined and not settings.get("model"):
-        extended += _result_text(numbers["calibration_change"], calibration, found.attrs["records"])
-    if extended and "model" in settings:  # a calibration that takes one
-        files["model.toml"] = extended
-    files["discovery.html"] = page(found, document, satellite, reported)
-    names = {"before": "baseline", "after": "extended model"}
-    kept = {
-        f"p_{w}": ((), numbers.get(f"p_{w}", 1.0), {"units": "1", "long_name": f"probability of the {n} by chance"})
-        for w, n in names.items()
-    }
-    return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
-
-
-def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
-    """Result document of a discovery, judged and valid, and the numbers in it; arguments as of `report`."""
-    numbers = json.loads(found.attrs["numbers"])
-    if combined and "calibration_change" in numbers:
-        numbers = _with_result(numbers, *(reported.result(one) for one in combined))
-    label = product.digest(found)[:12]
-    provenance = {"settings": settings, "products": {f"{calibration}.discovery": label}}
-    status, checks = numbers.pop("status", "delivered"), _of_result(numbers, numbers.pop("expected", {}))
-    head = {"schema_version": VERSION, "status": status, "calibration": calibration, "event": event}
-    said = {"verdict": {"text": words.verdict(numbers)}}
-    document = head | {"kind": "discovery"} | said | numbers | {"provenance": provenance}
-    document = documents.judged(document, (found, *combined), checks)
-    validate(document, "discovery")
-    return document, numbers
-
-
-def _of_result(numbers, expected):
-    """Checks of the delivered result against what is known of it beforehand; its error may be wider than that."""
-    change, checks = numbers.get("calibration_change", {}), []
-    names = change.get("names", ()) if expected else ()
-    rows = zip(*(change[n] for n in ("after", "sigma_after")), units(change), strict=True) if names else ()
-    for name, (value, sigma, unit) in zip(names, rows, strict=False):
-        if name in expected and value is not None and sigma is not None:
-            known, limit = expected[name]
-            checks.append(at_most(f"{name} against the catalogue", abs(value - known), max(limit, WIDE * sigma), unit))
-    return checks
-
-
-def _with_result(numbers, before, after):
-    """Numbers with the change of the calibration result as the calibration itself finds it, as of `Reported.result`."""
-    change = numbers["calibration_change"]
-    extra = np.array(change["covariance_of_findings"], dtype=float)
-    (name, old, covariance), (_, new, other) = before, after
-    new = new + np.array(change["correction"], dtype=float)
-    sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
-    found = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
-    found |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
-    plain = {k: [float(v) if np.isfinite(v) else None for v in values] for k, values in found.items()}
-    return numbers | {"calibration_change": change | {"variant": name, "joint_fit": change} | plain}
-
-
-def page(found: xr.Dataset, document: dict, satellite: str, reported: Reported) -> str:
-    """Page of a discovery; arguments as of `report`, with its result document."""
-    level = document.get("level", "")
-    return pages.page(
-        document,
-        sections(found, document, reported) if "findings" in document else [],
-        {"discovery": found},
-        heading="What the model gets wrong",
-        subtitle=f"satellite {satellite}, level {level} for everything tried together",
-    )
-
-
-def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
-    """Sections of the page that hold something."""
-    here = ("discovery",)
-    excess = [Figure(figures.power, here, POWER), Figure(figures.spectra, here, SPECTRA)]
-    hidden = [unobservable_table(document), limits_table(document)]
-    made = [
-        Section("What was found", figures=drawings(found, document, reported)),
-        Section("The cause", [findings_table(document), tied_table(document), weighed_table(document)], notes=[CAUSE]),
-        Section("The result", [change_table(document), gain_table(document)], notes=[GAIN]),
-        Section("What this event could not have shown", hidden, notes=not_shown(document)),
-        Section("What is left", [outlier_table(document)], excess, notes=[f"{WRONG} {reported.note}".strip()]),
-        Section("What was tried", [tried_table(document)]),
-    ]
-    numbers = range(-1, len(document["findings"]))
-    drawn, named = any(figures.shown(found, number) for number in numbers), bool(document["findings"])
-    return [one for one, wanted in zip(made, (drawn, named, *[True] * 4), strict=True) if wanted]
-
-
-def drawings(found: xr.Dataset, document: dict, reported: Reported) -> list[Figure]:
-    """A figure for each finding, or that of the least likely band."""
-    made = []
-    for number in range(len(document["findings"])) if document["findings"] else (-1,):
-        about = {"number": number, "period": figures.fold(found, number)}
-        said = figures.caption(found, **about, readings_of=reported.readings)
-        made.append(Figure(partial(figures.reading, **about), ("discovery",), said))
-    return made
-
-
-def not_shown(document: dict) -> list[str]:
-    """Notes on what would have stayed unseen: by the detection limits where they were made, else by the search."""
-    if "limits" not in document:
-        hidden = document["indistinguishable_from_calibration"]
-        return [UNOBSERVABLE if hidden else NOTHING_HIDES, NO_LIMITS]
-    found = {one["cause"] for one in document["findings"]}  # free beside the others, so that nothing more of it shows
-    never = [_named(one) for one in document["limits"] if one["size"] is None and one["cause"] not in found]
-    large = [_named(one) for one in document["limits"] if (one["size"] or 0) > (one["prior"] or np.inf)]
-    rows = ("At no size that was tried", never), ("Only if larger than is plausible", large)
-    return [f"{said}: {'; '.join(names)}." for said, names in rows if names] + [LIMITS]
-
-
-def _named(one):
-    """Effect and parameter of a limit."""
-    return f"{words.title(one['cause'])} {one['parameter'].replace('_', ' ')}"
-
-
-def outlier_table(numbers: dict) -> Table | None:
-    """Isolated samples that were left out before the search."""
-    rows = [
-        [one["block"], f"{one['channel']} {one['axis']}", gps_text(one["time"], 1), f"{one['time']:.1f}"]
-        + [signed(one["sigma"], 0)]
-        for one in numbers.get("outliers", [])
-    ]
-    heads = ["block", "channel", "epoch, GPS time", "GPS s", "residual over its error"]
-    caption = "Single samples that neither noise nor a listed effect explains, left out before the search."
-    return Table(caption, heads, rows, words=(0, 1)) if rows else None
-
-
-def findings_table(numbers: dict) -> Table | None:
-    """Every finding with its parameters, its significance and what it gained on data left out."""
-    rows = []
-    for one in numbers["findings"]:
-        held = f"{one['heldout_gain']['chi2']:.0f} ({one['heldout']})"
-        gained = f"{one['heldout_gain']['in_sample_chi2']:.0f}", held, probability(one["significance"])
-        rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained, "", ""])
-        for name, parameter in one["parameters"].items():
-            if parameter["value"] is not None:
-                rows.append([None, name, "", "", "", *measured(*(parameter[n] for n in ("value", "sigma", "unit")))])
-    heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
-    caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
-    return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True) if rows else None
-
-
-def tied_table(numbers: dict) -> Table | None:
-    """Causes that this data cannot tell apart, and what would."""
-    rows = []
-    for one in numbers["findings"]:
-        for other in one["separation"]:
-            needed = other["events_needed"]
-            more = "no such data would" if needed is None else f"{needed} events like this one"
-            best = other["best_block"] or NOT_DETERMINED
-            pair = words.title(one["cause"]), words.title(other["cause"])
-            rows.append([*pair, f"{other['expected_chi2']:.1f}", best, more])
-        for other in one.get("imitators", []):
-            pair = words.title(one["cause"]), f"{words.title(other['cause'])}: {other['form']}"
-            rows.append([*pair, f"{other['expected_chi2']:.1f}", NOT_DETERMINED, ""])
-    heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
-    caption = "Causes that this data does not tell apart."
-    return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
-
-
-def weighed_table(numbers: dict) -> Table | None:
-    """Evidence of every cause in its best form, where it was weighed."""
-    rows = [[words.title(r["cause"]), r["form"], f"{r['log_odds']:.1f}"] for r in numbers.get("weighed", [])]
-    caption = (
-        "Evidence: logarithm of the odds against none of them; 4.6 apart are odds of 100, below which two are tied."
-    )
-    return Table(caption, ["cause", "best form", "log odds"], rows, words=(0, 1)) if rows else None
-
-
-def change_table(numbers: dict) -> Table:
-    """Calibration before and after the extension."""
-    one = numbers["calibration_change"]
-    rows = []
-    for k, (name, unit) in enumerate(zip(one["names"], units(one), strict=True)):
-        pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
-        digits = decimals(one["sigma_after"][k]), 1
-        moved = [
-            NOT_DETERMINED if one[w][k] is None else signed(one[w][k], d) for w, d in zip(MOVED, digits, strict=True)
-        ]
-        rows.append([name, *pair, unit, *moved])
-    heads = ["parameter", "before", "after", "unit", "change", "change over old error"]
-    caption = f"Calibration result ({one['variant']}); the error after holds that of the findings."
-    caption += f" What moves is given at {gps_text(one['epoch'])}." if "epoch" in one else ""
-    return Table(caption, heads, rows, words=(0, 3), wide=True)
-
-
-def gain_table(numbers: dict) -> Table:
-    """Residual of each channel and chi-square before and after."""
-    gain = numbers["gain"]
-    rows = [
-        [name, f"{before:.3f}", f"{gain['rms_after'][name]:.3f}"]
-        for name, before in gain["rms_before"].items()
-        if before is not None
-    ]
-    pair = [f"{gain[f'chi2_{w}']:.0f} / {gain[f'dof_{w}']}" for w in ("before", "after")]
-    rows.append(["chi-square / degrees of freedom", *pair])
-    rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
-    rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
-    heads = ["rms of the whitened residual", "before", "after"]
-    return Table("Gain. A channel that is described to its noise has rms 1.", heads, rows, wide=True)
-
-
-def unobservable_table(numbers: dict) -> Table | None:
-    """Causes that look like the calibration itself."""
-    rows, change = [], numbers["calibration_change"]
-    about = list(zip(change["names"], change["sigma_before"], units(change), strict=True))
-    for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
-        where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
-        drag = one.get("drag_bias_m_s2")
-        priced = one.get("bias_in_error") or [None] * len(about)
-        each = zip(one["bias"], priced, about, strict=True)
-        each = sorted(each, key=lambda row: -abs(row[0]) / (row[2][1] or np.inf))[:3]
-        moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
-        said = f"drag {quantity(max(drag), None, 'm s-2')}" if drag else moved
-        held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
-        rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said, held])
-    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "moves", "in the error"]
-    caption = (
-        "Causes of a plausible size that would move the result without being seen; the largest three moves. The error "
-        "holds of each cause what those of its directions that are seen leave possible."
-    )
-    return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True) if rows else None
-
-
-def limits_table(numbers: dict) -> Table | None:
-    """Size from which each effect would have been named, what it would be taken for, and what it does when missed."""
-    rows = []
-    for one in numbers.get("limits", ()):
-        size = NOT_DETERMINED if one["size"] is None else quantity(one["size"], None, one["unit"])
-        share = f"{one['size'] / one['prior']:.2g}" if one["size"] is not None and one["prior"] else NOT_DETERMINED
-        checked = {True: "yes", False: "no", None: ""}[one["confirmed"]]
-        move = NOT_DETERMINED if one["bias_in_sigma"] is None else f"{one['bias_in_sigma']:.2g}"
-        name = " ".join(part for part in (one["parameter"], one["form"]) if part)
-        taken = ", ".join(map(words.title, one["confused_with"]))
-        rows.append([words.title(one["cause"]), name, size, share, checked, move, taken])
-    heads = ["effect", "parameter", "named from", "over plausible size", "confirmed", "moves result", "taken for"]
-    caption = (
-        "Just missed, or of plausible size where it is not seen, an effect moves the result by so many sigma. What was "
-        "found is free beside all others and has no limit."
-    )
-    return Table(caption, heads, rows, words=(0, 1, 4, 6), wide=True) if rows else None
-
-
-def tried_table(numbers: dict) -> Table:
-    """What else was tried in the first round, best first."""
-    rows = [
-        [words.title(one["cause"]), one["form"] or "all parameters", f"{one['chi2']:.1f}", str(one["parameters"]),
-         probability(one["significance"])]
-        for one in numbers["tried"][:15]
-    ]  # fmt: skip
-    heads = ["cause", "form", "chi-square gained", "parameters", "chance"]
-    return Table("First round: the best form of each cause.", heads, rows, words=(0, 1), wide=True)
-
-
-def model_text(numbers: dict, event: str, given: str = "") -> str:
-    """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
-
-    Parameters
-    ----------
-    numbers : of the document
-    event : that it was found in
-    given : entries of the model that the search began with, JSON text, which the extended one holds too; "" for none
-    """
-    comment, rows = f"Found by gravcal discover in {event}; give it to gravcal run with --model.", []
-    for one in [*json.loads(given or "[]"), *numbers["findings"]]:
-        if not one.get("adopted", True):
-            continue
-        known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
-        if not known:
-            comment += f"\n{one['cause']} has no parameter that the data determine, so that it is not taken out."
-            continue
-        row = {"cause": one["cause"], "form": one["form"], "tied_with": one.get("tied_with", []), "parameters": {}}
-        for name, parameter in known.items():
-            related = {n: r for n, r in parameter.get("correlation", {}).items() if n in known}
-            row["parameters"][name] = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {
-                "correlation": related
-            }
-        rows.append(row | {name: one.get(name) or None for name in ("waves", "leads")})
-    return toml.text({"event": event, "effect": rows}, comment) if rows else ""
-
-
-def _result_text(change, calibration, records):
-    """What the search adds to the result of the calibration from the records that it was made in, as TOML."""
-    if not np.all(np.isfinite(np.array(change["covariance_of_findings"], dtype=float))):
-        return ""
-    row = {"calibration": calibration, "records": records, "unit": change["unit"]}
-    row |= {"correction": change["correction"], "covariance": change["covariance_of_findings"]}
-    return toml.text({"result": row})
 
 
 WRONG = (
@@ -355,5 +49,479 @@ LIMITS = (
     "at most. Sizes are scored with the products of the search; where a row says so, the search itself was asked at "
     "the limit and, if it did not name it, up to 1.6 times above."
 )
-POWER = "Power of the residual over that of noise; four bands a manoeuvre."
-SPECTRA = "Mean over manoeuvres and axes; the dashed line is noise."
+LINES = {"baseline": {"color": COLOURS["vermilion"]}, "extended model": {"color": COLOURS["blue"]}}
+POINTS = {
+    "baseline": LINES["baseline"] | {"marker": "o", "linestyle": "none"},
+    "extended model": LINES["extended model"] | {"marker": "s", "linestyle": "none", "markerfacecolor": "none"},
+}
+NOISE = {"color": COLOURS["black"], "linewidth": 0.6, "linestyle": "--"}
+MEASURED = {"color": COLOURS["black"], "label": "measured"}
+SIMULATED = LINES["baseline"] | {"label": "simulated without it"}
+EXTENDED = LINES["extended model"] | {"label": "extended model"}
+SIDES = ("measured", "simulated", "extended")
+BINS = 24  # of a spectrum
+PHASES, STRETCHES = 40, 90  # bins of a period, and of a record
+SLOW = 0.02  # of the square of what a finding adds, below which it does not change within a period
+KEPT = 0.5  # of the square of what a finding adds that bins have to keep
+
+
+def report(
+    found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, satellite: str, settings: dict, reported
+) -> tuple[xr.Dataset, dict[str, str]]:
+    """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
+
+    There are the discovery and, if the calibration has such, its combined results before and after; `reported` says
+    what the calibration tells of its result and readings.
+    """
+    document, numbers = judged(
+        found, *combined, calibration=calibration, event=event, settings=settings, reported=reported
+    )
+    files = {"discovery.json": documents.text(document)}
+    if numbers.get("findings") and "model" in settings:  # a calibration that takes one
+        first = combined and not settings["model"]
+        added = _added(numbers["calibration_change"], calibration, found.attrs["records"]) if first else None
+        extended = model_text(numbers, event, settings["model"], added)
+        files |= {"model.toml": extended} if extended else {}
+    files["discovery.html"] = pages.page(
+        document,
+        sections(found, document, reported) if "findings" in document else [],
+        {"discovery": found},
+        heading="What the model gets wrong",
+        subtitle=f"satellite {satellite}, level {document.get('level', '')} for everything tried together",
+    )
+    names = {"before": "baseline", "after": "extended model"}
+    kept = {
+        f"p_{w}": ((), numbers.get(f"p_{w}", 1.0), {"units": "1", "long_name": f"probability of the {n} by chance"})
+        for w, n in names.items()
+    }
+    return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
+
+
+def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
+    """Result document of a discovery, judged and valid, and the numbers in it; arguments as of `report`."""
+    numbers = json.loads(found.attrs["numbers"])
+    if combined and "calibration_change" in numbers:
+        numbers = _with_result(numbers, *(reported.result(one) for one in combined))
+    status, checks = numbers.pop("status", "delivered"), _of_result(numbers, numbers.pop("expected", {}))
+    body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(numbers)}} | numbers
+    about = {"event": event, "settings": settings}
+    return documents.delivered(calibration, body, {"discovery": found}, checks, **about), numbers
+
+
+def _of_result(numbers, expected):
+    """Checks of the delivered result against what is known of it beforehand; its error may be wider than that."""
+    change, checks = numbers.get("calibration_change", {}), []
+    names = change.get("names", ()) if expected else ()
+    rows = zip(*(change[n] for n in ("after", "sigma_after")), units(change), strict=True) if names else ()
+    for name, (value, sigma, unit) in zip(names, rows, strict=False):
+        if name in expected and value is not None and sigma is not None:
+            known, limit = expected[name]
+            checks.append(at_most(f"{name} against the catalogue", abs(value - known), max(limit, WIDE * sigma), unit))
+    return checks
+
+
+def _with_result(numbers, before, after):
+    """Numbers with the change of the calibration result as the calibration itself finds it, as of `Reported.result`."""
+    change = numbers["calibration_change"]
+    extra = np.array(change["covariance_of_findings"], dtype=float)
+    (name, old, covariance), (_, new, other) = before, after
+    new = new + np.array(change["correction"], dtype=float)
+    sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
+    found = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
+    found |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
+    plain = {k: [float(v) if np.isfinite(v) else None for v in values] for k, values in found.items()}
+    return numbers | {"calibration_change": change | {"variant": name, "joint_fit": change} | plain}
+
+
+def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
+    """Sections of the page that hold something."""
+    here = [_drawing(found, number, reported) for number in range(len(document["findings"])) or (-1,)]
+    cause = Section(
+        "The cause", [findings_table(document), tied_table(document), weighed_table(document)], notes=[CAUSE]
+    )
+    hidden = [unobservable_table(document), limits_table(document)]
+    return [
+        *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
+        *([cause] if document["findings"] else []),
+        Section("The result", [change_table(document), gain_table(document)], notes=[GAIN]),
+        Section("What this event could not have shown", hidden, notes=not_shown(document)),
+        Section("What is left", [outlier_table(document)], [_power, _spectra], [f"{WRONG} {reported.note}".strip()]),
+        Section("What was tried", [tried_table(document)]),
+    ]
+
+
+def _drawing(found, number, reported):
+    """Figure of a finding, -1 for that of the least likely band."""
+    return Figure(partial(reading, number=number), ("discovery",), caption(found, number, reported.readings))
+
+
+def not_shown(document: dict) -> list[str]:
+    """Notes on what would have stayed unseen: by the detection limits where they were made, else by the search."""
+    if "limits" not in document:
+        hidden = document["indistinguishable_from_calibration"]
+        return [UNOBSERVABLE if hidden else NOTHING_HIDES, NO_LIMITS]
+    found = {one["cause"] for one in document["findings"]}  # free beside the others, so that nothing more of it shows
+    never = [_named(one) for one in document["limits"] if one["size"] is None and one["cause"] not in found]
+    large = [_named(one) for one in document["limits"] if (one["size"] or 0) > (one["prior"] or np.inf)]
+    rows = ("At no size that was tried", never), ("Only if larger than is plausible", large)
+    return [f"{said}: {'; '.join(names)}." for said, names in rows if names] + [LIMITS]
+
+
+def _named(one):
+    """Effect and parameter of a limit."""
+    return f"{words.title(one['cause'])} {one['parameter'].replace('_', ' ')}"
+
+
+def outlier_table(numbers: dict) -> Table:
+    """Isolated samples that were left out before the search."""
+    rows = []
+    for one in numbers.get("outliers", []):
+        when = gps_text(one["time"], 1), f"{one['time']:.1f}"
+        rows.append([one["block"], f"{one['channel']} {one['axis']}", *when, signed(one["sigma"], 0)])
+    heads = ["block", "channel", "epoch, GPS time", "GPS s", "residual over its error"]
+    caption = "Single samples that neither noise nor a listed effect explains, left out before the search."
+    return Table(caption, heads, rows, words=(0, 1))
+
+
+def findings_table(numbers: dict) -> Table:
+    """Every finding with its parameters, its significance and what it gained on data left out."""
+    rows = []
+    for one in numbers["findings"]:
+        held = f"{one['heldout_gain']['chi2']:.0f} ({one['heldout']})"
+        gained = f"{one['heldout_gain']['in_sample_chi2']:.0f}", held, probability(one["significance"])
+        rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained, "", ""])
+        rows += parameter_rows(one["parameters"])
+    heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
+    caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
+    return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True)
+
+
+def parameter_rows(parameters: dict, of: str = "") -> list[list]:
+    """Rows of the parameters of a cause that are determined, below its own."""
+    known = {name: one for name, one in parameters.items() if one["value"] is not None}
+    return [
+        [None, f"{name}{of}", "", "", "", *plain.measured(one["value"], one["sigma"], one["unit"])]
+        for name, one in known.items()
+    ]
+
+
+def tied_table(numbers: dict) -> Table:
+    """Causes that this data cannot tell apart, and what would."""
+    rows = []
+    for one in numbers["findings"]:
+        for other in [*one["separation"], *one.get("imitators", [])]:
+            needed = other.get("events_needed")
+            more = "no such data would" if needed is None else f"{needed} events like this one"
+            form = f": {other['form']}" if "events_needed" not in other else ""
+            pair = words.title(one["cause"]), f"{words.title(other['cause'])}{form}"
+            best = other.get("best_block") or NOT_DETERMINED
+            rows.append([*pair, f"{other['expected_chi2']:.1f}", best, "" if form else more])
+    heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
+    return Table("Causes that this data does not tell apart.", heads, rows, words=(0, 1, 3, 4), wide=True)
+
+
+def weighed_table(numbers: dict) -> Table:
+    """Evidence of every cause in its best form, where it was weighed."""
+    rows = [[words.title(r["cause"]), r["form"], f"{r['log_odds']:.1f}"] for r in numbers.get("weighed", [])]
+    caption = (
+        "Evidence: logarithm of the odds against none of them; 4.6 apart are odds of 100, below which two are tied."
+    )
+    return Table(caption, ["cause", "best form", "log odds"], rows, words=(0, 1))
+
+
+def change_table(numbers: dict) -> Table:
+    """Calibration before and after the extension."""
+    one = numbers["calibration_change"]
+    rows = []
+    for k, (name, unit) in enumerate(zip(one["names"], units(one), strict=True)):
+        pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
+        moved = signed(one["change"][k], decimals(one["sigma_after"][k])), signed(one["change_in_old_sigma"][k], 1)
+        rows.append([name, *pair, unit, *moved])
+    heads = ["parameter", "before", "after", "unit", "change", "change over old error"]
+    caption = f"Calibration result ({one['variant']}); the error after holds that of the findings."
+    caption += f" What moves is given at {gps_text(one['epoch'])}." if "epoch" in one else ""
+    return Table(caption, heads, rows, words=(0, 3), wide=True)
+
+
+def gain_table(numbers: dict) -> Table:
+    """Residual of each channel and chi-square before and after."""
+    gain = numbers["gain"]
+    rows = [
+        [name, f"{before:.3f}", f"{gain['rms_after'][name]:.3f}"]
+        for name, before in gain["rms_before"].items()
+        if before is not None
+    ]
+    pair = [f"{gain[f'chi2_{w}']:.0f} / {gain[f'dof_{w}']}" for w in ("before", "after")]
+    rows.append(["chi-square / degrees of freedom", *pair])
+    rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
+    rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
+    heads = ["rms of the whitened residual", "before", "after"]
+    return Table("Gain. A channel that is described to its noise has rms 1.", heads, rows, wide=True)
+
+
+def unobservable_table(numbers: dict) -> Table:
+    """Causes that look like the calibration itself."""
+    rows, change = [], numbers["calibration_change"]
+    about = list(zip(change["names"], change["sigma_before"], units(change), strict=True))
+    for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
+        where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
+        drag = one.get("drag_bias_m_s2")
+        priced = one.get("bias_in_error") or [None] * len(about)
+        each = zip(one["bias"], priced, about, strict=True)
+        each = sorted(each, key=lambda row: -abs(row[0]) / (row[2][1] or np.inf))[:3]
+        moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
+        said = f"drag {plain.quantity(max(drag), None, 'm s-2')}" if drag else moved
+        held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
+        rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said, held])
+    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "moves", "in the error"]
+    caption = (
+        "Causes of a plausible size that would move the result without being seen; the largest three moves. The error "
+        "holds of each cause what those of its directions that are seen leave possible."
+    )
+    return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True)
+
+
+def limits_table(numbers: dict) -> Table:
+    """Size from which each effect would have been named, what it would be taken for, and what it does when missed."""
+    rows = []
+    for one in numbers.get("limits", ()):
+        size = NOT_DETERMINED if one["size"] is None else plain.quantity(one["size"], None, one["unit"])
+        share = f"{one['size'] / one['prior']:.2g}" if one["size"] is not None and one["prior"] else NOT_DETERMINED
+        checked = {True: "yes", False: "no", None: ""}[one["confirmed"]]
+        move = NOT_DETERMINED if one["bias_in_sigma"] is None else f"{one['bias_in_sigma']:.2g}"
+        name = " ".join(part for part in (one["parameter"], one["form"]) if part)
+        taken = ", ".join(map(words.title, one["confused_with"]))
+        rows.append([words.title(one["cause"]), name, size, share, checked, move, taken])
+    heads = ["effect", "parameter", "named from", "over plausible size", "confirmed", "moves result", "taken for"]
+    caption = (
+        "Just missed, or of plausible size where it is not seen, an effect moves the result by so many sigma. What was "
+        "found is free beside all others and has no limit."
+    )
+    return Table(caption, heads, rows, words=(0, 1, 4, 6), wide=True)
+
+
+def tried_table(numbers: dict) -> Table:
+    """What else was tried in the first round, best first."""
+    rows = []
+    for one in numbers["tried"][:15]:
+        gained = f"{one['chi2']:.1f}", str(one["parameters"]), probability(one["significance"])
+        rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained])
+    heads = ["cause", "form", "chi-square gained", "parameters", "chance"]
+    return Table("First round: the best form of each cause.", heads, rows, words=(0, 1), wide=True)
+
+
+def model_text(numbers: dict, event: str, given: str = "", result: dict | None = None) -> str:
+    """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
+
+    It also holds the entries of the model that the search began with (given, JSON text), and what the search adds to
+    the result of the calibration.
+    """
+    effects = []
+    for one in [*json.loads(given or "[]"), *numbers["findings"]]:
+        known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
+        if known and one.get("adopted", True):
+            parameters = {}
+            for name, parameter in known.items():
+                related = {n: r for n, r in parameter.get("correlation", {}).items() if n in known}
+                parameters[name] = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {"correlation": related}
+            effect = {"cause": one["cause"], "form": one["form"], "tied_with": one.get("tied_with", [])}
+            leads = {name: one.get(name) or None for name in ("waves", "leads")}
+            effects.append(effect | {"parameters": parameters} | leads)
+    model = {"event": event, "effect": effects, "result": result}
+    note = f"Found by gravcal discover in {event}; give it to gravcal run with --model."
+    return toml.text(model, note) if effects else ""
+
+
+def _added(change, calibration, records):
+    """What the search adds to the result of the calibration from the records that it was made in; None if unknown."""
+    if not np.all(np.isfinite(np.array(change["covariance_of_findings"], dtype=float))):
+        return None
+    row = {"calibration": calibration, "records": records, "unit": change["unit"]}
+    return row | {"correction": change["correction"], "covariance": change["covariance_of_findings"]}
+
+
+@figure("discovery", caption="Power of the residual over that of noise; four bands a manoeuvre.")
+def _power(found):
+    names = found.attrs["channels"].split()
+    tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
+    if not tested:
+        return None
+    blocks, bands = found["test_block"].values, found["test_band"].values
+    each, size = (1, 3.6) if blocks.max() < 40 else (10, 2.0)  # block that is numbered, size of the points
+    look = {"xlabel": "manoeuvre, four bands from low to high frequency", "ylabels": [names[k] for k in tested]}
+    drawn, panels = grid(len(tested), 1, 0.7 + 0.95 * len(tested), sharex=True, margins={"hspace": 0.16}, **look)
+    for (panel,), k in zip(panels, tested, strict=True):
+        here = found["test_channel"].values == k
+        place = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
+        panel.axhline(1.0, label="noise", **NOISE)
+        for which, (name, style) in zip(("before", "after"), POINTS.items(), strict=True):
+            panel.plot(place, found[f"power_{which}"].values[here], label=name, markersize=size, **style)
+        _wide(panel)
+    numbers = range(each, int(blocks.max()) + 2, each)
+    panel.set_xticks(numbers, [_number(found, i) for i in numbers])
+    return drawn
+
+
+def _wide(panel):
+    """Logarithmic power where it spans more than a page can show."""
+    if panel.get_ylim()[1] > 30:
+        panel.set_yscale("log")
+
+
+def _number(found, place):
+    """Number of a block: that in its name, its place among all where it has none."""
+    name = found.attrs["blocks"].split(", ")[place - 1]
+    return name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(place)
+
+
+@figure("discovery", caption="Mean over manoeuvres and axes; the dashed line is noise.")
+def _spectra(found):
+    names = found.attrs["channels"].split()
+    curves = {name: one for k, name in enumerate(names) if (one := _spectrum(found, k)) is not None}
+    if not curves:
+        return None
+    rows, margins = (len(curves) + 1) // 2, {"wspace": 0.16, "hspace": 0.5}
+    drawn, panels = grid(rows, 2, 0.6 + 1.35 * rows, titles=curves, margins=margins)
+    for panel in panels.ravel()[len(curves) :]:
+        panel.set_visible(False)
+    for (frequency, powers), panel in zip(curves.values(), panels.ravel(), strict=False):
+        panel.axhline(1.0, label="noise", **NOISE)
+        for values, (label, style) in zip(powers, LINES.items(), strict=True):
+            panel.plot(frequency, values, label=label, **style)
+        panel.set(xlabel="frequency (Hz)", ylabel="power over noise")
+        _wide(panel)
+    return drawn
+
+
+def _spectrum(found, channel):
+    """Frequencies Hz, and mean power (2, n) before and after; None where the channel has too few rows."""
+    here = found["channel"].values == channel
+    pairs = [(b, axis) for b in np.unique(found["block"].values[here]) for axis in range(3)]
+    rows = [here & (found["block"].values == b) & (found["component"].values == axis) for b, axis in pairs]
+    longest = max((r.sum() for r in rows), default=0)
+    bins = next((n for n in (BINS, BINS // 2) if longest >= 4 * n), None)
+    if bins is None:
+        return None
+    rows = [r for r in rows if r.sum() >= 4 * bins]
+    residual = np.stack([found[name].values for name in ("residual_before", "residual_after")])
+    powers = [np.abs(np.fft.rfft(residual[:, used])[:, 1:]) ** 2 / used.sum() for used in rows]
+    means = [[part.mean(axis=1) for part in np.array_split(one, bins, axis=1)] for one in powers]
+    step = float(np.median(np.diff(found["time_row"].values[rows[-1]])))
+    return (np.arange(bins) + 0.5) / (2 * step * bins), np.mean(means, axis=0).T
+
+
+def shown(found, number: int) -> dict | None:
+    """Where a finding is shown: {"finding", "channel", "block", "axis"}; None where it helps no reading."""
+    rows = json.loads(found.attrs.get("shown", "[]"))
+    known = (one for one in rows if f"{one['channel']}_measured" in found)  # not that of a plugin
+    return next((one for one in known if one["finding"] == number), None)
+
+
+def _curves(found, one):
+    """Epochs s from the first (n,), and {side: (n,)} of the axis that is shown."""
+    channel = one["channel"]
+    here = found[f"{channel}_finding"].values == one["finding"]
+    axis = min(one["axis"], found[f"{channel}_measured"].shape[1] - 1)
+    time = found[f"{channel}_time"].values[here]
+    return time - time[0], {side: found[f"{channel}_{side}"].values[here, axis] for side in SIDES}
+
+
+def _kept(values, index):
+    """Share of the square of values that their means over bins (n,) keep."""
+    series = pd.Series(values - np.nanmean(values) if np.isfinite(values).any() else values).dropna()
+    kept = series.groupby(index[series.index]).transform("mean")
+    return float((kept**2).sum() / (series**2).sum()) if series.any() else 0.0
+
+
+def fold(found, number: int) -> float | None:
+    """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None."""
+    one = shown(found, number)
+    findings = json.loads(found.attrs["numbers"])["findings"]
+    if one is None or not 0 <= number < len(findings):
+        return None
+    time, curves = _curves(found, one)
+    own = findings[number]["parameters"].get("frequency", {}).get("value")
+    periods = [*([1 / own] if own else []), *json.loads(found.attrs["periods"])]
+    added = curves["extended"] - curves["simulated"]
+    quick = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
+    share = {p: _kept(v, _bins(time, p)) for p, v in quick.items() if np.nanvar(v) > SLOW * np.nanvar(added)}
+    best = max(share, key=share.get, default=None)
+    return best if best is not None and share[best] > KEPT else None
+
+
+def _quick(time, values, period):
+    """Values (n,) less their mean over a period about each sample, NaN where that is not whole."""
+    width = max(1, round(period / float(np.median(np.diff(time)))))
+    left = values - pd.Series(values).rolling(width, center=True, min_periods=1).mean().to_numpy()
+    left[: width // 2] = left[values.size - width // 2 :] = np.nan
+    return left
+
+
+def _bins(time, period):
+    """Bin (n,) of each epoch in a period: as many bins as have a sample each."""
+    for count in range(PHASES, 1, -1):
+        index = np.minimum((time % period * (count / period)).astype(int), count - 1)
+        if np.unique(index).size == count:
+            break
+    return index
+
+
+def reading(found, number: int):
+    """Reading that a finding, -1 where none was named, helps most, and what is left of it by either model."""
+    one, period = shown(found, number), fold(found, number)
+    if one is None:
+        return None
+    time, curves = _curves(found, one)
+    curves = {side: _quick(time, v, period) for side, v in curves.items()} if period else curves
+    measured = curves["measured"]
+    models = [(curves["simulated"], SIMULATED), (curves["extended"], EXTENDED)]
+    models = [model for model in models if np.isfinite(model[0]).any()]
+    place, index = _places(time, models[-1][0] - (models[0][0] if len(models) > 1 else measured), period)
+    whole = found[f"{one['channel']}_measured"]
+    axis = f" {'xyz'[one['axis']]}" if whole.shape[1] > 1 else ""
+    rows = {
+        f"{one['channel']}{axis}": [*models, (measured, MEASURED)],
+        "difference": [(measured - values, style) for values, style in models],
+    }
+    along = "time from the first sample (s)" if period is None else "phase (s)"
+    drawn, panels = grid(2, 1, 3.0, xlabel=along, sharex=True, margins={"hspace": 0.12, "left": 0.1})
+    for (panel,), (label, series) in zip(panels, rows.items(), strict=True):
+        means = [(pd.Series(values).groupby(index).agg(["mean", "sem"]), style) for values, style in series]
+        factor, unit = plain.prefixed(max(float(mean["mean"].abs().max()) for mean, _ in means), whole.attrs["units"])
+        for mean, style in means:
+            value, error = (factor * mean[name].to_numpy() for name in ("mean", "sem"))
+            if place.size < time.size and (label == "difference" or style is MEASURED):
+                small = {"marker": ".", "markersize": 3.5, "elinewidth": 0.6, "capsize": 0}
+                bars(panel, place, value, None if style is MEASURED else error, **style, **small)
+            else:
+                panel.plot(*thinned(place, value), **style)
+        panel.set_ylabel(f"{label} ({unit})")
+    panels[1, 0].axhline(0.0, **NOISE)
+    return drawn
+
+
+def _places(time, added, period):
+    """Abscissae (m,) s of bins, and the bin (n,) of each sample: of a period, of the record, or every sample alone."""
+    if period is not None:
+        count = max(index := _bins(time, period)) + 1
+        return (np.arange(count) + 0.5) * period / count, index
+    index = np.minimum((time / time[-1] * STRETCHES).astype(int), STRETCHES - 1)
+    if time.size > 4 * STRETCHES and _kept(added, index) > KEPT:
+        return (np.unique(index) + 0.5) * time[-1] / STRETCHES, index
+    return time, np.arange(time.size)
+
+
+def caption(found, number: int, readings_of: Mapping[str, str]) -> str:
+    """Caption of the figure of a finding; `readings_of` says {channel: text} what the readings are."""
+    one, period = shown(found, number), fold(found, number)
+    if one is None:
+        return ""
+    what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
+    said = f"{what}: {one['channel']} reading, {one['block']}."
+    said += f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
+    said += " Above the reading, below what is measured less what either model simulates; bars: error of a mean."
+    said += readings_of.get(one["channel"], " Its mean is left out.")
+    rebuilt = (
+        " The measured reading is that of the records without the findings, with these added in their linear form."
+    )
+    return said + (rebuilt if "rebuilt" in found.attrs else "")

@@ -41,12 +41,7 @@ def _plain(words):
 
 
 def sentence(one: dict) -> str:
-    """What a finding says, with its numbers.
-
-    Parameters
-    ----------
-    one : of "findings" of a result document
-    """
+    """What a finding of a result document says, with its numbers."""
     if one["cause"] == "unknown:excess":
         return f"Power beyond noise that follows nothing: {one['form'].removeprefix('excess in the ')}."
     known = {n: p for n, p in one["parameters"].items() if p["value"] is not None}
@@ -126,7 +121,7 @@ def _symbols(words):
     return words, "x", []
 
 
-def tied(one: dict) -> str:
+def _tied(one):
     """What this data cannot tell a finding from; empty if nothing."""
     names = [title(name) for name in one["tied_with"]]
     return f" This data cannot tell that from {'; '.join(names)}." if names else ""
@@ -144,18 +139,19 @@ def verdict(numbers: dict) -> str:
     elif not found:
         said = f"The model describes the data to their noise ({_chance(before)}); nothing is named."
     else:
-        counted = [f"({k}) {sentence(one)}{tied(one)}" for k, one in enumerate(found, start=1)]
+        counted = [f"({k}) {sentence(one)}{_tied(one)}" for k, one in enumerate(found, start=1)]
         said = " ".join(counted) if len(found) > 1 else counted[0].removeprefix("(1) ")
         after = "describes the data to their noise" if numbers["p_after"] >= level else "still leaves more than noise"
         said += f"{_moves(numbers['calibration_change'])} The extended model {after} ({_chance(numbers['p_after'])})."
-    return said + _left(found) + _quiet(numbers["p_quiet_after"])
-
-
-def _quiet(p):
-    """Alarm where what is left is less than noise."""
-    if p >= QUIET:
-        return ""
-    return f" ALARM: what the model leaves is less than its noise ({_chance(p)}); noise and errors are overrated."
+    left = [title(one["cause"]) for one in found if not one.get("adopted", True)]
+    if left:
+        said += f" What was found of {'; '.join(left)} is too unsure to move the calibration"
+        said += ", whose error holds the move instead."
+    quiet = numbers["p_quiet_after"]
+    if quiet < QUIET:
+        said += f" ALARM: what the model leaves is less than its noise ({_chance(quiet)})"
+        said += "; noise and errors are overrated."
+    return said
 
 
 def _moves(change):
@@ -173,13 +169,6 @@ def _moves(change):
             by, to = (signed(factor * one, decimals(factor * after)) for one in (step, value))
             moved.append(f"{name} by {by} to {to} ± {factor * after:.{decimals(factor * after)}f} {unit}")
     return f" The result moves: {', '.join(moved)}." if moved else " The result moves by less than half of its error."
-
-
-def _left(findings):
-    """That the calibration is delivered without what was found."""
-    left = [title(one["cause"]) for one in findings if not one.get("adopted", True)]
-    said = "is too unsure to move the calibration, whose error holds the move instead"
-    return f" What was found of {'; '.join(left)} {said}." if left else ""
 
 
 def _chance(p):

@@ -4,9 +4,10 @@ import json
 from collections.abc import Mapping, Sequence
 
 from gravcal.calibrations import checks as checking
+from gravcal.report.plain import as_plain
 from gravcal.store import product
 from gravcal.store.product import MEASURED, origins_together
-from gravcal.store.schemas import validate
+from gravcal.store.schemas import VERSION, validate
 
 #: Statuses of documents that hold a result.
 WITH_RESULT = ("delivered", "questionable")
@@ -19,11 +20,23 @@ def traced(calibration: str, products: Mapping) -> dict:
     return {"products": {name: product.digest(one)[:12] for name, one in known.items()}}
 
 
-def delivered(document: Mapping, products: Sequence, checks: Sequence[checking.Check], schema: str = ""):
-    """Document, `judged` and valid, and {"result.json": text}; the schema by its name if not the calibration's."""
-    found = judged(document, products, checks)
-    validate(found, schema or None)
-    return found, {"result.json": json.dumps(found, indent=1, allow_nan=False) + "\n"}
+def delivered(calibration, body: Mapping, products: Mapping, checks: Sequence, *, event, settings) -> dict:
+    """Result document, `judged` and valid, of what was found: "status", "verdict" and the entries of its schema.
+
+    A discovery, of some "kind", has its settings in the provenance; its own digests go before those of the products.
+    """
+    head = {"schema_version": VERSION, "calibration": calibration, "event": event}
+    provenance = traced(calibration, products) | body.get("provenance", {})
+    settings = {"settings": as_plain(settings)}
+    tail = {"provenance": provenance | settings} if "kind" in body else settings | {"provenance": provenance}
+    document = judged(head | as_plain(body) | tail, list(products.values()), checks)
+    validate(document)
+    return document
+
+
+def text(document: Mapping) -> str:
+    """A document as the text of a file."""
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
 def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Check]) -> dict:

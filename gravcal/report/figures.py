@@ -2,6 +2,7 @@
 
 import base64
 import io
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -26,61 +27,61 @@ AXIS = {
     "y": {"color": COLOURS["orange"]},
     "z": {"color": COLOURS["green"], "linestyle": "--"},
 }
-STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 7.5,
-    "axes.titlesize": 8,
-    "axes.labelsize": 7.5,
-    "axes.linewidth": 0.6,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.formatter.useoffset": False,
-    "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # no search for room above the ticks: a tenth of the drawing time
-    "grid.color": "#E4E4E4",
-    "grid.linewidth": 0.5,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "lines.linewidth": 0.9,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "legend.handlelength": 1.6,
-    "legend.borderaxespad": 0.2,
-    "svg.hashsalt": "gravcal",
-    "svg.fonttype": "path",
-    "path.simplify": True,
-}
+STYLE = matplotlib.rc_params_from_file(Path(__file__).with_name("report.mplstyle"), use_default_template=False)
 
 
-def grid(rows, columns, height_in, **options):
+def grid(rows, columns, height_in, *, xlabel="", ylabels=(), titles=(), margins=None, **options):
     """Figure, height in inches, and its panels, always a (rows, columns) array of Axes.
 
-    Options are those of Figure.subplots, and `margins`, {"left", "right", "top", "bottom", "hspace", "wspace"}.
+    The label of x stands under the last row, those of y at the first column, titles above the panels in order. Margins
+    {"left", "right", "top", "bottom", "hspace", "wspace"} and other options are those of Figure.subplots.
     """
-    margins = options.pop("margins", {})
     figure = Figure(figsize=(WIDTH_IN, height_in))
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False, **options)
-    ends = {"top": 1 - 0.36 / height_in, "bottom": 0.38 / height_in}
-    figure.subplots_adjust(**({"left": 0.085, "right": 0.99} | ends | margins))
+    ends = {"left": 0.085, "right": 0.99, "top": 1 - 0.36 / height_in, "bottom": 0.38 / height_in}
+    figure.subplots_adjust(**(ends | (margins or {})))
+    for panel in panels[-1]:
+        panel.set_xlabel(xlabel)
+    for panel, label in zip(panels[:, 0], ylabels, strict=False):
+        panel.set_ylabel(label)
+    for panel, title in zip(panels.ravel(), titles, strict=False):
+        panel.set_title(title)
     return figure, panels
 
 
-def legend(figure, panels, columns):
-    """Legend of the panels (Axes, or an array of them) above all, to the right, in so many columns; each name once."""
+def _legend(figure):
+    """Legend of all panels above them, to the right, each name once; none where a panel has its own."""
     known = {}
-    for panel in [panels] if hasattr(panels, "plot") else panels.ravel():
-        handles, labels = panel.get_legend_handles_labels()
-        known = dict(zip(labels, handles, strict=True)) | known
-    top = 1 - 0.02 / figure.get_figheight()
-    place = {"ncols": columns, "loc": "upper right", "bbox_to_anchor": (0.995, top), "borderpad": 0.0}
-    figure.legend(known.values(), known.keys(), **place)
+    for panel in figure.axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            known.setdefault(label, handle)
+    if known and not any(panel.get_legend() for panel in figure.axes):
+        top = 1 - 0.02 / figure.get_figheight()
+        place = {"loc": "upper right", "bbox_to_anchor": (0.995, top), "borderpad": 0.0}
+        figure.legend(known.values(), known.keys(), ncols=len(known), **place)
+
+
+def bars(panel, x, y, sigma, **style):
+    """Values with their errors as points with bars."""
+    look = {"marker": "o", "markersize": 3.8, "linestyle": "none", "elinewidth": 0.9, "capsize": 2}
+    panel.errorbar(x, y, sigma, **(look | style))
+
+
+def opened(x, y, gap):
+    """Curve (n,), (n,) with NaN put in where x jumps by more than a gap, so that no line bridges it."""
+    at = np.flatnonzero(np.diff(x) > gap) + 1
+    return np.insert(np.asarray(x, dtype=float), at, np.nan), np.insert(np.asarray(y, dtype=float), at, np.nan)
+
+
+def density(pieces, step):
+    """Frequencies (m,) and one-sided amplitude density (m, ...), under a Hann window, mean power of pieces (n, ...)."""
+    pieces = [np.asarray(one, dtype=float) for one in pieces]
+    length = len(pieces[0])
+    taper = np.hanning(length)
+    power = [np.abs(np.fft.rfft(taper * one.T)).T ** 2 for one in pieces]
+    scale = np.sqrt(2 * step / np.sum(taper**2))
+    return np.fft.rfftfreq(length, step)[1:], scale * np.sqrt(np.mean(power, axis=0))[1:]
 
 
 def thinned(x, y, most=800):
@@ -99,6 +100,15 @@ def thinned(x, y, most=800):
     return x[kept], y[kept]
 
 
+def joined(time, start, stop):
+    """Times (n,) with windows laid end to end, from the first, and where they meet (windows + 1,)."""
+    order = np.argsort(start)
+    start, stop = np.asarray(start)[order], np.asarray(stop)[order]
+    ends = np.concatenate([[0.0], np.cumsum(stop - start)])
+    index = np.clip(np.searchsorted(start, time, side="right") - 1, 0, start.size - 1)
+    return time - start[index] + ends[index], ends
+
+
 def number_windows(panel, ends):
     """Dotted lines where windows that are joined end to end meet, and their numbers at the upper edge."""
     for end in ends[1:-1]:
@@ -115,6 +125,7 @@ def image(draw, *given) -> str | None:
         figure = draw(*given)
         if figure is None:
             return None
+        _legend(figure)
         buffer = io.BytesIO()
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

@@ -3,7 +3,7 @@
 import datetime
 
 from gravcal.report import pages
-from gravcal.report.figures import COLOURS, grid, image, legend
+from gravcal.report.figures import COLOURS, bars, grid, image
 from gravcal.report.plain import plus_minus, signed
 
 #: Mark, colour and label by what a value is; no line joins ours.
@@ -22,7 +22,15 @@ def history(title, points, trims=(), band=None):
     Points, ours and printed, have satellite, panel, unit, date, value, sigma, event, mood (a key of MARKS, any other:
     measured) and said (of printed ones the source); trims are (satellite, Trim); a band is drawn about zero.
     """
-    rows = [_row(one) for one in points] + [_trim(*one) for one in trims]
+    rows = []
+    for one in points:
+        kind, date = one.mood if one.mood in MARKS else "measured", one.date.date().isoformat()
+        where = {"satellite": one.satellite, "date": date, "event": one.event, "kind": kind}
+        rows.append(where | {"quantity": one.panel, "unit": one.unit, "value": one.value, "sigma": one.sigma})
+    for satellite, one in trims:
+        seen = f"mass trim, {'' if one.confirmed else 'not '}confirmed by the printed series"
+        where = {"satellite": satellite, "date": one.date.isoformat(), "event": seen, "kind": "trim"}
+        rows.append(where | {"quantity": one.axis, "unit": "µm", "value": one.trim_um, "sigma": None})
     rows.sort(key=lambda row: (row["satellite"], row["date"], row["kind"] == "trim", row["event"]))
     parts = []
     for satellite in dict.fromkeys(row["satellite"] for row in rows):
@@ -33,20 +41,6 @@ def history(title, points, trims=(), band=None):
     sources = {p.said for p in points if p.mood == "printed"} | {one.source for _, one in trims}
     content = {"title": title, "span": f"{dates[0]} to {dates[-1]}", "sources": "; ".join(sorted(sources))}
     return rows, pages.render("history.html", parts_of=parts, **content)
-
-
-def _row(one):
-    """Value of an event, or a printed one."""
-    kind = one.mood if one.mood in MARKS else "measured"
-    where = {"satellite": one.satellite, "date": one.date.date().isoformat(), "event": one.event, "kind": kind}
-    return where | {"quantity": one.panel, "unit": one.unit, "value": one.value, "sigma": one.sigma}
-
-
-def _trim(satellite, one):
-    """Trim of a mass, its size on its axis."""
-    seen = "confirmed by the printed series" if one.confirmed else "not confirmed by the printed series"
-    where = {"satellite": satellite, "date": one.date.isoformat(), "event": f"mass trim, {seen}", "kind": "trim"}
-    return where | {"quantity": one.axis, "unit": "µm", "value": one.trim_um, "sigma": None}
 
 
 def tables(rows):
@@ -77,40 +71,39 @@ def _text(row):
     return plus_minus(value, sigma, digits=(1 if sigma >= 0.1 else 2) if row["kind"] == "printed" else None)
 
 
+def over_time(labels):
+    """Figure with a panel for each quantity over the years, and its panels."""
+    look = {"ylabels": labels, "margins": {"hspace": 0.12, "left": 0.11}}
+    drawn, panels = grid(len(labels), 1, 0.6 + 1.5 * len(labels), sharex=True, **look)
+    for panel in panels[:, 0]:
+        panel.margins(y=0.12)
+    return drawn, panels[:, 0]
+
+
+def mark(panel, kind, points, label=None):
+    """Values (date, value, sigma or None) of one kind; printed ones are hollow and joined."""
+    form, colour, name = MARKS[kind]
+    look = {"markerfacecolor": "white", "linestyle": "-", "capsize": 0} if kind == "printed" else {}
+    if points:
+        dates, values, sigmas = zip(*points, strict=True)
+        spread = [sigma or 0.0 for sigma in sigmas]
+        bars(panel, dates, values, spread, color=colour, marker=form, linewidth=0.7, label=label or name, **look)
+
+
 def _draw(rows, band):
     """A panel for each quantity over time, ours filled, printed hollow, trims as lines."""
     names = list(dict.fromkeys((row["quantity"], row["unit"]) for row in rows if row["kind"] != "trim"))
-    figure, panels = grid(len(names), 1, 0.6 + 1.45 * len(names), sharex=True, margins={"hspace": 0.12, "left": 0.11})
-    for panel, (name, unit) in zip(panels[:, 0], names, strict=True):
+    drawn, panels = over_time([f"{name} ({unit})" for name, unit in names])
+    for panel, (name, _) in zip(panels, names, strict=True):
         if band:
             panel.axhspan(-band, band, color=COLOURS["sky"], alpha=0.13, linewidth=0, label="requirement")
-        own = [row for row in rows if row["quantity"] == name]
+        own = [row | {"date": datetime.date.fromisoformat(row["date"])} for row in rows if row["quantity"] == name]
         for kind in MARKS:
-            _mark(panel, kind, [row for row in own if row["kind"] == kind])
+            mark(panel, kind, [(row["date"], row["value"], row["sigma"]) for row in own if row["kind"] == kind])
         for row in (row for row in own if row["kind"] == "trim"):
             confirmed = "not confirmed" not in row["event"]
-            panel.axvline(_date(row), color=COLOURS["black"], linewidth=0.9, linestyle="--" if confirmed else ":")
+            panel.axvline(row["date"], color=COLOURS["black"], linewidth=0.9, linestyle="--" if confirmed else ":")
             place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -3)}
             text = f"trim {signed(row['value'], 0)}" + ("" if confirmed else ", not confirmed")
-            panel.annotate(text, (_date(row), 1.0), va="top", fontsize=6.5, **place)
-        panel.set_ylabel(f"{name} ({unit})")
-        panel.margins(y=0.12)
-    legend(figure, panels[0, 0], len(MARKS) + 1)
-    return figure
-
-
-def _mark(panel, kind, rows):
-    """Values of one kind."""
-    mark, colour, label = MARKS[kind]
-    if not rows:
-        return
-    columns = zip(*((_date(row), row["value"], row["sigma"] or 0.0) for row in rows), strict=True)
-    look = {"markerfacecolor": colour, "linestyle": "none", "capsize": 2}
-    look = {"markerfacecolor": "white", "linestyle": "-", "capsize": 0} if kind == "printed" else look
-    look |= {"color": colour, "marker": mark, "markersize": 3.8, "linewidth": 0.7, "elinewidth": 0.9, "label": label}
-    panel.errorbar(*columns, **look)
-
-
-def _date(row):
-    """Date of a row."""
-    return datetime.date.fromisoformat(row["date"])
+            panel.annotate(text, (row["date"], 1.0), va="top", fontsize=6.5, **place)
+    return drawn

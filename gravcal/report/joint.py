@@ -4,7 +4,7 @@ import datetime
 import itertools
 import json
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -14,13 +14,13 @@ from gravcal.estimation import chi2_tail
 from gravcal.estimation.moving import YEAR_S, Moving, moving
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
-from gravcal.report.figures import COLOURS, grid, legend
-from gravcal.report.pages import Figure, Section, Table
-from gravcal.report.plain import measured, plus_minus, probability, signed
+from gravcal.report.discovery import parameter_rows
+from gravcal.report.figures import COLOURS
+from gravcal.report.history import mark, over_time
+from gravcal.report.pages import Section, Table, figure
+from gravcal.report.plain import EPOCH, as_plain, number, plus_minus, probability, quantity, signed
 from gravcal.store import product
-from gravcal.store.schemas import VERSION, validate
 
-EPOCH = datetime.datetime(2000, 1, 1, 12)
 AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12
 CHANGED = 3.0  # errors of a change from which it is worth a note
 
@@ -48,43 +48,36 @@ def report(search, products, *, history, settings, calibration, event, satellite
         {
             "event": one.name,
             "time": one.time,
-            "value": value[k].tolist(),
-            "sigma": sigma[k].tolist(),
-            "alone": (scale * result.alone[k, :, 0]).tolist(),
-            "sigma_alone": (scale * result.alone[k, :, 1]).tolist(),
-            "left_out": [float(away[k]) for away in left_out],
+            "value": value[k],
+            "sigma": sigma[k],
+            "alone": scale * result.alone[k, :, 0],
+            "sigma_alone": scale * result.alone[k, :, 1],
+            "left_out": [away[k] for away in left_out],
             "measured": dict(one.measured),
         }
         for k, one in enumerate(search.events)
     ]
     common = scale * np.array(known["common"])
-    document = {
-        "schema_version": VERSION,
+    body = {
         "status": "delivered",
-        "calibration": calibration,
         "kind": "joint",
-        "event": event,
         "satellite": satellite,
         "parameters": names,
         "unit": unit,
         "events": rows,
-        "causes": [_cause(search, one) for one in result.named],
-        "covariance": result.covariance.tolist(),
+        "causes": as_plain([_cause(search, one) for one in result.named]),
+        "covariance": result.covariance,
         "contradicting": [*result.contradicting, *_strange(search, names, left_out)],
         "motion": {name: _motion(one, history["trims"], name, fuel) for name, one in moves.items()},
         "predicted": predicted(moves, np.arange(time[0], time[-1] + AHEAD_S + STEP_S, STEP_S), common),
         "tried": result.tried,
         "level": search.level,
-        "provenance": {
-            "settings": settings,
-            "products": {n: product.digest(p)[:12] for n, p in products.items()},
-        },
+        "provenance": {"products": {name: product.digest(one)[:12] for name, one in products.items()}},
     }
-    document["verdict"] = {"text": verdict(document)}
-    document = documents.judged(document, [*products.values()], [])
-    validate(document, "joint")
+    body["verdict"] = {"text": verdict(body)}
+    document = documents.delivered(calibration, body, products, [], event=event, settings=settings)
     files = {
-        "joint.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
+        "joint.json": documents.text(document),
         "satellite_model.toml": model_text(document, search, result),
         "joint.html": page(document, moves, history),
     }
@@ -102,9 +95,14 @@ def seconds(day: str) -> float:
     return (datetime.datetime.fromisoformat(day) - EPOCH).total_seconds()
 
 
+def date(time: float) -> datetime.datetime:
+    """Calendar form of GPS s."""
+    return EPOCH + datetime.timedelta(seconds=float(time))
+
+
 def day(time: float) -> str:
     """Day of GPS s."""
-    return (EPOCH + datetime.timedelta(seconds=float(time))).date().isoformat()
+    return date(time).date().isoformat()
 
 
 def _strange(search, names, left_out):
@@ -119,31 +117,41 @@ def _strange(search, names, left_out):
 
 
 def _cause(search, one) -> dict:
-    """A cause with its law, values and ties."""
+    """A cause with its law, values, ties, and values in each event by itself; whether these repeat, by chi-square."""
     cause = search.causes[one.law.cause]
-    row = lambda k: zip(cause.names, one.value[k], one.sigma[k], cause.units, strict=True)  # noqa: E731
-    values = [
-        {"of": label, "parameters": {n: {"value": float(v), "sigma": float(s), "unit": u} for n, v, s, u in row(k)}}
-        for k, label in enumerate(one.law.labels)
-    ]
-    held = one.heldout if np.isfinite(one.heldout) else None
-    numbers = {"gain": one.gain, "dof": one.dof, "significance": one.significance, "evidence": one.score}
-    said = {"cause": cause.slug, "form": cause.form, "scope": one.law.scope, "values": values}
-    tied = [row["cause"] for row in one.ties if row["tied"]]
-    broken = [row for row in one.ties if not row["tied"]]
-    said |= _apart(search, one, cause)
-    return said | numbers | {"heldout": held, "tied_with": tied, "broken": broken, "separation": list(one.ties)}
-
-
-def _apart(search, one, cause):
-    """Values of a cause in each event by itself, and whether it repeats: with the chi-square of one value for all."""
     of_event, chi2, dof = one.apart
-    known = lambda v: float(v) if np.isfinite(v) else None  # noqa: E731
-    row = lambda shown: zip(cause.names, shown, cause.units, strict=True)  # noqa: E731
-    values = ({n: {"value": known(v), "sigma": known(e), "unit": u} for n, (v, e), u in row(k)} for k in of_event)
-    own = [{"event": event.name, "parameters": one} for event, one in zip(search.events, values, strict=True)]
-    p = float(np.exp(chi2_tail.log_tail(chi2, dof))) if dof else None
-    return {"by_event": own, "repeats": {"said": one.law.scope == "constant", "chi2": chi2, "dof": dof, "p": p}}
+
+    def parameters(value, sigma):
+        columns = zip(cause.names, value, sigma, cause.units, strict=True)
+        return {name: {"value": v, "sigma": e, "unit": unit} for name, v, e, unit in columns}
+
+    return {
+        "cause": cause.slug,
+        "form": cause.form,
+        "scope": one.law.scope,
+        "values": [
+            {"of": label, "parameters": parameters(one.value[k], one.sigma[k])}
+            for k, label in enumerate(one.law.labels)
+        ],
+        "by_event": [
+            {"event": event.name, "parameters": parameters(*np.reshape(own, (-1, 2)).T)}
+            for event, own in zip(search.events, of_event, strict=True)
+        ],
+        "repeats": {
+            "said": one.law.scope == "constant",
+            "chi2": chi2,
+            "dof": dof,
+            "p": float(np.exp(chi2_tail.log_tail(chi2, dof))) if dof else None,
+        },
+        "gain": one.gain,
+        "dof": one.dof,
+        "significance": one.significance,
+        "evidence": one.score,
+        "heldout": number(one.heldout),
+        "tied_with": [row["cause"] for row in one.ties if row["tied"]],
+        "broken": [row for row in one.ties if not row["tied"]],
+        "separation": list(one.ties),
+    }
 
 
 def _motion(one: Moving, trims, name, fuel):
@@ -189,8 +197,7 @@ def verdict(document) -> str:
         if count < 4:
             word = "repeats" if again["said"] else "does not repeat"
             repeats = f", {word} (chi-square of one value for all {again['chi2']:.1f} of {again['dof']})"
-        scope = SCOPES.get(one["scope"], "follows " + one["scope"])
-        said.append(f"{words.title(one['cause'])}, {scope}{repeats}{tied}")
+        said.append(f"{words.title(one['cause'])}, {_scope(one['scope'])}{repeats}{tied}")
     broken = sorted({row["event"] for one in document["causes"] for row in one["broken"]})
     text = f"{count} events: " + ("; ".join(said) if said else "no cause that they share") + "."
     text += f" Ties broken by {', '.join(broken)}." if broken else ""
@@ -206,13 +213,14 @@ SCOPES = {
 }
 
 
+def _scope(scope):
+    """Scope of a law in words."""
+    return SCOPES.get(scope, f"follows {scope}")
+
+
 def model_text(document, search, result) -> str:
     """Model of the satellite as TOML: effects with the days that they hold for, as `--model` reads them; motion."""
-    comment = (
-        f"Found by gravcal discover --joint in {len(document['events'])} events; gravcal run takes it with --model."
-    )
-    content = {name: document[name] for name in ("satellite", "calibration")} | {"effect": []}
-    place = 0
+    effects, place = [], 0
     for one, said in zip(result.named, document["causes"], strict=True):
         many, count = one.value.shape if one.value.size else (0, 0)
         names, units = search.causes[one.law.cause].names, search.causes[one.law.cause].units
@@ -222,16 +230,19 @@ def model_text(document, search, result) -> str:
             turn = np.kron(weights, np.eye(count))
             spread = turn @ covariance @ turn.T
             sigma = np.sqrt(np.diag(spread))
-            row = {name: said[name] for name in ("cause", "form", "scope", "tied_with")}
-            row |= {"from": str(begin) if begin else None, "to": str(end) if end else None, "parameters": {}}
+            effect = {name: said[name] for name in ("cause", "form", "scope", "tied_with")}
+            effect |= {"from": begin or None, "to": end or None, "parameters": {}}
             for k, (name, v) in enumerate(zip(names, turn @ one.value.ravel(), strict=True)):
                 others = {names[j]: round(float(spread[k, j] / sigma[k] / sigma[j]), 6) for j in range(count) if j != k}
-                numbers = {"value": float(v), "sigma": float(sigma[k]), "unit": units[k], "correlation": others}
-                row["parameters"][name] = numbers
-            content["effect"].append(row)
-    content["motion"] = {name: document[name] for name in ("unit", "parameters", "covariance")} | document["motion"]
-    content["predicted"] = document["predicted"]
-    return toml.text({name: one for name, one in content.items() if one}, comment)
+                row = {"value": float(v), "sigma": float(sigma[k]), "unit": units[k], "correlation": others}
+                effect["parameters"][name] = row
+            effects.append(effect)
+    model = {name: document[name] for name in ("satellite", "calibration")} | {"effect": effects}
+    model["motion"] = {name: document[name] for name in ("unit", "parameters", "covariance")} | document["motion"]
+    model["predicted"] = document["predicted"]
+    count = len(document["events"])
+    note = f"Found by gravcal discover --joint in {count} events; gravcal run takes it with --model."
+    return toml.text({name: one for name, one in model.items() if one}, note)
 
 
 def _spans(search, law):
@@ -252,8 +263,8 @@ def changes(before: dict, after: dict) -> list[str]:
         return []
     lines, unit = [], after["unit"]
     old, new = ({(c["cause"], c["scope"]) for c in one["causes"]} for one in (before, after))
-    lines += [f"new: {words.title(c)}, {SCOPES.get(s, 'follows ' + s)}" for c, s in sorted(new - old)]
-    lines += [f"no longer named: {words.title(c)}, {SCOPES.get(s, 'follows ' + s)}" for c, s in sorted(old - new)]
+    for word, causes in (("new", new - old), ("no longer named", old - new)):
+        lines += [f"{word}: {words.title(cause)}, {_scope(scope)}" for cause, scope in sorted(causes)]
     known = {one["event"] for one in before["events"]}
     fresh = [one for one in after["events"] if one["event"] not in known]
     for k, name in enumerate(after["parameters"]):
@@ -305,68 +316,51 @@ def _values(document):
 
 def page(document, moves, history) -> str:
     """Page of a joint search."""
-    drawn = Figure(partial(_draw, document, moves, history), (), FIGURE, arguments=())
+    drawn = replace(_motion_figure, arguments=(document, moves, history))
     made = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
         Section("Causes that events share", [_cause_table(document), _apart_table(document)]),
         Section("Ties", [_tie_table(document)], notes=[TIES]),
         Section("Contradictions", [_contradiction_table(document)], notes=[ALONE]),
     ]
-    made = [one for one in made[0 if moves else 1 :] if any(t is not None for t in one.tables) or one.figures]
+    made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"
     return pages.page(document, made, {}, heading="What many events say together", subtitle=count)
 
 
-def _draw(document, moves, history):
-    """A panel for each parameter: values of events, prediction with its error, printed values, trims."""
-    names = list(moves)
-    first = min([one["time"] for one in document["events"]] + [p["time"] for p in history["printed"]])
-    last = max(one["time"] for one in document["events"]) + AHEAD_S
-    grid_time = np.linspace(first, max([last, *(p["time"] for p in history["printed"])]), 400)
-    figure, panels = grid(len(names), 1, 0.6 + 1.6 * len(names), sharex=True, margins={"hspace": 0.12, "left": 0.11})
-    date = lambda t: EPOCH + datetime.timedelta(seconds=float(t))  # noqa: E731
-    dates = [date(t) for t in grid_time]
-    for k, (panel, name) in enumerate(zip(panels[:, 0], names, strict=True)):
-        mean, sigma = moves[name].predicted(grid_time)
-        band = {"color": COLOURS["sky"], "alpha": 0.3, "linewidth": 0, "label": "predicted"}
-        panel.fill_between(dates, mean - sigma, mean + sigma, **band)
+@figure(caption="Values of all events, prediction and printed values. Dashed: trims; dotted: steps that were found.")
+def _motion_figure(document, moves, history):
+    events, printed = document["events"], history["printed"]
+    known = [one["time"] for one in (*events, *printed)]
+    times = np.linspace(min(known), max([events[-1]["time"] + AHEAD_S, *known]), 400)
+    drawn, panels = over_time([f"{name} ({document['unit'].replace('um', 'µm')})" for name in moves])
+    for k, (panel, (name, one)) in enumerate(zip(panels, moves.items(), strict=True)):
+        mean, sigma = one.predicted(times)
+        dates, band = [date(t) for t in times], {"color": COLOURS["sky"], "alpha": 0.3, "linewidth": 0}
+        panel.fill_between(dates, mean - sigma, mean + sigma, label="predicted", **band)
         panel.plot(dates, mean, color=COLOURS["sky"], linewidth=0.8)
-        look = {"linestyle": "none", "capsize": 2, "markersize": 3.8, "elinewidth": 0.9}
-        own = zip(*((date(e["time"]), e["value"][k], e["sigma"][k]) for e in document["events"]), strict=True)
-        panel.errorbar(*own, marker="s", color=COLOURS["vermilion"], label="all events together", **look)
-        points = [p for p in history["printed"] if p["parameter"] == name]
-        printed = [(date(p["time"]), p["value"], p["sigma"] or 0.0) for p in points]
-        if printed:
-            hollow = look | {"markerfacecolor": "white"}
-            panel.errorbar(*zip(*printed, strict=True), marker="o", color=COLOURS["blue"], label="printed", **hollow)
+        mark(
+            panel, "measured", [(date(e["time"]), e["value"][k], e["sigma"][k]) for e in events], "all events together"
+        )
+        mark(panel, "printed", [(date(p["time"]), p["value"], p["sigma"]) for p in printed if p["parameter"] == name])
         for step in document["motion"][name]["steps"]:
             look = {"color": COLOURS["black"], "linewidth": 0.8, "linestyle": ":" if step["found"] else "--"}
             panel.axvline(date(seconds(step["date"])), **look)
-        panel.set_ylabel(f"{name} ({document['unit'].replace('um', 'µm')})")
-        panel.margins(y=0.1)
-    legend(figure, panels[0, 0], 3)
-    return figure
+    return drawn
 
 
 def _event_table(document):
-    """Values of each event, alone and with all others."""
-    heads = [
-        "date",
-        "event",
-        *(f"{n}{w}" for n in document["parameters"] for w in ("", ", alone")),
-        "over error, left out",
-    ]
     rows = []
     for one in document["events"]:
         pairs = zip(one["value"], one["sigma"], one["alone"], one["sigma_alone"], strict=True)
         cells = [text for v, s, a, b in pairs for text in (plus_minus(v, s), plus_minus(a, b))]
         rows.append([day(one["time"]), one["event"], *cells, ", ".join(signed(v, 1) for v in one["left_out"])])
+    names = [f"{name}{which}" for name in document["parameters"] for which in ("", ", alone")]
     caption = f"Values in {document['unit']} with the causes below, and alone without any. Left out: by all others."
-    return Table(caption, heads, rows, words=(0, 1), wide=True)
+    return Table(caption, ["date", "event", *names, "over error, left out"], rows, words=(0, 1), wide=True)
 
 
 def _motion_table(document):
-    """Slope, walk and steps of each parameter."""
     rows = []
     for name, one in document["motion"].items():
         slope, walk = one["slope_per_year"], one["walk_per_root_year"]
@@ -374,67 +368,60 @@ def _motion_table(document):
         for s in one["steps"]:
             what = "step that was found" if s["found"] else f"trim, printed {signed(s['printed'], 0)}"
             rows.append([None, what, s["date"], plus_minus(s["value"], s["sigma"]), ""])
-        for quantity, v in (one["follows"] or {}).items():
-            text = plus_minus(v["value"], v["sigma"]) if v else "none seen"
-            rows.append([None, f"per unit of {quantity}", "", text, ""])
+        for cause, v in (one["follows"] or {}).items():
+            rows.append([None, f"per unit of {cause}", "", plus_minus(**v) if v else "none seen", ""])
     heads = ["parameter", "", "date", f"value ({document['unit']})", "walk in a root of a year"]
     return Table("How the calibration moves from event to event.", heads, rows, words=(0, 1, 2), wide=True)
 
 
 def _cause_table(document):
-    """Each cause with its law and its values."""
     rows = []
     for one in document["causes"]:
         held = "" if one["heldout"] is None else f"{one['heldout']:.0f}"
-        scope = SCOPES.get(one["scope"], f"follows {one['scope']}")
-        told = scope, f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
+        told = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
         rows.append([words.title(one["cause"]), *told])
         for values in one["values"]:
-            for name, p in values["parameters"].items():
-                rows.append([None, f"{name}, {values['of']}", "", "", "", *measured(p["value"], p["sigma"], p["unit"])])
+            rows += parameter_rows(values["parameters"], f", {values['of']}")
     heads = ["cause", "scope, parameter", "chi-square gained", "events left out", "chance", "value", "unit"]
     caption = f"Causes as they were named; {document['tried']} laws were tried in a round."
-    return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True) if rows else None
+    return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True)
 
 
 def _apart_table(document):
-    """Values of each cause in each event by itself."""
     rows = []
     for one in document["causes"]:
         chi2 = f"{one['repeats']['chi2']:.1f} of {one['repeats']['dof']}"
         rows.append([words.title(one["cause"]), "", "repeats" if one["repeats"]["said"] else "does not repeat", chi2])
         for own in one["by_event"]:
-            for name, p in own["parameters"].items():
-                if p["value"] is not None:
-                    value, unit = measured(p["value"], p["sigma"], p["unit"])
-                    rows.append([None, f"{own['event']} {name}", f"{value} {unit}", ""])
+            known = {name: p for name, p in own["parameters"].items() if p["value"] is not None}
+            rows += [
+                [None, f"{own['event']} {name}", quantity(p["value"], p["sigma"], p["unit"]), ""]
+                for name, p in known.items()
+            ]
     heads = ["cause", "event by itself", "value", "chi-square of one value for all"]
     caption = "Each cause in each event by itself, beside the others."
-    return Table(caption, heads, rows, words=(0, 1, 2), wide=True) if rows else None
+    return Table(caption, heads, rows, words=(0, 1, 2), wide=True)
 
 
 def _tie_table(document):
-    """Pairs of causes that single events tie."""
     rows = [
         [words.title(one["cause"]), words.title(t["cause"]), f"{t['single']:.1f}", f"{t['expected_chi2']:.1f}",
          f"{t['observed']:.1f}", "tied" if t["tied"] else f"broken by {t['event']}"]
         for one in document["causes"] for t in one["separation"]
     ]  # fmt: skip
     heads = ["named", "beside", "best single event", "all events", "odds", ""]
-    return Table("Expected chi-square between two causes.", heads, rows, words=(0, 1, 5), wide=True) if rows else None
+    return Table("Expected chi-square between two causes.", heads, rows, words=(0, 1, 5), wide=True)
 
 
 def _contradiction_table(document):
-    """Events that the others do not foretell."""
     rows = [
         [one["event"], one.get("parameter", "causes"), f"{one['chi2']:.1f}", str(one["dof"]), probability(one["p"])]
         for one in document["contradicting"]
     ]
     heads = ["event", "of", "chi-square", "degrees of freedom", "chance"]
-    return Table("Events that all others do not foretell.", heads, rows, words=(0, 1), wide=True) if rows else None
+    return Table("Events that all others do not foretell.", heads, rows, words=(0, 1), wide=True)
 
 
-FIGURE = "Values of all events, prediction and printed values. Dashed: trims; dotted: steps that were found."
 TIES = (
     "Two causes are told apart if the chi-square expected between them and twice the logarithm of their odds in these "
     "data both exceed the limit of ties. The event named preferred the one to the other most."

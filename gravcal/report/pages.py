@@ -4,17 +4,18 @@ A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`
 `Table`), its figures (functions of datasets that return a matplotlib Figure, None where there is nothing to draw) and
 one function that lists the sections in order::
 
-    def sections(document, published):
-        return [
-            Section("Result", tables=[offsets(document)], notes=["..."]),
-            Section("Field", figures=[Figure(draw_field, reads=("field", "align"), caption="Measured and modelled.")]),
-        ]
+    @figure("field", "align", caption="Measured and modelled.")
+    def field(checked, aligned): ...
 
-`reads` names products by their stage ("solve.mtq" with the variant; "solve.*" gives all variants, {variant: Dataset}).
+    def sections(document, published):
+        return [Section("Result", [offsets(document)], notes=["..."]), Section("Field", figures=[field])]
+
+A figure names products by their stage ("solve.mtq" with the variant; "solve.*" gives all variants, {variant: Dataset}).
 They are the arguments of the figure and the source under it. `page` draws, numbers and traces everything;
 `documents.delivered` judges the result document, and `page.report`, the body of the stage `report`, calls both.
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -50,12 +51,17 @@ class Figure:
     arguments: Sequence | None = None  #: what `draw` takes in place of the products
 
 
+def figure(*reads: str, caption: str) -> Callable[[Callable], Figure]:
+    """Decorator: a function that draws, as the `Figure` of the products that it reads."""
+    return lambda draw: Figure(draw, reads, caption)
+
+
 @dataclass(frozen=True)
 class Section:
-    """Section of a page: notes, tables, then figures; a table that is None is left out."""
+    """Section of a page: notes, tables, then figures; a table without rows is left out."""
 
     title: str
-    tables: Sequence[Table | None] = ()
+    tables: Sequence[Table] = ()
     figures: Sequence[Figure] = ()
     notes: Sequence[str] = ()
     beside: bool = False  #: True to set the tables side by side
@@ -70,33 +76,17 @@ def page(
     subtitle: str = "",
     verdict: str = "",
     good: bool | None = None,
-    badges: Sequence[Mapping] = (),
+    badges: Sequence[tuple] = (),
     lines: tuple[str, str] | None = None,
 ) -> str:
     """Page (HTML) of an event from its judged document; the same content gives the same text.
 
-    Products are {stage or "stage.variant": Dataset or None}, badges {"title", "good", "text"} each, lines title and
+    Products are {stage or "stage.variant": Dataset or None}, badges (title, good, text) each, lines title and
     text of what was delivered in a file of its own. The heading says what was calibrated, the subtitle what was looked
     at; the verdict is that of the document if empty, good None where that is not asked.
     """
-    digests = document["provenance"].get("products", {})
-    shown, count = [], 0
-    for one in sections:
-        figures = []
-        for own in one.figures:
-            drawn = _drawn(own, products)
-            if drawn is not None:
-                count += 1
-                source = _source(document, own.reads, digests)
-                title = own.caption.split(".")[0]
-                figures.append(
-                    {"image": drawn, "number": count, "title": title, "caption": own.caption, "source": source}
-                )
-        tables = [
-            vars(own) | {"source": _source(document, own.reads, digests)} for own in one.tables if own is not None
-        ]
-        notes = [true_units(note) for note in one.notes]
-        shown.append({"title": one.title, "tables": tables, "figures": figures, "notes": notes, "beside": one.beside})
+    numbers = itertools.count(1)
+    shown = [_shown(section, document, products, numbers) for section in sections]
     return render(
         "page.html",
         document=document,
@@ -104,7 +94,9 @@ def page(
         verdict=true_units(verdict or document["verdict"]["text"]),
         mood=MOODS[good],
         subtitle=subtitle,
-        badges=[own | {"sign": SIGNS[own["good"]], "mood": MOODS[own["good"]]} for own in badges],
+        badges=[
+            {"title": title, "text": text, "sign": SIGNS[good], "mood": MOODS[good]} for title, good, text in badges
+        ],
         sections=shown,
         settings=flat(settings_of(document)),
         provenance=flat({name: one for name, one in document["provenance"].items() if name != "settings"}),
@@ -112,14 +104,26 @@ def page(
     )
 
 
+def _shown(section, document, products, numbers):
+    """Section as the template takes it; figures are drawn, and numbered if there is something to draw."""
+    figures = []
+    for one in section.figures:
+        given = arguments(one, products)
+        drawn = None if any(item is None for item in given) else image(one.draw, *given)
+        if drawn is not None:
+            own = {"image": drawn, "number": next(numbers), "title": one.caption.split(".")[0], "caption": one.caption}
+            figures.append(own | {"source": _source(document, one.reads)})
+    tables = [vars(one) | {"source": _source(document, one.reads)} for one in section.tables if one.rows]
+    return vars(section) | {"tables": tables, "figures": figures, "notes": [true_units(note) for note in section.notes]}
+
+
 SIGNS = {True: "✓", False: "✗", None: "?"}
 MOODS = {True: "good", False: "bad", None: ""}
 
 
-def _drawn(one, products):
-    """Image of a figure; None where a product is missing or there is nothing to draw."""
-    arguments = [_product(name, products) for name in one.reads] if one.arguments is None else one.arguments
-    return None if any(item is None for item in arguments) else image(one.draw, *arguments)
+def arguments(one: Figure, products: Mapping) -> list:
+    """What a figure draws: the products that it reads, None for one that is missing, unless it says what else."""
+    return [_product(name, products) for name in one.reads] if one.arguments is None else list(one.arguments)
 
 
 def _product(name, products):
@@ -130,11 +134,10 @@ def _product(name, products):
     return {key.removeprefix(start): one for key, one in products.items() if key.startswith(start) and one is not None}
 
 
-def _source(document, reads, digests):
+def _source(document, reads):
     """Products with the digests that the provenance lists."""
-    calibration = document["calibration"]
-    names = []
-    for name in (f"{calibration}.{name}" for name in reads):
+    digests, names = document["provenance"].get("products", {}), []
+    for name in (f"{document['calibration']}.{name}" for name in reads):
         start = name.removesuffix("*")
         names += [name] if start == name else [key for key in digests if key.startswith(start)]
     return ", ".join(f"{name} {digests.get(name, '')[:12]}".rstrip() for name in names)

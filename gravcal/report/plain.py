@@ -30,18 +30,7 @@ def estimate(value, sigma):
 
 
 def offset_block(offset, covariance, determined):
-    """Offset in micrometres; undetermined components are null in value, sigma, row and column.
-
-    Parameters
-    ----------
-    offset : (3,) m
-    covariance : (3, 3) m2
-    determined : (3,) bool
-
-    Returns
-    -------
-    block : {"offset_um", "sigma_um", "covariance_um2"}
-    """
+    """Offset (3,) m with its covariance (3, 3) m2 as micrometres; undetermined components are null everywhere."""
     offset, matrix = np.asarray(offset, dtype=float) * 1e6, np.asarray(covariance, dtype=float) * 1e12
     variance = np.diag(matrix)
     known = np.asarray(determined, dtype=bool) & np.isfinite(offset) & np.isfinite(variance) & (variance >= 0)
@@ -55,17 +44,7 @@ def offset_block(offset, covariance, determined):
 
 
 def chi_square_test(chi2, dof):
-    """Chi-square with the probability of a larger one.
-
-    Parameters
-    ----------
-    chi2 : scalar
-    dof : degrees of freedom
-
-    Returns
-    -------
-    test : {"chi2", "dof", "p"}, nothing tested: null with dof 0
-    """
+    """Chi-square, its degrees of freedom, and the probability "p" of a larger one; null with dof 0 where untested."""
     chi2, dof = number(chi2), int(dof)
     if chi2 is None or dof <= 0:
         return {"chi2": None, "dof": 0, "p": None}
@@ -101,7 +80,9 @@ NOT_DETERMINED = "–"
 
 
 def signed(value, digits):
-    """Number with a true minus sign; zero without one."""
+    """Number with a true minus sign; zero without one; what is None is not determined."""
+    if value is None:
+        return NOT_DETERMINED
     text = f"{value:.{digits}f}"
     if float(text) == 0:
         text = text.lstrip("-")
@@ -112,14 +93,10 @@ def plus_minus(value, sigma, total=None, digits=None):
     """Value with its error, and the total error in brackets; digits by the error unless given."""
     if value is None or sigma is None:
         return NOT_DETERMINED
-    digits = _digits(sigma) if digits is None else digits
+    if digits is None:
+        digits = 1 if sigma >= 1 else 2 if sigma >= 0.1 else 3
     tail = f" ({total:.{digits}f})" if total is not None else ""
     return f"{signed(value, digits)} ± {sigma:.{digits}f}{tail}"
-
-
-def _digits(sigma):
-    """Two digits of the error, three at most after the point."""
-    return 1 if sigma >= 1 else 2 if sigma >= 0.1 else 3
 
 
 def printed(record, index):
@@ -151,17 +128,7 @@ PREFIXED = ("m", "rad", "T", "V", "N", "A", "s", "Hz", "F", "W")
 
 
 def prefixed(size, unit):
-    """Unit that suits a size, as people read it, and the factor to it from the SI unit; a share in percent or 10⁻⁶.
-
-    Parameters
-    ----------
-    size : of the values; unit : SI, such as "m s-2", "1", or empty
-
-    Returns
-    -------
-    factor : float
-    unit : str, such as "nm s⁻²"
-    """
+    """Factor from an SI unit ("m s-2", "1", or empty) to the one that suits a size, and its text ("nm s⁻²", "%")."""
     power = 3 * math.floor(math.log10(size) / 3) if size > 0 and math.isfinite(size) else 0
     text = re.sub(r"-?\d+", lambda found: found[0].translate(SUPERSCRIPTS), "" if unit == "1" else unit)
     if unit == "1" and 1e-4 <= size < 10:
@@ -176,7 +143,7 @@ def prefixed(size, unit):
 
 def quantity(value, sigma, unit):
     """Value with its error and a unit that suits both, two digits of the error: "2.00 ± 0.12 %"."""
-    return " ".join(part for part in measured(value, sigma, unit) if part)
+    return " ".join(measured(value, sigma, unit)).rstrip()
 
 
 def measured(value, sigma, unit):

@@ -31,17 +31,17 @@ class Entry:
         return location.OPERATIONAL in self.configurations
 
 
-def entries(event=None, kind=None, newest_only=True, configuration=None):
+def entries(event=None, kind=None, newest_only=True, configuration=None, record_of=store.read_record):
     """Products of the store, list of Entry sorted by name: of an event, of a kind, of the links of a configuration.
 
-    ``newest_only`` leaves out those that no readable link leads to.
+    ``newest_only`` leaves out those that no readable link leads to; ``record_of`` reads the record of a folder.
     """
     links, every = linked(), []
     for folder in folders():
         names = tuple(sorted(links.get(folder.name, ())))
         if newest_only and not names or configuration is not None and configuration not in names:
             continue
-        record = store.read_record(folder)
+        record = record_of(folder)
         if record is None:
             continue
         ref = store.reference(record, folder)

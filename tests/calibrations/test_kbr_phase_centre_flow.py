@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from flows import engine, kbr_phase_centre
 from gravcal import catalog
-from gravcal.calibrations.kbr_phase_centre.document import vector_files
+from gravcal.calibrations.kbr_phase_centre.page import vector_files
 from gravcal.errors import NoDataError, ProductError
 from gravcal.io import vcm
 from gravcal.store.schemas import validate

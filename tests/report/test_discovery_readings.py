@@ -9,7 +9,6 @@ import xarray as xr
 
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery, pages
-from gravcal.report import discovery_figures as figures
 from gravcal.report import discovery_words as words
 from gravcal.report.plain import quantity
 
@@ -54,15 +53,15 @@ def waved(time):
 def test_a_finding_is_folded_over_the_period_that_it_has(added, parameters, period):
     """Contract: that of the manoeuvre or its own, against time where it repeats in neither."""
     product = found(added, parameters=parameters)
-    assert figures.fold(product, 0) == (pytest.approx(period) if period else None)
-    figure = figures.reading(product, 0, figures.fold(product, 0))
+    assert discovery.fold(product, 0) == (pytest.approx(period) if period else None)
+    figure = discovery.reading(product, 0)
     assert figure.axes[1].get_xlabel() == ("phase (s)" if period else "time from the first sample (s)")
-    assert ("Folded over" in figures.caption(product, 0, period, {})) == bool(period)
+    assert ("Folded over" in discovery.caption(product, 0, {})) == bool(period)
 
 
 def test_a_panel_shows_reading_and_difference_in_units():
     """Contract: measured, simulated, extended in nm s-2 above; what either leaves below, with a prefix of its own."""
-    figure = figures.reading(found(follows), 0, 12.0)
+    figure = discovery.reading(found(follows), 0)
     assert [panel.get_ylabel() for panel in figure.axes] == ["linear y (nm s⁻²)", "difference (pm s⁻²)"]
     names = set(figure.axes[0].get_legend_handles_labels()[1])
     assert names == {"measured", "simulated without it", "extended model"}
@@ -74,27 +73,27 @@ def test_a_panel_shows_reading_and_difference_in_units():
 def test_a_range_has_one_axis_and_what_is_not_named_no_extended_model():
     """Contract: the channel's own name beside the scale; the least likely band of an unexplained residual."""
     product = found(follows, axes=1, number=-1)
-    figure = figures.reading(product, -1, figures.fold(product, -1))
+    figure = discovery.reading(product, -1)
     assert figure.axes[0].get_ylabel() == "range (nm)"
     assert "extended model" not in figure.axes[0].get_legend_handles_labels()[1]
-    assert "least likely band" in figures.caption(product, -1, None, {})
+    assert "least likely band" in discovery.caption(product, -1, {})
 
 
 def test_a_finding_that_helps_no_reading_has_no_panel():
     """Contract: nothing drawn, nothing said."""
     product = found(follows)
-    assert figures.reading(product, 1, None) is None
-    assert figures.caption(product, 1, None, {}) == ""
-    assert figures.shown(product.drop_vars("linear_measured"), 0) is None
+    assert discovery.reading(product, 1) is None
+    assert discovery.caption(product, 1, {}) == ""
+    assert discovery.shown(product.drop_vars("linear_measured"), 0) is None
 
 
 def test_the_caption_says_what_the_reading_is():
     """Contract: reference of the reading, and whether it was put together again."""
-    caption = figures.caption(found(follows), 0, None, {"linear": " It is low-passed."})
+    caption = discovery.caption(found(follows), 0, {"linear": " It is low-passed."})
     assert "low-passed" in caption
     assert "linear form" not in caption
-    assert "mean is left out" in figures.caption(found(follows), 0, None, {})
-    assert "linear form" in figures.caption(found(follows, rebuilt="yes"), 0, None, {})
+    assert "mean is left out" in discovery.caption(found(follows), 0, {})
+    assert "linear form" in discovery.caption(found(follows, rebuilt="yes"), 0, {})
 
 
 @pytest.mark.parametrize(
@@ -208,9 +207,9 @@ def test_the_verdict_says_what_moves_what_is_tied_and_alarms():
 
 
 def test_a_finding_that_is_not_folded_has_its_panel_on_the_page():
-    """Contract: a step against time, drawn where the page asks for its figures."""
+    """Contract: a step against time, drawn where the page asks for its discovery."""
     product = found(stepped)
-    (one,) = discovery.drawings(product, {"findings": [finding("accelerometer.bias_step")]}, Reported())
+    one = discovery._drawing(product, 0, Reported())
     assert "Folded" not in one.caption
     text = pages.page(
         {"provenance": {}, "calibration": "case", "event": "case", "origin": "measured"}

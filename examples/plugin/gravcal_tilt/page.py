@@ -5,7 +5,7 @@ import numpy as np
 from gravcal.calibrations.checks import at_most
 from gravcal.report import documents
 from gravcal.report.figures import grid
-from gravcal.report.pages import Figure, Section, Table, page
+from gravcal.report.pages import Section, Table, figure, page
 
 UNITS = {"scale": "1", "bias": "rad"}
 
@@ -24,21 +24,15 @@ def report(fitted, event, settings):
     parameters = {
         name: {"value": float(value), "sigma": float(error), "unit": unit} for (name, unit), value, error in estimates
     }
-    document = {
-        "schema_version": "1.0",
+    body = {
         "status": "delivered",
-        "calibration": "tilt_scale",
-        "event": event,
-        "provenance": documents.traced("tilt_scale", {"fit": fitted}),
-        "settings": settings,
         "parameters": parameters,
         "verdict": {"text": f"Scale {parameters['scale']['value']:.2e} +- {sigma[0]:.1e}."},
     }
     checks = [at_most("sigma of the scale", sigma[0], settings["sigma_limit"], "1")]
-    document, files = documents.delivered(document, [fitted], checks)
-    sections = [
-        Section("Result", tables=[table(parameters)], figures=[Figure(draw, ["fit"], "Residual of the reading.")])
-    ]
+    document = documents.delivered("tilt_scale", body, {"fit": fitted}, checks, event=event, settings=settings)
+    files = {"result.json": documents.text(document)}
+    sections = [Section("Result", [table(parameters)], [residual])]
     files["report.html"] = page(document, sections, {"fit": fitted}, heading="Tilt meter")
     return fitted[["value"]], files
 
@@ -49,10 +43,9 @@ def table(parameters):
     return Table("Scale and bias.", ["parameter", "value", "sigma", "unit"], rows, ["fit"])
 
 
-def draw(fitted):
+@figure("fit", caption="Residual of the reading.")
+def residual(fitted):
     """Residual over time."""
-    figure, panels = grid(1, 1, 2.0)
+    drawn, panels = grid(1, 1, 2.0, xlabel="time (min)", ylabels=["residual (µrad)"])
     panels[0, 0].plot((fitted["time"] - fitted["time"][0]) / 60.0, 1e6 * fitted["residual"], linewidth=0.5)
-    panels[0, 0].set_xlabel("time (min)")
-    panels[0, 0].set_ylabel("residual (µrad)")
-    return figure
+    return drawn

@@ -11,9 +11,9 @@ function doubles(text) {
 
 async function answer(address) {
   const response = await fetch(address);
-  const content = await response.json();
-  if (!response.ok) throw new Error(content.error || response.statusText);
-  return content;
+  if (response.ok) return response.json();
+  const said = response.headers.get("content-type").startsWith("text/plain");
+  throw new Error(said ? await response.text() : response.statusText);
 }
 
 // Points with their GPS seconds, which a plot shows beside calendar time (x in ms past 1970).

@@ -1,20 +1,22 @@
-"""Report of a centre-of-mass event: its product, its files, and the page, section by section.
+"""Report of a centre-of-mass event: its product, result document, files, and the page, section by section.
 
 The figures follow those of 10.3390/rs14164030: from field and torquers to the estimates.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
-from gravcal.calibrations import checks as checking
 from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset import document as documented
-from gravcal.report import documents
-from gravcal.report.figures import AXIS, COLOURS, grid, legend, number_windows, thinned
-from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import AXES, NOT_DETERMINED, chi_square, gps_text, plus_minus, printed, probability, signed
+from gravcal.calibrations.checks import at_least, at_most, largest, of_product
+from gravcal.calibrations.com_offset.align import OUTLIER, REACH
+from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
+from gravcal.report import documents, plain
+from gravcal.report.figures import AXIS, COLOURS, bars, density, grid, joined, number_windows, thinned
+from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report.plain import AXES, NOT_DETERMINED, chi_square, gps_text, number, numbers, plus_minus, signed
 
 SCHEMAS = schemas.of("com_offset.toml")
 
@@ -36,45 +38,46 @@ PERIOD_S = 12.0
 SPREAD = 0.24  # of the angular accelerations about the place of their manoeuvre
 STEP_S = 0.5  # of the grid of a solution
 #: Products of the stage `report` in their order, around four "solve" and four "angular_acceleration".
+SHOWN = ("offset", "sigma", "sigma_total")
 SINGLE = ("combine", "attitude", "field", "survey", "detect", "align", "checks")
+KINDS = ("roll", "pitch", "yaw")
+HIGH_LATITUDE = np.radians(45.0)
+WAVE_HZ = 1 / 12
+SCALE_SHARE = 0.5  # of its prior: a torque scale known no better says nothing of its own
+ANGULAR_LIMIT = 0.2
+PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
+EPOCH = "middle of each manoeuvre"  # of an offset that moves
+GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
+RULE = (
+    "of the angular accelerations that determine most components, that with the smallest total error (sum of the "
+    "variances of x, y, z): noise, delays and scales estimated along, inertia and dipole per current of the catalogue."
+)
+WITHIN = {"within": "met in", "exceeds": "exceeded in", "undecided": "undecided in", "undetermined": "not tested in"}
+CONFIDENCE = 2.0  # standard deviations between a value and a limit for a clear answer
 
 
 def report(*products, event, satellite, settings, published):
-    """Report product of one event and its files.
+    """Report product of one event and its files {name: text}.
 
-    Parameters
-    ----------
-    products : Dataset, combine; solve and angular_acceleration, four each; attitude, field, survey, detect, align,
-        checks
-    event : str
-    satellite : letter
-    settings : mapping of all parameters
-    published : {section: list of plain records} of the catalogue, {} where nothing was printed
-
-    Returns
-    -------
-    dataset : Dataset, "com_offset.report"
-    files : {name: text}
+    Products are combine, four each of solve and angular_acceleration, then the rest of `SINGLE`; published are plain
+    records of the catalogue by section, {} where nothing was printed.
     """
     named = dict(zip(SINGLE, (products[0], *products[9:]), strict=True))
     named |= {f"solve.{one.attrs['variant']}": one for one in products[1:5]}
     named |= {f"angular_acceleration.{one.attrs['variant']}": one for one in products[5:9]}
-    provenance = documents.traced("com_offset", named)
-    document = documented.document(named, event=event, provenance=provenance, settings=settings)
-    checks = checking.of_product(named["checks"])
-    if "consistency" in document:
-        checks += documented.result_checks(named["combine"], document["consistency"], settings)
-    document, files = documents.delivered(document, products, checks)
-    line = documented.vcm_line(document, satellite)
-    files |= {"result.vcm": line + "\n"} if line else {}
+    found = result(named, settings)
+    checks = of_product(named["checks"])
+    if "consistency" in found:
+        checks += result_checks(named["combine"], found["consistency"], settings)
+    document = documents.delivered("com_offset", found, named, checks, event=event, settings=settings)
+    line = vcm_line(document, satellite)
     records = {section: [SimpleNamespace(**one) for one in own] for section, own in published.items()}
+    files = {"result.json": documents.text(document)} | ({"result.vcm": line + "\n"} if line else {})
     files["report.html"] = html(document, named, records, line)
     name = document.get("adopted", {}).get("variant")
     block = document["variants"][name] if name else {}
-    values = {
-        key: [np.nan if value is None else 1e-6 * value for value in block.get(f"{key}_um", [None] * 3)]
-        for key in ("offset", "sigma", "sigma_total")
-    }
+    known = {key: np.array(block.get(f"{key}_um", [None] * 3), dtype=float) for key in SHOWN}
+    values = {key: 1e-6 * value for key, value in known.items()}
     return build(SCHEMAS["report"], values, status=document["status"], adopted=name or "none", event=event), files
 
 
@@ -106,123 +109,57 @@ def event_sections(document, published):
     """Sections of an event with manoeuvres."""
     adopted = document["adopted"]["variant"] or "mtq"
     known = printed_manoeuvres(document, published)
+    bands = f"Bands: adopted offset ({adopted}) with its error and its total error."
+    bands += " Hollow: printed values." if known else ""
+    shown = replace(_estimates, arguments=(document, known), caption=f"{_estimates.caption} {bands}")
+    solved = f"solve.{adopted}"
+    fits = [replace(_spectra, reads=(solved,)), replace(_linear_accelerations, reads=(solved, "detect"))]
     return [
-        Section(
-            "Result",
-            tables=[combined_table(document, published)],
-            figures=[
-                Figure(
-                    draw_estimates,
-                    reads=("combine",),
-                    arguments=(document, known),
-                    caption="Offset of every manoeuvre from four angular accelerations, error bars one standard "
-                    f"deviation. Bands: adopted offset ({adopted}) with its error and its total error."
-                    + " Hollow: printed values."
-                    * bool(known),
-                )
-            ],
-            notes=result_notes(document, published),
-        ),
-        Section("Agreement and field check", tables=[agreement_table(document), field_table(document)], beside=True),
-        Section("Every manoeuvre", tables=[manoeuvre_table(document, known)]),
-        Section(
-            "Linear acceleration",
-            figures=[
-                Figure(
-                    draw_spectra,
-                    reads=(f"solve.{adopted}",),
-                    caption="Residuals of all manoeuvres against the noise that weighted them; the modelled signal "
-                    "for scale.",
-                ),
-                Figure(
-                    draw_linear_accelerations,
-                    reads=(f"solve.{adopted}", "detect"),
-                    caption="Linear acceleration of every manoeuvre, low-passed and drift removed: measured, modelled "
-                    f"with {adopted}, and their difference shifted down. Each row has its own scale; its largest "
-                    "value stands at the right.",
-                ),
-            ],
-        ),
-        Section(
-            "Angular acceleration and time",
-            tables=[instrument_table(document)],
-            figures=[
-                Figure(
-                    draw_angular_accelerations,
-                    reads=("angular_acceleration.*", "detect"),
-                    caption="Four angular accelerations about the axis turned: three periods, and their distance from "
-                    "the torquers' in every half period.",
-                )
-            ],
-        ),
-        Section(
-            "Torquers and attitude",
-            figures=[
-                Figure(
-                    draw_torquers,
-                    reads=("align", "attitude", "detect"),
-                    caption="Torquer currents as sent down, and the angular acceleration they make in the modelled "
-                    "field. Each row has its own scale; its largest value stands at the right.",
-                ),
-                ATTITUDE,
-            ],
-        ),
-        Section("Magnetic field", figures=[FIELD]),
+        Section("Result", [_combined_table(document, published)], [shown], result_notes(document, published)),
+        Section("Agreement and field check", [_agreement_table(document), _field_table(document)], beside=True),
+        Section("Every manoeuvre", [_manoeuvre_table(document, known)]),
+        Section("Linear acceleration", figures=fits),
+        Section("Angular acceleration and time", [_instrument_table(document)], [_angular_accelerations]),
+        Section("Torquers and attitude", figures=[_torquers, _attitude]),
+        Section("Magnetic field", figures=[_field]),
     ]
 
 
 def survey_sections(document):
     """Sections of a record without manoeuvre: what could be measured all the same."""
     residual, response = document["attitude"], document["roll_response"]
-    rms = ", ".join(NOT_DETERMINED if item is None else f"{item:.2f}" for item in residual["rms_urad"])
-    attitude = f"Star camera minus fitted dynamics, rms x, y, z: {rms} µrad, {residual['samples']} samples."
-    roll = "Too little torque or time to measure it."
+    rms = ", ".join(signed(item, 2) for item in residual["rms_urad"])
+    residual_note = f"Star camera minus fitted dynamics, rms x, y, z: {rms} µrad, {residual['samples']} samples."
+    roll_note = "Too little torque or time to measure it."
     if response is not None:
         measured = plus_minus(response["value"], response["sigma"], digits=4)
-        roll = f"Roll acceleration for current times field: {measured} rad s⁻² mA⁻¹ T⁻¹"
+        roll_note = f"Roll acceleration for current times field: {measured} rad s⁻² mA⁻¹ T⁻¹"
         if response["expected"]:
-            roll += f", expected {plus_minus(**response['expected'], digits=4)}"
-        roll += f", {response['samples']} samples."
-    drawn = Figure(
-        draw_roll,
-        reads=("survey",),
-        caption="Roll acceleration by the star camera, and torquer current times field times the slope of the fit.",
-    )
+            roll_note += f", expected {plus_minus(**response['expected'], digits=4)}"
+        roll_note += f", {response['samples']} samples."
     return [
-        Section("Magnetic field", tables=[field_table(document)], figures=[FIELD]),
-        Section("Attitude", figures=[ATTITUDE], notes=[attitude]),
-        Section("Torque against roll acceleration", figures=[drawn], notes=[roll]),
+        Section("Magnetic field", [_field_table(document)], [_field]),
+        Section("Attitude", figures=[_attitude], notes=[residual_note]),
+        Section("Torque against roll acceleration", figures=[_roll], notes=[roll_note]),
     ]
 
 
 def badges(document):
-    """The four answers in words: what was delivered, requirement, accuracy, consistency."""
-    verdict, adopted = document["verdict"], document["adopted"]["variant"] or "no variant"
-    found = [{"title": document["status"], "good": document["status"] == "delivered", "text": f"adopted: {adopted}"}]
-    if "requirement" not in verdict:
-        return found
-    within = verdict["requirement"]
-    sigma = document["variants"][adopted]["sigma_total_um"]
-    errors = ", ".join(NOT_DETERMINED if s is None else f"{s:.1f}" for s in sigma)
-    tests = document["consistency"]
-    return [
-        *found,
-        {
-            "title": f"offset ≤ {verdict['requirement_um']:g} µm",
-            "good": False if "exceeds" in within else True if set(within) == {"within"} else None,
-            "text": ", ".join(f"{axis} {word}" for axis, word in zip(AXES, within, strict=True)),
-        },
-        {
-            "title": f"accuracy ≤ {verdict['accuracy_um']:g} µm",
-            "good": verdict["accuracy_met"],
-            "text": f"total error x, y, z: {errors} µm",
-        },
-        {
-            "title": "consistent",
-            "good": verdict["consistent"],
-            "text": f"manoeuvres {tests['manoeuvres']['verdict']}, angular acc. {tests['variants']['verdict']}",
-        },
-    ]
+    """The four answers in words: what was delivered, requirement, accuracy, consistency; (title, good, text) each."""
+    verdict, adopted, status = document["verdict"], document["adopted"]["variant"], document["status"]
+    found = [(status, status == "delivered", f"adopted: {adopted or 'no variant'}")]
+    if "requirement" in verdict:
+        within, tests = verdict["requirement"], document["consistency"]
+        good = False if "exceeds" in within else True if set(within) == {"within"} else None
+        said = ", ".join(f"{axis} {word}" for axis, word in zip(AXES, within, strict=True))
+        errors = ", ".join(signed(sigma, 1) for sigma in document["variants"][adopted]["sigma_total_um"])
+        agree = f"manoeuvres {tests['manoeuvres']['verdict']}, angular acc. {tests['variants']['verdict']}"
+        found += [
+            (f"offset ≤ {verdict['requirement_um']:g} µm", good, said),
+            (f"accuracy ≤ {verdict['accuracy_um']:g} µm", verdict["accuracy_met"], f"total error x, y, z: {errors} µm"),
+            ("consistent", verdict["consistent"], agree),
+        ]
+    return found
 
 
 def result_notes(document, published):
@@ -247,6 +184,251 @@ def result_notes(document, published):
     return notes
 
 
+# Document
+
+
+def result(products, settings):
+    """What was found in one event: the result document but for its head and tail, from products by stage.
+
+    Of these "combine" is None without a manoeuvre, "survey" may be.
+    """
+    detected, combined = products["detect"], products["combine"]
+    smoothed, field = products["attitude"], products["field"]
+    residual = smoothed["sca_residual_b"].values
+    rms = np.sqrt(np.mean(residual**2, axis=0)) if len(residual) else np.full(3, np.nan)
+    record = {name: number(detected[f"record_{name}"].values) for name in ("start", "stop")}
+    about = {
+        "status": "no_manoeuvre",
+        "direction": "proof_mass_to_com",
+        "manoeuvres": [],
+        "record": record,
+        "field_check": {
+            "bias_nt": numbers(1e9 * field["bias"].values),
+            "rms_nt": numbers(1e9 * field["rms"].values),
+            "max_nt": numbers(1e9 * field["maximum"].values),
+            "samples": int(np.sum(field["used"].values != 0)),
+            "model": f"IGRF-{int(field.attrs['igrf_generation'])}",
+        },
+        "attitude": {"rms_urad": numbers(1e6 * rms), "samples": len(residual)},
+        "outliers": {
+            PRODUCTS[name]: int(np.sum(products["align"][f"{name}_flag"].values == OUTLIER)) for name in REACH
+        },
+        "roll_response": None if detected.sizes["manoeuvre"] else roll_response(products["survey"], settings),
+    }
+    if not detected.sizes["manoeuvre"] or combined is None:
+        known = None not in record.values()
+        span = f" of {' to '.join(gps_text(time) for time in record.values())} GPS" if known else ""
+        return about | {"verdict": {"text": f"No manoeuvre in the torquer currents{span}: nothing to calibrate."}}
+    solved = next(one for name, one in products.items() if name.startswith("solve."))
+    blocks = variants(combined)
+    chosen = {"variant": adopted_variant(combined), "rule": RULE}
+    agreement = consistency(combined, chosen["variant"], float(settings["consistency_level"]))
+    determined = any(item is not None for block in blocks.values() for item in block["offset_um"])
+    density = [np.interp(WAVE_HZ, solved["frequency"].values, row) for row in solved["noise_density"].values]
+    return about | {
+        "status": "delivered" if determined else "failed",
+        "verdict": verdict(blocks, chosen, agreement, settings),
+        "epoch": EPOCH,
+        "method": combined.attrs.get("method", "gravcal"),
+        "adopted": chosen,
+        "variants": blocks,
+        "manoeuvres": manoeuvres(combined, detected, smoothed, field, settings),
+        "delays_s": {
+            name: plain.estimate(smoothed[f"{name}_delay"].values, smoothed[f"{name}_delay_sigma"].values)
+            for name in ("sca", "acc")
+        },
+        "scales": scales(smoothed, settings),
+        "consistency": agreement,
+        "noise": {
+            "source": solved.attrs["noise_source"],
+            "frequency_hz": WAVE_HZ,
+            "density_m_s2_rthz": numbers(np.sqrt(density)),
+        },
+    }
+
+
+def variants(combined):
+    """Combined offset of every angular acceleration, {variant: block of the document}."""
+    found = {}
+    for index, name in enumerate(combined.attrs["variants"].split()):
+        offset, determined = combined["offset"].values[index], combined["determined"].values[index]
+        block = plain.offset_block(offset, combined["covariance"].values[index], determined)
+        total = plain.offset_block(offset, combined["covariance_total"].values[index], determined)
+        found[name] = block | {"sigma_total_um": total["sigma_um"], "covariance_total_um2": total["covariance_um2"]}
+    return found
+
+
+def manoeuvres(combined, detected, smoothed, field, settings):
+    """One entry for each manoeuvre, in order of time."""
+    joint, wave, attitude = ({n: v.values for n, v in one.variables.items()} for one in (combined, detected, smoothed))
+    orbit = field["time_orbit"].values
+    names = combined.attrs["variants"].split()
+    torque_limit = SCALE_SHARE * float(settings["torque_scale_sigma"])
+
+    def picked(name, index, limit=np.inf):
+        sigma = attitude[f"{name}_sigma"][index]  # above the limit it only repeats its prior
+        return plain.estimate(attitude[name][index], np.where(sigma < limit, sigma, np.nan))
+
+    def single(variant, index):
+        keys = ("offset", "covariance", "determined", "chi2", "dof")
+        offset, covariance, determined, chi2, dof = (joint[f"manoeuvre_{key}"][variant, index] for key in keys)
+        return plain.offset_block(offset, covariance, determined) | {"fit": plain.chi_square_test(chi2, dof)}
+
+    found = []
+    for i in range(detected.sizes["manoeuvre"]):
+        middle = (wave["start"][i] + wave["stop"][i]) / 2
+        latitude = None  # geocentric, where the orbit is known
+        if orbit.size and orbit[0] <= middle <= orbit[-1]:
+            latitude = float(np.interp(middle, orbit, field["latitude"].values))
+        found.append(
+            {
+                "kind": KINDS[int(joint["kind"][i])],
+                "start": float(joint["start"][i]),
+                "stop": float(joint["stop"][i]),
+                "rod": "xyz"[int(wave["rod"][i])],
+                "regular": bool(wave["regular"][i]),
+                "latitude_deg": None if latitude is None else float(np.degrees(latitude)),
+                "latitude_class": None if latitude is None else "high" if abs(latitude) > HIGH_LATITUDE else "low",
+                "gaps": [name for name, bit in GAPS.items() if int(attitude["gap"][i]) & bit],
+                "acc_shift_s": picked("acc_shift", i),
+                "sca_shift_s": picked("sca_shift", i),
+                "torque_scale": picked("torque_scale", i, torque_limit),
+                "angular_scale": picked("angular_scale", i, ANGULAR_LIMIT),
+                "attitude_rms_urad": numbers(1e6 * attitude["residual_rms"][i]),
+                "variants": {name: single(variant, i) for variant, name in enumerate(names)},
+            }
+        )
+    return found
+
+
+def scales(smoothed, settings):
+    """Scales of torque and angular accelerometer, {name: {"value", "sigma"} per axis}, weighted over the manoeuvres.
+
+    They are null where no manoeuvre turns the axis; `torque_scale_sigma` of the settings is the prior.
+    """
+    limits = {"angular": ANGULAR_LIMIT, "torque": SCALE_SHARE * float(settings["torque_scale_sigma"])}
+    found = {}
+    for name, limit in limits.items():
+        values, sigmas = smoothed[f"{name}_scale"].values, smoothed[f"{name}_scale_sigma"].values
+        known = np.isfinite(values) & (sigmas > 0) & (sigmas < limit)
+        weight = np.where(known, 1 / np.where(known, sigmas, 1.0) ** 2, 0.0)
+        total = np.where(known.any(axis=0), weight.sum(axis=0), np.nan)
+        found[name] = plain.estimate(np.sum(weight * np.where(known, values, 0.0), axis=0) / total, 1 / np.sqrt(total))
+    return found
+
+
+def roll_response(survey, settings):
+    """Slope of the measured roll motion on (m x B)_x, beside what the catalogue expects; for want of a manoeuvre."""
+    slope = None if survey is None else plain.estimate(survey["slope"].values, survey["slope_sigma"].values)
+    if slope is None or slope["value"] is None:
+        return None
+    used = np.isfinite(survey["roll_impulse"].values) & np.isfinite(survey["roll_rate"].values)
+    known = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
+    expected = None if None in known else plain.estimate(*known)
+    return slope | {"unit": survey["slope"].attrs["units"], "samples": int(used.sum()), "expected": expected}
+
+
+def consistency(combined, name, level):
+    """Agreement of manoeuvres (those of the adopted variant; all beside it), measured variants, and the catalogue."""
+
+    def judged(chi2, dof):
+        test = plain.chi_square_test(chi2, dof)
+        agree = None if test["p"] is None else test["p"] >= level
+        words = {True: "consistent", False: "not consistent", None: "not tested"}
+        return test | {"consistent": agree, "verdict": words[agree]}
+
+    names = combined.attrs["variants"].split()
+    tests = {one: judged(combined["chi2"].values[i], combined["dof"].values[i]) for i, one in enumerate(names)}
+    own = tests.get(name, judged(np.nan, 0))
+    others = {
+        one: judged(combined[f"{one}_chi2"].values, combined[f"{one}_dof"].values) for one in ("variants", "catalogue")
+    }
+    return {"level": level, "manoeuvres": own | {"variant": name, "by_variant": tests}} | others
+
+
+def result_checks(combined, consistency, settings):
+    """Checks of the result: fit of every manoeuvre, agreement at the level of the verdict, plausible size.
+
+    A variant that determines no component is not judged: nothing of it is delivered.
+    """
+    fit = [combined[f"manoeuvre_{name}"].values.astype(float) for name in ("chi2", "dof")]
+    ratio = np.divide(*fit, out=np.full_like(fit[0], np.nan), where=fit[1] > 0)
+    delivered = np.isfinite(combined["offset"].values).any(axis=1)
+    found = [
+        at_most(f"chi2 per degree of freedom, {name}", largest(ratio[i]), settings["fit_limit"], "1")
+        for i, name in enumerate(combined.attrs["variants"].split())
+        if delivered[i]
+    ]
+    words = {"manoeuvres": "manoeuvres", "variants": "angular accelerations", "catalogue": "torquers and catalogue"}
+    for name, said in words.items():
+        p = consistency[name]["p"]
+        found.append(at_least(f"agreement of {said}, p", np.nan if p is None else p, consistency["level"], "1"))
+    size = 1e6 * largest(np.abs(combined["offset"].values))
+    found.append(at_most("size of the offset", size, settings["plausible_um"], "um"))
+    return [one for one in found if not np.isnan(one.value)]
+
+
+def verdict(variants, chosen, consistency, settings):
+    """Answers to the three questions asked of every event, with a sentence for people."""
+    limit, accuracy = float(settings["requirement_um"]), float(settings["accuracy_um"])
+    if chosen["variant"] is None:
+        text = "Manoeuvres were found, but they determine no component of the offset."
+        return {"requirement_um": limit, "accuracy_um": accuracy, "text": text}
+    values, totals = (variants[chosen["variant"]][name] for name in ("offset_um", "sigma_total_um"))
+    within = [_within(value, sigma, limit) for value, sigma in zip(values, totals, strict=True)]
+    met = [sigma is not None and sigma <= accuracy for sigma in totals]
+    agree = {name: consistency[name]["consistent"] for name in ("manoeuvres", "variants", "catalogue")}
+    compared = [agree["manoeuvres"], agree["variants"], agree["catalogue"] is not False]
+    pairs = zip(AXES, values, totals, strict=True)
+    components = [f"{a} not determined" if v is None else f"{a} {v:.1f} +- {s:.1f}" for a, v, s in pairs]
+    groups = {word: [a for a, own in zip(AXES, within, strict=True) if own == name] for name, word in WITHIN.items()}
+    requirement = "; ".join(f"{word} {', '.join(axes)}" for word, axes in groups.items() if axes)
+    short = ", ".join(axis for axis, item in zip(AXES, met, strict=True) if not item)
+    reached = f"of {accuracy:g} um not reached: {short}" if short else f"better than {accuracy:g} um on all axes"
+    said = {None: "were not compared", True: "agree", False: "DISAGREE"}
+    catalogue = "; the torquers are FURTHER from the catalogue than its error" if agree["catalogue"] is False else ""
+    return {
+        "requirement_um": limit,
+        "requirement": within,
+        "accuracy_um": accuracy,
+        "accuracy_met": all(met),
+        "consistent": None if None in compared and False not in compared else False not in compared,
+        "text": f"Delivered: {', '.join(components)} um ({chosen['variant']}). "
+        f"Requirement of {limit:g} um {requirement}. Accuracy {reached}. "
+        f"Manoeuvres {said[agree['manoeuvres']]}; angular accelerations {said[agree['variants']]}{catalogue}.",
+    }
+
+
+def _within(value, sigma, limit):
+    """Whether an offset meets its requirement, as clearly as its error lets tell."""
+    if value is None:
+        return "undetermined"
+    if abs(value) + CONFIDENCE * sigma <= limit:
+        return "within"
+    return "exceeds" if abs(value) - CONFIDENCE * sigma > limit else "undecided"
+
+
+def vcm_line(document, satellite):
+    """Adopted offset as a line of the sequence-of-events file, in force from the end of the last manoeuvre.
+
+    It is a comment unless all data were measured, None unless all three components are determined.
+    """
+    from gravcal.io.vcm import commented, vector_line
+
+    if document["status"] not in documents.WITH_RESULT or document["adopted"]["variant"] is None:
+        return None
+    name = document["adopted"]["variant"]
+    block = document["variants"][name]
+    if any(item is None for item in block["offset_um"]):
+        return None
+    time = float(np.ceil(max(one["stop"] for one in document["manoeuvres"])))
+    errors = " ".join(f"{item:.2f}" for item in block["sigma_total_um"])
+    doubt = " QUESTIONABLE" if document["status"] == "questionable" else ""
+    vector_b = [1e-6 * item for item in block["offset_um"]]
+    line = vector_line(time, satellite, vector_b, comment=f"{document['event']} {name} sigma_um {errors}{doubt}")
+    return line if document["origin"] == "measured" else commented(line, document["origin"])
+
+
 # Tables
 
 
@@ -266,8 +448,7 @@ def printed_manoeuvres(document, published):
     return found
 
 
-def combined_table(document, published):
-    """Combined offset of every angular acceleration, ours beside the printed one; like Table 6 of the paper."""
+def _combined_table(document, published):
     known = {one.labels["variant"]: one for one in published.get("combined", ())}
     tests = document["consistency"]["manoeuvres"]["by_variant"]
     rows = [
@@ -275,18 +456,13 @@ def combined_table(document, published):
         for name, block in document["variants"].items()
     ]
     adopted = document["adopted"]["variant"]
-    return Table(
-        "Offset from proof mass to CoM, in SRF: value ± error (total error).",
-        ["angular acceleration", *_axis_heads(known, "{} printed"), "χ²/dof, p of manoeuvres"],
-        rows,
-        reads=("combine",),
-        strong=list(document["variants"]).index(adopted) if adopted else None,
-        wide=bool(known),
-    )
+    caption = "Offset from proof mass to CoM, in SRF: value ± error (total error)."
+    heads = ["angular acceleration", *_axis_heads(known, "{} printed"), "χ²/dof, p of manoeuvres"]
+    strong = list(document["variants"]).index(adopted) if adopted else None
+    return Table(caption, heads, rows, reads=("combine",), strong=strong, wide=bool(known))
 
 
-def manoeuvre_table(document, known):
-    """Offset of every manoeuvre and angular acceleration, printed values by `printed_manoeuvres`; like Table 7."""
+def _manoeuvre_table(document, known):
     rows = []
     for index, one in enumerate(document["manoeuvres"]):
         where = "" if one["latitude_deg"] is None else f", {signed(one['latitude_deg'], 0)}°"
@@ -295,14 +471,9 @@ def manoeuvre_table(document, known):
         for name, block in one["variants"].items():
             rows.append([label, name, *_offsets(block, [None] * 3, known, (index, name)), chi_square(block["fit"])])
             label = None
-    return Table(
-        f"Offset from each manoeuvre; {NOT_DETERMINED} is not determined by it.",
-        ["manoeuvre", "angular acc.", *_axis_heads(known, "printed"), "χ²/dof, p of fit"],
-        rows,
-        reads=("combine",),
-        wide=True,
-        words=(0, 1),
-    )
+    caption = f"Offset from each manoeuvre; {NOT_DETERMINED} is not determined by it."
+    heads = ["manoeuvre", "angular acc.", *_axis_heads(known, "printed"), "χ²/dof, p of fit"]
+    return Table(caption, heads, rows, reads=("combine",), wide=True, words=(0, 1))
 
 
 def _axis_heads(known, printed_head):
@@ -315,30 +486,28 @@ def _offsets(block, total, known, key):
     cells = []
     for i in range(3):
         cells.append(plus_minus(block["offset_um"][i], block["sigma_um"][i], total[i]))
-        cells += [printed(known.get(key), i)] if known else []
+        cells += [plain.printed(known.get(key), i)] if known else []
     return cells
 
 
-def instrument_table(document):
-    """Delays, scales and attitude residual of every manoeuvre, and of all."""
-
-    def row(label, delays, torque, angular, rms):
-        late = [plus_minus(one["value"], one["sigma"], digits=3) for one in delays]
-        left = ", ".join(NOT_DETERMINED if item is None else f"{item:.1f}" for item in rms)
-        return [label, *late, *_scales(torque, 3), *_scales(angular, 4), left]
-
-    rows = [
-        row(
-            f"{index} {one['kind']}",
-            (one["acc_shift_s"], one["sca_shift_s"]),
-            one["torque_scale"],
-            one["angular_scale"],
-            one["attitude_rms_urad"],
-        )
-        for index, one in enumerate(document["manoeuvres"], start=1)
-    ]
-    delays, scales = (document["delays_s"][name] for name in ("acc", "sca")), document["scales"]
-    rows.append(row("all; tags late", delays, scales["torque"], scales["angular"], document["attitude"]["rms_urad"]))
+def _instrument_table(document):
+    every = {
+        "acc_shift_s": document["delays_s"]["acc"],
+        "sca_shift_s": document["delays_s"]["sca"],
+        "torque_scale": document["scales"]["torque"],
+        "angular_scale": document["scales"]["angular"],
+        "attitude_rms_urad": document["attitude"]["rms_urad"],
+    }
+    rows = []
+    labels = [f"{index} {one['kind']}" for index, one in enumerate(document["manoeuvres"], start=1)]
+    for label, one in zip([*labels, "all; tags late"], [*document["manoeuvres"], every], strict=True):
+        late = [plus_minus(**one[name], digits=3) for name in ("acc_shift_s", "sca_shift_s")]
+        scales = [
+            plus_minus(value, sigma, digits=digits)
+            for name, digits in (("torque_scale", 3), ("angular_scale", 4))
+            for value, sigma in zip(one[name]["value"], one[name]["sigma"], strict=True)
+        ]
+        rows.append([label, *late, *scales, ", ".join(signed(rms, 1) for rms in one["attitude_rms_urad"])])
     heads = ["manoeuvre", "edges late, acc (s)", "edges late, sca (s)"]
     heads += ["torque scale x", "y", "z", "angular scale x", "y", "z", "attitude rms x, y, z (µrad)"]
     caption = (
@@ -348,80 +517,64 @@ def instrument_table(document):
     return Table(caption, heads, rows, reads=("attitude",), wide=True, strong=len(rows) - 1)
 
 
-def _scales(block, digits):
-    """Three scales with their errors."""
-    return [plus_minus(v, s, digits=digits) for v, s in zip(block["value"], block["sigma"], strict=True)]
-
-
-def agreement_table(document):
-    """Tests of manoeuvres and of angular accelerations with their verdicts."""
+def _agreement_table(document):
     tests = document["consistency"]
     named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
     named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
-    return Table(
-        "Do the estimates agree within their errors?",
-        ["what should agree", "χ² / dof", "p", f"verdict at {tests['level']:g}"],
-        [[name, chi_square(one, False), probability(one["p"]), one["verdict"]] for name, one in named.items()],
-        reads=("combine",),
-        words=(0, 3),
-    )
+    rows = [[name, chi_square(one, False), plain.probability(one["p"]), one["verdict"]] for name, one in named.items()]
+    heads = ["what should agree", "χ² / dof", "p", f"verdict at {tests['level']:g}"]
+    return Table("Do the estimates agree within their errors?", heads, rows, reads=("combine",), words=(0, 3))
 
 
-def field_table(document):
-    """Magnetometer against the model."""
+def _field_table(document):
     check = document["field_check"]
     names = {"bias": "bias_nt", "rms": "rms_nt", "largest": "max_nt"}
-    return Table(
-        f"Magnetometer minus {check['model']} in SRF, {check['samples']} samples.",
-        ["nT", *AXES],
-        [[word, *(NOT_DETERMINED if v is None else signed(v, 0) for v in check[name])] for word, name in names.items()],
-        reads=("field",),
-    )
+    rows = [[word, *(signed(value, 0) for value in check[name])] for word, name in names.items()]
+    caption = f"Magnetometer minus {check['model']} in SRF, {check['samples']} samples."
+    return Table(caption, ["nT", *AXES], rows, reads=("field",))
 
 
 # Figures
 
 
-def draw_field(checked, aligned):
-    """Measured field and model in the body, and their difference, the windows joined end to end."""
+@figure(
+    "field",
+    "align",
+    caption="Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
+)
+def _field(checked, aligned):
     used = (checked["used"].values != 0)[:, None]
-    time, ends = _joined(checked["time_mag"].values, aligned["window_start"].values, aligned["window_stop"].values)
+    time, ends = joined(checked["time_mag"].values, aligned["window_start"].values, aligned["window_stop"].values)
+    time, ends = time / 60, ends / 60
     measured, model = (1e6 * np.where(used, checked[name].values, np.nan) for name in ("measured_b", "model_b"))
     difference = 1e9 * np.where(used, checked["difference_b"].values, np.nan)
-    figure, panels = grid(3, 2, 3.4, sharex=True, margins={"wspace": 0.2, "hspace": 0.14})
-    panels[0, 0].set_title("field in SRF")
-    panels[0, 1].set_title("magnetometer minus IGRF")
+    titles, along = ("field in SRF", "magnetometer minus IGRF"), "minutes of record, windows joined end to end"
+    margins = {"wspace": 0.2, "hspace": 0.14}
+    figure, panels = grid(3, 2, 3.4, xlabel=along, titles=titles, sharex=True, margins=margins)
     thin = slice(None, None, max(1, time.size // 500))
-    for row, axis in enumerate(AXES):
-        left, right = panels[row]
-        left.plot(
-            time[thin],
-            measured[thin, row],
-            ".",
-            color=COLOURS["orange"],
-            markersize=2.2,
-            label="magnetometer",
-            rasterized=True,
-        )
+    points = {"color": COLOURS["orange"], "markersize": 2.2, "label": "magnetometer", "rasterized": True}
+    for row, (axis, (left, right)) in enumerate(zip(AXES, panels, strict=True)):
+        left.plot(time[thin], measured[thin, row], ".", **points)
         left.plot(*thinned(time, model[:, row]), color=COLOURS["black"], linewidth=0.7, label="IGRF")
         right.plot(*thinned(time, difference[:, row]), color=COLOURS["blue"], linewidth=0.7)
-        bias = 1e9 * float(checked["bias"].values[row])
-        right.axhline(bias, color=COLOURS["vermilion"], linestyle="--", label="bias")
-        number_windows(left, ends)
-        number_windows(right, ends)
+        right.axhline(1e9 * checked["bias"].values[row], color=COLOURS["vermilion"], linestyle="--", label="bias")
         left.set_ylabel(f"B$_{axis}$ (µT)")
         right.set_ylabel(f"ΔB$_{axis}$ (nT)")
-    for panel in panels[-1]:
-        panel.set_xlabel("minutes of record, windows joined end to end")
-    legend(figure, panels[0], 3)
+        number_windows(left, ends)
+        number_windows(right, ends)
     return figure
 
 
-def draw_torquers(aligned, smoothed, detected):
-    """Torquer currents and the angular acceleration they make, one row for each manoeuvre."""
-    figure, (left, right) = _rows(detected, 2, 0.55)
-    left.set_title("torquer current (mA)")
-    right.set_title("angular acceleration by the torquers (µrad s$^{-2}$)")
+@figure(
+    "align",
+    "attitude",
+    "detect",
+    caption="Torquer currents as sent down, and the angular acceleration they make in the modelled field. Each row has "
+    "its own scale; its largest value stands at the right.",
+)
+def _torquers(aligned, smoothed, detected):
+    titles = "torquer current (mA)", "angular acceleration by the torquers (µrad s$^{-2}$)"
+    figure, (left, right) = _rows(detected, titles, 0.55)
     margin = 12.0
     for row, (start, length) in enumerate(_spans(detected)):
         since = aligned["time_mag"].values - start
@@ -430,16 +583,20 @@ def draw_torquers(aligned, smoothed, detected):
         inside = smoothed["acc_manoeuvre"].values == row
         made = 1e6 * smoothed["magnetic_b"].values[inside].T
         _stacked(right, row, smoothed["time_acc"].values[inside] - start, made, AXIS)
-    legend(figure, left, 3)
     return figure
 
 
-def draw_linear_accelerations(solved, detected):
-    """Measured and modelled linear acceleration with their difference, one row for each manoeuvre."""
-    figure, panels = _rows(detected, 3, 0.72)
+@figure(
+    "solve.mtq",
+    "detect",
+    caption="Linear acceleration of every manoeuvre, low-passed and drift removed: measured, modelled with the adopted "
+    "angular acceleration, and their difference shifted down. Each row has its own scale; its largest value stands at "
+    "the right.",
+)
+def _linear_accelerations(solved, detected):
+    figure, panels = _rows(detected, [f"f$_{axis}$ (nm s$^{{-2}}$)" for axis in AXES], 0.72)
     index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
     for axis, panel in enumerate(panels):
-        panel.set_title(f"f$_{AXES[axis]}$ (nm s$^{{-2}}$)")
         for row, (start, _) in enumerate(_spans(detected)):
             own = index == row
             if not own.any():
@@ -448,21 +605,20 @@ def draw_linear_accelerations(solved, detected):
             size = max(np.abs(reading).max(), np.abs(model).max(), 1e-3)
             curves = (reading, model, reading - model - 1.3 * size)
             _stacked(panel, row, time[own] - start, curves, LINEAR, size=size)
-    legend(figure, panels[0], 3)
     return figure
 
 
-def _rows(detected, columns, height_in):
+def _rows(detected, titles, height_in):
     """Figure with panels side by side, in each one row for every manoeuvre, named at the left."""
     count = detected.sizes["manoeuvre"]
-    names = [f"{i + 1} {documented.KINDS[int(kind)]}" for i, kind in enumerate(detected["kind"].values)]
-    figure, panels = grid(1, columns, 0.75 + height_in * count, sharey=True, margins={"wspace": 0.14, "right": 0.95})
-    panels[0, 0].set_yticks(-np.arange(count), names)
-    panels[0, 0].set_ylim(-count + 0.45, 0.55)
-    for panel in panels[0]:
-        panel.set_xlabel(FROM_EDGE)
+    names = [f"{i + 1} {KINDS[int(kind)]}" for i, kind in enumerate(detected["kind"].values)]
+    look = {"xlabel": FROM_EDGE, "titles": titles, "margins": {"wspace": 0.14, "right": 0.95}}
+    figure, (panels,) = grid(1, len(titles), 0.75 + height_in * count, sharey=True, **look)
+    panels[0].set_yticks(-np.arange(count), names)
+    panels[0].set_ylim(-count + 0.45, 0.55)
+    for panel in panels:
         panel.tick_params(axis="y", length=0)
-    return figure, panels[0]
+    return figure, panels
 
 
 def _spans(detected):
@@ -472,49 +628,51 @@ def _spans(detected):
 
 def _stacked(panel, row, since, curves, styles, steps=False, size=None):
     """Curves of one manoeuvre in its row, scaled to fill it; their largest size stands at the right."""
-    size = np.nanmax(np.abs(np.stack(curves)), initial=0.0) if size is None else size
-    known = np.concatenate([one[np.isfinite(one)] for one in curves] or [[0.0]])
-    if not known.size:
+    curves = np.asarray(curves)
+    if not np.isfinite(curves).any():
         return
-    low, high = float(known.min()), float(known.max())
-    scale = 0.9 / (high - low or 1.0)
-    for (name, style), values in zip(styles.items(), curves, strict=True):
+    low, high = np.nanmin(curves), np.nanmax(curves)
+    for (name, style), values in zip(
+        styles.items(), 0.9 * (curves - (low + high) / 2) / (high - low or 1.0), strict=True
+    ):
         x, y = (since, values) if steps else thinned(since, values, 500)
         shown = {"linewidth": 0.8} | style | ({"drawstyle": "steps-post"} if steps else {})
-        panel.plot(x, -row + scale * (y - (low + high) / 2), label=name if row == 0 else None, **shown)
+        panel.plot(x, y - row, label=name if row == 0 else None, **shown)
+    size = max(-low, high) if size is None else size
     place = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "center", "annotation_clip": False}
     panel.annotate(f"±{size:.3g}", (1.005, -row), fontsize=6, color="#767676", **place)
 
 
-def draw_attitude(smoothed):
-    """Star camera minus fitted dynamics, the manoeuvres joined end to end."""
+@figure("attitude", caption="Star camera minus fitted dynamics, one fit between two dotted lines.")
+def _attitude(smoothed):
     index, time = smoothed["sca_manoeuvre"].values, smoothed["time_sca"].values
     if time.size == 0:
         return None
-    spans = [time[index == i][[0, -1]] for i in np.unique(index)]
-    ends = np.concatenate([[0.0], np.cumsum([stop - start + 1 for start, stop in spans])])
-    joined = np.concatenate([time[index == i] - spans[n][0] + ends[n] for n, i in enumerate(np.unique(index))])
-    residual = 1e6 * smoothed["sca_residual_b"].values
-    figure, panels = grid(3, 1, 2.6, sharex=True, sharey=True, margins={"hspace": 0.12})
-    panels[0, 0].set_title("star camera minus dynamics")
-    for row, (panel,) in enumerate(panels):
+    first, last = np.array([time[index == i][[0, -1]] for i in np.unique(index)]).T
+    along, ends = joined(time, first, last + 1)
+    labels, title = [f"{axis} (µrad)" for axis in AXES], ["star camera minus dynamics"]
+    look = {"ylabels": labels, "titles": title, "xlabel": "seconds of fitted record, joined end to end"}
+    figure, panels = grid(3, 1, 2.6, sharex=True, sharey=True, margins={"hspace": 0.12}, **look)
+    for (panel,), residual in zip(panels, 1e6 * smoothed["sca_residual_b"].values.T, strict=True):
         panel.axhline(0, color=COLOURS["grey"], linewidth=0.5)
-        panel.plot(joined, residual[:, row], ".", color=COLOURS["blue"], markersize=1.4, rasterized=True)
+        panel.plot(along, residual, ".", color=COLOURS["blue"], markersize=1.4, rasterized=True)
         number_windows(panel, ends)
-        panel.set_ylabel(f"{AXES[row]} (µrad)")
-    panels[-1, 0].set_xlabel("seconds of fitted record, joined end to end")
     return figure
 
 
-def draw_angular_accelerations(angular, detected):
-    """The four angular accelerations over three periods, and their distance from the torquers in every half period."""
+@figure(
+    "angular_acceleration.*",
+    "detect",
+    caption="Four angular accelerations about the axis turned: three periods, and their distance from the torquers' in "
+    "every half period.",
+)
+def _angular_accelerations(angular, detected):
     kinds = detected["kind"].values.astype(int)
     chosen = [int(np.flatnonzero(kinds == kind)[0]) for kind in range(3) if (kinds == kind).any()]
     if not chosen or "mtq" not in angular:
         return None
-    figure, panels = grid(
-        len(chosen), 2, 0.9 + 1.1 * len(chosen), sharex="col", margins={"wspace": 0.16, "hspace": 0.28}
-    )
+    look = {"xlabel": FROM_EDGE, "sharex": "col", "margins": {"wspace": 0.16, "hspace": 0.28}}
+    figure, panels = grid(len(chosen), 2, 0.9 + 1.1 * len(chosen), **look)
     for (left, right), manoeuvre in zip(panels, chosen, strict=True):
         axis = kinds[manoeuvre]
         edges = (detected["edge_lower"].values[manoeuvre] + detected["edge_upper"].values[manoeuvre]) / 2
@@ -535,25 +693,16 @@ def draw_angular_accelerations(angular, detected):
                 style = VARIANTS[name] | {"linewidth": 0.6, "markersize": 2.4}
                 right.plot((edges[1:] + edges[:-1]) / 2, means, **style)
         left.set_ylabel(f"ω̇$_{AXES[axis]}$ (µrad s$^{{-2}}$)")
-        left.set_title(f"manoeuvre {manoeuvre + 1}, {documented.KINDS[axis]}")
+        left.set_title(f"manoeuvre {manoeuvre + 1}, {KINDS[axis]}")
     panels[0, 1].set_title("minus mtq, mean of each half period")
-    for panel in panels[-1]:
-        panel.set_xlabel(FROM_EDGE)
-    legend(figure, panels[0, 0], 4)
     return figure
 
 
-def _joined(time, start, stop):
-    """Times of several windows laid end to end (min), and where they meet."""
-    start, order = np.sort(start), np.argsort(start)
-    stop = np.asarray(stop)[order]
-    begin = np.concatenate([[0.0], np.cumsum(stop - start)])
-    index = np.clip(np.searchsorted(start, time, side="right") - 1, 0, start.size - 1)
-    return (time - start[index] + begin[index]) / 60, begin / 60
-
-
-def draw_spectra(solved):
-    """Density of the residuals beside the noise as measured, and of the modelled signal; manoeuvres without a gap."""
+@figure(
+    "solve.mtq",
+    caption="Residuals of all manoeuvres against the noise that weighted them; the modelled signal for scale.",
+)
+def _spectra(solved):
     reading, model = solved["reading"].values, solved["model"].values
     index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
     pieces = [np.flatnonzero(index == one) for one in np.unique(index)]
@@ -561,36 +710,31 @@ def draw_spectra(solved):
     if not pieces:
         return None
     length = min(own.size for own in pieces)
-    taper = np.hanning(length)[:, None]
-
-    def density(values):
-        """One-sided amplitude density (m, 3), mean of the manoeuvres, tapered by a cosine bell."""
-        power = [np.abs(np.fft.rfft(taper * values[own[:length]], axis=0)) ** 2 for own in pieces]
-        return np.sqrt(2 * STEP_S * np.mean(power, axis=0) / np.sum(taper**2))[1:]
-
-    frequency = np.fft.rfftfreq(length, STEP_S)[1:]
-    residual, signal, stated = density(reading - model), density(model), np.sqrt(solved["noise_density"].values)
+    frequency, residual = density([(reading - model)[own[:length]] for own in pieces], STEP_S)
+    _, signal = density([model[own[:length]] for own in pieces], STEP_S)
+    stated = np.sqrt(solved["noise_density"].values)
     low = np.nanmin([np.nanmin(stated), np.nanpercentile(residual, 5)])
-    figure, panels = grid(1, 3, 2.6, sharex=True, sharey=True, margins={"wspace": 0.06, "right": 0.98})
-    for axis, panel in enumerate(panels[0]):
+    look = {"titles": [f"f$_{axis}$" for axis in AXES], "ylabels": ["density (m s$^{-2}$ Hz$^{-1/2}$)"]}
+    look |= {"xlabel": "frequency (Hz)", "margins": {"wspace": 0.06, "right": 0.98}}
+    figure, (panels,) = grid(1, 3, 2.6, sharex=True, sharey=True, **look)
+    for axis, panel in enumerate(panels):
         panel.loglog(frequency, signal[:, axis], color=COLOURS["sky"], label="modelled signal")
         panel.loglog(frequency, residual[:, axis], color=COLOURS["vermilion"], linewidth=0.8, label="residual")
         style = {"color": COLOURS["black"], "linewidth": 1.3, "label": "noise as measured"}
         panel.loglog(solved["frequency"].values, stated[axis], **style)
-        panel.set(title=f"f$_{AXES[axis]}$", xlabel="frequency (Hz)", xlim=(frequency[1], 1.0))
-    panels[0, 0].set_ylim(low / 5, 3 * np.nanmax(signal))
-    panels[0, 0].set_ylabel("density (m s$^{-2}$ Hz$^{-1/2}$)")
-    legend(figure, panels[0, 0], 3)
+    panels[0].set(xlim=(frequency[1], 1.0), ylim=(low / 5, 3 * np.nanmax(signal)))
     return figure
 
 
-def draw_estimates(document, printed):
-    """Every manoeuvre's estimate with its error, the adopted offset as a band, printed values hollow."""
-    manoeuvres = document["manoeuvres"]
+@figure(
+    "combine",
+    caption="Offset of every manoeuvre from four angular accelerations, error bars one standard deviation.",
+)
+def _estimates(document, printed):
+    manoeuvres, names = document["manoeuvres"], list(document["variants"])
     adopted = document["variants"].get(document["adopted"]["variant"])
-    names = list(document["variants"])
-    figure, panels = grid(3, 1, 4.6, sharex=True, margins={"hspace": 0.1})
-    panels[0, 0].set_title("offset, proof mass to CoM")
+    look = {"titles": ["offset, proof mass to CoM"], "ylabels": [f"{axis} (µm)" for axis in AXES]}
+    figure, panels = grid(3, 1, 4.6, sharex=True, margins={"hspace": 0.1}, **look)
     for row, (panel,) in enumerate(panels):
         if adopted is not None and adopted["offset_um"][row] is not None:
             value, sigma, total = (adopted[name][row] for name in ("offset_um", "sigma_um", "sigma_total_um"))
@@ -602,23 +746,23 @@ def draw_estimates(document, printed):
             value, sigma = (np.array([b[key][row] for b in blocks], dtype=float) for key in ("offset_um", "sigma_um"))
             style = VARIANTS[name] | {"linestyle": "none", "markersize": 3.2}
             place = np.arange(len(manoeuvres)) + shift
-            panel.errorbar(place, value, sigma, label=name, elinewidth=0.9, capsize=1.5, **style)
+            bars(panel, place, value, sigma, label=name, **style)
             known = [printed.get((i, name)) for i in range(len(manoeuvres))]
             known = np.array([None if one is None else one.value[row] for one in known], dtype=float)
             if np.isfinite(known).any():
                 panel.plot(place, known, **style | {"markersize": 5.2, "markerfacecolor": "none"})
-        panel.set_ylabel(f"{AXES[row]} (µm)")
     labels = [f"{i} {one['kind']}\n{one['latitude_class'] or ''}" for i, one in enumerate(manoeuvres, start=1)]
     panel.set_xticks(np.arange(len(manoeuvres)), labels)
     panel.set_xlim(-0.6, len(manoeuvres) - 0.4)
-    legend(figure, panels[0, 0], 2 + len(names))
     return figure
 
 
-def draw_roll(survey):
-    """Roll rate of a record without manoeuvre beside the torquers' share, both with a quadratic drift removed."""
-    time = survey["time_sca"].values
-    slope = float(survey["slope"].values)
+@figure(
+    "survey",
+    caption="Roll acceleration by the star camera, and torquer current times field times the slope of the fit.",
+)
+def _roll(survey):
+    time, slope = survey["time_sca"].values, float(survey["slope"].values)
     if time.size == 0 or not np.isfinite(slope):
         return None
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, time.size), 2)
@@ -626,21 +770,8 @@ def draw_roll(survey):
         y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0]
         for y in (survey["roll_rate"].values, survey["roll_impulse"].values)
     )
-    figure, panels = grid(1, 1, 2.0)
-    panel = panels[0, 0]
+    figure, ((panel,),) = grid(1, 1, 2.0, xlabel="time (s)", ylabels=["ω$_x$ (µrad s$^{-1}$)"])
     style = {"color": COLOURS["orange"], "marker": "o", "markersize": 2.2, "linewidth": 0.6, "label": "star camera"}
     panel.plot(time - time[0], 1e6 * rate, **style)
     panel.plot(time - time[0], 1e6 * slope * impulse, color=COLOURS["black"], label="torquers")
-    panel.set(xlabel="time (s)", ylabel="ω$_x$ (µrad s$^{-1}$)")
-    legend(figure, panel, 2)
     return figure
-
-
-ATTITUDE = Figure(
-    draw_attitude, reads=("attitude",), caption="Star camera minus fitted dynamics, one fit between two dotted lines."
-)
-FIELD = Figure(
-    draw_field,
-    reads=("field", "align"),
-    caption="Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
-)

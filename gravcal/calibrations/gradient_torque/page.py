@@ -10,10 +10,10 @@ from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.gradient_torque import checks
 from gravcal.report import documents
-from gravcal.report.figures import COLOURS, grid, legend
-from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import AXES, NOT_DETERMINED, as_plain, gps_text, number, numbers
-from gravcal.store.schemas import VERSION
+from gravcal.report.figures import COLOURS, grid
+from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report.plain import AXES, NOT_DETERMINED, gps_text, number, numbers
+from gravcal.store import product
 
 SCHEMAS = schemas.of("gradient_torque.toml")
 
@@ -30,6 +30,16 @@ STYLES = {
     "two_sensor": ("blue", "two sensors"),
     "one_sensor": ("vermilion", "one sensor"),
 }
+#: Numbers of a method in the document, and the variable of the combination that holds each.
+METHOD = {
+    "rms_error": "error_rms",
+    "rms_error_without_noise": "clean_error_rms",
+    "rms_error_bare_reading": "bare_error_rms",
+    "rms_correction_to_bare_reading": "correction_rms",
+    "sigma_rms": "sigma_rms",
+    "sigma_total_rms": "sigma_total_rms",
+    "error_over_sigma": "error_over_sigma",
+}
 TORQUE_NOTES = (
     "Angular acceleration of the test mass relative to the satellite from one zonal term at a time. Degree 1 is empty: "
     "the origin is the centre of mass, C10 = 0 (erratum S-9). The satellite alone makes the signal where the test mass "
@@ -45,59 +55,42 @@ KNOWLEDGE_NOTES = (
 
 
 def report(*products, event, settings):
-    """Report product of one event and its files.
+    """Report product of one event and its files {name: text}.
 
-    Parameters
-    ----------
-    products : Dataset, "combine", "torque", "gradient", "checks" and the drags in the order of the combination
-    event : str
-    settings : mapping of all parameters
-
-    Returns
-    -------
-    dataset : Dataset, "gradient_torque.report"
-    files : {name: text}
+    Products are combine, torque, gradient, checks and the drags in the order of the combination.
     """
     drags = dict(zip(map(str, products[0]["method"].values), products[4:], strict=True))
     named = dict(zip(("combine", "torque", "gradient", "checks"), products[:4], strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named["gradient"], drags, settings)]
     named |= {f"drag.{name}": one for name, one in drags.items()}
-    document, files = documents.delivered(_document(named, event=event, settings=settings), products, tests)
+    found = _result(named, settings)
+    document = documents.delivered("gradient_torque", found, named, tests, event=event, settings=settings)
     modelled = named["gradient"]
     time, sensors = modelled["time"].values, modelled.sizes["sensor"]
     ratios = modelled["attitude_chi2"].values / modelled["attitude_dof"].values
     subtitle = f"{gps_text(time[0])} to {gps_text(time[-1])} GPS, {time.size} epochs, {sensors} sensor"
     subtitle += f"{'s' * (sensors > 1)}. Attitude fit, chi-square over degrees of freedom: "
     subtitle += ", ".join(f"{ratio:.3f}" for ratio in ratios) + "."
-    heading = "Drag and gravity-gradient torque"
-    files["report.html"] = page(document, _sections(document), named, heading=heading, subtitle=subtitle)
+    about = {"heading": "Drag and gravity-gradient torque", "subtitle": subtitle}
+    files = {"result.json": documents.text(document)}
+    files["report.html"] = page(document, _sections(document), named, **about)
     return build(SCHEMAS["report"], {"delivered": 1}, event=event), files
 
 
-def _document(products, *, event, settings):
-    """Result document, ready for JSON; products {stage or "stage.variant": Dataset}, settings all parameters."""
+def _result(products, settings):
+    """Result document but for its head and tail; products {stage or "stage.variant": Dataset}, all settings."""
     combined, torque, drag = products["combine"], products["torque"], products["drag.one_sensor"]
-    provenance = documents.traced("gradient_torque", products)
     methods = {}
     for i, name in enumerate(map(str, combined["method"].values)):
-        one, own = combined.isel(method=i), products[f"drag.{name}"]
-        methods[name] = {
-            "rms_error": number(one["error_rms"]),
-            "rms_error_without_noise": number(one["clean_error_rms"]),
-            "rms_error_bare_reading": number(one["bare_error_rms"]),
-            "rms_correction_to_bare_reading": number(one["correction_rms"]),
-            "sigma_rms": number(one["sigma_rms"]),
-            "sigma_total_rms": number(one["sigma_total_rms"]),
-            "error_over_sigma": number(one["error_over_sigma"]),
-            "budget": dict(zip(own.attrs["sources"].split(", "), numbers(own["budget"].values), strict=True)),
-            "series": provenance["products"][f"gradient_torque.drag.{name}"],
-        }
+        own = products[f"drag.{name}"]
+        methods[name] = {key: number(combined[variable][i]) for key, variable in METHOD.items()}
+        methods[name]["budget"] = dict(
+            zip(own.attrs["sources"].split(", "), numbers(own["budget"].values), strict=True)
+        )
+        methods[name]["series"] = product.digest(own)[:12]
     above = (torque["amplitude"].values > 3 * torque["sensitivity"].values[:, None]).any(axis=(1, 2))
-    document = {
-        "schema_version": VERSION,
+    found = {
         "status": "delivered",
-        "calibration": "gradient_torque",
-        "event": event,
         "drag": methods,
         "identifiability": _identifiability(combined),
         "torque": {
@@ -109,13 +102,13 @@ def _document(products, *, event, settings):
         "verdict": {"text": _verdict(methods, float(settings["requirement_m_s2"]))},
     }
     if "pressure" in drag:
-        document["centre_of_pressure_m"] = {
+        found["centre_of_pressure_m"] = {
             "value": numbers(drag["pressure"].values),
             "sigma": numbers(np.sqrt(np.diag(drag["pressure_covariance"].values))),
             "prior_sigma": numbers(drag["pressure_prior_sigma"].values),
         }
-        document["torque_share_of_drag_information"] = number(drag["torque_gain"])
-    return document | {"settings": as_plain(settings), "provenance": provenance}
+        found["torque_share_of_drag_information"] = number(drag["torque_gain"])
+    return found
 
 
 def _identifiability(combined):
@@ -168,8 +161,8 @@ def _sections(document):
     above = [str(n) for n, yes in zip(torque["degrees"], torque["above_sensitivity"], strict=True) if yes]
     above = f"Degrees with a line above three times the sensor's noise: {', '.join(above) or 'none'} "
     return [
-        Section("Drag", [_methods_table(document), _budget_table(document)], [ERRORS, SERIES]),
-        Section("Gravity-gradient torque", (), [SPECTRA, DEGREES], (*TORQUE_NOTES, f"{above}(sensitivity assumed).")),
+        Section("Drag", [_methods_table(document), _budget_table(document)], [_errors, _series]),
+        Section("Gravity-gradient torque", (), [_spectra, _degrees], (*TORQUE_NOTES, f"{above}(sensitivity assumed).")),
         Section("What one sensor can tell", _knowledge_tables(document), (), KNOWLEDGE_NOTES),
     ]
 
@@ -219,9 +212,18 @@ def _knowledge_tables(document):
     return tables
 
 
-def draw_spectra(torque):
-    """Amplitude of each zonal degree of "torque", four groups as printed, and the noise of the sensor."""
-    figure, panels = grid(2, 2, 4.6, sharex=True, sharey=True, margins={"hspace": 0.28, "wspace": 0.06})
+@figure(
+    "torque",
+    caption="Amplitude by zonal degree, all axes together, against the sensor; grouped as figures 4 to 7 of the paper.",
+)
+def _spectra(torque):
+    look = {"titles": [f"zonal degrees {low} to {high}" for low, high in GROUPS], "sharex": True, "sharey": True}
+    look |= {
+        "xlabel": "frequency, mHz",
+        "ylabels": ["amplitude, rad/s²"] * 2,
+        "margins": {"hspace": 0.28, "wspace": 0.06},
+    }
+    figure, panels = grid(2, 2, 4.6, **look)
     frequency = 1e3 * torque["frequency"].values
     total = np.sqrt(np.sum(torque["amplitude"].values ** 2, axis=1))
     noise = np.sqrt(np.sum(torque["sensitivity"].values ** 2))
@@ -231,17 +233,14 @@ def draw_spectra(torque):
             label = str(int(torque["degree"][i])) + ("" if total[i].any() else " (empty)")
             panel.loglog(frequency, np.where(total[i] > 0, total[i], np.nan), color=COLOURS[colour], label=label)
         panel.axhline(noise, color=COLOURS["black"], linestyle="--", label="sensor")
-        panel.set(title=f"zonal degrees {low} to {high}", ylim=(1e-18, 1e-5))
         panel.legend(ncols=2, loc="upper right")
-    for below, left in zip(panels[1], panels[:, 0], strict=True):
-        below.set_xlabel("frequency, mHz")
-        left.set_ylabel("amplitude, rad/s²")
+    panel.set_ylim(1e-18, 1e-5)
     return figure
 
 
-def draw_degrees(torque):
-    """Rms of each degree and axis of "torque", and the part of the test mass."""
-    figure, ((panel,),) = grid(1, 1, 2.4)
+@figure("torque", caption="Rms by zonal degree and axis.")
+def _degrees(torque):
+    figure, ((panel,),) = grid(1, 1, 2.4, xlabel="zonal degree", ylabels=["rms, rad/s²"])
     degree = torque["degree"].values
     for axis, colour in enumerate(("blue", "vermilion", "green")):
         for name, style, of in (("rms", "o-", "about"), ("test_mass_rms", "x:", "test mass about")):
@@ -250,22 +249,30 @@ def draw_degrees(torque):
                 shown = np.where(rms > 0, rms, np.nan)
                 panel.semilogy(degree, shown, style, markersize=3, color=COLOURS[colour], label=f"{of} {AXES[axis]}")
     panel.axhline(torque["sensitivity"].values.mean(), color=COLOURS["black"], linestyle="--", label="sensor, one line")
-    panel.set(xlabel="zonal degree", ylabel="rms, rad/s²", xticks=degree[::2])
-    legend(figure, panel, 7)
+    panel.set_xticks(degree[::2])
     return figure
 
 
-def draw_errors(combined):
-    """Density of drag and of each method's error in "combine", all axes; None without the truth."""
-    if not np.isfinite(combined["error_rms"].values).any():
+@figure(
+    "combine",
+    caption="Densities of drag and of the errors of the methods, with and without sensor noise; figures 8 and 9 of the "
+    "paper draw amplitudes of lines, which for noise depend on the length of the record.",
+)
+def _errors(combined):
+    if not np.isfinite(combined["error_rms"].values).any():  # without the truth
         return None
-    figure, panels = grid(1, 2, 3.2, sharex=True, sharey=True, margins={"wspace": 0.06})
+    look = {
+        "titles": ("with sensor noise", "without"),
+        "ylabels": ["density, m s⁻² Hz⁻¹ᐟ²"],
+        "xlabel": "frequency, mHz",
+    }
+    figure, (panels,) = grid(1, 2, 3.2, sharex=True, sharey=True, margins={"wspace": 0.06}, **look)
     frequency, names = combined["frequency"].values, [str(name) for name in combined["method"].values]
     index = np.digitize(frequency, np.geomspace(frequency[0], frequency[-1], 140))
     bins = [index == number for number in np.unique(index)]
     middle = [1e3 * frequency[inside].mean() for inside in bins]
     line_hz = 3 * frequency[0]  # a density over it is the squared amplitude of a line under a Hann window
-    for panel, key, title in zip(panels[0], ("error", "clean_error"), ("with sensor noise", "without"), strict=True):
+    for panel, key in zip(panels, ("error", "clean_error"), strict=True):
         curves = [("black", "drag as estimated", combined["drag_amplitude"].values)]
         for name, (colour, label) in STYLES.items():
             if name in names:
@@ -274,43 +281,22 @@ def draw_errors(combined):
             power = np.sum(amplitude**2, axis=0)
             density = [np.sqrt(power[inside].mean() / line_hz) for inside in bins]
             panel.loglog(middle, np.maximum(density, 1e-30), color=COLOURS[colour], label=label)
-        panel.set(title=title, xlabel="frequency, mHz")
-    panels[0, 0].set(ylabel="density, m s⁻² Hz⁻¹ᐟ²", ylim=(1e-17, 1e-4))
-    legend(figure, panels[0, 0], 4)
+    panels[0].set_ylim(1e-17, 1e-4)
     return figure
 
 
-def draw_series(drags):
-    """Drag by the one-sensor method, and the difference of the others to it, {method: "drag"}."""
-    figure, panels = grid(2, 3, 3.4, sharex=True, margins={"hspace": 0.3, "wspace": 0.28})
+@figure("drag.*", caption="Drag of the one-sensor method, and how far the others are from it.")
+def _series(drags):
+    titles = [f"{what} {axis}, nm/s²" for what in ("drag", "difference") for axis in AXES]
+    margins = {"hspace": 0.3, "wspace": 0.28}
+    figure, panels = grid(2, 3, 3.4, sharex=True, xlabel="hours", titles=titles, margins=margins)
     one = drags["one_sensor"]
     every = slice(None, None, max(1, one.sizes["time"] // 3000))
     hours = (one["time"].values[every] - one["time"].values[0]) / 3600
     others = {name: style for name, style in STYLES.items() if name in drags and name != "one_sensor"}
     for axis, (above, below) in enumerate(panels.T):
         above.plot(hours, 1e9 * one["drag_b"].values[every, axis], color=COLOURS["vermilion"])
-        above.set_title(f"drag {AXES[axis]}, nm/s²")
         for name, (colour, label) in others.items():
             difference = 1e9 * (drags[name]["drag_b"].values - one["drag_b"].values)[every, axis]
             below.plot(hours, difference, color=COLOURS[colour], label=f"{label} minus one")
-        below.set(xlabel="hours", title=f"difference {AXES[axis]}, nm/s²")
-    if others:
-        legend(figure, panels[1, 0], 2)
     return figure
-
-
-ERRORS = Figure(
-    draw_errors,
-    reads=("combine",),
-    caption="Densities of drag and of the errors of the methods, with and without sensor noise; figures 8 and 9 of the "
-    "paper draw amplitudes of lines, which for noise depend on the length of the record.",
-)
-SERIES = Figure(
-    draw_series, reads=("drag.*",), caption="Drag of the one-sensor method, and how far the others are from it."
-)
-SPECTRA = Figure(
-    draw_spectra,
-    reads=("torque",),
-    caption="Amplitude by zonal degree, all axes together, against the sensor; grouped as figures 4 to 7 of the paper.",
-)
-DEGREES = Figure(draw_degrees, reads=("torque",), caption="Rms by zonal degree and axis.")

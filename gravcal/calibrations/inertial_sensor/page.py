@@ -12,10 +12,9 @@ from gravcal.calibrations.inertial_sensor import checks
 from gravcal.calibrations.inertial_sensor.estimate import filtered_readouts
 from gravcal.effects.inertial_sensor import READOUT, VOLTAGES
 from gravcal.report import documents
-from gravcal.report.figures import AXIS, COLOURS, grid, legend
-from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import AXES, NOT_DETERMINED, as_plain, estimate, gps_text, number, numbers
-from gravcal.store.schemas import VERSION
+from gravcal.report.figures import AXIS, COLOURS, density, grid, opened
+from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, gps_text, number, numbers, plus_minus
 
 SCHEMAS = schemas.of("inertial_sensor.toml")
 
@@ -32,10 +31,6 @@ REASONS = {
 OFFSET_NOTE = (
     "The scale calibration of the swing cancels in the offset: its systematic error is that of J/(M l), 3 to 4 % "
     "(errata T-6, T-11), and for z that of k_y of the ground. Printed errors hold neither."
-)
-WANDERS = (
-    "Measured minus predicted attitude, means of bins. The prediction integrates the readouts twice, their noise too: "
-    "it wanders by 0.1 to 1 mrad in minutes, and has that weight in the estimate."
 )
 CAUSES = {
     "beta": "β of the swing",
@@ -59,66 +54,51 @@ WIDE = {"left": 0.1, "right": 0.985, "hspace": 0.42, "wspace": 0.3}
 
 
 def report(*products, event, names, settings, published):
-    """Report product of one event and its files.
+    """Report product of one event and its files {name: text}.
 
-    Parameters
-    ----------
-    products : Dataset of "detect" and, as far as there was a swing or a roll, "align", "scale", "offset", "bias",
-        "checks"
-    event : str
-    names : names of the products, in order
-    settings : mapping of all parameters
-    published : {section: [{"labels", "value", "sigma"}]} of the catalogue
-
-    Returns
-    -------
-    dataset : Dataset, "inertial_sensor.report"; files : {name: text}
+    Products, by their names, are "detect" and, as far as there was a swing or a roll, "align", "scale", "offset",
+    "bias", "checks"; published are plain records of the catalogue by section.
     """
     named = dict(zip(names, products, strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named, settings)] if "checks" in named else []
-    document, files = documents.delivered(_document(named, event=event, settings=settings), products, tests)
+    found = _result(named, settings)
+    document = documents.delivered("inertial_sensor", found, named, tests, event=event, settings=settings)
     spans = [f"{m['kind']} {gps_text(m['start'])} to {gps_text(m['stop'])}" for m in document["manoeuvres"]]
     subtitle = f"{'; '.join(spans) or 'No manoeuvre'} GPS. Vectors from the centre of mass to the test mass, "
-    files["report.html"] = page(
-        document, _sections(document, published), named, heading="Inertial sensor", subtitle=f"{subtitle}sensor frame."
-    )
+    about = {"heading": "Inertial sensor", "subtitle": f"{subtitle}sensor frame."}
+    files = {"result.json": documents.text(document)}
+    files["report.html"] = page(document, _sections(document, published), named, **about)
     swung, rolled = document.get("swing", {}), document.get("roll", {})
     unknown = {"value": [None] * 3}
     values = {name: [(swung.get(name, {}).get(axis) or {}).get("value") for axis in AXES] for name in ("k", "beta")}
-    values["offset"] = [v if v is None else 1e-6 * v for v in swung.get("adopted", unknown)["value"]]
+    values["offset"] = 1e-6 * np.array(swung.get("adopted", unknown)["value"], dtype=float)
     values["bias"] = rolled.get("bias", unknown)["value"]
-    values = {name: [np.nan if v is None else v for v in own] for name, own in values.items()}
     return build(SCHEMAS["report"], values, status=document["status"], event=event), files
 
 
-def _document(products, *, event, settings):
-    """Result document, ready for JSON; products {name: Dataset}, settings all parameters."""
+def _result(products, settings):
+    """Result document but for its head and tail; products {name: Dataset}, settings all parameters."""
     detected = products["detect"]
-    manoeuvres = [
-        {"kind": kind, "start": float(a), "stop": float(b)}
-        for kind in ("swing", "roll")
-        for a, b in zip(detected[f"{kind}_start"].values, detected[f"{kind}_stop"].values, strict=True)
-    ]
-    document = {
-        "schema_version": VERSION,
+    found = {
         "status": "delivered" if "scale" in products or "bias" in products else "no_manoeuvre",
-        "calibration": "inertial_sensor",
-        "event": event,
         "method": settings["method"],
         "direction": "com_to_test_mass",
-        "manoeuvres": manoeuvres,
+        "manoeuvres": [
+            {"kind": kind, "start": float(a), "stop": float(b)}
+            for kind in ("swing", "roll")
+            for a, b in zip(detected[f"{kind}_start"].values, detected[f"{kind}_stop"].values, strict=True)
+        ],
+        "not_determined": dict(REASONS),
     }
-    reasons = dict(REASONS)
     if "scale" in products:
-        document["swing"] = _swing(products["scale"], products["offset"])
-        if document["swing"]["k"]["y"]:
-            del reasons["k_y"]
+        found["swing"] = _swing(products["scale"], products["offset"])
+        if found["swing"]["k"]["y"]:
+            del found["not_determined"]["k_y"]
     if "bias" in products:
-        document["roll"] = _roll(products["bias"])
+        found["roll"] = _roll(products["bias"])
         if "not_determined" in products["bias"].attrs:
-            reasons["bias"] = products["bias"].attrs["not_determined"]
-    document |= {"not_determined": reasons, "verdict": {"text": verdict(document)}}
-    return document | {"settings": as_plain(settings), "provenance": documents.traced("inertial_sensor", products)}
+            found["not_determined"]["bias"] = products["bias"].attrs["not_determined"]
+    return found | {"verdict": {"text": verdict(found)}}
 
 
 def _swing(scaled, moved):
@@ -242,39 +222,19 @@ def verdict(document) -> str:
 
 def _sections(document, published):
     """Sections of the page."""
-    sections = [Section("Motion", figures=[Figure(draw_motion, ["detect"], "Body rates, means over a minute.")])]
-    reasons = document["not_determined"]
+    sections, reasons = [Section("Motion", figures=[_motion])], document["not_determined"]
     if "swing" in document:
         delay, agree = document["swing"]["delay_s"], document["swing"]["filter_minus_batch"]["sigmas"]
         late = (
             f"Star-tracker tags later than those of the sensor by {delay['value']:.4f} ± {delay['sigma']:.4f} s. "
             f"Kalman filter and batch differ by {agree:.1e} standard deviations at the end."
         )
-        crn = "Readouts before and after the CRN filter of the published method."
-        sections += [
-            Section(
-                "Scale factors",
-                tables=[factors(document, published), arms(document), factor_budget(document), actuation(published)],
-                figures=[
-                    Figure(draw_swing, ["scale"], "Swing: angular readouts, angular acceleration, attitude."),
-                    Figure(draw_convergence, ["scale"], "Kalman filter against batch least squares."),
-                    Figure(draw_residuals, ["scale"], WANDERS),
-                    Figure(draw_filtering, ["align"], crn),
-                ],
-                notes=[late, *(f"{name}: {why}." for name, why in reasons.items() if "bias" not in name)],
-            ),
-            Section(
-                "Offset",
-                tables=[offset(document, published), offset_budget(document)],
-                figures=[
-                    Figure(draw_offset, ["offset"], "Linear readings, slow part removed, and the term of the offset."),
-                    Figure(
-                        draw_offset_convergence, ["offset"], "Offset by the Kalman filter against batch least squares."
-                    ),
-                ],
-                notes=[OFFSET_NOTE],
-            ),
-        ]
+        notes = [late, *(f"{name}: {why}." for name, why in reasons.items() if "bias" not in name)]
+        tables = [_factors(document, published), _arms(document), _factor_budget(document), _actuation(published)]
+        drawn = [_swing_readings, _convergence, _residuals, _filtering]
+        offsets = [_offsets(document, published), _offset_budget(document)]
+        sections.append(Section("Scale factors", tables, drawn, notes))
+        sections.append(Section("Offset", offsets, [_offset_readings, _offset_convergence], [OFFSET_NOTE]))
     if "bias" in reasons:
         sections.append(Section("Bias", notes=[f"Not determined: {reasons['bias']}"]))
     elif "roll" in document:
@@ -286,24 +246,13 @@ def _sections(document, published):
             f"{noise['ratio_of_factors']:.3f}; only the rest is less noise."
         )
         used = f"{roll['segments']} of {roll['segments_found']} segments used. "
-        sections += [
-            Section(
-                "Bias",
-                tables=[bias(document, published), bias_budget(document)],
-                figures=[Figure(draw_segments, ["bias"], "Bias of every segment and uniformity of the roll rate.")],
-                notes=[f"{used}Scale factors and offset: {roll['source']}.", f"b_y: {reasons['bias_y']}."],
-            ),
-            Section(
-                "Noise of z",
-                figures=[Figure(draw_z_noise, ["bias"], "Amplitude spectrum of z, median of the segments.")],
-                notes=[spectrum],
-            ),
-        ]
+        notes = [f"{used}Scale factors and offset: {roll['source']}.", f"b_y: {reasons['bias_y']}."]
+        sections.append(Section("Bias", [_bias(document, published), _bias_budget(document)], [_segments], notes))
+        sections.append(Section("Noise of z", figures=[_z_spectrum], notes=[spectrum]))
     return sections
 
 
-def actuation(published):
-    """Table 3: coefficients in use beside the printed ones."""
+def _actuation(published):
     rows = []
     for record, used in zip(published.get("actuation", ()), READOUT, strict=False):
         same = np.array_equal(np.array(record["value"], dtype=float), used)
@@ -312,20 +261,20 @@ def actuation(published):
     return Table("Combinations of the electrode voltages (Table 3).", heads, rows, ["scale"], words=(0, 7))
 
 
-def factors(document, published):
+def _factors(document, published):
     """Table 4: nominal, ground and orbit as printed, the printed beta taken to k without the 1/2, and ours."""
     known = {r["labels"]["factor"]: r["value"] for r in published.get("scale_factors", ())}
+    again = {}
+    if "beta_y" in known:
+        again["k_x"] = [known["beta_y"][2] * PRINTED["y"] / (PRINTED["mass"] * PRINTED["arm_y"])]
+    if "beta_x" in known:
+        again["k_z"] = [known["beta_x"][2] * PRINTED["x"] / (PRINTED["mass"] * arm) for arm in (8.00e-3, 10.45e-3)]
     rows = []
     for name in ("k_x", "k_y", "k_z", "beta_x", "beta_y", "beta_z"):
         kind, axis = name.split("_")
-        again = []
-        if name == "k_x" and "beta_y" in known:
-            again = [known["beta_y"][2] * PRINTED["y"] / (PRINTED["mass"] * PRINTED["arm_y"])]
-        if name == "k_z" and "beta_x" in known:
-            again = [known["beta_x"][2] * PRINTED["x"] / (PRINTED["mass"] * arm) for arm in (8.00e-3, 10.45e-3)]
         printed = [NOT_DETERMINED if v is None else f"{v:.3e}" for v in known.get(name, [None] * 3)]
-        own = _measured(document["swing"].get(kind, {}).get(axis))
-        rows.append([name, *printed, " / ".join(f"{one:.3e}" for one in again) or NOT_DETERMINED, own])
+        taken = " / ".join(f"{one:.3e}" for one in again.get(name, ())) or NOT_DETERMINED
+        rows.append([name, *printed, taken, _measured(document["swing"][kind].get(axis))])
     heads = ["factor", "nominal printed", "ground printed", "orbit printed", "printed β, no 1/2", "this event"]
     caption = (
         "Scale factors (Table 4), k in m s⁻² V⁻¹, β in rad s⁻² V⁻¹: value ± error (total error). Fifth column: the "
@@ -343,8 +292,7 @@ def _measured(own):
     return f"{own['value']:.4e} ± {own['sigma']:.1e}{total}"
 
 
-def arms(document):
-    """Linear factors for both arms about x."""
+def _arms(document):
     swing = document["swing"]
     rows = []
     for name, one in swing["arms"].items():
@@ -354,8 +302,7 @@ def arms(document):
     return Table(caption, ["arm", "k_x", "k_z"], rows, ["scale"])
 
 
-def factor_budget(document):
-    """Where the total error of the linear factors comes from."""
+def _factor_budget(document):
     swing = document["swing"]
     parts = swing["k_budget_relative"].items()
     rows = [[CAUSES[name], *(f"{100 * shares[axis]:.2f}" for axis in "xz")] for name, shares in parts]
@@ -364,8 +311,7 @@ def factor_budget(document):
     return Table(caption, ["cause", "k_x", "k_z"], rows, ["scale"], strong=len(rows) - 1)
 
 
-def offset(document, published):
-    """Table 5: offset beside the printed one."""
+def _offsets(document, published):
     known = {r["labels"]["component"]: r for r in published.get("com_offset", ())}
     rows = []
     for index, axis in enumerate(AXES):
@@ -373,14 +319,13 @@ def offset(document, published):
         row.append(f"{record['value'][0]:.2f} ± {record['sigma'][0]:.2f}" if record else NOT_DETERMINED)
         for name in OFFSETS:
             value, sigma, total = (document["swing"][name][key][index] for key in ("value", "sigma", "sigma_total"))
-            row.append(f"{value:.1f} ± {sigma:.1f} ({total:.1f})")
+            row.append(plus_minus(value, sigma, total, 1))
         rows.append(row)
     caption = "Centre of mass to test mass (Table 5), µm: value ± error with scale factors held (total error)."
     return Table(caption, ["axis", "printed", "all axes, k_y of the ground", "without a_y"], rows, ["offset"])
 
 
-def offset_budget(document):
-    """Where the total error of the offset comes from."""
+def _offset_budget(document):
     swing = document["swing"]
     rows = [["noise", *(f"{s:.1f}" for s in swing[OFFSETS[0]]["sigma"])]]
     rows += [[CAUSES[name], *(f"{abs(v):.1f}" for v in shift)] for name, shift in swing["budget_um"].items()]
@@ -389,8 +334,7 @@ def offset_budget(document):
     return Table(caption, ["cause", *AXES], rows, ["offset"], strong=len(rows) - 1)
 
 
-def bias(document, published):
-    """Table 6: bias beside the printed one."""
+def _bias(document, published):
     known = {r["labels"]["component"]: r for r in published.get("bias", ())}
     roll, rows = document["roll"], []
     for index, axis in enumerate(AXES):
@@ -407,40 +351,30 @@ def bias(document, published):
     return Table(caption, ["axis", "printed", "this event"], rows, ["bias"], words=(0, 2))
 
 
-def bias_budget(document):
-    """Parts of the error of the bias."""
+def _bias_budget(document):
     parts = document["roll"]["budget"].items()
     rows = [[CAUSES[name], *(f"{v:.1e}" for v in values)] for name, values in parts]
     return Table("Error budget of the bias, m s⁻².", ["part", *AXES], rows, ["bias"])
 
 
-def draw_motion(detected):
-    """Body rates over the whole record."""
-    figure, panels = grid(1, 1, 1.9, margins=WIDE | {"bottom": 0.2})
+@figure("detect", caption="Body rates, means over a minute.")
+def _motion(detected):
+    labels = {"xlabel": "time (h)", "ylabels": ["rate (mrad s$^{-1}$)"]}
+    figure, ((panel,),) = grid(1, 1, 1.9, margins=WIDE | {"bottom": 0.2}, **labels)
     time = (detected.time.values - detected.time.values[0]) / 3600
-    gap = np.append(np.diff(time) > 0.1, False)
-    for axis, rate in zip(AXES, detected.rate_b.values.T, strict=True):
-        panels[0, 0].plot(time, np.where(gap, np.nan, 1e3 * rate), label=axis, **AXIS[axis])
-    panels[0, 0].set(xlabel="time (h)", ylabel="rate (mrad s$^{-1}$)")
-    legend(figure, panels[0, 0], 3)
+    for axis, rate in zip(AXES, 1e3 * detected.rate_b.values.T, strict=True):
+        panel.plot(*opened(time, rate, 0.1), label=axis, **AXIS[axis])
     return figure
 
 
-def draw_swing(scaled):
-    """Angular readouts, angular acceleration and attitude of the swing."""
-    figure, panels = grid(3, 1, 4.6, sharex=True, margins=WIDE)
-    rows = (
-        (1e3, scaled.angular_volt.values, "readout (mV)"),
-        (1e6, scaled.rate_dot_b.values, "angular acc. (µrad s$^{-2}$)"),
-        (1e6, scaled.angle_b.values, "attitude (µrad)"),
-    )
-    for panel, (unit, values, name) in zip(panels[:, 0], rows, strict=True):
-        centred = unit * (values - np.nanmean(values, axis=0))
-        for axis in (2, 1, 0):
-            panel.plot(_since(scaled), centred[:, axis], label=AXES[axis], **AXIS[AXES[axis]])
-        panel.set_ylabel(name)
-    panels[-1, 0].set_xlabel("time (s)")
-    legend(figure, panels[0, 0], 3)
+@figure("scale", caption="Swing: angular readouts, angular acceleration, attitude.")
+def _swing_readings(scaled):
+    labels = ("readout (mV)", "angular acc. (µrad s$^{-2}$)", "attitude (µrad)")
+    series = 1e3 * scaled.angular_volt.values, 1e6 * scaled.rate_dot_b.values, 1e6 * scaled.angle_b.values
+    figure, panels = grid(3, 1, 4.6, xlabel="time (s)", ylabels=labels, sharex=True, margins=WIDE)
+    for (panel,), values in zip(panels, series, strict=True):
+        for axis, centred in zip("zyx", (values - np.nanmean(values, axis=0)).T[::-1], strict=True):
+            panel.plot(_since(scaled), centred, label=axis, **AXIS[axis])
     return figure
 
 
@@ -449,102 +383,96 @@ def _since(product):
     return product.time_bin.values - product.time_bin.values[0]
 
 
-def draw_residuals(scaled):
-    """Measured minus predicted attitude with the noise of a bin."""
-    figure, panels = grid(1, 3, 2.0, sharey=True, margins=WIDE | {"wspace": 0.1})
-    for axis, panel, residual in zip(AXES, panels[0], scaled.residual_b.values.T, strict=True):
+@figure(
+    "scale",
+    caption="Measured minus predicted attitude, means of bins. The prediction integrates the readouts twice, their "
+    "noise too: it wanders by 0.1 to 1 mrad in minutes, and has that weight in the estimate.",
+)
+def _residuals(scaled):
+    labels = {"xlabel": "time (s)", "ylabels": ["residual (µrad)"], "titles": AXES}
+    figure, (panels,) = grid(1, 3, 2.0, sharey=True, margins=WIDE | {"wspace": 0.1}, **labels)
+    for axis, panel, residual in zip(AXES, panels, scaled.residual_b.values.T, strict=True):
         panel.plot(_since(scaled), 1e6 * residual, color=AXIS[axis]["color"], linewidth=0.7)
-        panel.set(title=axis, xlabel="time (s)")
-    panels[0, 0].set_ylabel("residual (µrad)")
     return figure
 
 
-def draw_convergence(scaled):
-    """Kalman estimates of factors and delay, and their errors, over time, with the batch values."""
+@figure("scale", caption="Kalman filter against batch least squares.")
+def _convergence(scaled):
     names = ("β$_x$ (rad s$^{-2}$ V$^{-1}$)", "β$_y$ (rad s$^{-2}$ V$^{-1}$)", "delay (s)")
-    value, sigma = scaled.filter_value.values, scaled.filter_sigma.values
-    return _converging(_since(scaled), value, sigma, scaled.batch_value.values, names)
+    return _converging(scaled, scaled.batch_value.values, names, 1.0)
 
 
-def draw_offset_convergence(moved):
-    """Kalman estimate of the offset over time."""
-    value, sigma = 1e6 * moved.filter_value.values, 1e6 * moved.filter_sigma.values
-    return _converging(_since(moved), value, sigma, 1e6 * moved.offset.values[0], [f"{a} (µm)" for a in AXES])
+@figure("offset", caption="Offset by the Kalman filter against batch least squares.")
+def _offset_convergence(moved):
+    return _converging(moved, moved.offset.values[0], [f"{axis} (µm)" for axis in AXES], 1e6)
 
 
-def _converging(time, values, sigmas, ends, names):
+def _converging(filtered, ends, names, factor):
     """Three estimates over time beside the values they end at; the scales are those of the later part."""
-    figure, panels = grid(1, 3, 2.1, margins=WIDE | {"wspace": 0.38})
+    figure, (panels,) = grid(1, 3, 2.1, xlabel="time (s)", titles=names, margins=WIDE | {"wspace": 0.38})
+    time = _since(filtered)
     late = time > 0.2 * time[-1]
-    for panel, value, sigma, end, name in zip(panels[0], values.T, sigmas.T, ends, names, strict=True):
-        band = {"color": COLOURS["sky"], "alpha": 0.4, "linewidth": 0, "label": "± σ"}
+    values, sigmas = factor * filtered.filter_value.values.T, factor * filtered.filter_sigma.values.T
+    band = {"color": COLOURS["sky"], "alpha": 0.4, "linewidth": 0, "label": "± σ"}
+    for panel, value, sigma, end in zip(panels, values, sigmas, factor * ends, strict=True):
         panel.fill_between(time, value - sigma, value + sigma, **band)
         panel.plot(time, value, color=COLOURS["blue"], label="filter")
         panel.axhline(end, color=COLOURS["black"], linewidth=0.7, linestyle="--", label="batch")
         reach = 1.3 * np.max(np.abs(value[late] - end) + sigma[late])
-        panel.set(ylim=(end - reach, end + reach), title=name, xlabel="time (s)")
-    legend(figure, panels[0, 0], 3)
+        panel.set_ylim(end - reach, end + reach)
     return figure
 
 
-def draw_filtering(aligned):
-    """Amplitude spectra of the common-mode readouts before and after the CRN filter."""
+@figure("align", caption="Readouts before and after the CRN filter of the published method.")
+def _filtering(aligned):
     step, before, after = filtered_readouts(aligned)
-    figure, panels = grid(1, 3, 2.2, sharey=True, margins=WIDE | {"wspace": 0.1})
-    taper = np.hanning(len(before))
-    for panel, column, name in zip(panels[0], (0, 3, 4), ("a$_x$", "angular x", "angular y"), strict=True):
-        for values, colour, label in ((before, "grey", "before"), (after, "vermilion", "after CRN")):
-            own = values[:, column] - values[:, column].mean()
-            density = np.sqrt(2 * step / np.sum(taper**2)) * np.abs(np.fft.rfft(taper * own))
-            frequency = np.fft.rfftfreq(taper.size, step)
-            panel.loglog(frequency[1:], density[1:], color=COLOURS[colour], linewidth=0.7, label=label)
-        panel.set(title=name, xlabel="frequency (Hz)")
-    panels[0, 0].set(ylabel="density (V Hz$^{-1/2}$)", ylim=(1e-9, 1e-1))
-    legend(figure, panels[0, 0], 2)
+    labels = {"xlabel": "frequency (Hz)", "ylabels": ["density (V Hz$^{-1/2}$)"]}
+    labels["titles"] = ("a$_x$", "angular x", "angular y")
+    figure, (panels,) = grid(1, 3, 2.2, sharey=True, margins=WIDE | {"wspace": 0.1}, **labels)
+    for values, colour, label in ((before, "grey", "before"), (after, "vermilion", "after CRN")):
+        frequency, amplitude = density([values - values.mean(axis=0)], step)
+        for panel, column in zip(panels, (0, 3, 4), strict=True):
+            panel.loglog(frequency, amplitude[:, column], color=COLOURS[colour], linewidth=0.7, label=label)
+    panels[0].set_ylim(1e-9, 1e-1)
     return figure
 
 
-def draw_offset(moved):
-    """Linear readings of the swing with the fitted term of the offset."""
-    figure, panels = grid(3, 1, 4.4, sharex=True, margins=WIDE)
-    for axis, panel in enumerate(panels[:, 0]):
-        reading, model = 1e9 * moved.reading.values[:, axis], 1e9 * moved.model.values[:, axis]
+@figure("offset", caption="Linear readings, slow part removed, and the term of the offset.")
+def _offset_readings(moved):
+    labels = [f"f$_{axis}$ (nm s$^{{-2}}$)" for axis in AXES]
+    figure, panels = grid(3, 1, 4.4, xlabel="time (s)", ylabels=labels, sharex=True, margins=WIDE)
+    for index, (panel,) in enumerate(panels):
+        reading, model = 1e9 * moved.reading.values[:, index], 1e9 * moved.model.values[:, index]
         panel.plot(_since(moved), reading, color=COLOURS["grey"], linewidth=0.6, label="reading")
-        panel.plot(_since(moved), model, color=AXIS[AXES[axis]]["color"], label="model")
-        panel.set_ylabel(f"f$_{AXES[axis]}$ (nm s$^{{-2}}$)")
-    panels[-1, 0].set_xlabel("time (s)")
-    legend(figure, panels[2, 0], 2)
+        panel.plot(_since(moved), model, color=COLOURS["blue"], label="model")
     return figure
 
 
-def draw_segments(biased):
-    """Bias of every segment, those left out hollow, with the robust mean."""
-    figure, panels = grid(4, 1, 5.6, sharex=True, margins=WIDE)
+@figure("bias", caption="Bias of every segment and uniformity of the roll rate.")
+def _segments(biased):
+    names = [("b" if one else "b - a") + f"$_{axis}$" for one, axis in zip(biased.separable.values, AXES, strict=True)]
+    labels = [*(f"{name} (nm s$^{{-2}}$)" for name in names), "rate scatter (%)"]
+    titles = [f"minus {mean:.6e} m s$^{{-2}}$" for mean in biased.bias.values]
+    figure, panels = grid(4, 1, 5.6, xlabel="time (days)", ylabels=labels, titles=titles, sharex=True, margins=WIDE)
     time = (biased.time_segment.values - biased.time_segment.values[0]) / 86400
     used = biased.used.values.astype(bool)
-    for axis, panel in enumerate(panels[:3, 0]):
-        mean, colour = float(biased.bias[axis]), AXIS[AXES[axis]]["color"]
-        value = 1e9 * (biased.segment_bias.values[:, axis] - mean)
+    values = 1e9 * (biased.segment_bias.values - biased.bias.values).T
+    for (panel,), value, axis in zip(panels[:3], values, AXES, strict=True):
         panel.plot(time[~used], value[~used], "o", mfc="none", color=COLOURS["grey"], markersize=2.5, label="left out")
-        panel.plot(time[used], value[used], ".", color=colour, markersize=3, label="used")
+        panel.plot(time[used], value[used], ".", color=AXIS[axis]["color"], markersize=3, label="used")
         panel.axhline(0, color=COLOURS["black"], linewidth=0.7)
         reach = 1.4 * np.max(np.abs(value[used]))
-        name = "b" if biased.separable[axis] else "b - a"
-        panel.set(ylim=(-reach, reach), ylabel=f"{name}$_{AXES[axis]}$ (nm s$^{{-2}}$)")
-        panel.set_title(f"minus {mean:.6e} m s$^{{-2}}$")
+        panel.set_ylim(-reach, reach)
     panels[3, 0].semilogy(time, 100 * biased.uniformity.values, ".", color=COLOURS["black"], markersize=3)
-    panels[3, 0].set(ylabel="rate scatter (%)", xlabel="time (days)")
-    legend(figure, panels[0, 0], 2)
     return figure
 
 
-def draw_z_noise(biased):
-    """Amplitude spectrum of z with the old factor, the new one, and with everything modelled taken off."""
-    figure, panels = grid(1, 1, 2.6, margins=WIDE)
+@figure("bias", caption="Amplitude spectrum of z, median of the segments.")
+def _z_spectrum(biased):
+    labels = {"xlabel": "frequency (Hz)", "ylabels": ["density (m s$^{-2}$ Hz$^{-1/2}$)"]}
+    figure, ((panel,),) = grid(1, 1, 2.6, margins=WIDE, **labels)
     names = ("factor of the ground", "factor of the swing", "and motion, drag, trend taken off")
     for row, colour, name in zip(biased.density.values, ("grey", "sky", "vermilion"), names, strict=True):
-        panels[0, 0].loglog(biased.frequency.values, row, color=COLOURS[colour], label=name)
-    panels[0, 0].axhline(3e-9, color=COLOURS["black"], linewidth=0.7, linestyle="--", label="requirement")
-    panels[0, 0].set(xlabel="frequency (Hz)", ylabel="density (m s$^{-2}$ Hz$^{-1/2}$)")
-    legend(figure, panels[0, 0], 4)
+        panel.loglog(biased.frequency.values, row, color=COLOURS[colour], label=name)
+    panel.axhline(3e-9, color=COLOURS["black"], linewidth=0.7, linestyle="--", label="requirement")
     return figure

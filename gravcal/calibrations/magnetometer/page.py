@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gravcal.report.figures import AXIS, COLOURS, grid, legend, thinned
+from gravcal.report.figures import AXIS, COLOURS, grid, thinned
 from gravcal.report.named_parameters import Page
-from gravcal.report.pages import Figure, Section
+from gravcal.report.pages import Section, figure
 
 NOTES = (
     "Measured less reference field is bias, scale and axes out of square in the field of the instrument, a small turn "
@@ -27,23 +27,23 @@ def content(products):
         "field_range_nt": (1e9 * np.ptp(aligned["model_b"].values, axis=0)).tolist(),
         "dipole_sigma_a_m2": aligned["dipole_b"].values.std(axis=0).tolist(),
     }
-    caption = "Measured less reference field, and the same as the parameters make it. Below, what is left."
-    return facts, [Section("Field", (), [Figure(draw_field, ("estimate",), caption)], NOTES)]
+    return facts, [Section("Field", figures=[_field], notes=NOTES)]
 
 
-def draw_field(found):
-    """Measured less reference field with its fit, and the residual."""
-    figure, panels = grid(2, 1, 3.6, sharex=True, margins={"hspace": 0.12})
+@figure(
+    "estimate",
+    caption="Measured less reference field, and the same as the parameters make it. Below, what is left.",
+)
+def _field(found):
+    labels = {"xlabel": "minutes", "ylabels": ("difference, nT", "residual, nT")}
+    figure, ((above,), (below,)) = grid(2, 1, 3.6, sharex=True, margins={"hspace": 0.12}, **labels)
     minutes = (found["time"].values - found["time"].values[0]) / 60
     measured, fitted = (1e9 * found[name].values for name in ("residual_b", "fitted_b"))
     fit = {"color": COLOURS["black"], "linewidth": 0.5, "linestyle": ":"}
     for index, axis in enumerate("xyz"):
-        panels[0, 0].plot(*thinned(minutes, measured[:, index]), label=axis, **AXIS[axis])
-        panels[0, 0].plot(*thinned(minutes, fitted[:, index]), label="fit", **fit)
-        panels[1, 0].plot(*thinned(minutes, (measured - fitted)[:, index]), **AXIS[axis])
-    panels[0, 0].set_ylabel("difference, nT")
-    panels[1, 0].set(ylabel="residual, nT", xlabel="minutes")
-    legend(figure, panels[0, 0], 4)
+        above.plot(*thinned(minutes, measured[:, index]), label=axis, **AXIS[axis])
+        above.plot(*thinned(minutes, fitted[:, index]), label="fit", **fit)
+        below.plot(*thinned(minutes, (measured - fitted)[:, index]), **AXIS[axis])
     return figure
 
 

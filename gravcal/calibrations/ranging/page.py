@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from gravcal.report.figures import COLOURS, grid, legend, thinned
+from gravcal.report.figures import COLOURS, bars, grid, opened, thinned
 from gravcal.report.named_parameters import Page
-from gravcal.report.pages import Figure, Section, Table
+from gravcal.report.pages import Section, Table, figure
 
 NOTES = (
     "Each block of a revolution has its own bias and slow orbit error; its noise is measured in the blocks beside it; "
@@ -41,11 +41,10 @@ def content(products):
         for one in shares(found)
     ]
     shown = Table("Share of the antenna correction, and the range with it, µm/√Hz.", heads, rows, reads=("estimate",))
-    caption = "Share of the antenna correction that the range shows, and pointing with what is kept of it."
-    figure = Figure(draw_share, ("estimate", "align"), caption)
-    caption = "Range minus orbit without bias and slow orbit error, and what the phase centres make of it."
-    ranged = Section("Range", (), [Figure(draw_range, ("estimate",), caption)], NOTES)
-    return facts, [Section("Antenna correction", [shown], [figure], SHARE), ranged]
+    return facts, [
+        Section("Antenna correction", [shown], [_share], SHARE),
+        Section("Range", figures=[_range], notes=NOTES),
+    ]
 
 
 def shares(found):
@@ -71,17 +70,21 @@ def more(products):
     return {"share": rows}, f" The range shows of the antenna correction {', '.join(said)} mHz."
 
 
-def draw_share(found, aligned):
-    """Shares with errors and expectations, and the spectra of pointing with what is kept."""
-    figure, panels = grid(1, 2, 2.4, margins={"wspace": 0.3})
-    left, right = panels[0]
+@figure(
+    "estimate",
+    "align",
+    caption="Share of the antenna correction that the range shows, and pointing with what is kept of it.",
+)
+def _share(found, aligned):
+    titles = ("share of the correction", "pointing, mrad/√Hz; points: kept")
+    figure, ((left, right),) = grid(1, 2, 2.4, xlabel="mHz", titles=titles, margins={"wspace": 0.3})
     edge, known = 1e3 * found["edge"].values, slice(1, None)
     middle = np.sqrt(edge[1:] * edge[:-1])[known]
     sigma = np.sqrt(np.diag(found["share_covariance"].values))[known]
-    left.errorbar(middle, found["share"].values[known], sigma, color=COLOURS["blue"], marker="o", ls="", label="range")
+    bars(left, middle, found["share"].values[known], sigma, color=COLOURS["blue"], label="range")
     left.plot(middle, found["expected"].values[known], "x", color=COLOURS["vermilion"], label="star cameras expect")
     left.axhline(0, color=COLOURS["grey"], lw=0.6)
-    left.set(xscale="log", xlabel="mHz", title="share of the correction")
+    left.set_xscale("log")
     left.set_xticks(edge[1:], [f"{one:g}" for one in edge[1:]])
     left.minorticks_off()
     frequency, density = 1e3 * aligned["frequency"].values, 1e3 * np.sqrt(aligned["pointing_density"].values)
@@ -91,27 +94,22 @@ def draw_share(found, aligned):
         label = f"{('yaw', 'pitch')[axis]} {aligned.attrs['satellites'][k]}"
         right.loglog(frequency, density[k, axis], color=colour, ls=("-", "--")[axis], label=label)
         right.loglog(frequency, np.where(kept > 0, kept, np.nan)[k, axis], color=colour, ls="", marker=".", ms=3)
-    right.set(xlabel="mHz", title="pointing, mrad/√Hz; points: kept")
     left.legend()
     right.legend()
     return figure
 
 
-def draw_range(found):
-    """Range minus orbit of the blocks, and its part from the phase centres magnified."""
-    figure, panels = grid(2, 1, 3.2, sharex=True, margins={"hspace": 0.3})
+@figure(
+    "estimate",
+    caption="Range minus orbit without bias and slow orbit error, and what the phase centres make of it.",
+)
+def _range(found):
+    look = {"xlabel": "hours of the record", "titles": ("mm", "µm"), "margins": {"hspace": 0.3}}
+    figure, ((above,), (below,)) = grid(2, 1, 3.2, sharex=True, **look)
     hours = (found["time"].values - found["time"].values[0]) / 3600
-    for panel, name, unit, factor, colour in (
-        (panels[0, 0], "residual", "mm", 1e3, "sky"),
-        (panels[1, 0], "fitted", "µm", 1e6, "vermilion"),
-    ):
-        gaps = np.flatnonzero(np.diff(hours) > 0.1) + 1
-        series = np.insert(factor * found[name].values, gaps, np.nan)
-        label = "ranging minus orbit" if name == "residual" else "phase centres"
-        panel.plot(*thinned(np.insert(hours, gaps, np.nan), series), color=COLOURS[colour], label=label)
-        panel.set_title(unit)
-    panels[1, 0].set_xlabel("hours of the record")
-    legend(figure, panels, 2)
+    residual, fitted = (opened(hours, found[name].values, 0.1) for name in ("residual", "fitted"))
+    above.plot(*thinned(residual[0], 1e3 * residual[1]), color=COLOURS["sky"], label="ranging minus orbit")
+    below.plot(*thinned(fitted[0], 1e6 * fitted[1]), color=COLOURS["vermilion"], label="phase centres")
     return figure
 
 

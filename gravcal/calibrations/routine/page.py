@@ -12,11 +12,10 @@ from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.routine.accelerometer import COMPONENTS, PAIRS
 from gravcal.report import discovery, discovery_words, documents
 from gravcal.report.discovery import findings_table, tied_table
-from gravcal.report.figures import AXIS, COLOURS, grid, legend, thinned
+from gravcal.report.figures import AXIS, COLOURS, grid, thinned
 from gravcal.report.named_parameters import Page, document, parameter_table
-from gravcal.report.pages import Figure, Section, Table, page
-from gravcal.report.plain import as_plain, number
-from gravcal.store.schemas import VERSION, validate
+from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report.plain import number
 
 TITLES = {"thrusters": "Star cameras and thrusters"}
 #: What each part was proven on.
@@ -58,8 +57,7 @@ def content(products):
         "transients_at_a_change_of_current": int(np.sum(rate[near] > 3 * np.sqrt(np.mean(rate**2)))),
     }
     facts |= thrust_and_inertia(found, aligned)
-    caption = "Reading less its slow part (points), and what the causes make of it (line)."
-    return facts, [Section("Accelerometer", (), [Figure(draw_readings, ("estimate",), caption)], NOTES)]
+    return facts, [Section("Accelerometer", figures=[_readings], notes=NOTES)]
 
 
 def thrust_and_inertia(found, aligned) -> dict:
@@ -109,29 +107,24 @@ def report(
             continue
         mine = {name.partition(".")[2]: one for name, one in products.items() if name.startswith(f"{part}.")}
         instruments[part], shown = _instrument(part, own, mine)
-        sections += shown
+        sections.append(shown)
         known = instruments[part]["parameters"]
         parameters |= {f"{part}_{name}": one for name, one in known.items()}
         checked += [replace(one, name=f"{part}: {one.name}") for one in of_product(mine["checks"])]
-    there = [part for part, one in instruments.items() if one["status"] == "fitted"]
-    text = "; ".join(instruments[part]["said"] for part in there) or "no instrument has its records"
+    there = [one["said"] for one in instruments.values() if one["status"] == "fitted"]
     absent = [f"{part}: {one['said']}" for part, one in instruments.items() if one["status"] == "missing"]
-    first = {
-        "schema_version": VERSION,
-        "status": "delivered" if there else "no_data",
-        "calibration": "routine",
-        "event": event,
-        "verdict": {"text": f"{text}." + (f" Missing: {'; '.join(absent)}." if absent else "")},
-    }
-    tail = {"settings": as_plain(settings), "provenance": documents.traced("routine", products)}
-    made = first | {"instruments": as_plain(instruments), "parameters": parameters} | tail
-    made, files = documents.delivered(made, list(products.values()), checked)
+    text = f"{'; '.join(there) or 'no instrument has its records'}."
+    text += f" Missing: {'; '.join(absent)}." if absent else ""
+    body = {"status": "delivered" if there else "no_data", "verdict": {"text": text}}
+    body |= {"instruments": instruments, "parameters": parameters}
+    made = documents.delivered("routine", body, products, checked, event=event, settings=settings)
+    files = {"result.json": documents.text(made)}
     files["report.html"] = page(made, sections, products, heading="Routine day", subtitle=event)
     return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(there))}, event=event), files
 
 
 def _instrument(part, own, mine):
-    """Part of the document, and sections, of one instrument."""
+    """Part of the document, and section, of one instrument."""
     facts, shown = own.content(mine)
     known = document(mine["estimate"])
     numbers = json.loads(mine["discovery"].attrs["numbers"]) if "discovery" in mine else {}
@@ -145,21 +138,24 @@ def _instrument(part, own, mine):
     said = f"{part}: {told}" + (", and more is left than noise" if adequate is False else "")
     made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
     made |= {"adequate": adequate, "p_before": numbers.get("p_before"), "p_after": numbers.get("p_after")}
-    three = lambda value: "" if value is None else f"{value:.3g}"  # noqa: E731
-    rows = [[one["what"], three(one["measured_rms"]), three(one["residual_rms"]), one["unit"]] for one in statistics]
+    rows = [
+        [one["what"], *(_three(one[f"{n}_rms"]) for n in ("measured", "residual")), one["unit"]] for one in statistics
+    ]
     tables = [Table("Measured, and what the simulation leaves of it.", ["what", "rms", "rms left", "unit"], rows)]
     tables += [findings_table(numbers), tied_table(numbers)] if named else []
-    tables.append(parameter_table(known["parameters"], f"{part}.estimate"))
-    tables, figures = tables + _placed(part, shown, "tables"), _placed(part, shown, "figures")
-    notes = [note for one in shown for note in ([one.notes] if isinstance(one.notes, str) else one.notes)]
-    notes.append(f"Proven on {PROVEN[part]}.")
-    section = Section(title(part), [t for t in tables if t], figures, notes)
-    return made | known | {"facts": as_plain(facts)}, [section]
+    tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, shown, "tables")]
+    notes = [*(note for one in shown for note in one.notes), f"Proven on {PROVEN[part]}."]
+    section = Section(title(part), tables, _placed(part, shown, "figures"), notes)
+    return made | known | {"facts": facts}, section
+
+
+def _three(value):
+    return "" if value is None else f"{value:.3g}"
 
 
 def _placed(part, sections, kind):
     """Tables or figures of sections, read from the products of a part."""
-    every = [one for section in sections for one in getattr(section, kind) if one is not None]
+    every = [one for section in sections for one in getattr(section, kind)]
     return [replace(one, reads=[f"{part}.{name}" for name in one.reads]) for one in every]
 
 
@@ -171,12 +167,7 @@ def title(part: str) -> str:
 def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Mapping, event: str, settings: Mapping):
     """Report product of the searches of all parts, and its files: document, page, and a model of each that takes one.
 
-    Parameters
-    ----------
-    found : Dataset of kind discovery of each part
-    parts : {part: calibration, event and settings}; missing : {part: why it has none}
-    reported : {part: Reported} of all parts
-    event, settings : of the day
+    Parts are {part: calibration, event and settings}, missing {part: why it has none}, reported {part: Reported}.
     """
     told = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
     sections, files, findings, products = [], {}, [], {}
@@ -194,19 +185,21 @@ def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Map
     searched = {part: one for part, one in told.items() if part in parts}
     said = [f"{title(part)}: {one['verdict']['text']}" for part, one in searched.items()]
     said += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
-    head = {"schema_version": VERSION, "calibration": "routine"}
-    head["status"] = max((one["status"] for one in searched.values()), default="no_data")  # questionable if one is
-    document = head | {"event": event, "kind": "discovery", "verdict": {"text": " ".join(said)}, "findings": findings}
-    for when in ("adequate_before", "adequate_after"):
-        document[when] = all(one[when] for one in searched.values())
-    document |= {"parts": told, "gain": {part: one["gain"] for part, one in searched.items()}}
-    document |= {"unexplained": {part: one["unexplained"] for part, one in searched.items() if one["unexplained"]}}
-    document |= {"indistinguishable_from_calibration": [], "calibration_change": {}}
-    document |= {"provenance": documents.traced("routine", products) | {"settings": as_plain(settings)}}
-    document = documents.judged(document, found, [])
-    validate(document, "discovery")
+    body = {
+        "status": max((one["status"] for one in searched.values()), default="no_data"),  # questionable if one is
+        "kind": "discovery",
+        "verdict": {"text": " ".join(said)},
+        "findings": findings,
+        **{when: all(one[when] for one in searched.values()) for when in ("adequate_before", "adequate_after")},
+        "parts": told,
+        "gain": {part: one["gain"] for part, one in searched.items()},
+        "unexplained": {part: one["unexplained"] for part, one in searched.items() if one["unexplained"]},
+        "indistinguishable_from_calibration": [],
+        "calibration_change": {},
+    }
+    document = documents.delivered("routine", body, products, [], event=event, settings=settings)
     heading, subtitle = "What the models of a routine day get wrong", f"{len(parts)} of {len(told)} parts have records"
-    files["discovery.json"] = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    files["discovery.json"] = documents.text(document)
     files["discovery.html"] = page(document, sections, products, heading=heading, subtitle=subtitle)
     return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(parts))}, event=event), files
 
@@ -230,21 +223,17 @@ def _statistics(part, mine):
     return [dict(zip(("what", "measured_rms", "residual_rms", "unit"), row, strict=True)) for row in rows]
 
 
-def draw_readings(found):
-    """Reading less its slow part, and what the causes make of it."""
-    figure, panels = grid(6, 1, 6.6, sharex=True, margins={"hspace": 0.35})
+@figure("estimate", caption="Reading less its slow part (points), and what the causes make of it (line).")
+def _readings(found):
+    units = [(1e9, "nm s⁻²")] * 3 + [(1e6, "µrad s⁻²")] * 3
+    titles = [f"{name.replace('_', ' ')}, {unit}" for name, (_, unit) in zip(COMPONENTS, units, strict=True)]
+    figure, panels = grid(6, 1, 6.6, sharex=True, xlabel="minutes", titles=titles, margins={"hspace": 0.35})
     minutes = (found["time"].values - found["time"].values[0]) / 60
-    for c, (panel, name) in enumerate(zip(panels[:, 0], COMPONENTS, strict=True)):
-        factor, unit = (1e9, "nm s⁻²") if c < 3 else (1e6, "µrad s⁻²")
-        axis = AXIS["xyz"[c % 3]]
-        panel.plot(
-            *thinned(minutes, factor * found["measured"].values[:, c]), **axis | {"linewidth": 0.5}, label=name[-1]
-        )
-        black = {"color": COLOURS["black"], "linewidth": 0.5}
-        panel.plot(*thinned(minutes, factor * found["fitted"].values[:, c]), label="simulated", **black)
-        panel.set_title(f"{name.replace('_', ' ')}, {unit}")
-    panels[-1, 0].set_xlabel("minutes")
-    legend(figure, panels[0, 0], 2)
+    black = {"color": COLOURS["black"], "linewidth": 0.5, "label": "simulated"}
+    for c, ((panel,), (factor, _)) in enumerate(zip(panels, units, strict=True)):
+        own = AXIS["xyz"[c % 3]] | {"linewidth": 0.5, "label": "xyz"[c % 3]}
+        panel.plot(*thinned(minutes, factor * found["measured"].values[:, c]), **own)
+        panel.plot(*thinned(minutes, factor * found["fitted"].values[:, c]), **black)
     return figure
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from gravcal.report.figures import COLOURS, grid
 from gravcal.report.named_parameters import Page
-from gravcal.report.pages import Figure, Section
+from gravcal.report.pages import Section, figure
 
 NOTES = (
     "Gains are in units of lever arm x force x time on of the thruster table, with the moments of inertia of the "
@@ -30,20 +30,23 @@ def content(products):
         "cameras": [int(head) for head in np.unique(products["align"]["head"].values)],
         "seconds": float(np.ptp(products["align"]["time"].values)),
     }
-    caption = "Chi-square that firings gain at wrong times, three parameters each; the dashed line is their mean."
     return facts, [
         Section("What is estimated", notes=NOTES),
-        Section("Errors", (), [Figure(draw_wrong_times, ("estimate",), caption)], WRONG),
+        Section("Errors", figures=[_wrong_times], notes=WRONG),
     ]
 
 
-def draw_wrong_times(found):
-    """Chi-square gained by firings at every wrong time."""
-    figure, ((panel,),) = grid(1, 1, 2.2)
+@figure(
+    "estimate",
+    caption="Chi-square that firings gain at wrong times, three parameters each; the dashed line is their mean.",
+)
+def _wrong_times(found):
+    labels = {"xlabel": "shift of all firings, s", "ylabels": ["chi-square gained"]}
+    figure, ((panel,),) = grid(1, 1, 2.2, **labels)
     gained = found["shifted_gain"].values
     panel.stem(found["shift"].values, gained, linefmt=COLOURS["blue"], basefmt=" ", markerfmt="o")
     panel.axhline(gained.mean(), color=COLOURS["vermilion"], linestyle="--")
-    panel.set(xlabel="shift of all firings, s", ylabel="chi-square gained", ylim=(0, None))
+    panel.set_ylim(0, None)
     return figure
 
 

@@ -9,14 +9,15 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import invented  # noqa: E402
 
-from gravcal.calibrations.com_offset.document import document as make_document  # noqa: E402
+from gravcal.calibrations.com_offset.page import result  # noqa: E402
 from gravcal.report import documents  # noqa: E402
 
 
 def document_of(products, event="grace-c-2020-02-01"):
     """Result document of invented products."""
-    found = make_document(products, event=event, provenance=invented.PROVENANCE, settings=invented.SETTINGS)
-    return documents.judged(found, (), [])
+    head = {"schema_version": "1.0", "calibration": "com_offset", "event": event}
+    tail = {"settings": invented.SETTINGS, "provenance": invented.PROVENANCE}
+    return documents.judged(head | result(products, invented.SETTINGS) | tail, (), [])
 
 
 @pytest.fixture(scope="session")

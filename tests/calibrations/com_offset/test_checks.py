@@ -15,7 +15,7 @@ from gravcal import catalog
 from gravcal.calibrations import checks as checking
 from gravcal.calibrations.align import orbit_i
 from gravcal.calibrations.com_offset import checks
-from gravcal.calibrations.com_offset import document as documented
+from gravcal.calibrations.com_offset import page as documented
 from gravcal.errors import EstimationError
 from gravcal.store.schemas import validate
 

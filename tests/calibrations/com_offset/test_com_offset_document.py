@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.calibrations.com_offset.document import document as make_document
-from gravcal.calibrations.com_offset.document import vcm_line
+from gravcal.calibrations.com_offset.page import vcm_line
 from gravcal.errors import ProductError
 from gravcal.io.vcm import read_line
-from gravcal.report import documents
 from gravcal.store.schemas import validate
 
 
@@ -75,11 +73,10 @@ def test_a_record_without_manoeuvre_says_what_was_measured(quiet_document):
     assert quiet_document["roll_response"]["expected"] == {"value": 0.0028, "sigma": 0.0003}
 
 
-def test_without_a_combination_there_is_still_a_document(quiet_products):
+def test_without_a_combination_there_is_still_a_document(quiet_products, documented):
     """Contract: products that cannot exist may be None."""
-    products = quiet_products | {"combine": None, "survey": None}
-    document = make_document(products, event="x", provenance={}, settings=invented.SETTINGS)
-    validate(documents.judged(document, (), []))
+    document = documented(quiet_products | {"combine": None, "survey": None})
+    validate(document)
     assert document["roll_response"] is None
 
 

@@ -12,8 +12,8 @@ from matplotlib import rc_context
 
 from gravcal import catalog
 from gravcal.calibrations.com_offset import page
-from gravcal.calibrations.com_offset.document import vcm_line
-from gravcal.report import documents
+from gravcal.calibrations.com_offset.page import vcm_line
+from gravcal.report import documents, pages
 from gravcal.report.figures import STYLE, image
 from gravcal.report.plain import plus_minus
 
@@ -117,26 +117,27 @@ def test_printed_manoeuvres_are_matched_by_kind_and_latitude(document):
     assert found[2, "mtq"].value == (-6.0, 1.8, 8.8)
 
 
-@pytest.mark.parametrize(
-    ("draw", "names"),
-    [
-        (page.draw_field, ("field", "align")),
-        (page.draw_torquers, ("align", "attitude", "detect")),
-        (page.draw_attitude, ("attitude",)),
-        (page.draw_linear_accelerations, ("solve.acc", "detect")),
-        (page.draw_spectra, ("solve.acc",)),
-        (page.draw_roll, ("survey",)),
-        (page.draw_estimates, ()),
-    ],
-)
-def test_figures_are_drawn(products, document, draw, names):
+@pytest.mark.parametrize("which", range(7))
+def test_figures_are_drawn(products, document, which):
     """Contract: warnings as errors; well-formed SVG, the same bytes again, labelled panels, numbers only."""
-    arguments = [products[name] for name in names] or [document, {}]
+    figures_are_drawn(page.event_sections(document, {}), products, which)
+
+
+@pytest.mark.parametrize("which", range(3))
+def test_figures_of_a_record_without_manoeuvre_are_drawn(quiet_products, quiet_document, which):
+    """Contract: as those of an event."""
+    figures_are_drawn(page.survey_sections(quiet_document), quiet_products, which)
+
+
+def figures_are_drawn(sections, products, which):
+    """Assert that a figure of a page is as it has to be."""
+    one = [one for section in sections for one in section.figures][which]
+    given = pages.arguments(one, products)
     with rc_context(STYLE):
-        panels = draw(*arguments).axes
+        panels = one.draw(*given).axes
     assert any("(" in text for panel in panels for text in (panel.get_ylabel(), panel.get_title(loc="left")))
     curves = [line.get_ydata() for panel in panels for line in panel.lines]
     assert any(np.isfinite(np.asarray(values, dtype=float)).any() for values in curves)
-    text = base64.b64decode(image(draw, *arguments).partition(",")[2])
+    text = base64.b64decode(image(one.draw, *given).partition(",")[2])
     assert ElementTree.fromstring(text).tag.endswith("svg")
     assert b"nan" not in text
