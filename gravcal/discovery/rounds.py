@@ -331,7 +331,8 @@ SHADOW = 0.05
 CANCELLED = 0.1
 EXCESSES = 3  # that are named at most
 TIME = "unknown:time"
-JUMPS = 3  # of one size and alternating sign, from which on they are one signal
+JUMPS = 3  # of one size, from which on they are one signal
+SAME = 0.05  # of their mean, by which sizes of steps may differ beyond their errors where signs do not alternate
 MANY = 10.0  # log of what a probability that is zero to rounding was corrected by
 
 
@@ -435,26 +436,33 @@ def settled(problem, chosen, choice, noise, before):
 def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, list]:
     """Problem and names in which steps to and fro of one size are one signal between two levels, which is no step.
 
+    Blocks with an origin of their own tell no sign of one beside another, so that a step may go either way in each.
+
     Parameters
     ----------
     problem, chosen, choice : as of `settled`
     """
-    epoch = {}
-    for index, _ in chosen:
-        one = problem.candidates[index]
-        if slug_of(one.cause) == choice.step_cause and one.names == ["x", "y", "z"] and not one.apart:
-            epoch[index] = one.at if np.isfinite(one.at) else epoch_of(one.cause)
-    if len(epoch) < JUMPS:
+    found = [(k, problem.candidates[k]) for k, _ in chosen]
+    found = [(k, one) for k, one in found if slug_of(one.cause) == choice.step_cause and not one.apart]
+    if len(found) < JUMPS or len({len(one.names) for _, one in found}) > 1:
         return problem, chosen
-    steps = sorted(epoch, key=epoch.get)
+    epoch = {k: one.at if np.isfinite(one.at) else epoch_of(one.cause) for k, one in found}
+    steps, first = sorted(epoch, key=epoch.get), found[0][1]
+    width = len(first.names)
     others = [one for one in chosen if one[0] not in epoch]
-    rest, turns = [k for k, _ in others], (-1.0) ** np.arange(len(steps))
+    rest = [k for k, _ in others]
     gram = attribution.projected(problem.total, baseline_of(problem, rest))
     columns = np.concatenate([np.arange(problem.places[k].start, problem.places[k].stop) for k in steps])
-    common = np.kron(turns[:, None], np.eye(3))
     whole, right = gram[np.ix_(columns, columns)], gram[columns, 0]
+    covariance = inverse_of(whole)
+    sizes = (covariance @ right).reshape(-1, width)
+    along = np.kron(np.eye(len(steps)), np.linalg.svd(sizes)[2][0])
+    size, error = along @ sizes.ravel(), np.sqrt(np.diag(along @ covariance @ along.T))
+    turns, mean = np.sign(size), np.mean(np.abs(size))
+    common = np.kron(turns[:, None], np.eye(width))
     apart, one = (m.T @ right @ inverse_of(m.T @ whole @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
-    if apart - one - columns.size + 3 > SHADOW * one:
+    alike = np.all(np.abs(np.abs(size) - mean) < SAME * mean + 2 * error) or np.all(turns[1:] != turns[:-1])
+    if not alike or apart - one - columns.size + width > SHADOW * one:
         return problem, chosen
     parts = list(zip(*(problem.candidates[k].columns for k in steps), strict=True))
     made = [sum(t * np.zeros(1) if c is None else t * c for t, c in zip(turns, row, strict=True)) for row in parts]
@@ -464,7 +472,7 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     about = span, lambda _: made, span[None], span, span
     shape = Shape(("from", "to"), ("s", "s"), *about, covariance=np.zeros((2, 2)))
     form = f"excess in the {channel} reading, {len(steps)} jumps between two levels, {span[0]:.0f} to {span[1]:.0f} s"
-    candidate = Candidate(trials.EXCESS, form, ["x", "y", "z"], ["m s-2"] * 3, made, shape=shape)
+    candidate = Candidate(trials.EXCESS, form, first.names, first.units, made, shape=shape)
     grown, index = extended(problem, candidate), len(problem.candidates)
     gram = attribution.projected(grown.total, baseline_of(grown, rest))
     ratio = attribution.ratio(gram, grown.places[index], grown.size)

@@ -123,6 +123,24 @@ def test_a_listed_cause_is_tied_with_a_driver_that_chance_lets_describe_the_data
     assert found.imitators[0]["expected_chi2"] > CHOICE.tie
 
 
+@pytest.mark.parametrize(("sizes", "steps"), [((9.0, 9.3, -9.1), 0), ((9.0, 18.0, -27.0), 3)])
+def test_steps_of_one_size_are_one_signal_between_two_levels(sizes, steps):
+    """Recovery: three breaks in blocks with origins of their own; of one size one excess, else three breaks."""
+    rng = np.random.default_rng(3)
+    blocks, candidates = made(rng)[0], []
+    for k, size in enumerate(sizes):
+        columns = [None] * len(blocks)
+        columns[k] = (np.arange(300) >= 120 + 40 * k).astype(float)[:, None]
+        left = without(columns[k], np.column_stack([blocks[k].local_columns, blocks[k].global_columns]))
+        observed = blocks[k].observed + size / np.linalg.norm(left) * columns[k][:, 0]
+        blocks[k] = replace(blocks[k], observed=observed)
+        about = {"at": 120.0 + 40 * k, "at_sigma": 1.0}
+        candidates.append(Candidate(f"case.step@{about['at']}", f"block {k}", ["size"], ["m"], columns, [1.0], **about))
+    found = [one.cause for one in search(blocks, candidates, CHOICE, np.random.default_rng(1)).findings]
+    assert sum(cause.startswith("case.step") for cause in found) == steps
+    assert found.count("unknown:excess") == (not steps)
+
+
 def without(values, columns):
     """Values without columns."""
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
