@@ -1,37 +1,30 @@
 """Mutated file sets of small invented events through the command line: an error, no result, questionable, or right.
 
-Every case is a fork, with folder and store of its own, of a process that has calibrated the clean event from its
-ingested products once (a fork after the threads of the text readers have begun would wait for ever). Figures of the
-page are built in every case and written as SVG, half of a run's time, in every `DRAWN`-th. `SEED:NUMBER` names a case:
-`python -m benchmarks fuzz --calibration NAME --seed SEED --first NUMBER --runs 1` makes it again.
+Every case is a run with folder and store of its own, where the products of the clean event are. `SEED:NUMBER` names a
+case: `python -m benchmarks fuzz --calibration NAME --seed SEED --first NUMBER --runs 1` makes it again.
 """
 
 import collections
-import contextlib
+import functools
 import gzip
-import importlib
-import io
 import json
 import os
-import pkgutil
 import resource
 import shutil
 import signal
-import sys
+import subprocess
 import tempfile
-import time
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
-import matplotlib.figure
 import numpy as np
+import xarray as xr
 
-from benchmarks.tables import say
+from benchmarks.tables import CLI, cases, say
 from flows import calibration as calibrations
 
 MEMORY, SECONDS, LARGEST = 1e9, 60, 4.0  # bytes above a clean run, of processor time, total sigma
-DRAWN = 5
 WALL = 600  # s, after which a case that waits is ended
 #: Simulation of each calibration's event, and how its run is called beside --data.
 EVENTS = {
@@ -43,14 +36,15 @@ EVENTS = {
     "inertial_sensor": ({"roll_s": "13000", "swing_at_s": "900"}, []),
     "gradient_torque": ({"duration_s": "3000", "field_degree": "8"}, ["--set", "truth={truth}"]),
 }
-#: What no other record contradicts: one channel of a sensor with another scale over the whole file (`_scaled`).
+#: What no other record contradicts: one channel of a sensor with another scale over the whole file.
 UNCONTRADICTED = (
     ("com_offset", "ACC1A", ("scaled",)),
     ("inertial_sensor", "IS1_2", ("scaled",)),
     ("gradient_torque", "SGRS", ("scaled",)),
 )
+BAD = ("WRONG", "TRACEBACK", "CRASH", "MEMORY", "TIME")
 END = b"# End of YAML header\n"
-NOT_TEXT = (".nc",)
+NETCDF = ".nc"
 
 
 @dataclass
@@ -77,18 +71,19 @@ class Table:
         self.columns[k] = values
 
 
+def of_record(path):
+    """Dataset of a netCDF file as it is there, and its variables along the time, time first."""
+    record = xr.load_dataset(path, decode_times=False, mask_and_scale=False)
+    return record, ["time", *sorted(n for n, one in record.data_vars.items() if one.dims[:1] == ("time",))]
+
+
 def load(path) -> Table:
     """Records of a file."""
-    if path.suffix in NOT_TEXT:
-        names, columns = [], []
-        with h5py.File(path) as file:
-            count = file["time"].shape[0]
-            for name in sorted(file, key=lambda name: name != "time"):
-                if file[name].shape[:1] == (count,) and file[name].dtype.kind == "f":
-                    flat = file[name][...].reshape(count, -1)
-                    names += [(name, k) for k in range(flat.shape[1])]
-                    columns += list(flat.T.copy())
-        return Table(path, names, columns)
+    if path.suffix == NETCDF:
+        record, names = of_record(path)
+        flat = {name: record[name].values.reshape(record.sizes["time"], -1) for name in names}
+        places = [(name, k) for name in names for k in range(flat[name].shape[1])]
+        return Table(path, places, [flat[name][:, k].copy() for name, k in places])
     rows = [line.split() for line in path.read_bytes().split(END)[1].splitlines()]
     width = collections.Counter(map(len, rows)).most_common(1)[0][0]
     columns = [np.array(column, dtype=object) for column in zip(*(r for r in rows if len(r) == width), strict=True)]
@@ -98,22 +93,19 @@ def load(path) -> Table:
 def save(table):
     """Write the records back."""
     path = table.path
-    if path.suffix not in NOT_TEXT:
+    if path.suffix != NETCDF:
         head = path.read_bytes().split(END)[0] + END
         write(path, head + b"".join(b" ".join(row) + b"\n" for row in zip(*table.columns, strict=True)))
         return
-    write(path, path.read_bytes())
-    with h5py.File(path, "r+") as file:
-        for name in dict.fromkeys(name for name, _ in table.names):
-            own = [c for (n, _), c in zip(table.names, table.columns, strict=True) if n == name]
-            values = np.stack(own, axis=1).reshape(-1, *file[name].shape[1:])
-            if values.shape == file[name].shape:
-                file[name][...] = values
-            else:
-                attrs = {k: v for k, v in file[name].attrs.items() if k in ("units", "long_name")}
-                del file[name]
-                file[name] = values
-                file[name].attrs.update(attrs)
+    record, names = of_record(path)
+    made = record.drop_vars(names)
+    for name in names:
+        own = [c for (n, _), c in zip(table.names, table.columns, strict=True) if n == name]
+        values = np.stack(own, axis=1).reshape(-1, *record[name].shape[1:])
+        made[name] = record[name].dims, values, record[name].attrs
+        made[name].encoding["_FillValue"] = None
+    path.unlink()
+    made.to_netcdf(path)
 
 
 def write(path, content):
@@ -130,61 +122,28 @@ def _stretch(table, rng):
     return slice(begin, begin + length)
 
 
-def _numeric(table, rng):
-    """A column of numbers that is not the time."""
-    for k in rng.permutation(np.arange(1, len(table.columns))):
-        values = table.numbers(k)
-        if values is not None:
-            return int(k), values
-    return 0, table.numbers(0)
+#: What becomes of a stretch of one column of numbers (n,), with the standard deviation of the column.
+IN_COLUMN = {
+    "number": lambda v, _, rng: np.append(v[0] * rng.choice([-1.0, 0.1, 1.1, 10.0, 1e6]), v[1:]),
+    "bad values": lambda v, _, rng: np.full(v.size, rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e30, 9999.0])),
+    "frozen": lambda v, *_: np.full(v.size, v[0]),
+    "zeroed": lambda v, *_: np.zeros(v.size),
+    "sign": lambda v, *_: -v,
+    "noise": lambda v, spread, rng: v + 3 * spread * rng.standard_normal(v.size),
+    "scaled": lambda v, _, rng: v * (1 + rng.choice([-1, 1]) * 10 ** -rng.uniform(0.3, 4)),  # all of it
+    "moved": lambda v, spread, rng: v + rng.choice([-1, 1]) * spread * 10 ** rng.uniform(-2, 2),
+}
 
 
-def in_column(change):
-    """Mutation of a stretch of one column of numbers."""
-
-    def mutate(table, rng):
-        (k, values), where = _numeric(table, rng), _stretch(table, rng)
-        said = change(values, where, rng)
-        table.put(k, values)
-        return f"{table.names[k]} {where.start}:{where.stop} {said or ''}"
-
-    return mutate
-
-
-def _number(values, where, rng):
-    values[where.start] *= (factor := rng.choice([-1.0, 0.1, 1.1, 10.0, 1e6]))
-    return f"first times {factor:g}"
-
-
-def _bad(values, where, rng):
-    values[where] = (to := rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e30, 9999.0]))
-    return f"to {to:g}"
-
-
-def _frozen(values, where, _):
-    values[where] = values[where.start]
-
-
-def _zeroed(values, where, _):
-    values[where] = 0.0
-
-
-def _reversed_sign(values, where, _):
-    values[where] *= -1
-
-
-def _noisy(values, where, rng):
-    values[where] += 3 * (np.std(values) or 1.0) * rng.standard_normal(where.stop - where.start)
-
-
-def _scaled(values, _, rng):
-    values *= (factor := 1 + rng.choice([-1, 1]) * 10 ** -rng.uniform(0.3, 4))
-    return f"all times {factor:g}"
-
-
-def _moved(values, where, rng):
-    values[where] += (step := rng.choice([-1, 1]) * (np.std(values) or 1.0) * 10 ** rng.uniform(-2, 2))
-    return f"plus {step:g}"
+def in_column(kind, table, rng):
+    """Change a stretch of one column of numbers that is not the time, if there is one."""
+    order = rng.permutation(np.arange(1, len(table.columns)))
+    k = next((int(k) for k in order if table.numbers(k) is not None), 0)
+    values, where = table.numbers(k), _stretch(table, rng)
+    where, before = where if kind != "scaled" else slice(0, values.size), values[where.start]
+    values[where] = IN_COLUMN[kind](values[where], np.std(values) or 1.0, rng)
+    table.put(k, values)
+    return f"{table.names[k]} {where.start}:{where.stop}, {before:g} to {values[where.start]:g}"
 
 
 def _exchanged(table, rng):
@@ -224,15 +183,7 @@ def _reorder(order):
     return mutate
 
 
-IN_RECORDS = {
-    "number": in_column(_number),
-    "bad values": in_column(_bad),
-    "frozen": in_column(_frozen),
-    "zeroed": in_column(_zeroed),
-    "sign": in_column(_reversed_sign),
-    "noise": in_column(_noisy),
-    "scaled": in_column(_scaled),
-    "moved": in_column(_moved),
+IN_RECORDS = {kind: functools.partial(in_column, kind) for kind in IN_COLUMN} | {
     "columns exchanged": _exchanged,
     "records frozen": _records_frozen,
     "time": _late,
@@ -256,18 +207,8 @@ def _truncated(path, content, rng):
     return f"to {size} bytes"
 
 
-def _empty(path, content, rng):  # noqa: ARG001 - all have these
-    write(path, b"")
-    return ""
-
-
-def _missing(path, content, rng):  # noqa: ARG001
-    path.unlink()
-    return ""
-
-
 def _head(path, content, rng):
-    size = content.find(END) if path.suffix not in NOT_TEXT else 2000
+    size = content.find(END) if path.suffix != NETCDF else 2000
     lines = content[:size].split(b"\n")
     k, how = int(rng.integers(len(lines))), rng.choice(["dropped", "repeated", "spoiled"])
     spoiled = bytes(rng.integers(32, 127, len(lines[k]), dtype=np.uint8))
@@ -298,26 +239,24 @@ def _other_file(path, content, rng):
     return f"with {other.name}"
 
 
-def _other_satellite(path, content, rng):  # noqa: ARG001
-    letters = path.name.split("_")[2]
-    other = path.with_name(path.name.replace(f"_{letters}_", "_D_" if letters == "C" else "_C_"))
-    if letters not in "CD" or not other.is_file():
+def _other_satellite(path, content, rng):
+    own = path.name.split("_")[2]
+    foreign = "D" if own == "C" else "C"
+    other = path.with_name(path.name.replace(f"_{own}_", f"_{foreign}_"))
+    if own not in "CD" or not other.is_file():
         return _other_file(path, content, rng)
-    foreign = other.read_bytes()
-    for a, b in ((letters, other.name.split("_")[2]), (other.name.split("_")[2], letters)):
-        source = foreign if a == letters else content
-        write(
-            path if a == letters else other,
-            source.replace(f"GRACE {b}".encode(), f"GRACE {a}".encode()).replace(f" {b} ".encode(), f" {a} ".encode()),
-        )
+    for target, text, was, now in ((path, other.read_bytes(), foreign, own), (other, content, own, foreign)):
+        for words in ("GRACE {}", " {} "):
+            text = text.replace(words.format(was).encode(), words.format(now).encode())
+        write(target, text)
     return f"with {other.name}, names rewritten"
 
 
 IN_BYTES = {
     "bits flipped": _bits,
     "truncated": _truncated,
-    "empty": _empty,
-    "missing": _missing,
+    "empty": lambda path, *_: write(path, b""),
+    "missing": lambda path, *_: path.unlink(),
     "header": _head,
     "bytes inserted": _inserted,
     "damaged gz": _packed,
@@ -333,7 +272,7 @@ def mutated(folder: Path, rng) -> tuple[str, str, str]:
     if "exchanged" in kind and len(list(folder.iterdir())) == 1:
         kind = "columns exchanged"
     if kind in IN_BYTES:
-        return path.name[:5].rstrip("_"), kind, IN_BYTES[kind](path, path.read_bytes(), rng)
+        return path.name[:5].rstrip("_"), kind, IN_BYTES[kind](path, path.read_bytes(), rng) or ""
     table = load(path)
     said = IN_RECORDS[kind](table, rng)
     save(table)
@@ -342,100 +281,35 @@ def mutated(folder: Path, rng) -> tuple[str, str, str]:
 
 def score(calibration: str, document: dict, truth: dict) -> float:
     """Largest error of a result over its total sigma; what is null does not count."""
-    pairs = []  # value, sigma, truth
-    if calibration == "com_offset":
-        one = document["variants"][document["adopted"]["variant"]]
-        pairs = zip(one["offset_um"], one["sigma_total_um"], truth["offset_um"], strict=True)
-    elif calibration == "kbr_phase_centre":
-        for letter, one in document["adopted"]["satellites"].items():
-            pairs += zip(one["phase_centre_mm"], one["sigma_mm"], truth["phase_centre_mm"][letter], strict=True)
-    elif calibration == "inertial_sensor":
-        swing, roll = document.get("swing") or {}, document.get("roll") or {}
-        for k, axis in enumerate("xyz"):
-            for name in ("k", "beta"):
-                one = (swing.get(name) or {}).get(axis)
-                pairs += [(one["value"], one.get("sigma_total", one["sigma"]), truth[name][k])] if one else []
-        for one, name in ((swing.get("com_to_test_mass_um"), "com_to_test_mass_um"), (roll.get("bias"), "bias")):
-            pairs += zip(one["value"], one["sigma_total"], truth[name], strict=True) if one else []
-    else:
-        names = ("two_sensor", "one_sensor")
-        pairs = [(one["rms_error"], one["sigma_total_rms"], 0.0) for n in names if (one := document["drag"].get(n))]
-    return max((abs(v - t) / s for v, s, t in pairs if v is not None and s is not None), default=0.0)
+    if calibration == "gradient_torque":
+        drags = filter(None, (document["drag"].get(name) for name in ("two_sensor", "one_sensor")))
+        return max((abs(one["rms_error"]) / one["sigma_total_rms"] for one in drags), default=0.0)
+    vectors = {"": truth.get("offset_um"), "offset": truth.get("com_to_test_mass_um")}
+    vectors |= {name: truth.get(name) for name in ("k", "beta", "bias")} | truth.get("phase_centre_mm", {})
+    far = [0.0]
+    for one in calibrations.load(calibration).result(document):
+        name, _, axis = one.label.rpartition(" ")
+        if one.value is not None:
+            far.append(abs(one.value - vectors[name]["xyz".index(axis)]) / (one.sigma_total or one.sigma))
+    return max(far)
 
 
-def _preload(calibration):
-    """Load what a run loads, so that a fork need not."""
-    import flows.cli
-    import gravcal
+def judged(calibration, ended, place, truth, memory) -> tuple[str, str]:
+    """Outcome of a case in one word, and more words.
 
-    for name in (f"flows.{calibration}", "matplotlib.figure", "polars", "xarray", "scipy.signal", "scipy.linalg"):
-        importlib.import_module(name)
-    for found in pkgutil.walk_packages(gravcal.__path__, "gravcal."):
-        if any(part in found.name for part in (f"calibrations.{calibration}", "report", "data", "physics", "methods")):
-            importlib.import_module(found.name)
-    return flows.cli.main
-
-
-def _forked(body):
-    """Number of a child process that runs a function."""
-    sys.stdout.flush()
-    child = os.fork()
-    if child:
-        return child
-    code = 99
-    try:
-        code = body()
-    except BaseException as reason:  # noqa: BLE001 - whatever it is, the child ends here
-        print(type(reason).__name__, reason, file=sys.stderr)
-    finally:
-        sys.stderr.flush()
-        os._exit(code)
-
-
-def _warm(main, base, arguments):
-    """Compile, import and fingerprint in this process: the clean event again, its ingested products kept."""
-    place = base.with_name("warm")
-    shutil.copytree(base / "store", place / "store", symlinks=True)
-    for record in (place / "store" / "objects").glob("*/*/meta.json"):
-        if "tasks.common:ingest" not in record.read_text():
-            shutil.rmtree(record.parent)
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        _command(main, place, arguments)
-
-
-def _gravcal(main, place, arguments, *, drawn=True):
-    """Exit code of the command line, its words in a file."""
-    out = os.open(place / "said", os.O_WRONLY | os.O_CREAT)
-    os.dup2(out, 1)
-    os.dup2(out, 2)
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    if not drawn:
-        matplotlib.figure.Figure.savefig = lambda self, out, **_: out.write(b"<svg/>")  # noqa: ARG005
-    return _command(main, place, arguments)
-
-
-def _command(main, place, arguments):
-    """Exit code of `gravcal run` with a store of its own."""
-    os.environ["GRAVCAL_PRODUCTS"] = str(place / "store")
-    sys.argv = ["gravcal", "run", *map(str, arguments), "--engine", "inline", "--json", str(place / "result.json")]
-    try:
-        main()
-    except SystemExit as ended:
-        return int(ended.code or 0)
-    return 0
-
-
-def _judged(place, ended, truth, clean):
-    """Outcome of a case in one word, and more words."""
-    calibration, status, usage, killed = *ended, clean.get("killed")
-    said = (place / "said").read_text(errors="replace") if (place / "said").exists() else ""
-    if os.WIFSIGNALED(status):
-        ran_out = os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGKILL) or killed
-        return ("TIME" if ran_out else "CRASH"), signal.Signals(os.WTERMSIG(status)).name
-    code = os.WEXITSTATUS(status)
-    if usage.ru_maxrss * 1024 > clean["memory"] + MEMORY:
-        return "MEMORY", f"{usage.ru_maxrss / 1e6:.1f} GB"
+    Parameters
+    ----------
+    calibration : name
+    ended : exit code, largest memory in bytes
+    place : folder with what the run said and its document
+    truth : of the event; memory : bytes of a clean run
+    """
+    (code, used), said = ended, (place / "said").read_text(errors="replace")
+    if code < 0:
+        ran_out = -code in (signal.SIGXCPU, signal.SIGKILL)
+        return ("TIME" if ran_out else "CRASH"), signal.Signals(-code).name
+    if used > memory + MEMORY:
+        return "MEMORY", f"{used / 1e9:.1f} GB"
     if code not in (0, 1, 3, 4) or "report it" in said or "Traceback" in said:
         trace = place / "store" / "last-error.txt"
         lines = (trace.read_text() if trace.exists() else said).splitlines()
@@ -450,83 +324,65 @@ def _judged(place, ended, truth, clean):
     return ("delivered" if far <= LARGEST else "WRONG"), f"{far:.1f} sigma"
 
 
-def study(calibration: str, runs: int, seed: int, first: int = 0, workers: int = 2) -> dict:
-    """Outcomes of mutated file sets of one calibration, {outcome: [(seed, product, kind, what, words)]}.
+def run(calibration, place, data, options) -> tuple[int, int]:
+    """Exit code and largest memory of `gravcal run` with a store below a folder, where its words go too."""
+    words = ["run", calibration, "--data", data, *options, "--engine", "inline", "--json", place / "result.json"]
+    environment = os.environ | {"GRAVCAL_PRODUCTS": str(place / "store")}
+    with (place / "said").open("w") as out:
+        child = subprocess.Popen([*CLI, *map(str, words)], env=environment, stdout=out, stderr=out)
+    resource.prlimit(child.pid, resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
+    late = threading.Timer(WALL, child.kill)
+    late.start()
+    _, status, usage = os.wait4(child.pid, 0)
+    late.cancel()
+    child.returncode = os.waitstatus_to_exitcode(status)
+    return child.returncode, usage.ru_maxrss * 1024
 
-    There are so many cases from the first number on, each a fork, so many workers at a time.
-    """
-    settings, options = EVENTS[calibration]
-    main, found = _preload(calibration), collections.defaultdict(list)
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as root:
-        root = Path(root)
-        base, data, truth_file = root / "clean", root / "data", root / "truth.json"
-        options = [one.format(truth=truth_file.with_suffix(".nc")) for one in options]
-        base.mkdir()
 
-        def prepare():
-            flow = calibrations.load(calibration)
-            flow.simulate(data, seed=1, truth=truth_file, effects={}, settings=settings)
-            return _gravcal(main, base, [calibration, "--data", data, *options])
+def one(about: tuple, number: int) -> tuple[str, ...]:
+    """Outcome of a mutated file set: outcome, name, product, kind, what was done, words."""
+    calibration, seed, root, options, truth, memory = about
+    place = root / str(number)
+    shutil.copytree(root / "clean" / "store", place / "store", copy_function=os.link)
+    (place / "data").mkdir()
+    for path in sorted((root / "data").iterdir()):
+        (place / "data" / path.name).symlink_to(path)
+    product, kind, what = mutated(place / "data", np.random.default_rng([seed, number]))
+    outcome, words = judged(calibration, run(calibration, place, place / "data", options), place, truth, memory)
+    shutil.rmtree(place)
+    told = any((c, p) == (calibration, product) and kind in kinds for c, p, kinds in UNCONTRADICTED)
+    outcome = "uncontradicted" if outcome == "WRONG" and told else outcome
+    return outcome, f"{seed}:{number}", product, kind, what, words
 
-        _, status, usage = os.wait4(_forked(prepare), 0)
-        clean = {"memory": usage.ru_maxrss * 1024}
-        _warm(main, base, [calibration, "--data", data, *options])
-        truth = json.loads(truth_file.read_text())
-        said = _judged(base, (calibration, status, usage), truth, clean)
-        say(f"{calibration}, clean: {' '.join(said)}, {usage.ru_utime + usage.ru_stime:.0f} s of processor")
+
+def study(calibration: str, runs: int, options) -> collections.Counter:
+    """Number of outcomes of mutated file sets of one calibration; a line for each that ought not to be."""
+    settings, more = EVENTS[calibration]
+    found = collections.Counter()
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        root = Path(folder)
+        truth, clean = root / "truth.json", root / "clean"
+        more = [word.format(truth=truth.with_suffix(".nc")) for word in more]
+        clean.mkdir()
+        calibrations.load(calibration).simulate(root / "data", seed=1, truth=truth, effects={}, settings=settings)
+        known = json.loads(truth.read_text())
+        ended = run(calibration, clean, root / "data", more)
+        said = judged(calibration, ended, clean, known, ended[1])
+        say(f"{calibration}, clean: {' '.join(said)}")
         if said[0] not in ("delivered", "questionable"):
             raise RuntimeError(f"the clean event of {calibration} failed: {said}")
-        waiting, running = list(range(first, first + runs)), {}
-        while waiting or running:
-            while waiting and len(running) < workers:
-                number = waiting.pop(0)
-                place = root / f"{number}"
-                case = place / "data"
-                shutil.copytree(base / "store", place / "store", copy_function=os.link)
-                case.mkdir()
-                for path in sorted(data.iterdir()):
-                    (case / path.name).symlink_to(path)
-
-                def run(place=place, case=case, number=number):
-                    done = mutated(case, np.random.default_rng([seed, number]))
-                    (place / "mutation").write_text(json.dumps(done))
-                    return _gravcal(main, place, [calibration, "--data", case, *options], drawn=number % DRAWN == 0)
-
-                running[_forked(run)] = number, place, time.monotonic()
-            child, status, usage = os.wait4(-1, os.WNOHANG)
-            if not child:
-                for pid, (_, _, begun) in running.items():
-                    if time.monotonic() - begun > WALL:
-                        os.kill(pid, signal.SIGKILL)
-                time.sleep(0.05)
-                continue
-            number, place, _ = running.pop(child)
-            mutation = place / "mutation"
-            product, kind, what = json.loads(mutation.read_text()) if mutation.exists() else ("?", "not made", "")
-            outcome, words = _judged(place, (calibration, status, usage), truth, clean)
-            if outcome == "WRONG" and any(
-                (c, p) == (calibration, product) and kind in kinds for c, p, kinds in UNCONTRADICTED
-            ):
-                outcome = "uncontradicted"
-            outcome = outcome if mutation.exists() else "FUZZER"
-            found[outcome].append((f"{seed}:{number}", product, kind, what, words))
-            if outcome in BAD:
-                say(f"  {outcome} {seed}:{number}; {product}; {kind}; {what}; {words}")
-            shutil.rmtree(place)
-    return dict(found)
+        about = calibration, options.seed, root, more, known, ended[1]
+        numbers = range(options.first, options.first + runs)
+        for outcome, *words in cases(functools.partial(one, about), numbers, options.workers):
+            found[outcome] += 1
+            if outcome in (*BAD, "uncontradicted"):
+                say(f"  {outcome} " + "; ".join(words))
+    return found
 
 
-BAD = ("WRONG", "TRACEBACK", "CRASH", "MEMORY", "TIME", "FUZZER")
-
-
-def run(options) -> list:
+def fuzz(options) -> list:
     """Counts of outcomes, and every case that ought not to be."""
-    names = [options.calibration] if options.calibration else list(EVENTS)
-    for name in names:
-        found = study(
-            name, options.runs or (12 if options.quick else 1000), options.seed, options.first, options.workers
-        )
-        say(f"{name}: " + ", ".join(f"{len(cases)} {outcome}" for outcome, cases in sorted(found.items())))
-        for case in found.get("uncontradicted", ()):
-            say("  uncontradicted " + "; ".join(case))
+    for name in [options.calibration] if options.calibration else EVENTS:
+        found = study(name, options.runs or (12 if options.quick else 1000), options)
+        say(f"{name}: " + ", ".join(f"{count} {outcome}" for outcome, count in sorted(found.items())))
     return []

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.tables import Figure, grid, say, show, title
-from benchmarks.worlds import EFFECTS, OPEN
+from benchmarks.worlds import OPEN, effects_of
 from flows import calibration, campaign, command
 from gravcal.discovery import attribution, design
 from gravcal.discovery import joint as science
@@ -270,7 +270,7 @@ def flown(folder: Path, rng, count: int, name: str, satellite: str) -> tuple[lis
 
 def other_hands(folder: Path, rng, count: int, name: str) -> list[Figure]:
     """Two satellites of the open world: what is named, which ties are broken, the offset at dates left out."""
-    figures, score, right = [], [], EFFECTS["com"][name].causes if name in HIDDEN else ()
+    figures, score, right = [], [], effects_of("com")[name].causes if name in HIDDEN else ()
     for satellite in "CD":
         events, offset, trims = flown(folder, rng, count, name, satellite)
         started = time.process_time()

@@ -1,44 +1,84 @@
-"""Recovery study and speed of kbr_phase_centre: python -m benchmarks.kbr_phase_centre [campaigns] [key=value ...].
+"""Recovery of the phase centres over simulated campaigns in memory, against their errors and the Cramer-Rao bound.
 
-Prints, over simulated campaigns in memory: error/sigma with its chi-square interval, bias, scatter against the
-Cramer-Rao bound and the accuracy figures; then the time of one campaign. Beside the drawn scatter stands the exact
-one of least squares: the covariance of its weights under the true noise, which needs no draws.
+Beside the drawn scatter stands the exact one of least squares: the covariance of its weights under the true noise,
+which needs no draws.
 """
 
-import sys
+import functools
 import time
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import cholesky, solve_triangular
 
-from flows.engine import one_thread
+from benchmarks.tables import Figure, at_most, bias_figure, cases, grid, of_tests, rms, rms_figure, show, title
 from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre import noise as noises
 from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS
+from gravcal.estimation.least_squares import without
 from gravcal.simulation import kbr_phase_centre as simulation
-from tasks import kbr_phase_centre as stages
 
+chain = of_tests("calibrations.kbr_campaign")
 DAY = 653011200.0 - 43200.0
-FILES = (("KBR1B", "Y"), ("GNI1B", "C"), ("GNI1B", "D"), ("SCA1B", "C"), ("SCA1B", "D"))
 ORBIT_HZ = 1 / 5670.0
+ASKED_MM = {"x": 0.5, "y": 0.02, "z": 0.02}  # with benign noise
+EXACT = 10  # campaigns of which the exact scatter is computed
 
 
-def process(columns, chosen):
-    """All products of one campaign in memory."""
-    observed = simulation.ingested(columns)
-    nominal = {"nominal_m": tuple(tuple(catalog.satellite(letter).com_to_antenna.value) for letter in "CD")}
-    aligned = stages.align(*(observed[name] for name in FILES), **chosen.for_stage("align"))
-    pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), **nominal, given=())
-    settings = chosen.for_stage("observable") | nominal
-    equations = [stages.observable(aligned, pointed, variant=name, **settings) for name in OBSERVABLES]
-    quiet = stages.noise(equations[0], **chosen.for_stage("noise"))
-    settings = chosen.for_stage("solve") | nominal
-    solved = [
-        stages.solve(one, quiet, variant=name, **settings) for name, one in zip(OBSERVABLES, equations, strict=True)
-    ]
-    return equations, quiet, stages.combine(*solved, **chosen.for_stage("combine"))
+def recovery(options) -> list[Figure]:
+    """Errors, scatter and bias of all observables and estimators, accuracy, time of one campaign."""
+    count = options.runs or 200
+    title(f"kbr_phase_centre: {count} campaigns, {options.settings or 'default noise'}")
+    found = list(zip(*cases(functools.partial(one, options.settings), range(count), options.workers), strict=True))
+    errors, sigmas, bounds, exact, seconds = (np.array(part) for part in found)
+    ratio, figures = errors / sigmas, []
+    rows = [("observable, estimator, parameter", "scatter um", "sigma um", "scatter/bound")]
+    for (i, k, p), name in np.ndenumerate(names()):
+        scatter, sigma = np.std(errors[:, i, k, p], ddof=1), sigmas[:, i, k, p].mean()
+        rows.append((name, f"{1e3 * scatter:.3f}", f"{1e3 * sigma:.3f}", f"{scatter / bounds[:, p].mean():.3f}"))
+        figures.append(rms_figure(f"error/sigma {name}", ratio[:, i, k, p], ratio[0].size))
+    grid(rows)
+    worst = max(range(ratio[0].size), key=lambda n: abs(ratio.reshape(count, -1)[:, n].mean()))
+    over = (exact / bounds)[:EXACT]
+    robust = np.mean(errors[:, :, 1].std(0) / errors[:, :, 0].std(0))
+    axes = rms(errors[:, :, 0]).max(axis=0).reshape(2, 3).max(axis=0)
+    benign = options.settings.get("noise") == "benign"
+    accuracy = at_most if benign else lambda name, value, _, unit: Figure(name, f"{value:.3g}{unit}")
+    return show(
+        [
+            *figures,
+            bias_figure("largest bias/sigma", ratio.reshape(count, -1)[:, worst]),
+            Figure("largest error/sigma", f"{np.abs(ratio).max():.1f}"),
+            Figure("exact scatter/bound of range", f"{over.mean():.3f}", f"{over.min():.3f} .. {over.max():.3f}"),
+            Figure("scatter of robust over least squares, mean", f"{robust:.3f}"),
+            *(
+                accuracy(f"rms error {a}, worst observable", v, ASKED_MM[a], " mm")
+                for a, v in zip("xyz", axes, strict=True)
+            ),
+            Figure("one campaign in memory", f"{np.median(seconds):.2f} s", f"worst {seconds.max():.2f} s"),
+        ],
+        "std. error",
+    )
+
+
+def names() -> np.ndarray:
+    """Names (observable, estimator, parameter) of the statistics."""
+    return np.array([[[f"{o} {e} {p}" for p in PARAMETERS] for e in ESTIMATORS] for o in OBSERVABLES])
+
+
+def one(settings: dict, seed: int) -> tuple:
+    """Errors and sigmas (observable, estimator, parameter), bound and exact scatter (parameter), mm; seconds."""
+    invented = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0} | settings)
+    invented = simulation.with_noise(invented)
+    columns, truth = simulation.simulate("CD", invented, DAY, 10_000 + seed, {})
+    begin = time.perf_counter()
+    made = chain.process(columns)
+    seconds = time.perf_counter() - begin
+    error = 1e3 * made.combined["centre"].values[:, 0] - chain.true_mm(truth)
+    variance = np.diagonal(made.combined["covariance"].values[:, 0], axis1=-2, axis2=-1)
+    degree = catalog.parameters("kbr_phase_centre").orbit_degree
+    exact = exact_scatter(made.equations[0], made.noise, invented, degree) if seed < EXACT else np.full(6, np.nan)
+    return error, 1e3 * np.sqrt(variance), 1e3 * bound(made.equations[0], invented), 1e3 * exact, seconds
 
 
 def true_lags(invented, step):
@@ -93,62 +133,4 @@ def projected(column, slow, matrix):
     """Columns whitened by a covariance, the slow part projected out, and the Cholesky factor."""
     factor = cholesky(matrix, lower=True)
     white = solve_triangular(factor, np.column_stack([column, slow]), lower=True)
-    basis = np.linalg.qr(white[:, 6:])[0]
-    return white[:, :6] - basis @ (basis.T @ white[:, :6]), factor
-
-
-def study(count, settings):
-    """Errors, sigmas (count, observable, estimator, parameter), bounds, exact scatters (parameter), mm; seconds."""
-    chosen = catalog.parameters("kbr_phase_centre")
-    invented = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0} | settings)
-    invented = simulation.with_noise(invented)
-    errors, sigmas, bounds, exact, seconds = [], [], [], [], []
-    for seed in range(count):
-        columns, truth = simulation.simulate("CD", invented, DAY, 10_000 + seed, {})
-        begin = time.perf_counter()
-        equations, measured, combined = process(columns, chosen)
-        seconds.append(time.perf_counter() - begin)
-        true = np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
-        errors.append(1e3 * combined["centre"].values[:, 0] - true)
-        variance = np.diagonal(combined["covariance"].values[:, 0], axis1=-2, axis2=-1)
-        sigmas.append(1e3 * np.sqrt(variance))
-        bounds.append(1e3 * bound(equations[0], invented))
-        if seed < 10:
-            exact.append(1e3 * exact_scatter(equations[0], measured, invented, chosen.orbit_degree))
-    return tuple(np.array(one) for one in (errors, sigmas, bounds, exact, seconds))
-
-
-def main():
-    """Run the study and print its tables."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    settings = dict(text.split("=", 1) for text in sys.argv[2:])
-    with one_thread():
-        errors, sigmas, bounds, exact, seconds = study(count, settings)
-    z = errors / sigmas
-    tests = z[0].size
-    low, high = np.sqrt(stats.chi2.ppf([0.005 / tests, 1 - 0.005 / tests], count) / count)
-    print(f"{count} campaigns, {settings or 'default noise'}; error/sigma rms has to lie in {low:.3f} .. {high:.3f}")
-    print("observable          estimator  parameter  z rms   bias/sigma  scatter um  sigma um  scatter/bound")
-    for i, observable in enumerate(OBSERVABLES):
-        for k, estimator in enumerate(ESTIMATORS):
-            for p, name in enumerate(PARAMETERS):
-                own = errors[:, i, k, p]
-                scatter, mean = np.std(own, ddof=1), np.mean(z[:, i, k, p])
-                print(
-                    f"{observable:19} {estimator:10} {name:10} {np.sqrt(np.mean(z[:, i, k, p] ** 2)):.3f}   "
-                    f"{mean:+.3f}      {1e3 * scatter:8.3f}   {1e3 * sigmas[:, i, k, p].mean():8.3f}  "
-                    f"{scatter / bounds[:, p].mean():.3f}"
-                )
-    ratio = exact / bounds[: len(exact)]
-    print(
-        f"exact scatter/bound of least squares, range: {ratio.min():.3f} to {ratio.max():.3f}, mean {ratio.mean():.3f}"
-    )
-    print(f"scatter of robust over least squares, mean {np.mean(errors[:, :, 1].std(0) / errors[:, :, 0].std(0)):.3f}")
-    print(f"largest |bias/sigma| {np.abs(z.mean(axis=0)).max():.3f}; allowed 0.2 + {3 / np.sqrt(count):.3f}")
-    rms = np.sqrt((errors[:, :, 0] ** 2).mean(axis=0)).max(axis=0).reshape(2, 3).max(axis=0)
-    print(f"rms error, worst observable, least squares: x {rms[0]:.4f} mm, y {rms[1]:.5f} mm, z {rms[2]:.5f} mm")
-    print(f"seconds for one campaign in memory: median {np.median(seconds):.2f}, worst {seconds.max():.2f}")
-
-
-if __name__ == "__main__":
-    main()
+    return without(white[:, 6:], white[:, :6]), factor

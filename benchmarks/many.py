@@ -9,21 +9,18 @@ import shutil
 import subprocess
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
-from benchmarks.day import CLI
-from benchmarks.tables import Figure, grid, say, title
+from benchmarks import stopwatch as watch
+from benchmarks.tables import CLI, ROOT, Figure, grid, say, title
 from flows.calibration import Calibration
 from flows.engine import flow
-from gravcal.io.archive import LevelOneFile
 from gravcal.store import product
 from gravcal.store.results import Value
 from tasks.stage import read, stage
 
-ROOT = Path(__file__).parents[1]
 FEW = 1000
 MARKS = (200, 1000, 2000, 5000, 10_000, 20_000, 50_000)  # events done at which a line is printed
 FIRST = datetime.date(1900, 1, 1)
@@ -40,24 +37,10 @@ def weigh(file, *, gain: float):
     return xr.Dataset({"value": ((), gain * float(file.path.read_text()), {"units": "1"})})
 
 
-@dataclass(frozen=True)
-class Source:
-    """One file of one day."""
-
-    event: str
-    folder: Path
-    date: str
-
-
-def _source(event=None, data=None, satellite=None, date=None):  # noqa: ARG001 - as all sources are asked for
-    return Source(f"many-{date}", data, date)
-
-
 @flow(name="many")
 def calibrate(source, chosen):
     """The report of one day."""
-    file = LevelOneFile(source.folder / f"MAG1B_{source.date}_C_04.txt", None, "MAG1B", "C", source.date, "04")
-    return weigh(file, event=source.event, variant="", **chosen.for_stage("weigh"))
+    return weigh(source.file("MAG1B"), event=source.event, variant="", **chosen.for_stage("weigh"))
 
 
 def _document(ref):
@@ -77,11 +60,10 @@ CALIBRATION = Calibration(
     result=lambda document: [Value("", "number", "1", document["value"], 1.0, None)],
     simulation=None,
     document=_document,
-    source=_source,
 )
 
 
-def run(options) -> list[Figure]:
+def many(options) -> list[Figure]:
     """A campaign of a thousand events and one of as many as asked for, through Prefect and Dask."""
     steps = sorted({FEW, options.events or FEW})
     title(f"many: campaigns of small events, {options.workers} workers; largest resident memory, size of the database")
@@ -139,13 +121,9 @@ def _watched(child, root, start):
     largest, marks = {"campaign": 0, "worker": 0, "server": 0}, iter(MARKS)
     own, mark = psutil.Process(child.pid), next(marks)
     while child.poll() is None:
-        for process in [own, *_children(own)]:
-            try:
-                words, size = " ".join(process.cmdline()), process.memory_info().rss
-            except psutil.Error:
-                continue
-            other = "server" if "engine.server" in words else "worker"
-            name = "campaign" if process.pid == child.pid else other
+        for process, size in watch.memory(own).items():
+            other = "server" if any("engine.server" in word for word in process.cmdline()) else "worker"
+            name = "campaign" if process == own else other
             largest[name] = max(largest[name], size)
         runs = root / "products" / "runs"
         done = len(list(runs.iterdir())) if runs.exists() else 0
@@ -154,10 +132,3 @@ def _watched(child, root, start):
             mark = next(marks)
         time.sleep(2.0)
     return largest
-
-
-def _children(process):
-    try:
-        return process.children(recursive=True)
-    except psutil.Error:
-        return []

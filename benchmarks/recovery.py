@@ -1,35 +1,107 @@
 """Recovery of an invented centre-of-mass offset over many events, against its error and the Cramer-Rao bound."""
 
-import multiprocessing
+import datetime
+import functools
+from unittest import mock
 
 import numpy as np
 from scipy import stats
+from scipy.linalg import cholesky, solve_triangular, toeplitz
 
-from benchmarks import events
-from benchmarks.tables import Figure, grid, say, show, title
+from benchmarks.tables import (
+    FALSE_ALARM,
+    Figure,
+    bias_figure,
+    cases,
+    grid,
+    numbers,
+    of_tests,
+    rms,
+    rms_figure,
+    say,
+    show,
+    title,
+)
+from gravcal import catalog
 from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
+from gravcal.estimation.least_squares import without
+from gravcal.physics import sensing
+from gravcal.simulation import com_offset as simulation
+from gravcal.simulation import sensors
 
+chain = of_tests("com_offset_chain")
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 HELD_TO_BOUND = VARIANTS[:3]
-DELAYS = ("acc", "sca")
+DELAYS = {"acc": "timing.accelerometer_delay", "sca": "timing.star_camera_delay"}
 DELAY_SIGMA_S = 0.1  # of the delays that are drawn for each event, the prior of the effects
 FAMILY = 12 + 12 + 2 + 5 + 4  # rms, scatter, delays, consistency, residuals
-FALSE_ALARM = 0.01  # chance that any statistic of a study leaves its interval though all is right
+LAGS = 2**17  # samples of the circle on which the spectrum is summed, long against any memory of the noise
 
 
-def run(options) -> list[Figure]:
+def simulated(seed: int, effects: dict, **settings) -> tuple:
+    """Records of an invented event, its truth, the true motion of each span with its epochs, and chosen parameters."""
+    chosen = catalog.parameters("simulate_com_offset").with_settings(settings)
+    day = (datetime.datetime.fromisoformat(chosen.date) - datetime.datetime(2000, 1, 1, 12)).total_seconds()
+    motion, read = [], sensors.read_instruments
+
+    def tapped(epochs, moving, *rest):
+        motion.append((epochs.acc, moving.at(epochs.acc)))
+        return read(epochs, moving, *rest)
+
+    with mock.patch.object(sensors, "read_instruments", tapped):
+        columns, truth = simulation.simulate(chain.SATELLITE, chosen, day, seed, effects)
+    return {name: chain.ingested(name, columns[name]) for name in chain.ORDER}, truth, motion, chosen
+
+
+def errors(combined, truth, kind="covariance"):
+    """Errors and sigmas (4, 3) m of all variants."""
+    sigma = np.sqrt(np.diagonal(combined[kind].values, axis1=1, axis2=2))
+    return combined["offset"].values - 1e-6 * np.asarray(truth["offset_um"]), sigma
+
+
+def recovery(options) -> list[Figure]:
     """Study of the first simulator, in memory."""
     count = options.runs or (12 if options.quick else 200)
     seeds = range(options.seed, options.seed + count)
     title(f"recovery: com_offset, {count} simulated events, seeds {seeds[0]} to {seeds[-1]}")
-    say(f"seven manoeuvres, offset 60 um and delays {DELAY_SIGMA_S} s (sigma) drawn for each event, divisors exact")
-    rows = []
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        for row in pool.imap(one, seeds):
-            rows.append(row)
-            if len(rows) % 20 == 0:
-                say(f"  {len(rows)} of {count}")
-    return report(rows)
+    say(f"seven manoeuvres, offset 60 um and delays {DELAY_SIGMA_S} s (sigma) drawn for each event, divisors exact\n")
+    rows = list(cases(one, seeds, options.workers))
+    table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    _sizes(table)
+    ratio, late = table["error"] / table["sigma"], table["delay"][..., 0] / table["delay"][..., 1]
+    each = [(f"{v} {a}", i, j, v in HELD_TO_BOUND) for i, v in enumerate(VARIANTS) for j, a in enumerate("xyz")]
+    figures = [rms_figure(f"error/sigma {n}, rms", ratio[:, i, j], FAMILY, judged=held) for n, i, j, held in each]
+    figures += [rms_figure(f"error/sigma delay {k}, rms", late[:, i], FAMILY) for i, k in enumerate(DELAYS)]
+    figures = show(figures, "std. error")
+    bound = table["error"] / table["bound"][:, None, :]
+    figures += show([scatter_figure(n, bound[:, i, j], judged=held) for n, i, j, held in each], "std. error")
+    bias = [bias_figure(f"bias/sigma {n}", ratio[:, i, j]) for n, i, j, _ in each]
+    bias += [bias_figure(f"bias/sigma delay {k}", late[:, i]) for i, k in enumerate(DELAYS)]
+    figures += show(bias, "3 std. errors")
+    return figures + show(_consistency(table), "")
+
+
+def one(seed: int) -> dict:
+    """Errors of one event of the simulator; the delays are drawn from its seed too."""
+    delay = DELAY_SIGMA_S * np.random.default_rng([seed, 7]).standard_normal(2)
+    effects = {slug: {"delay": float(value)} for slug, value in zip(DELAYS.values(), delay, strict=True)}
+    observed, truth, motion, chosen = simulated(seed, effects)
+    made = chain.chain(observed, igrf_generation=chosen.igrf_generation)
+    combined, smoothed = made["combine"], made["attitude"]
+    error, sigma = errors(combined, truth)
+    late = [
+        [float(smoothed[f"{k}_delay"]) - true, float(smoothed[f"{k}_delay_sigma"])]
+        for k, true in zip(DELAYS, delay, strict=True)
+    ]
+    return {
+        "bound": bound(truth, motion, chosen, made["align"].attrs.get("drift_degree", 2)),
+        "error": error,
+        "sigma": sigma,
+        "delay": np.array(late),
+        "chi2": np.stack([combined["chi2"].values, combined["dof"].values]),
+        "variants": np.array([float(combined["variants_chi2"]), float(combined["variants_dof"])]),
+        "residual": np.array([np.nansum(combined[f"manoeuvre_{n}"].values, axis=1) for n in ("chi2", "dof")]),
+    }
 
 
 def adopted(options) -> list[Figure]:
@@ -37,105 +109,87 @@ def adopted(options) -> list[Figure]:
     count = options.runs or (12 if options.quick else 40)
     seeds = range(options.seed, options.seed + count)
     title(f"adopted: com_offset, {count} simulated events with divisors drawn, seeds {seeds[0]} to {seeds[-1]}")
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        names, error, total = (np.array(one) for one in zip(*pool.map(one_adopted, seeds), strict=True))
+    found = zip(*cases(one_adopted, seeds, options.workers), strict=True)
+    names, error, total = (np.array(part) for part in found)
     rows = [("um", "rms error x, y, z", "mean total error", "adopted")]
     for k, name in enumerate(VARIANTS):
-        rms, mean = (1e6 * np.sqrt(np.mean(one[:, k] ** 2, axis=0)) for one in (error, total))
-        rows.append((name, *(" ".join(f"{v:6.2f}" for v in one) for one in (rms, mean)), str(np.sum(names == k))))
+        means = numbers(1e6 * rms(error[:, k]), "6.2f"), numbers(1e6 * total[:, k].mean(axis=0), "6.2f")
+        rows.append((name, *means, str(np.sum(names == k))))
     grid(rows)
-    ratio = error[np.arange(count), names] / total[np.arange(count), names]
     say()
+    ratio = error[np.arange(count), names] / total[np.arange(count), names]
     return show([rms_figure(f"error/total {a}, rms", ratio[:, i], 3) for i, a in enumerate("xyz")], "std. error")
 
 
-def one_adopted(seed: int) -> tuple[int, np.ndarray, np.ndarray]:
+def one_adopted(seed: int) -> tuple:
     """Adopted variant of an event, errors (4, 3) m and total errors (4, 3) m of all."""
-    event = events.simulated(seed, {}, divisor_scatter=1.0)
-    combined = events.calibrated(event)["com_offset.combine"]
-    total = np.sqrt(np.diagonal(combined["covariance_total"].values, axis1=1, axis2=2))
-    error = combined["offset"].values - 1e-6 * np.asarray(event.truth["offset_um"])
+    observed, truth, _, chosen = simulated(seed, {}, divisor_scatter=1.0)
+    combined = chain.chain(observed, igrf_generation=chosen.igrf_generation)["combine"]
+    error, total = errors(combined, truth, "covariance_total")
     return combined.attrs["variants"].split().index(adopted_variant(combined)), error, total
 
 
-def one(seed: int) -> dict:
-    """Errors of one event of the simulator; the delays are drawn from its seed too."""
-    delay = dict(zip(DELAYS, DELAY_SIGMA_S * np.random.default_rng([seed, 7]).standard_normal(2), strict=True))
-    names = {"acc": "timing.accelerometer_delay", "sca": "timing.star_camera_delay"}
-    event = events.simulated(seed, {names[k]: {"delay": float(v)} for k, v in delay.items()})
-    made = events.calibrated(event)
-    degree = made["com_offset.align"].attrs.get("drift_degree", 2)
-    combined, smoothed = made["com_offset.combine"], made["com_offset.attitude"]
-    sigma = np.sqrt(np.diagonal(combined["covariance"].values, axis1=1, axis2=2))
-    late = [[float(smoothed[f"{k}_delay"]) - delay[k], float(smoothed[f"{k}_delay_sigma"])] for k in DELAYS]
-    residual = [np.nansum(combined[f"manoeuvre_{name}"].values, axis=1) for name in ("chi2", "dof")]
-    return {
-        "bound": np.sqrt(np.diag(events.bound(event, degree))),
-        "error": combined["offset"].values - 1e-6 * np.asarray(event.truth["offset_um"]),
-        "sigma": sigma,
-        "delay": np.array(late),
-        "chi2": np.stack([combined["chi2"].values, combined["dof"].values]),
-        "variants": np.array([float(combined["variants_chi2"]), float(combined["variants_dof"])]),
-        "residual": np.array(residual),
-    }
+def bound(truth: dict, motion: list, chosen, drift_degree: int) -> np.ndarray:
+    """Smallest standard deviations (3,) m that an unbiased estimate of the offset of an event can have.
+
+    From true motion and true noise; nothing of the estimator is used. Known: rates, angular accelerations and gravity
+    gradient as the simulator flew them, at the true epochs of the readings, inertia and dipole with them, the noise
+    densities of the simulator and the quantisation. Every sample of the square wave counts (10 Hz, 180 s). Unknown
+    beside the offset: a polynomial of time per axis and manoeuvre, of the degree that the estimator takes for the
+    non-gravitational acceleration.
+    """
+    amplitudes = tuple(tuple(chosen.noise_scale * a for a in getattr(chosen, f"linear_noise_{x}")) for x in "xyz")
+    rounding = tuple(step**2 / 12 for step in chain.SATELLITE["accelerometer_step"])
+    interval = chain.SATELLITE["accelerometer_interval"]
+    factors = _factors(tuple(chosen.noise_frequency_hz), amplitudes, rounding, interval)
+    information = np.zeros((3, 3))
+    for wave in truth["manoeuvres"]:
+        design = _during(motion, wave["start"], wave["stop"])
+        count = len(design)
+        drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, count), drift_degree)
+        for axis in range(3):
+            columns = np.concatenate([drift, design[:, axis]], axis=1)
+            white = solve_triangular(factors[axis][:count, :count], columns, lower=True, check_finite=False)
+            clean = without(white[:, : drift_degree + 1], white[:, drift_degree + 1 :])
+            information += clean.T @ clean
+    return np.sqrt(np.diag(np.linalg.inv(information)))
 
 
-def report(rows: list[dict]) -> list[Figure]:
-    """Tables of a study from rows of `one`, one an event."""
-    table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    _sizes(table)
-    figures = show(_errors(table), "std. error")
-    say()
-    figures += show(_scatter(table), "std. error")
-    say()
-    figures += show(_bias(table), "3 std. errors")
-    say()
-    return figures + show(_consistency(table), "")
+def _during(motion, start, stop):
+    """Readings per metre of offset (n, 3, 3) between the first and the last edge."""
+    inside = [(time >= start) & (time < stop) for time, _ in motion]
+    (_, true), inside = max(zip(motion, inside, strict=True), key=lambda part: part[1].sum())
+    return -sensing.offset_tensor(true.rate_b[inside], true.rate_dot_b[inside], true.gradient_b[inside])
+
+
+@functools.cache
+def _factors(nodes, amplitudes, rounding, step, count=1850):
+    """Cholesky factor of the covariance of `count` samples, one an axis; its leading part serves fewer samples.
+
+    Densities are given by amplitudes at nodes in Hz, for each axis; rounding is a variance.
+    """
+    frequency = np.fft.rfftfreq(LAGS, step)
+    factors = []
+    for amplitude, variance in zip(amplitudes, rounding, strict=True):
+        log = np.interp(np.log(np.maximum(frequency, nodes[0])), np.log(nodes), np.log(amplitude))
+        correlation = np.fft.irfft(np.exp(2 * log))[:count] / (2 * step)
+        correlation[0] += variance
+        factors.append(cholesky(toeplitz(correlation), lower=True))
+    return factors
 
 
 def _sizes(table):
     """What the numbers are in micrometres."""
-    rows = [("um", *(f"{v} {a}" for v in VARIANTS for a in "xyz"))]
-    scatter = 1e6 * np.nanstd(table["error"], axis=0)
-    rows.append(("scatter", *(f"{v:.3f}" for v in scatter.ravel())))
-    rows.append(("sigma", *(f"{v:.3f}" for v in 1e6 * np.nanmean(table["sigma"], axis=0).ravel())))
-    rows.append(("Cramer-Rao", *(f"{v:.3f}" for v in np.tile(1e6 * table["bound"].mean(axis=0), 4))))
-    grid(list(zip(*rows, strict=True)))
-    undetermined = int(np.isnan(table["error"]).sum())
-    say(f"components not determined: {undetermined} of {table['error'].size}\n")
-
-
-def _errors(table):
-    """Error over sigma of offsets and delays."""
-    ratio = table["error"] / table["sigma"]
-    figures = [
-        rms_figure(f"error/sigma {v} {a}, rms", ratio[:, i, j], FAMILY, judged=v in HELD_TO_BOUND)
-        for i, v in enumerate(VARIANTS)
-        for j, a in enumerate("xyz")
-    ]
-    late = table["delay"][..., 0] / table["delay"][..., 1]
-    figures += [rms_figure(f"error/sigma delay {k}, rms", late[:, i], FAMILY) for i, k in enumerate(DELAYS)]
-    return figures
-
-
-def _scatter(table):
-    """Scatter over the bound of each event."""
-    ratio = table["error"] / table["bound"][:, None, :]
-    return [
-        scatter_figure(f"scatter/Cramer-Rao {v} {a}", ratio[:, i, j], FAMILY, judged=v in HELD_TO_BOUND)
-        for i, v in enumerate(VARIANTS)
-        for j, a in enumerate("xyz")
-    ]
-
-
-def _bias(table):
-    """Mean error in sigma."""
-    ratio = table["error"] / table["sigma"]
-    figures = [
-        bias_figure(f"bias/sigma {v} {a}", ratio[:, i, j]) for i, v in enumerate(VARIANTS) for j, a in enumerate("xyz")
-    ]
-    late = table["delay"][..., 0] / table["delay"][..., 1]
-    return figures + [bias_figure(f"bias/sigma delay {k}", late[:, i]) for i, k in enumerate(DELAYS)]
+    parts = {
+        "scatter": np.nanstd(table["error"], axis=0),
+        "sigma": np.nanmean(table["sigma"], axis=0),
+        "Cramer-Rao": np.tile(table["bound"].mean(axis=0), (4, 1)),
+    }
+    rows = [("um", *parts)]
+    for i, v in enumerate(VARIANTS):
+        rows += [(f"{v} {a}", *(f"{1e6 * part[i, j]:.3f}" for part in parts.values())) for j, a in enumerate("xyz")]
+    grid(rows)
+    say(f"components not determined: {np.isnan(table['error']).sum()} of {table['error'].size}\n")
 
 
 def _consistency(table):
@@ -143,74 +197,39 @@ def _consistency(table):
     chi2, dof = table["chi2"][:, 0], table["chi2"][:, 1]
     figures = []
     for i, v in enumerate(VARIANTS):
-        figures.append(chi2_figure(f"manoeuvres agree, chi2/dof {v}", chi2[:, i], dof[:, i], FAMILY))
-        figures.append(uniform_figure(f"  its probabilities {v}", chi2[:, i], dof[:, i], FAMILY))
-    between = table["variants"].T
-    figures.append(chi2_figure("variants agree, chi2/dof", *between, FAMILY, held=True))
+        figures.append(chi2_figure(f"manoeuvres agree, chi2/dof {v}", chi2[:, i], dof[:, i]))
+        figures.append(uniform_figure(f"  its probabilities {v}", chi2[:, i], dof[:, i]))
+    figures.append(chi2_figure("variants agree, chi2/dof", *table["variants"].T, held=True))
     residual = table["residual"]
     for i, v in enumerate(VARIANTS):
-        name = f"residuals, chi2/dof {v}"
-        figures.append(chi2_figure(name, residual[:, 0, i], residual[:, 1, i], FAMILY, tolerance=0.05))
+        figures.append(chi2_figure(f"residuals, chi2/dof {v}", residual[:, 0, i], residual[:, 1, i], tolerance=0.05))
     return figures
 
 
-def level(count: int) -> float:
-    """Two-sided level of one of `count` statistics, family-wise 1 % (Bonferroni)."""
-    return FALSE_ALARM / count
-
-
-def rms_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = True) -> Figure:
-    """Root mean square of errors over their sigma (n,): 0.9 .. 1.1, or what chance allows with so few.
-
-    Here and below the family is the number of statistics of the study, and what is not judged has no target.
-    """
-    ratio = ratio[np.isfinite(ratio)]
-    value = float(np.sqrt(np.mean(ratio**2)))
-    error = f"+- {value / np.sqrt(2 * ratio.size):.3f}"
-    low, high = np.sqrt(stats.chi2.ppf([level(family) / 2, 1 - level(family) / 2], ratio.size) / ratio.size)
-    if not judged:
-        return Figure(name, f"{value:.3f}", error)
-    return Figure(name, f"{value:.3f}", error, f"0.9 .. 1.1 ({low:.2f} .. {high:.2f})", low <= value <= high)
-
-
-def scatter_figure(name: str, ratio: np.ndarray, family: int, *, judged: bool = True) -> Figure:
+def scatter_figure(name: str, ratio: np.ndarray, *, judged: bool) -> Figure:
     """Scatter of errors over their lower bound (n,): at most 1.1, chance allowed for."""
     ratio = ratio[np.isfinite(ratio)]
-    dof = ratio.size - 1
-    value = float(ratio.std(ddof=1))
-    limit = 1.1 * np.sqrt(stats.chi2.ppf(1 - level(family), dof) / dof)
-    error = f"+- {value / np.sqrt(2 * dof):.3f}"
-    if not judged:
-        return Figure(name, f"{value:.3f}", error)
-    return Figure(name, f"{value:.3f}", error, f"<= 1.10 ({limit:.2f})", value <= limit)
+    dof, value = ratio.size - 1, float(ratio.std(ddof=1))
+    limit = 1.1 * np.sqrt(stats.chi2.ppf(1 - FALSE_ALARM / FAMILY, dof) / dof)
+    error, name = f"+- {value / np.sqrt(2 * dof):.3f}", f"scatter/Cramer-Rao {name}"
+    return Figure(name, f"{value:.3f}", error, *((f"<= 1.10 ({limit:.2f})", bool(value <= limit)) if judged else ()))
 
 
-def bias_figure(name: str, ratio: np.ndarray) -> Figure:
-    """Mean of errors over their sigma (n,): below 0.2 plus three standard errors."""
-    ratio = ratio[np.isfinite(ratio)]
-    error = float(ratio.std(ddof=1) / np.sqrt(ratio.size))
-    mean, limit = float(ratio.mean()), 0.2 + 3 * error
-    return Figure(name, f"{mean:+.3f}", f"+- {3 * error:.3f}", f"|.| <= {limit:.2f}", abs(mean) <= limit)
-
-
-def chi2_figure(
-    name: str, chi2: np.ndarray, dof: np.ndarray, family: int, *, tolerance: float = 0.0, held: bool = False
-) -> Figure:
+def chi2_figure(name: str, chi2: np.ndarray, dof: np.ndarray, *, tolerance: float = 0.0, held: bool = False) -> Figure:
     """Sum of chi-squares (n,) over the sum of their degrees of freedom (n,).
 
     The tolerance widens the interval, for a noise that is itself measured; errors that hold a prior that was not drawn
     (``held``) let the chi-squares be as small as they like.
     """
-    total, count = float(np.sum(chi2)), float(np.sum(dof))
-    low, high = stats.chi2.ppf([level(family) / 2, 1 - level(family) / 2], count) / count
+    total, count, level = float(np.sum(chi2)), float(np.sum(dof)), FALSE_ALARM / FAMILY
+    low, high = stats.chi2.ppf([level / 2, 1 - level / 2], count) / count
     low, high = 0.0 if held else low - tolerance, high + tolerance
     value = total / count
-    return Figure(name, f"{value:.3f}", f"{count:.0f} dof", f"{low:.3f} .. {high:.3f}", low <= value <= high)
+    return Figure(name, f"{value:.3f}", f"{count:.0f} dof", f"{low:.3f} .. {high:.3f}", bool(low <= value <= high))
 
 
-def uniform_figure(name: str, chi2: np.ndarray, dof: np.ndarray, family: int) -> Figure:
+def uniform_figure(name: str, chi2: np.ndarray, dof: np.ndarray) -> Figure:
     """Whether probabilities of chi-squares (n,), (n,) are spread evenly, by the Kolmogorov-Smirnov test."""
-    probability = stats.chi2.sf(chi2, dof)
-    p = float(stats.kstest(probability, "uniform").pvalue)
-    low = float(np.mean(probability < FALSE_ALARM))
-    return Figure(name, f"p {p:.3f}", f"{100 * low:.1f} % below 1 %", f"p >= {level(family):.1g}", p >= level(family))
+    probability, level = stats.chi2.sf(chi2, dof), FALSE_ALARM / FAMILY
+    p, low = float(stats.kstest(probability, "uniform").pvalue), float(np.mean(probability < FALSE_ALARM))
+    return Figure(name, f"p {p:.3f}", f"{100 * low:.1f} % below 1 %", f"p >= {level:.1g}", p >= level)

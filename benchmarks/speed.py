@@ -1,6 +1,5 @@
 """Parts of the work against the best public peer, both timed in turn in the same run."""
 
-import sys
 import tempfile
 import warnings
 from pathlib import Path
@@ -8,20 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import stopwatch as watch
-from benchmarks.tables import Figure, at_least, at_most, show, title
+from benchmarks.gradient_torque import orbit_points
+from benchmarks.tables import Figure, at_least, at_most, of_tests, show, title
 
-TESTS = Path(__file__).parents[1] / "tests" / "physics"
 EPOCHS = 172_800  # two a second for a day
 RECORDS, START = 864_000, 738849600  # of a day of ACC1A at 10 Hz, 2023-06-01
-
-
-def references():
-    """Evaluations by public tools that the tests hold the physics against."""
-    if str(TESTS) not in sys.path:
-        sys.path.insert(0, str(TESTS))
-    import physics_references
-
-    return physics_references
 
 
 def readers(options) -> list[Figure]:
@@ -44,9 +34,9 @@ def readers(options) -> list[Figure]:
     return show(
         [
             Figure("size of the file", f"{size:.0f} MB"),
-            _seconds("polars alone", spent["polars"]),
-            _seconds("read: arrays, flags, checks", spent["read"]),
-            _seconds("the same with GPS time", spent["GPS time"]),
+            watch.seconds("polars alone", spent["polars"]),
+            watch.seconds("read: arrays, flags, checks", spent["read"]),
+            watch.seconds("the same with GPS time", spent["GPS time"]),
             at_most("read with GPS time / polars", watch.middle(ratio), 2.0, "", watch.span(ratio)),
         ],
         "min .. max",
@@ -89,7 +79,7 @@ def attitude(options) -> list[Figure]:
     from gravcal.physics import dynamics, frames
 
     title("attitude: 180 s of square wave, attitude and 6 x 6 state transition at 1 Hz")
-    peer = references()
+    peer = of_tests("physics.physics_references")
     state, torque, at = peer.manoeuvre()
 
     def ours():
@@ -104,8 +94,8 @@ def attitude(options) -> list[Figure]:
     angle = np.abs(frames.attitude_error(quaternion, states[:, :4])).max()
     return show(
         [
-            _seconds("gravcal", spent["ours"]),
-            _seconds("scipy DOP853", spent["scipy"]),
+            watch.seconds("gravcal", spent["ours"]),
+            watch.seconds("scipy DOP853", spent["scipy"]),
             _faster("scipy / gravcal", spent["scipy"], spent["ours"], 50),
             at_most("difference of attitude", float(angle), 1e-11, " rad"),
             at_most("difference of rate", float(np.abs(rate - states[:, 4:]).max()), 1e-13, " rad/s"),
@@ -113,11 +103,6 @@ def attitude(options) -> list[Figure]:
         ],
         "min .. max",
     )
-
-
-def _seconds(name, spent):
-    """Median time without a target."""
-    return Figure(name, f"{watch.middle(spent):.3g} s", watch.span(spent))
 
 
 def _faster(name, peer, ours, wanted):
@@ -131,8 +116,8 @@ def field(options) -> list[Figure]:
     from gravcal.physics import magnetic
 
     title(f"field: IGRF-14 at {EPOCHS:,} epochs with their own times, along an orbit")
-    peer = references()
-    time, position = _orbit()
+    peer = of_tests("physics.physics_references")
+    time, position = 633787200.0 + 0.5 * np.arange(EPOCHS), orbit_points(EPOCHS, 0.5)
 
     def chaos():
         with warnings.catch_warnings():
@@ -144,19 +129,10 @@ def field(options) -> list[Figure]:
     difference = float(np.abs(work["ours"]() - chaos()).max() * 1e9)
     return show(
         [
-            _seconds("gravcal", spent["ours"]),
-            _seconds("ChaosMagPy", spent["chaos"]),
+            watch.seconds("gravcal", spent["ours"]),
+            watch.seconds("ChaosMagPy", spent["chaos"]),
             _faster("ChaosMagPy / gravcal", spent["chaos"], spent["ours"], 10),
             at_most("largest difference, calendar apart", difference, 0.01, " nT"),
         ],
         "min .. max",
     )
-
-
-def _orbit():
-    """Times (n,) GPS s and positions (n, 3) m, Earth-fixed, of a day at 490 km."""
-    time = 633787200.0 + 0.5 * np.arange(EPOCHS)
-    u, turn = 1.1e-3 * (time - time[0]), 7.292115e-5 * (time - time[0])
-    path = 6.868e6 * np.stack([np.cos(u), 0.02 * np.sin(u), np.sin(u)], axis=1)
-    x, y, z = path.T
-    return time, np.stack([np.cos(turn) * x + np.sin(turn) * y, np.cos(turn) * y - np.sin(turn) * x, z], axis=1)

@@ -1,32 +1,31 @@
 """Timing of several things in turn, so that a machine whose speed drifts is fair to all; what two processes can do."""
 
-import multiprocessing
+import os
 import statistics
+import subprocess
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import psutil
 
+from benchmarks.tables import Figure, cases
+
 TASKS = 20  # of plain numpy
 ROWS, COLUMNS, REPEATS = 20_000, 60, 12  # a task of some 0.7 s
+middle = statistics.median
 
 
-def interleaved(work: Mapping[str, Callable], rounds: int, *, warm: bool = True, collect: bool = False) -> dict:
-    """Seconds of each piece of work by name, measured A B C A B C ..., each run once before, not counted, if ``warm``.
-
-    With ``collect`` what the work returns is kept in place of its seconds.
-    """
-    if warm:
-        for run in work.values():
-            run()
+def interleaved(work: Mapping[str, Callable], rounds: int) -> dict[str, list[float]]:
+    """Seconds of each piece of work by name, measured A B C A B C ..., each run once before, not counted."""
+    for run in work.values():
+        run()
     spent = {name: [] for name in work}
     for _ in range(rounds):
         for name, run in work.items():
             start = time.perf_counter()
-            found = run()
-            spent[name].append(found if collect else time.perf_counter() - start)
+            run()
+            spent[name].append(time.perf_counter() - start)
     return spent
 
 
@@ -40,12 +39,21 @@ def span(values: list[float], unit: str = "") -> str:
     return f"{min(values):.3g} .. {max(values):.3g}{unit}"
 
 
-def middle(values: list[float]) -> float:
-    """Median."""
-    return statistics.median(values)
+def seconds(name: str, spent: list[float], unit: str = "s") -> Figure:
+    """Median time without a target."""
+    return Figure(name, f"{middle(spent):.3g} {unit}", span(spent))
 
 
-def busy() -> float:
+def command(words: list, environment: Mapping) -> tuple[float, float, float, str]:
+    """Wall seconds of a command, processor seconds of it and of the machine meanwhile, and what it printed."""
+    start, before, machine = time.perf_counter(), os.times(), _busy()
+    text = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
+    wall, after = time.perf_counter() - start, os.times()
+    own = after.children_user + after.children_system - before.children_user - before.children_system
+    return wall, own, _busy() - machine, text
+
+
+def _busy():
     """Seconds that all processors were at work, for whomever; of processes that are ended, not waited for, as well."""
     spent = psutil.cpu_times()
     return spent.user + spent.nice + spent.system
@@ -56,19 +64,30 @@ def stolen() -> float:
     return getattr(psutil.cpu_times(), "steal", 0.0)
 
 
+def memory(process: psutil.Process) -> dict[psutil.Process, int]:
+    """Bytes of a process and of its children; one that ended meanwhile is not there."""
+    found = {}
+    try:
+        for one in [process, *process.children(recursive=True)]:
+            found[one] = one.memory_info().rss
+    except psutil.Error:
+        pass
+    return found
+
+
 def speed_up(processes: int) -> float:
     """Speed-up of so many processes over one in tasks of plain numpy; starting them is not counted."""
-    alone, together = (_spent(count) for count in (1, processes))
-    return alone / together
+    return _spent(1) / _spent(processes)
 
 
 def _spent(processes):
     """Seconds that all tasks take."""
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        list(pool.map(_task, range(4 * processes)))  # begins every process
-        start = time.perf_counter()
-        list(pool.map(_task, range(TASKS)))
-        return time.perf_counter() - start
+    results = cases(_task, range(TASKS + 4 * processes), max(processes, 1))
+    for _ in range(4 * processes):  # begins every process
+        next(results)
+    start = time.perf_counter()
+    list(results)
+    return time.perf_counter() - start
 
 
 def _task(seed):

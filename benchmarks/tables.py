@@ -1,7 +1,19 @@
-"""Aligned tables with every figure beside its target, and a last word on what was met."""
+"""What all studies share: cases in worker processes, figures beside targets, tables, a last word on what was met."""
 
+import importlib
+import multiprocessing
 import sys
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+ROOT = Path(__file__).parents[1]
+CLI = [sys.executable, "-m", "flows.cli"]
+FALSE_ALARM = 0.01  # chance that any statistic of a study leaves its interval though all is right
 
 
 @dataclass(frozen=True)
@@ -15,10 +27,27 @@ class Figure:
     met: bool | None = None  #: None where there is no target
 
 
+def cases(function: Callable, jobs: Iterable, workers: int):
+    """Results of a function for each job, in order, each as soon as it is there; more than one worker: in processes."""
+    if workers == 1:
+        yield from map(function, jobs)
+        return
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        yield from pool.map(function, jobs)
+
+
+def of_tests(name: str):
+    """Module that stands beside the tests, by its path with dots."""
+    folder, _, module = name.rpartition(".")
+    place = str(ROOT / "tests" / folder.replace(".", "/"))
+    if place not in sys.path:
+        sys.path.insert(0, place)
+    return importlib.import_module(module)
+
+
 def say(text: str = "") -> None:
     """One line, at once."""
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    print(text, flush=True)
 
 
 def title(text: str) -> None:
@@ -29,18 +58,27 @@ def title(text: str) -> None:
 def show(figures: list[Figure], spread: str = "") -> list[Figure]:
     """Print figures as a table, the column of spreads with this heading, and return them."""
     word = {None: "", True: "met", False: "NOT MET"}
-    rows = [("figure", "value", spread, "target", "")]
-    rows += [(f.name, f.value, f.spread, f.target, word[f.met]) for f in figures]
-    grid(rows)
+    grid(
+        [
+            ("figure", "value", spread, "target", ""),
+            *((f.name, f.value, f.spread, f.target, word[f.met]) for f in figures),
+        ]
+    )
+    say()
     return figures
 
 
 def grid(rows: list[tuple[str, ...]]) -> None:
     """Print rows with columns as wide as they need; the first column to the left, the others to the right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = [cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))]
         say("  ".join(cells).rstrip())
+
+
+def numbers(values, form: str = ".3g") -> str:
+    """Numbers side by side."""
+    return " ".join(format(float(value), form) for value in np.atleast_1d(values))
 
 
 def summary(figures: list[Figure]) -> None:
@@ -50,13 +88,52 @@ def summary(figures: list[Figure]) -> None:
     title(f"{len(judged) - len(missed)} of {len(judged)} targets met")
     for figure in missed:
         say(f"not met: {figure.name}: {figure.value} {figure.spread}, target {figure.target}")
+    say()
 
 
 def at_most(name: str, value: float, limit: float, unit: str = "", spread: str = "") -> Figure:
     """Figure whose target is an upper limit."""
-    return Figure(name, f"{value:.3g}{unit}", spread, f"<= {limit:g}{unit}", value <= limit)
+    return Figure(name, f"{value:.3g}{unit}", spread, f"<= {limit:g}{unit}", bool(value <= limit))
 
 
 def at_least(name: str, value: float, limit: float, unit: str = "", spread: str = "") -> Figure:
     """Figure whose target is a lower limit."""
-    return Figure(name, f"{value:.3g}{unit}", spread, f">= {limit:g}{unit}", value >= limit)
+    return Figure(name, f"{value:.3g}{unit}", spread, f">= {limit:g}{unit}", bool(value >= limit))
+
+
+def share(name: str, hits: list) -> Figure:
+    """Share of cases, with its interval of 95 %."""
+    if not hits:
+        return Figure(name, "none")
+    low, high = stats.binomtest(int(sum(hits)), len(hits)).proportion_ci(0.95, method="wilson")
+    return Figure(name, f"{sum(hits)} of {len(hits)}", f"{low:.2f} to {high:.2f}")
+
+
+def rms(values, axis=0):
+    """Root mean square, NaN left out."""
+    return np.sqrt(np.nanmean(np.square(values), axis=axis))
+
+
+def interval(count: int, family: int = 1) -> tuple[float, float]:
+    """What chance allows the rms of so many errors over sigma, if it is one of a family of statistics."""
+    level = FALSE_ALARM / family
+    low, high = np.sqrt(stats.chi2.ppf([level / 2, 1 - level / 2], count) / count)
+    return float(low), float(high)
+
+
+def rms_figure(name: str, ratio, family: int = 1, more: str = "", *, judged: bool = True) -> Figure:
+    """Root mean square of errors over their sigma (n,), and what chance allows it; what is not judged has no target."""
+    ratio = np.asarray(ratio)[np.isfinite(ratio)]
+    value, (low, high) = float(rms(ratio)), interval(ratio.size, family)
+    spread = f"+- {value / np.sqrt(2 * ratio.size):.3f}{more}"
+    if not judged:
+        return Figure(name, f"{value:.3f}", spread)
+    return Figure(name, f"{value:.3f}", spread, f"{low:.3f} .. {high:.3f}", low <= value <= high)
+
+
+def bias_figure(name: str, ratio) -> Figure:
+    """Mean of errors over their sigma (n,): below 0.2 plus three standard errors."""
+    ratio = np.asarray(ratio)[np.isfinite(ratio)]
+    error = float(ratio.std(ddof=1) / np.sqrt(ratio.size))
+    mean, limit = float(ratio.mean()), 0.2 + 3 * error
+    return Figure(name, f"{mean:+.3f}", f"+- {3 * error:.3f}", f"|.| <= {limit:.2f}", abs(mean) <= limit)

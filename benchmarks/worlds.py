@@ -9,327 +9,123 @@ line of `--out FILE`, and a study goes on where it stopped. `python -m benchmark
 
 import contextlib
 import dataclasses
+import functools
+import importlib
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 
-from benchmarks.tables import Figure, say, show
+from benchmarks.tables import CLI, ROOT, Figure, cases, of_tests, rms, say, share, show
 
-OPEN = Path(__file__).parents[2] / "shared" / "worlds" / "open" / "make_case.py"
-FIELD = Path(__file__).parents[2] / "shared" / "worlds" / "fields" / "gravcal-60.gfc"
-CALIBRATIONS = {
-    "com": "com_offset",
-    "second": "com_offset",
-    "kbr": "kbr_phase_centre",
-    "taiji": "inertial_sensor",
-    "swing": "inertial_sensor",
-    "roll": "inertial_sensor",
-    "sgrs": "gradient_torque",
-    "second_kbr": "kbr_phase_centre",
-    "second_swing": "inertial_sensor",
-    "second_roll": "inertial_sensor",
-    "second_sgrs": "gradient_torque",
-}
-KINDS = {
-    ("open", "com_offset"): ("com",),
-    ("open", "kbr_phase_centre"): ("kbr",),
-    ("open", "inertial_sensor"): ("swing", "roll"),
-    ("open", "gradient_torque"): ("sgrs",),
-    ("second", "com_offset"): ("second",),
-    ("second", "kbr_phase_centre"): ("second_kbr",),
-    ("second", "inertial_sensor"): ("second_swing", "second_roll"),
-    ("second", "gradient_torque"): ("second_sgrs",),
-} | {("own", name): (name,) for name in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque")}
-#: What an operator of these kinds of cases knows and gives to every command.
-KNOWN = dict.fromkeys(("swing", "roll"), ("arm_x_mm=8", "k_y=3e-4"))
-KNOWN |= {"sgrs": (f"field={FIELD}",), "second_sgrs": ("field={data}/../field.gfc",)}
+WORLDS = ROOT.parent / "shared" / "worlds"
+OPEN = WORLDS / "open" / "make_case.py"
 STRONG = (15.0, 40.0)  # signal-to-noise ratios that are hidden, log-uniform
 LARGEST = 200.0  # times the first guess of a size; what needs more is not seen by these records
+ALIKE = {"roll": "swing", "second_roll": "second_swing"}  # kinds whose table is that of another
+NOT_DRAWN = ("accelerometer.offset", "ranging.phase_centre", "ranging.antenna_correction", "timing.thruster_delay")
+FIXED = ("time", "frequency", "phase", "damping", "period")
+FIRST = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
+TABLE = tomllib.loads((ROOT / "benchmarks" / "worlds.toml").read_text())
+KINDS = {kind: (world, name) for world, kinds in TABLE["kinds"].items() for kind, name in kinds.items()}
 
 
 @dataclasses.dataclass(frozen=True)
 class Hidden:
-    """An effect of the open world."""
+    """An effect that is hidden in cases; fields without a word are those of worlds.toml."""
 
-    causes: tuple[str, ...]  #: slugs of the catalogue that are right; none where the catalogue has none
-    draw: object  #: rng -> value at a first guess of the size
-    scaled: object = None  #: (value, factor) -> value; by default everything is multiplied
-    #: channels, drivers: words of which one has to stand in the cause, form or driver of what was found, for an effect
-    #: in no list
+    draw: Callable  #: rng -> value at a first guess of the size
+    scaled: Callable  #: (value, factor) -> value of another size
+    causes: tuple[str, ...] = ()
     channels: tuple[str, ...] = ()
     drivers: tuple[str, ...] = ()
 
 
-def axis_of(size):
-    """Draw of a vector along one axis or along all."""
+def effects_of(kind: str) -> dict[str, Hidden]:
+    """Effects that can be hidden in a kind of case, by name."""
+    if KINDS[kind][0] == "own":
+        return own(kind)
+    table = TABLE[ALIKE.get(kind, kind)] | TABLE["odd"].get(kind, {})
+    return {name: _of_table(**entry) for name, entry in table.items()}
+
+
+def _of_table(value, of_one=False, scaled=None, **words):
+    """Effect of an entry of worlds.toml."""
 
     def draw(rng):
+        return {drawn("letter", rng): drawn(value, rng)} if of_one else drawn(value, rng)
+
+    return Hidden(draw, functools.partial(grown, places=scaled), **words)
+
+
+def drawn(template, rng):
+    """Value of a template of worlds.toml, its texts drawn."""
+    if isinstance(template, dict):
+        return {name: drawn(one, rng) for name, one in template.items()}
+    if isinstance(template, list):
+        values = []
+        for one in template:
+            value = drawn(one, rng)
+            values += value if isinstance(one, str) and one.startswith("sweep") else [value]
+        return values
+    if not isinstance(template, str):
+        return template
+    word, *numbers = template.split()
+    size, *rest = map(float, numbers or ["0"])
+    if word == "letter":
+        return "CD"[rng.integers(2)]
+    if word == "sign":
+        return float(size * rng.choice([-1, 1]))
+    if word == "vector":
         vector = size * rng.standard_normal(3)
         return (vector if rng.integers(2) else vector * np.eye(3)[rng.integers(3)]).tolist()
-
-    return draw
-
-
-def number(size):
-    """Draw of a number of either sign."""
-    return lambda rng: float(size * rng.choice([-1, 1]))
-
-
-def matrix(size, symmetric):
-    """Draw of a matrix with one pair off the diagonal."""
-
-    def draw(rng):
+    if word == "normal":
+        return (size * rng.standard_normal([int(n) for n in rest])).tolist()
+    if word == "pair":
         out, (i, j) = np.zeros((3, 3)), ((0, 1), (0, 2), (1, 2))[rng.integers(3)]
-        out[i, j] = size * rng.choice([-1, 1])
-        out[j, i] = out[i, j] if symmetric else -out[i, j]
+        out[i, j] = out[j, i] = size * rng.choice([-1, 1])
         return out.tolist()
-
-    return draw
-
-
-def of_one(draw):
-    """Draw for one of both satellites."""
-    return lambda rng: {"CD"[rng.integers(2)]: draw(rng)}
-
-
-def only(*places):
-    """Scaling of some entries of a tuple."""
-    return lambda value, factor: [v * factor if k in places else v for k, v in enumerate(value)]
-
-
-#: Effects of the open world and what the catalogue calls them; settled before the first run. What a calibration
-#: itself estimates is not here: `cp` of sgrs (its centre of pressure), `loop_delay` of Taiji (its delay).
-EFFECTS = {
-    "com": {
-        "acc_delay": Hidden(("timing.accelerometer_delay",), number(0.05)),
-        "sca_delay": Hidden(("timing.star_camera_delay",), number(0.05)),
-        "mtq_gain": Hidden(("torque.dipole_gain",), axis_of(0.01)),
-        "mtq_misalign": Hidden(("torque.dipole_misalignment",), axis_of(5e-3)),
-        "mtq_lag": Hidden(("torque.dipole_lag",), lambda rng: float(rng.uniform(0.1, 0.6))),
-        # cubic in the current, whose size is one: a weaker dipole at full current
-        "mtq_saturation": Hidden(
-            ("torque.saturation", "torque.dipole_gain"), lambda rng: float(rng.uniform(0.01, 0.05))
-        ),
-        "inertia": Hidden(("torque.inertia",), axis_of(0.01)),
-        "inertia_products": Hidden(("torque.inertia_products",), axis_of(1.0)),
-        "angular_scale": Hidden(("accelerometer.angular_scale",), axis_of(0.02)),
-        "residual_dipole": Hidden(("torque.residual_dipole",), axis_of(0.2)),
-        "drag_torque": Hidden(("torque.constant",), axis_of(1e-5)),
-        "eddy": Hidden(("torque.eddy_current",), lambda rng: float(rng.uniform(1e3, 1e4))),
-        "current_to_acc": Hidden(("accelerometer.current_leak",), axis_of(1e-8)),
-        "acc_cross": Hidden(("accelerometer.cross_talk",), matrix(1e-3, True)),
-        "acc_lin_scale": Hidden(("accelerometer.scale",), axis_of(0.01)),
-        "acc_quadratic": Hidden(("accelerometer.quadratic",), number(1e4)),
-        "flex": Hidden(
-            ("accelerometer.flexible_mode",), lambda rng: [float(rng.uniform(0.1, 0.7)), 0.02, 1e-5], only(2)
-        ),
-        "d_drift": Hidden(("accelerometer.moving_offset",), axis_of(1e-7)),
-        "acc_bias_step": Hidden(
-            ("accelerometer.bias_step",), lambda rng: [int(rng.integers(3)), 1e-9, float(rng.uniform(30, 150))], only(1)
-        ),
-        "tone": Hidden(
-            ("accelerometer.stray_tone",),
-            lambda rng: [float(rng.uniform(0.02, 0.7)), 1e-9, int(rng.integers(3))],
-            only(1),
-        ),
-        # quadratic in the time from the begin of each manoeuvre: a drift of the bias that the catalogue has as a slope
-        "temp_ramp": Hidden(("accelerometer.bias_drift", "accelerometer.temperature"), axis_of(1e-13)),
-        "mag_leak": Hidden(("magnetometer.current_leak",), lambda rng: (rng.standard_normal((3, 3))).tolist()),
-        "mag_bias": Hidden(("magnetometer.bias",), axis_of(300.0)),
-        "mag_misalign": Hidden(("magnetometer.misalignment",), axis_of(5e-3)),
-        "latitude_force": Hidden((), number(1e-9), None, ("linear",), ("latitude", "argument", "orbit")),
-        "current_memory": Hidden((), number(1e-9), None, ("linear",), ("current", "torquer")),
-    },
-    "kbr": {
-        "multipath": Hidden(
-            ("ranging.multipath",),
-            of_one(
-                lambda rng: [
-                    *rng.uniform(2e-6, 1e-5, 2).tolist(),
-                    float(rng.uniform(150, 600)),
-                    float(rng.uniform(0, 6)),
-                ]
-            ),
-            lambda value, factor: {k: [v[0] * factor, v[1] * factor, *v[2:]] for k, v in value.items()},
-        ),
-        "sca_delay": Hidden(("timing.star_camera_delay",), of_one(number(0.1))),
-        "kbr_delay": Hidden(("ranging.delay",), number(1e-4)),
-        "sca_misalign": Hidden(
-            ("ranging.star_camera_misalignment", "attitude.star_camera_misalignment"), of_one(axis_of(1e-3))
-        ),
-        "phase_jump": Hidden(
-            ("ranging.phase_break",), lambda rng: [int(rng.integers(8)), float(rng.uniform(300, 3400)), 2e-5], only(2)
-        ),
-        "apc_curvature": Hidden(("ranging.phase_centre_curvature",), of_one(number(0.02))),
-        "apc_drift": Hidden(("ranging.phase_centre_drift",), of_one(axis_of(1e-2))),
-        "range_scale": Hidden(("ranging.scale",), number(1e-9)),
-        "thermal_range": Hidden(
-            ("ranging.once_per_revolution", "ranging.thermal", "ranging.slow_orbit_error"),
-            lambda rng: [1e-4, float(rng.uniform(0, 6))],
-            only(0),
-        ),
-    },
-    "swing": {
-        "tracker_misalign": Hidden(("inertial_sensor.tracker_misalignment",), axis_of(5e-3)),
-        "quadratic": Hidden(("inertial_sensor.quadratic",), number(0.1)),
-        "cross": Hidden(("inertial_sensor.cross_coupling",), matrix(1e-2, True)),
-        "bias_drift": Hidden(("inertial_sensor.bias_drift",), number(1e-10)),
-        "stiffness": Hidden(("inertial_sensor.stiffness", "accelerometer.stray_tone"), number(1.0)),
-        "wheel": Hidden(("accelerometer.stray_tone",), lambda rng: [float(rng.uniform(0.1, 3)), 1e-8], only(1)),
-    },
-    "sgrs": {
-        "misalign": Hidden(("accelerometer.misalignment",), axis_of(1e-4)),
-        "dipole": Hidden(("torque.residual_dipole",), axis_of(0.05)),
-        "ang_scale": Hidden(("accelerometer.angular_scale",), axis_of(1e-2)),
-        "thermal": Hidden(("accelerometer.temperature",), number(1e-11)),
-        "field": Hidden(
-            ("gradient.tesseral", "gradient.field_scale"),
-            lambda rng: {f"{n},{rng.integers(1, n + 1)}": [1e-9, 1e-9] for n in [int(rng.integers(2, 20))]},
-            lambda value, factor: {k: [factor * x for x in v] for k, v in value.items()},
-        ),
-        "lin_scale": Hidden(("accelerometer.scale",), number(1e-4)),
-        "drift": Hidden(("accelerometer.bias_drift",), number(1e-14)),
-        "tracker": Hidden(("attitude.star_camera_misalignment",), axis_of(1e-4)),
-        "place": Hidden(("gradient.mounting",), lambda rng: (1e-5 * rng.standard_normal((2, 3))).tolist()),
-        "em_couple": Hidden((), number(1e-4), None, ("linear",), ("linear", "reading")),
-    },
-}
-EFFECTS["roll"] = EFFECTS["swing"].copy()
+    if word == "uniform":
+        return float(rng.uniform(size, *rest))
+    if word == "integer":
+        return int(rng.integers(*map(int, numbers)))
+    if word == "sweep":
+        ends = [float(rng.uniform(size, 2 * size)), float(rng.uniform(rest[0] / 2, rest[0]))]
+        return ends[:: rng.choice([-1, 1])]
+    if word == "coefficient":
+        degree = int(rng.integers(2, 20))
+        return {f"{degree},{rng.integers(1, degree + 1)}": [size, size]}
+    raise ValueError(f"worlds.toml: {template!r} is no draw")
 
 
-def jumps(seconds):
-    """Draw of axis, size, mean time s between jumps, and number of the series of a random telegraph signal."""
-    return lambda rng: [int(rng.integers(3)), 1e-9, seconds, int(rng.integers(2**31))]
-
-
-def sweep(low, high):
-    """Draw of axis, size, first and last frequency Hz of a chirp, which no part of the record takes for a tone."""
-    ends = lambda rng: [float(rng.uniform(low, 2 * low)), float(rng.uniform(high / 2, high))]  # noqa: E731
-    return lambda rng: [int(rng.integers(3)), 1e-9, *ends(rng)[:: rng.choice([-1, 1])]]
-
-
-#: Effects in no list that the models of the open world do not have: `put_in` adds them to readings in their files.
-ODD = {
-    "kbr": {
-        "telegraph": Hidden((), jumps(900.0), only(1), ("range",), ("excess",)),
-        "chirp": Hidden((), sweep(4e-3, 4e-2), only(1), ("range",), ("excess",)),
-        "speed_memory": Hidden((), number(1e-5), None, ("range",), ("rate",)),
-    },
-    "swing": {
-        "telegraph": Hidden((), jumps(15.0), only(1), ("linear",), ("excess",)),
-        "chirp": Hidden((), sweep(0.02, 0.4), only(1), ("linear",), ("excess",)),
-        "voltage_product": Hidden((), number(1e-8), None, ("linear",), ("angular_acceleration", "voltage")),
-        "rate_memory": Hidden((), number(1e-8), None, ("linear",), ("rate",)),
-    },
-    "roll": {
-        "telegraph": Hidden((), jumps(1500.0), only(1), ("roll",), ("excess",)),
-        "chirp": Hidden((), sweep(2e-3, 4e-2), only(1), ("roll",), ("excess",)),
-        "latitude_force": Hidden((), number(1e-8), None, ("roll",), ("latitude", "argument", "orbit")),
-        "reading_squared": Hidden((), number(1e-8), None, ("roll",), ("unknown:reading", "twice the roll angle")),
-    },
-    "sgrs": {
-        "telegraph": Hidden((), jumps(1200.0), only(1), ("linear",), ("excess",)),
-        "chirp": Hidden((), sweep(1e-3, 1e-2), only(1), ("linear",), ("excess",)),
-        "latitude_force": Hidden((), number(1e-11), None, ("linear",), ("latitude", "argument", "orbit")),
-        "drag_memory": Hidden((), number(1e-11), None, ("linear",), ("drag",)),
-    },
-}
-for _kind, _more in ODD.items():
-    EFFECTS[_kind] |= _more
-
-
-def odd(value, *drivers, **settings):
-    """Effect of the second world in no list, on the linear accelerometer along y."""
-    draw = lambda rng: {"value": {"y": value * float(rng.choice([-1, 1]))}} | settings  # noqa: E731
-    return Hidden((), draw, lambda v, factor: v | {"value": {"y": factor * v["value"]["y"]}}, ("linear",), drivers)
-
-
-EFFECTS["second"] = {
-    "odd_field_current": odd(2e-7, "current", "field"),
-    "odd_current_squared": odd(1e-13, "current", lag_s=2.0),
-    "odd_edge_spike": odd(3e-9, "current", decay_s=0.7, signed=True),
-    "odd_hysteresis": odd(1e-11, "current", width_ma=60.0),
-    "odd_latitude": odd(1e-9, "latitude", "orbit"),
-    "odd_telegraph": odd(1e-9, "time", "excess"),
-    "odd_second_hand": odd(1e-9, "time", "frequency", "line"),
-    "odd_rate_product": odd(1e-2, "rate", "attitude"),
-    "odd_chirp": odd(1e-9, "time", "excess"),
-}
-
-
-def sized(draw, causes=(), *seen):
-    """Effect of the second world that is a mapping with its size under "value"; words of channel and driver."""
-    sizes = lambda value, factor: value | {"value": _scaled(value["value"], factor)}  # noqa: E731
-    return Hidden(causes, draw, sizes, *seen)
-
-
-def of_angle(size, low, high, name):
-    """Draw for what depends on pitch or yaw of one satellite, with a width or period in rad."""
-    return lambda rng: {
-        "value": size * float(rng.choice([-1, 1])),
-        "satellite": "CD"[rng.integers(2)],
-        "axis": int(rng.integers(1, 3)),
-        "phase": float(rng.uniform(0, 6)),
-        name: float(rng.uniform(low, high)),
-    }
-
-
-EFFECTS["second_kbr"] = {
-    "multipath": sized(of_angle(1e-6, 0.01, 0.05, "period"), ("ranging.multipath",)),
-    "phase_break": sized(
-        lambda rng: {"value": 1e-5, "wiggle": int(rng.integers(8)), "after": float(rng.uniform(300, 3400))},
-        ("ranging.phase_break",),
-    ),
-    "star_camera_delay": Hidden(("timing.star_camera_delay",), of_one(number(0.01))),
-    "odd_play": sized(of_angle(1e-4, 2e-3, 2e-2, "width"), (), ("range",), ("pitch", "yaw", "angle")),
-}
-EFFECTS["second_swing"] = EFFECTS["second_roll"] = {
-    "quadratic": Hidden(("inertial_sensor.quadratic",), axis_of(0.1)),
-    "cross": Hidden(("inertial_sensor.cross_coupling",), matrix(1e-2, True)),
-    "tracker_misalignment": Hidden(("inertial_sensor.tracker_misalignment",), axis_of(5e-3)),
-    "odd_telegraph": sized(
-        lambda rng: {"value": axis_of(3e-9)(rng), "rate_hz": float(rng.uniform(0.02, 0.1))},
-        (), ("linear",), ("time", "excess"),
-    ),
-}  # fmt: skip
-EFFECTS["second_sgrs"] = {
-    "misalignment": Hidden(("accelerometer.misalignment",), axis_of(1e-3)),
-    "residual_dipole": Hidden(("torque.residual_dipole",), axis_of(0.1)),
-    "mounting": Hidden(("gradient.mounting",), lambda rng: (1e-3 * rng.standard_normal((2, 3))).tolist()),
-    "odd_rectified": Hidden((), axis_of(1e-3), None, ("linear",), ("linear", "reading", "drag")),
-}
-#: Families of the catalogue that act on the records of a calibration; what is no effect of a simulated event is not
-#: drawn: the calibration's own parameters, and what another record holds.
-OWN = {
-    "com_offset": ("timing", "torque", "accelerometer", "magnetometer"),
-    "kbr_phase_centre": ("ranging", "timing"),
-    "inertial_sensor": ("inertial_sensor",),
-    "gradient_torque": ("gradient",),
-}
-NOT_DRAWN = ("accelerometer.offset", "ranging.phase_centre", "ranging.antenna_correction", "timing.thruster_delay")
-FIXED = ("time", "frequency", "phase", "damping", "period")
-FIRST = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
+def grown(value, factor, places=None):
+    """Value with its numbers multiplied: of a table those of its "value" if it has one, of a list those at places."""
+    if isinstance(value, dict):
+        return {
+            n: grown(one, factor, places) if n == "value" or "value" not in value else one for n, one in value.items()
+        }
+    if isinstance(value, list):
+        return [grown(one, factor) if places is None or k in places else one for k, one in enumerate(value)]
+    return value * factor
 
 
 def own(calibration: str) -> dict[str, Hidden]:
-    """Effects of the catalogue with plausible sizes, by slug.
+    """Effects of the catalogue that act on the records of a calibration, with plausible sizes, by slug.
 
-    Parameters
-    ----------
-    calibration : name
+    What is no effect of a simulated event is not drawn: its own parameters, and what another record holds.
     """
     from gravcal.effects import catalogue
 
-    known = {s: e for s, e in catalogue().items() if s.partition(".")[0] in OWN[calibration] and s not in NOT_DRAWN}
-    return {slug: _own(entry) for slug, entry in known.items()}
+    families = TABLE["families"][calibration]
+    known = {slug: one for slug, one in catalogue().items() if slug.partition(".")[0] in families}
+    return {slug: _own(one) for slug, one in known.items() if slug not in NOT_DRAWN}
 
 
 def _own(entry):
@@ -346,72 +142,58 @@ def _own(entry):
     def scaled(values, factor):
         return {n: v if n.rpartition(".")[2] in (*FIXED, "limit") else factor * v for n, v in values.items()}
 
-    return Hidden((entry.slug,), draw, scaled)
+    return Hidden(draw, scaled, (entry.slug,))
 
 
-def effects_of(kind: str) -> dict[str, Hidden]:
-    """Effects that can be hidden in a kind of case, by name."""
-    return EFFECTS[kind] if kind in EFFECTS else own(kind)
+def make_open(folder: Path, seed: int, effects: dict, kind: str = "com", **given) -> None:
+    """Files of a case of the open world in `folder`/data, truth beside them; of com: satellite, date, offset_um."""
+    words = [word for name, value in effects.items() for word in ("--effect", f"{name}={json.dumps(value)}")]
+    for name, value in given.items():
+        words += [f"--{name.removesuffix('_um')}", *map(str, value if isinstance(value, list) else [value])]
+    command = [sys.executable, str(OPEN), kind, "--seed", str(seed), *words, "--out", str(folder)]
+    subprocess.run(command, check=True, capture_output=True)
+
+
+def make_second(folder: Path, seed: int, effects: dict, kind: str = "second", **given) -> dict:
+    """Files of a case of the second world in `folder`/data; its truth."""
+    of_tests("independent")
+    from independent import gradient, make_event, ranging, taiji
+
+    maker, lengths = {
+        "second": (make_event, {"window_s": (420.0, 420.0)}),
+        "second_kbr": (ranging.make_campaign, {}),
+        "second_swing": (taiji.make_event, {"roll_s": 0.0}),
+        "second_roll": (taiji.make_event, {"roll_s": 27500.0}),
+        "second_sgrs": (gradient.make_day, {"duration_s": 20000.0}),
+    }[kind]
+    return maker(folder / "data", seed, effects=effects, **lengths, **given)
+
+
+MAKERS = {"open": make_open, "second": make_second}
 
 
 def make(kind: str, seed: int, effects: dict, folder: Path) -> dict:
-    """Files of a case in `folder`/data; its truth.
-
-    Parameters
-    ----------
-    kind : one of `KINDS`: of the open world, of the second, or a calibration for the project's own
-    seed : int
-    effects : {name: value}
-    folder : where the case is made
-    """
-    if kind.startswith("second"):
-        tests = str(Path(__file__).parents[1] / "tests")
-        sys.path[:0] = [] if tests in sys.path else [tests]
-        from independent import gradient, make_event, ranging, taiji
-
-        maker, lengths = {
-            "second": (make_event, {"window_s": (420.0, 420.0)}),
-            "second_kbr": (ranging.make_campaign, {}),
-            "second_swing": (taiji.make_event, {"roll_s": 0.0}),
-            "second_roll": (taiji.make_event, {"roll_s": 27500.0}),
-            "second_sgrs": (gradient.make_day, {"duration_s": 20000.0}),
-        }[kind]
-        return maker(folder / "data", seed, effects=effects, **lengths)
-    if kind in OWN:
-        values = {name: value for entries in effects.values() for name, value in entries.items()}
-        words = [word for name, value in values.items() for word in ("--effect", f"{name}={value}")]
-        target = folder / "truth.json"
-        command = [
-            sys.executable,
-            "-m",
-            "flows.cli",
-            "simulate",
-            kind,
-            "--out",
-            str(folder / "data"),
-            "--seed",
-            str(seed),
-        ]
-        subprocess.run([*command, "--truth", str(target), *words], check=True, capture_output=True)
-        return json.loads(target.read_text())
-    more = {name: value for name, value in effects.items() if name in ODD.get(kind, ())}
-    words = [w for n, v in effects.items() if n not in more for w in ("--effect", f"{n}={json.dumps(v)}")]
-    command = [sys.executable, str(OPEN), kind, "--seed", str(seed), *words, "--out", str(folder)]
-    subprocess.run(command, check=True, capture_output=True)
+    """Files of a case of a kind in `folder`/data, with effects {name: value}; its truth."""
+    world, calibration = KINDS[kind]
+    if world == "second":
+        return make_second(folder, seed, effects, kind)
+    odd = TABLE["odd"].get(kind, {})
+    if world == "own":
+        values = [f"{name}={value}" for entries in effects.values() for name, value in entries.items()]
+        words = [word for value in values for word in ("--effect", value)]
+        command = [*CLI, "simulate", calibration, "--out", f"{folder}/data", "--seed", str(seed)]
+        subprocess.run([*command, "--truth", f"{folder}/truth.json", *words], check=True, capture_output=True)
+    else:
+        make_open(folder, seed, {name: value for name, value in effects.items() if name not in odd}, kind)
     truth = json.loads((folder / "truth.json").read_text())
-    for name, value in more.items():
-        put_in(kind, folder / "data", name, value, truth)
+    for name, value in effects.items():
+        if name in odd:
+            put_in(kind, folder / "data", name, value, truth)
     return truth
 
 
 def put_in(kind: str, data: Path, name: str, value, truth: dict) -> None:
-    """Add an effect of `ODD` to the last day of files: to range, or one axis of linear readings, of S-GRS of sensor 1.
-
-    Parameters
-    ----------
-    kind : "kbr", "swing", "roll" or "sgrs"; data : folder of the files, changed; truth : of the case
-    name, value : of the effect
-    """
+    """Add an effect of the table `odd` to the last day of files: to range, or an axis of linear readings (sensor 1)."""
     import xarray as xr
 
     if kind == "kbr":
@@ -443,7 +225,7 @@ def put_in(kind: str, data: Path, name: str, value, truth: dict) -> None:
 
 
 def _odd_reading(name, value, time, place, about):
-    """What an effect of `ODD` adds to a reading, (n,) m s-2, or m to a range."""
+    """What an effect of the table `odd` adds to a reading, (n,) m s-2, or m to a range."""
     since, (record, truth) = time - time[0], about
     if name == "telegraph":
         rng = np.random.default_rng(value[3])
@@ -482,24 +264,15 @@ def _remembered(series, since, tau):
 
 def known(kind: str, data: Path) -> dict[str, str]:
     """Settings that an operator of a kind of cases gives to every command."""
-    return dict(word.format(data=data).split("=", 1) for word in KNOWN.get(kind, ()))
+    return {name: value.format(data=data, worlds=WORLDS) for name, value in TABLE["known"].get(kind, {}).items()}
 
 
 def gravcal(command: str, kind: str, data: Path, out: Path) -> dict:
-    """Document of a command on the files of a folder, {"exit", "said"} where it wrote none.
-
-    Parameters
-    ----------
-    command : "run" or "discover"
-    kind : of the case
-    data : folder of Level-1 files
-    out : file for the document
-    """
-    words = ["-m", "flows.cli", command, CALIBRATIONS.get(kind, kind), "--data", str(data)]
+    """Document of `run` or `discover` on the files of a folder, also in a file; with "said" where it wrote none."""
+    words = [*CLI, command, KINDS.get(kind, ("", kind))[1], "--data", str(data)]
     words += [word for pair in known(kind, data).items() for word in ("--set", "=".join(pair))]
-    done = subprocess.run(
-        [sys.executable, *words, "--engine", "inline", "--json", str(out)], capture_output=True, text=True, check=False
-    )
+    words += ["--engine", "inline", "--json", str(out)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
     if not out.exists():
         out.write_text(json.dumps({"status": "failed", "said": done.stderr.strip()[-2000:]}, indent=1) + "\n")
     return json.loads(out.read_text()) | {"exit": done.returncode}
@@ -507,13 +280,12 @@ def gravcal(command: str, kind: str, data: Path, out: Path) -> dict:
 
 def folder(options) -> list[Figure]:
     """Run and discover every case of a folder; documents `KIND-NN.run.json` and `KIND-NN.json`, refusals too."""
-    cases = sorted(path for path in Path(options.folder).iterdir() if path.is_dir())
+    found = sorted(path for path in Path(options.folder).iterdir() if path.is_dir())
     out = Path(options.out or "benchmarks/sealed")
     out.mkdir(parents=True, exist_ok=True)
-    jobs = [(str(case), str(out), command) for case in cases for command in ("run", "discover")]
-    with ProcessPoolExecutor(options.workers) as pool:
-        for line in pool.map(_of_folder, jobs):
-            say(line)
+    jobs = [(str(case), str(out), command) for case in found for command in ("run", "discover")]
+    for line in cases(_of_folder, jobs, options.workers):
+        say(line)
     return []
 
 
@@ -523,8 +295,7 @@ def _of_folder(job):
     kind = case.name.partition("-")[0]
     target = out / f"{case.name}{'.run' if command == 'run' else ''}.json"
     target.unlink(missing_ok=True)
-    with tempfile.TemporaryDirectory() as store:
-        os.environ["GRAVCAL_PRODUCTS"] = store
+    with _place():
         begun = time.monotonic()
         document = gravcal(command, kind, case, target)
     named = ", ".join(one["cause"] for one in document.get("findings", ()))
@@ -543,13 +314,9 @@ ALIASES = {
 def truth_of(kind: str, truth: dict, epoch: float | None = None) -> dict[str, float]:
     """True values of what the document of a discovery calls its parameters, in the units of that document.
 
-    Parameters
-    ----------
-    kind : of the case
-    truth : its file
-    epoch : s, GPS, that the document states for phase centres and biases that move
+    The epoch, GPS s, is that which the document states for phase centres and biases that move.
     """
-    calibration = CALIBRATIONS.get(kind, kind)
+    calibration = KINDS.get(kind, ("", kind))[1]
     kept = {name: truth[own] for name, own in ALIASES.items() if own in truth} | truth
     if kind == "com":  # of an offset that moves there from each begin on: at the middle of the manoeuvres
         middle = (truth["manoeuvres"][0]["stop"] - truth["manoeuvres"][0]["start"]) / 2
@@ -585,21 +352,8 @@ def _drift(kind, truth):
 
 
 def scored(kind: str, sort: str, hidden: str, document: dict, truth: dict) -> dict:
-    """Scores of one case as the contract defines them.
-
-    Parameters
-    ----------
-    kind, sort : of the case: "clean", "listed" or "unlisted"
-    hidden : name of the effect, "" for none
-    document : of `gravcal discover`
-    truth : of the case
-
-    Returns
-    -------
-    scores : "named", "right", "alone", "wrong", "noticed", "adequate", "channel"; "before", "after" error over sigma by
-        parameter; "sigma" and "harm"
-    """
-    effect = effects_of(kind).get(hidden)
+    """Scores of the document of one case as docs/scores.md defines them; hidden is the name of its effect, or ""."""
+    effect = effects_of(kind)[hidden] if hidden else None
     findings = [(one["cause"], one["tied_with"], one) for one in document.get("findings", ())]
     causes = effect.causes if effect else ()
     sets = [{cause, *tied} for cause, tied, _ in findings]
@@ -649,19 +403,14 @@ def study(options) -> list[Figure]:
     out.parent.mkdir(parents=True, exist_ok=True)
     done = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
     known = {(row["kind"], row["sort"], row["seed"]) for row in done}
-    kinds = KINDS[options.world, options.calibration]
-    cases = [(kinds[n % len(kinds)], options.sort, options.seed + n) for n in range(options.runs or 40)]
-    with ProcessPoolExecutor(options.workers) as pool:
-        for row in pool.map(_case, [case for case in cases if case not in known]):
-            done.append(row | {"commit": _commit()})
-            with out.open("a") as lines:
-                lines.write(json.dumps(done[-1]) + "\n")
-            say(_line(row))
-    return [
-        figure
-        for sort in ("clean", "listed", "unlisted")
-        for figure in figures([r for r in done if r["sort"] == sort], sort)
-    ]
+    kinds = [kind for kind, one in KINDS.items() if one == (options.world, options.calibration)]
+    jobs = [(kinds[n % len(kinds)], options.sort, options.seed + n) for n in range(options.runs or 40)]
+    for row in cases(_case, [job for job in jobs if job not in known], options.workers):
+        done.append(row | {"commit": _commit()})
+        with out.open("a") as lines:
+            lines.write(json.dumps(done[-1]) + "\n")
+        say(_line(row))
+    return sum((figures([r for r in done if r["sort"] == sort], sort) for sort in ("clean", "listed", "unlisted")), [])
 
 
 def _commit():
@@ -726,7 +475,6 @@ def _strong(kind, seed, hidden, wanted, about):
     """Value, ratio, truth and files of an effect near the wanted ratio, None where these records do not see it."""
     rng, quiet, place = about
     effect = effects_of(kind)[hidden]
-    scale = effect.scaled or _scaled
     value = start = effect.draw(rng)
     total = 1.0
     for attempt in range(4):
@@ -739,50 +487,26 @@ def _strong(kind, seed, hidden, wanted, about):
         total *= wanted / max(ratio, wanted / 50)
         if not 1 / LARGEST**2 < total < LARGEST:
             return None
-        value = scale(start, total)
+        value = effect.scaled(start, total)
     return None
 
 
-def _scaled(value, factor):
-    """Value with every number of it multiplied."""
-    if isinstance(value, list):
-        return [_scaled(one, factor) for one in value]
-    if isinstance(value, dict):
-        return {name: _scaled(one, factor) for name, one in value.items()}
-    return value * factor
-
-
 def observed_of(kind: str, data: Path):
-    """Observations that a search of the files of a folder sees; None where there is nothing to see.
-
-    Parameters
-    ----------
-    kind : of the case
-    data : folder of Level-1 files
-    """
-    import importlib
-
+    """Observations that a search of the files of a folder sees; None where there is nothing to see."""
     from flows import calibration as calibrations
     from gravcal import catalog
     from tasks.stage import read
 
-    calibration = CALIBRATIONS.get(kind, kind)
+    calibration = KINDS.get(kind, ("", kind))[1]
     one = calibrations.load(calibration)
     source, chosen = one.source(data=data), catalog.parameters(calibration).with_settings(known(kind, data))
     products = {name: read(ref) for name, ref in one.discovery.baseline(source, chosen).items()}
-    limits = chosen.for_stage("discovery")
-    fixed = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed", "heldout_s")
-    settings = one.discovery.settings(source, chosen) | {n: v for n, v in limits.items() if n not in fixed}
+    settings = one.discovery.settings(source, chosen) | one.discovery.chosen_for(chosen)[0]
     return importlib.import_module(one.discovery.observations).observe(products, **settings)
 
 
 def rows_of(observed, like) -> list:
-    """Blocks of observations whitened with the noise of others: a strong effect changes what the noise is measured as.
-
-    Parameters
-    ----------
-    observed, like : of `observed_of`
-    """
+    """Blocks whitened with the noise of other observations: a strong effect changes what the noise is measured as."""
     from gravcal.estimation import noise
 
     if not (observed and like):
@@ -811,9 +535,7 @@ def rows_of(observed, like) -> list:
 def signal_to_noise(plain: list, changed: list) -> float:
     """Norm of what an effect adds to the whitened rows, everything that the calibration leaves free projected out.
 
-    Parameters
-    ----------
-    plain, changed : blocks of the same noise without and with it; NaN where they do not have the same rows
+    NaN where blocks without and with it do not have the same rows.
     """
     from gravcal.estimation.least_squares import stable_inverse, without
 
@@ -831,45 +553,25 @@ def signal_to_noise(plain: list, changed: list) -> float:
 
 
 def figures(rows: list[dict], sort: str) -> list[Figure]:
-    """Table of one sort of cases; all of them count.
-
-    Parameters
-    ----------
-    rows : of `scored`
-    sort : "clean", "listed" or "unlisted"
-    """
+    """Table of one sort of cases; all of them count."""
     if not rows:
         return []
     good = [row for row in rows if "error" not in row]
     found = [Figure(f"{sort}: cases that could not be made or searched", f"{len(rows) - len(good)} of {len(rows)}")]
-    if sort == "clean":
-        found.append(_share("clean: something named", [bool(r["named"]) for r in good]))
-    else:
-        if sort == "listed":
-            found += [
-                _share("listed: right", [r["right"] for r in good]),
-                _share("listed: alone", [r["alone"] for r in good]),
-            ]
-        else:
-            found.append(_share("unlisted: channel and driver right", [r["channel"] for r in good]))
-        found.append(_share(f"{sort}: noticed", [r["noticed"] for r in good]))
-        found.append(_share(f"{sort}: untied wrong name", [bool(r["wrong"]) for r in good]))
-        found.append(
-            _share(f"{sort}: missed, reported as adequate", [not r["named"] and bool(r["adequate"]) for r in good])
-        )
+    scores = {
+        "clean": {"something named": "named"},
+        "listed": {"right": "right", "alone": "alone", "noticed": "noticed", "untied wrong name": "wrong"},
+        "unlisted": {"channel and driver right": "channel", "noticed": "noticed", "untied wrong name": "wrong"},
+    }
+    found += [share(f"{sort}: {words}", [bool(r[score]) for r in good]) for words, score in scores[sort].items()]
+    if sort != "clean":
+        silent = [not r["named"] and bool(r["adequate"]) for r in good]
+        found.append(share(f"{sort}: missed, reported as adequate", silent))
     errors = np.array([e for r in good for e in r["after"].values()])
     if errors.size:
         name = f"{sort}: error/sigma of the result, rms; largest"
-        found.append(Figure(name, f"{np.sqrt(np.mean(errors**2)):.2f}; {np.abs(errors).max():.1f}"))
+        found.append(Figure(name, f"{rms(errors):.2f}; {np.abs(errors).max():.1f}"))
         widened = np.median([w for r in good for w in r["widening"].values()])
         found.append(Figure(f"{sort}: sigma after over before, median", f"{widened:.2f}"))
-    found.append(_share(f"{sort}: moved away from the truth by over one sigma", [bool(r["harm"]) for r in good]))
+    found.append(share(f"{sort}: moved away from the truth by over one sigma", [bool(r["harm"]) for r in good]))
     return show(found, "95 %")
-
-
-def _share(name, hits):
-    """Share of cases with its interval."""
-    if not hits:
-        return Figure(name, "none")
-    low, high = stats.binomtest(int(sum(hits)), len(hits)).proportion_ci(0.95, method="wilson")
-    return Figure(name, f"{sum(hits)} of {len(hits)}", f"{low:.2f} to {high:.2f}")

@@ -1,6 +1,9 @@
 """An invented store for the pages: two runs of an event with a report, another event, a failed run."""
 
+import os
+
 import pytest
+from chromium import chromium, missing
 from invented_store import EVENT, calibration, client, dataset, put
 
 from gravcal.browse import series, store_index
@@ -36,3 +39,14 @@ def ask():
     """Return a function that asks a server on loopback without token."""
     with client() as asking:
         yield asking
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """Return Chromium; skips where it is missing, unless GRAVCAL_NEEDS_CHROMIUM is set."""
+    if missing() and os.environ.get("GRAVCAL_NEEDS_CHROMIUM"):
+        pytest.fail(missing())
+    if missing():
+        pytest.skip(missing())
+    with chromium(tmp_path_factory.mktemp("chromium")) as opened:
+        yield opened

@@ -3,29 +3,16 @@
 It is skipped where Chromium and its driver are missing, unless GRAVCAL_NEEDS_CHROMIUM is set, as .ci/run does.
 """
 
-import os
-import shutil
 from dataclasses import replace
 
 import pytest
+from chromium import click, complaints, wait
 from invented_store import EVENT, server
 
 from flows.calibration import load
 from gravcal.browse import timeline
 from gravcal.report.history import history
 
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-    "--window-size=1300,1000",
-)
 DRAWN = "return [...document.querySelectorAll('[data-figure]')].map(place => place.dataset.state)"
 PIXELS = """
 const bokeh = [...document.querySelectorAll('.plot')].map(place => {
@@ -45,65 +32,22 @@ return bokeh;
 BLUE, VERMILION = "0,114,178", "213,94,0"
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    """Return Chromium with a profile of its own, its log kept."""
-    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if not (program and driver):
-        missing = "chromium or chromedriver is not installed (apt-get install chromium chromium-driver)"
-        if os.environ.get("GRAVCAL_NEEDS_CHROMIUM"):
-            pytest.fail(missing)
-        pytest.skip(missing)
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
-        options.add_argument(flag)
-    options.binary_location = program
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    opened = webdriver.Chrome(options=options, service=Service(driver))
-    yield opened
-    opened.quit()
-
-
 @pytest.fixture
 def site(shop, browser):
     """Return a function that opens a page, waits for its figures, and gives the browser."""
-    from selenium.webdriver.support.ui import WebDriverWait
-
     with server() as port:
 
         def open_(path):
             browser.get(f"http://127.0.0.1:{port}{path}")
-            WebDriverWait(browser, 60).until(lambda one: set(one.execute_script(DRAWN)) <= {"drawn", "failed"})
+            wait(browser, lambda one: set(one.execute_script(DRAWN)) <= {"drawn", "failed"})
             return browser
 
         yield open_
 
 
-def complaints(browser):
-    """What the console says of errors and warnings."""
-    return [line["message"] for line in browser.get_log("browser") if line["level"] in ("SEVERE", "WARNING")]
-
-
 def colours(browser):
     """Colours on the canvases of all figures."""
     return {colour for found in browser.execute_script(PIXELS) for colour in found}
-
-
-def click(browser, words):
-    """Follow the first link with these words."""
-    from selenium.webdriver.common.by import By
-
-    browser.find_element(By.PARTIAL_LINK_TEXT, words).click()
-
-
-def wait(browser, condition):
-    """Wait until a function of the browser is true."""
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    return WebDriverWait(browser, 60).until(condition)
 
 
 def choose(browser, name, text):

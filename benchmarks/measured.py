@@ -1,26 +1,19 @@
-"""Findings in measured data, and the figures of docs/discoveries.md.
+"""Findings in measured data, and with --out the figures of docs/discoveries.md; --data holds the days by name."""
 
-python -m benchmarks.discovery_measured --data FOLDER [--figures docs/images]; FOLDER holds grace-2014-01-15 and others
-"""
-
-import argparse
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.engine import single_threaded
+import matplotlib as mpl
+import numpy as np
 
-single_threaded()
-
-import numpy as np  # noqa: E402
-
-from flows import discover, engine, thrusters  # noqa: E402
-from flows.calibration import load  # noqa: E402
-from gravcal import catalog  # noqa: E402
-from gravcal.calibrations.published_table import observations as published  # noqa: E402
-from gravcal.calibrations.thrusters import estimate, model  # noqa: E402
-from gravcal.discovery import driver  # noqa: E402
-from tasks import discovery, stage  # noqa: E402
+from benchmarks.tables import Figure, say
+from flows import discover, engine, thrusters
+from flows.calibration import load
+from gravcal import catalog
+from gravcal.calibrations.published_table import observations as published
+from gravcal.calibrations.thrusters import estimate, model
+from gravcal.discovery import driver
+from tasks import discovery, stage
 
 RUNS = (
     ("thrusters", "grace-2014-01-15", "A"),
@@ -31,26 +24,28 @@ RUNS = (
     ("magnetometer", "gracefo-2023-06-01", "D"),
     ("ranging", "grace-2014-01-15", "AB"),
 )
-SHIFTS_S = (*np.arange(-60.0, 61.0, 5.0), *np.arange(-4.0, 1.5, 0.5))
+TABLE = discover.STUDIES["published_table"]
+SHIFTS_S = np.sort((*np.arange(-60.0, 61.0, 5.0), *np.arange(-4.0, 1.5, 0.5)))
 LAGS_S = np.arange(-17.5, 18.0, 5.0)
 
 
-def documents(root: Path) -> list[dict]:
-    """Document of every run, printed as lines, from a folder of measured data."""
-    found, study = [], discover.STUDIES["published_table"]
-    runs = [(name, load(name).source(data=root / folder, satellite=letters)) for name, folder, letters in RUNS]
-    for name, source in [*runs, (study.name, study)]:
+def measured(options) -> list[Figure]:
+    """Print what every run finds, or draw the figures."""
+    if options.out:
+        draw(options.data, Path(options.out))
+        return []
+    runs = [(name, load(name).source(data=options.data / folder, satellite=letters)) for name, folder, letters in RUNS]
+    for name, source in [*runs, (TABLE.name, TABLE)]:
         ref = engine.run(discover.flow_of(name), source, catalog.parameters(name), engine="inline")
-        found.append(discover.document(ref))
-    for document in found:
-        print(document["calibration"], document["event"])
+        document = discover.document(ref)
+        say(f"{document['calibration']} {document['event']}")
         for one in document["findings"]:
             values = {k: f"{v['value']:.3g} +- {v['sigma']:.2g}" for k, v in one["parameters"].items() if v["sigma"]}
-            print(f"  {one['cause']} {one['form']} tied with {one['tied_with']}: {values}")
+            say(f"  {one['cause']} {one['form']} tied with {one['tied_with']}: {values}")
             gains = one["heldout_gain"]
-            print(f"     gain {gains['in_sample_chi2']:.1f}, held out {gains['chi2']:.1f}")
-        print(f"  adequate before {document['adequate_before']}, after {document['adequate_after']}")
-    return found
+            say(f"     gain {gains['in_sample_chi2']:.1f}, held out {gains['chi2']:.1f}")
+        say(f"  adequate before {document['adequate_before']}, after {document['adequate_after']}")
+    return []
 
 
 @dataclass(frozen=True)
@@ -87,14 +82,11 @@ def attitude(root: Path, letter: str) -> Attitude:
     source = load("thrusters").source(data=root / "grace-2014-01-15", satellite=letter)
     products = {name: stage.read(ref) for name, ref in thrusters.DISCOVERY.baseline(source, chosen).items()}
     records, noise = model.records(products["align"]), model.noise_of(products["noise"])
-    rows = estimate.rows_of(records.camera, noise, **thrusters.settings(source, chosen))
-    return Attitude(records.firings, rows)
+    return Attitude(records.firings, estimate.rows_of(records.camera, noise, **thrusters.settings(source, chosen)))
 
 
 def draw(root: Path, folder: Path) -> None:
     """Figures of the page, from a folder of measured data into another."""
-    import matplotlib as mpl
-
     mpl.use("Agg")
     mpl.rcParams["svg.hashsalt"] = "gravcal"
     from matplotlib import pyplot as plt
@@ -103,8 +95,8 @@ def draw(root: Path, folder: Path) -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
     for letter, color in (("A", "#1f77b4"), ("B", "#d55e00")):
         day = attitude(root, letter)
-        shifts = np.sort(SHIFTS_S)
-        left.plot(shifts, [day.gain_at(s) for s in shifts], color=color, marker=".", lw=1, label=f"GRACE-{letter}")
+        gains = [day.gain_at(s) for s in SHIFTS_S]
+        left.plot(SHIFTS_S, gains, color=color, marker=".", lw=1, label=f"GRACE-{letter}")
         value, sigma = day.around_a_firing(0)
         right.errorbar(LAGS_S + (letter == "B"), value, 3 * sigma, color=color, marker="o", ls="", capsize=3)
     left.set(xlabel="all firings moved by (s)", ylabel="gain in chi-square", yscale="log")
@@ -112,45 +104,23 @@ def draw(root: Path, folder: Path) -> None:
     right.axhline(0, color="0.6", lw=0.8)
     right.set(xlabel="time from the tag of a firing (s)", ylabel="roll impulse / nominal")
     figure.savefig(folder / "discovery_firings.svg", metadata={"Date": None})
-    plt.close(figure)
-    table(folder, plt)
+    figure, axes = plt.subplots(1, 3, figsize=(9, 3.0), layout="constrained")
+    table(axes)
+    figure.savefig(folder / "discovery_table.svg", metadata={"Date": None})
 
 
-def table(folder: Path, plt) -> None:
-    """Published offsets by manoeuvre, and what one offset with a current leak gives."""
-    study = discover.STUDIES["published_table"]
-    chosen = catalog.parameters(study.name)
-    observed = published.observe({}, **study.discovery.settings(study, chosen))
+def table(axes) -> None:
+    """Published offsets by manoeuvre, and what one offset with a current leak gives, a panel for each component."""
+    chosen = catalog.parameters(TABLE.name)
+    observed = published.observe({}, **TABLE.discovery.settings(TABLE, chosen))
     limits = driver.Limits(*(getattr(chosen, name) for name in discovery.LIMITS))
     found = driver.discover(observed, limits)
     block, axis = found["block"].values, found["component"].values
     fitted = (found["observed"] - found["residual_after"]).values
     value, sigma, known = observed.printed
-    figure, axes = plt.subplots(1, 3, figsize=(9, 3.0), layout="constrained")
     for k, panel in enumerate(axes):
         number, place = np.flatnonzero(known[:, k]), np.flatnonzero(axis == k)
         scale = 1e6 * sigma[number, k]
         panel.errorbar(number + 1, 1e6 * value[number, k], scale, color="k", marker="o", ls="", capsize=3)
         panel.plot(block[place] + 1.2, fitted[place] * scale, color="#d55e00", marker="x", ls="")
         panel.set(title=f"d{'xyz'[k]}", xlabel="manoeuvre", ylabel="um" if k == 0 else "", xlim=(0.5, 7.7))
-    figure.savefig(folder / "discovery_table.svg", metadata={"Date": None})
-    plt.close(figure)
-
-
-def main():
-    """Print the findings and draw the figures."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--figures", type=Path)
-    parser.add_argument("--json", type=Path, help="write all documents")
-    given = parser.parse_args()
-    if given.figures:
-        draw(given.data, given.figures)
-    else:
-        found = documents(given.data)
-        if given.json:
-            given.json.write_text(json.dumps(found, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()
