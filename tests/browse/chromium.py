@@ -16,6 +16,8 @@ FLAGS = (
     "--window-size=1300,1000",
 )
 
+DRAWN = "return [...document.querySelectorAll('[data-figure]')].map(place => place.dataset.state)"
+
 
 def missing() -> str:
     """Say what has to be installed, "" if nothing."""

@@ -3,8 +3,8 @@
 import os
 
 import pytest
-from chromium import chromium, missing
-from invented_store import EVENT, calibration, client, dataset, put
+from chromium import DRAWN, chromium, missing, wait
+from invented_store import EVENT, calibration, client, dataset, put, server
 
 from gravcal.browse import series, store_index
 from gravcal.store import history
@@ -50,3 +50,16 @@ def browser(tmp_path_factory):
         pytest.skip(missing())
     with chromium(tmp_path_factory.mktemp("chromium")) as opened:
         yield opened
+
+
+@pytest.fixture
+def site(shop, browser):
+    """Return a function that opens a page, waits for its figures, and gives the browser."""
+    with server() as port:
+
+        def open_(path):
+            browser.get(f"http://127.0.0.1:{port}{path}")
+            wait(browser, lambda one: set(one.execute_script(DRAWN)) <= {"drawn", "failed"})
+            return browser
+
+        yield open_

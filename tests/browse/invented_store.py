@@ -29,14 +29,18 @@ def dataset(count, scale=1.0, start=6.4e8):
     )
 
 
-def put(name, data, settings=(), inputs=(), files=None):
+#: Modules of the invented code, with the digests of their text.
+MODULES = {"gravcal.estimation.noise": "old", "catalog/igrf.shc": "old", "gravcal.physics.frames": "same"}
+
+
+def put(name, data, settings=(), inputs=(), files=None, modules=MODULES):
     """Publish an invented product; its reference."""
     event, _, stage = name.partition("/")
     kind, _, variant = stage.partition(":")
     labels = [{"kind": one.kind, "variant": one.variant, "digest": one.digest} for one in inputs]
     recipe = {"event": event, "kind": kind, "variant": variant, "version": 1, "settings": dict(settings)}
-    recipe |= {"inputs": labels, "code": "same"}
-    facts = {"stage": f"tasks.{kind}", "seconds": 0.5, "modules": {}, "versions": {"gravcal": "0"}}
+    recipe |= {"inputs": labels, "code": repr(sorted(modules.items()))}
+    facts = {"stage": f"tasks.{kind}", "seconds": 0.5, "modules": modules, "versions": {"gravcal": "0"}}
     facts["from"] = [{"key": one.key} for one in inputs]
     ref = store.put(keys.key(recipe), recipe, (data, files or {}), facts)
     store.point(ref)
@@ -52,11 +56,11 @@ def result(event, offset_um, origin="measured"):
             "manoeuvres": [{"kind": "pitch", "start": 6.36e8, "stop": 6.36e8 + 180}]}  # fmt: skip
 
 
-def calibration(event, scale, origin="measured", **settings):
+def calibration(event, scale, origin="measured", modules=MODULES, **settings):
     """Publish the chain of one event: align, two solutions, report; references by stage."""
     align = put(f"{event}/com_offset.align", dataset(20000, scale).assign_attrs(origin=origin))
-    ones = {v: put(f"{event}/com_offset.solve:{v}", dataset(3000, scale * settings.get("gain", 1.0)), settings, [align])
-            for v in ("mtq", "acc")}  # fmt: skip
+    solved = dataset(3000, scale * settings.get("gain", 1.0))
+    ones = {v: put(f"{event}/com_offset.solve:{v}", solved, settings, [align], modules=modules) for v in ("mtq", "acc")}
     page = "<!DOCTYPE html><title>r</title><p class='verdict'>the report</p><script>document.title = 'ran'</script>"
     files = {"report.html": page, "result.json": json.dumps(result(event, [10 * scale, 0.0, -5.0], origin))}
     report = put(f"{event}/com_offset.report", dataset(10), settings, list(ones.values()), files)

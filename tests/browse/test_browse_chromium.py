@@ -6,14 +6,13 @@ It is skipped where Chromium and its driver are missing, unless GRAVCAL_NEEDS_CH
 from dataclasses import replace
 
 import pytest
-from chromium import click, complaints, wait
-from invented_store import EVENT, server
+from chromium import DRAWN, click, complaints, wait
+from invented_store import EVENT
 
 from flows.calibration import load
 from gravcal.browse import timeline
 from gravcal.report.history import history
 
-DRAWN = "return [...document.querySelectorAll('[data-figure]')].map(place => place.dataset.state)"
 PIXELS = """
 const bokeh = [...document.querySelectorAll('.plot')].map(place => {
   const walk = (root) => [...root.querySelectorAll('*')].flatMap(
@@ -30,19 +29,6 @@ const bokeh = [...document.querySelectorAll('.plot')].map(place => {
 return bokeh;
 """
 BLUE, VERMILION = "0,114,178", "213,94,0"
-
-
-@pytest.fixture
-def site(shop, browser):
-    """Return a function that opens a page, waits for its figures, and gives the browser."""
-    with server() as port:
-
-        def open_(path):
-            browser.get(f"http://127.0.0.1:{port}{path}")
-            wait(browser, lambda one: set(one.execute_script(DRAWN)) <= {"drawn", "failed"})
-            return browser
-
-        yield open_
 
 
 def colours(browser):

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import axe_core_python
 import numpy as np
 import pytest
+from chromium import DRAWN, click, complaints, wait
 from invented_store import EVENT, calibration, dataset, put, result
-from test_browse_chromium import DRAWN, browser, click, complaints, site, wait  # noqa: F401 - fixtures
 
 from gravcal.browse import store_index
 from gravcal.store import configurations, history, housekeeping, location
@@ -99,6 +99,20 @@ def test_two_configurations_stand_beside_each_other_event_by_event(day, ask):
     assert ask("/compare/nothing").status_code == 404
 
 
+def test_two_results_that_other_code_made_name_it(shop, ask):
+    """Contract: equal settings: the module and the data file that changed are the reason, also beside the event."""
+    modules = {"gravcal.estimation.noise": "new", "catalog/igrf.shc": "new", "gravcal.physics.frames": "same"}
+    with location.configured("rewritten"):
+        calibration(EVENT, 1.25, gain=1.5, modules=modules)
+    location.write_json(configurations._path("com_offset", "rewritten"), {"name": "rewritten", "settings": {}})
+    text = ask("/compare/com_offset?a=operational&b=rewritten").text.split("What else changed, and why")[1]
+    assert "code changed: gravcal.estimation.noise<" in text
+    assert "data changed: catalog/igrf.shc<" in text
+    assert "gain" not in text
+    earlier = ask(f"/event/{EVENT}").text.split("<h2>Other results")[1].split("</table>")[0]
+    assert "code changed: gravcal.estimation.noise; data changed: catalog/igrf.shc<" in earlier
+
+
 def test_products_are_told_apart_by_what_differs(day, ask):
     """Contract: settings, not keys; the delivered one needs no mark."""
     told = store_index.differing(store_index.entries())
@@ -153,7 +167,7 @@ def test_what_is_drawn_comes_as_csv(shop, ask):
 
 
 @pytest.fixture
-def at(day, site, browser):  # noqa: F811
+def at(day, site, browser):
     """Return a function that opens a page on a screen: width in px, dark or not, on paper or not."""
 
     def open_(path, width=1300, dark=False, media=""):
@@ -170,7 +184,7 @@ def at(day, site, browser):  # noqa: F811
 
 def test_columns_sort_and_filters_combine_and_both_stand_in_the_address(at):
     """Contract: a click sorts, a second turns; words and column:word all count; the address brings it all back."""
-    browser = at("/products?all=1")  # noqa: F811
+    browser = at("/products?all=1")
     cells = "return [...document.querySelectorAll('tbody tr:not([hidden])')].map((row) => row.cells[{}].textContent)"
     browser.find_elements("css selector", ".sort")[1].click()
     found = browser.execute_script(cells.format(1))
@@ -188,7 +202,7 @@ def test_columns_sort_and_filters_combine_and_both_stand_in_the_address(at):
 
 def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     """Contract: a zoom changes the address, which brings the same view back; the chain's size too."""
-    browser = at(f"/product/{shop['again']['align'].key}")  # noqa: F811
+    browser = at(f"/product/{shop['again']['align'].key}")
     range_ = "Bokeh.documents[0].get_model_by_name('figure').x_range"
     start = browser.execute_script(f"return {range_}.start")
     browser.execute_script(f"{range_}.setv({{start: {start + 1000}, end: {start + 3000}}})")
@@ -240,7 +254,7 @@ def failing(day):
 )
 def test_a_new_user_finds_by_clicks_alone(at, failing, path):
     """Contract: each of the four questions is answered from the first page with one or two clicks."""
-    browser = at("/")  # noqa: F811
+    browser = at("/")
     shown = lambda: browser.find_element("tag name", "main").text  # noqa: E731
     for words in path:
         click(browser, words)
@@ -265,14 +279,14 @@ def test_a_new_user_finds_by_clicks_alone(at, failing, path):
 
 def test_what_has_no_result_says_why(at):
     """Contract: an event without data says so."""
-    browser = at("/")  # noqa: F811
+    browser = at("/")
     click(browser, "grace-d-2022-01-01")
     assert "no data" in browser.find_element("css selector", ".verdict.bad").text
 
 
 def test_keys_are_shown_on_demand(at, day):
     """Contract: no hash before it is asked for."""
-    browser = at("/products")  # noqa: F811
+    browser = at("/products")
     key = day["again"]["mtq"].key[:12]
     assert key not in browser.find_element("tag name", "main").text
     browser.find_element("id", "keys").click()
@@ -281,7 +295,7 @@ def test_keys_are_shown_on_demand(at, day):
 
 def test_a_phone_keeps_the_verdict_in_sight(at):
     """Contract: on 390 px the verdicts lie within the window, nothing has to be moved sideways."""
-    browser = at("/", width=390)  # noqa: F811
+    browser = at("/", width=390)
     inside = """return [...document.querySelectorAll('td.long')].filter((one) => one.textContent.trim()).every((one) =>
       one.getBoundingClientRect().left >= 0 && one.getBoundingClientRect().right <= innerWidth)"""
     assert browser.execute_script(inside)
@@ -293,7 +307,7 @@ def test_a_phone_keeps_the_verdict_in_sight(at):
 def test_dark_and_paper_have_styles_and_focus_is_seen(at):
     """Contract: light letters on dark; no navigation on paper; an outline on what the keyboard is at."""
     style = "const s = getComputedStyle(document.querySelector('{}')); return [s.color, s.backgroundColor, s.display]"
-    browser = at("/", dark=True)  # noqa: F811
+    browser = at("/", dark=True)
     colour, paper, _ = browser.execute_script(style.format("body"))
     assert (colour, paper) == ("rgb(228, 228, 228)", "rgb(22, 25, 29)")
     browser = at(f"/event/{EVENT}", media="print")
@@ -308,7 +322,7 @@ def test_dark_and_paper_have_styles_and_focus_is_seen(at):
 def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark):  # noqa: ARG001 - more to show
     """Contract: no violation that axe-core finds (contrast, names, roles, headings); figures drawn, a quiet console."""
     for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
-        browser = at(path, dark=dark)  # noqa: F811
+        browser = at(path, dark=dark)
         browser.execute_script(SCRIPT)
         assert browser.execute_async_script(AXE) == [], path
         assert set(browser.execute_script(DRAWN)) <= {"drawn"}, path
@@ -318,7 +332,7 @@ def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, d
 
 def test_the_accessibility_check_finds_what_is_wrong(at):
     """Contract: the test above can fail."""
-    browser = at("/")  # noqa: F811
+    browser = at("/")
     browser.execute_script("document.querySelector('.filter').removeAttribute('aria-label')")
     browser.execute_script("document.querySelector('.filter').removeAttribute('placeholder')")
     browser.execute_script(SCRIPT)
