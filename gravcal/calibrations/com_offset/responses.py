@@ -245,58 +245,48 @@ def _mode_shape(views, frequency):
 
 def _drivers(one: Manoeuvre) -> list[Form]:
     """Every driver in the linear and in the angular reading, three axes each."""
-    found = []
-    for channel, unit in UNITS.items():
+    found, bases = [], _bases(one)
+    for channel in UNITS:
+        linear = channel == "linear"
         for k, (driver, form, shape) in enumerate(_series(one)):
-            base = form if form in _bases(one) and channel == "linear" else ""
-            found.append(_unknown(channel, unit, (driver, form, shape.shape[1]), _of_series(channel, k), base=base))
-        found += [
-            _of_law(law, values, channel, _bases(one)[law.base][0], channel == "linear") for law, values in SCREENED
-        ]
+            signal = lambda one, channel=channel, k=k: {channel: on_axes(_series(one)[k][2])}  # noqa: E731
+            base = form if form in bases and linear else ""
+            found.append(_unknown(channel, driver, form, shape.shape[1], signal, base=base))
+        found += [_of_law(law, values, channel, bases[law.base][0], linear) for law, values in SCREENED]
     return found
 
 
-def _unknown(channel, unit, words, signal, **known):
+def _unknown(channel, driver, form, width, signal, **known):
     """Form in no list, of a series with so many columns, on three axes of a reading."""
-    driver, form, width = words
     names = [f"{channel}_{a}_{w}" if width > 1 else f"{channel}_{a}" for w in range(width) for a in "xyz"]
-    return Form(f"unknown:{driver}", f"{channel} reading, {form}", names, [unit] * len(names), [], signal, **known)
-
-
-def _of_series(channel, index):
-    def signal(one):
-        return {channel: on_axes(_series(one)[index][2])}
-
-    return signal
+    words = f"unknown:{driver}", f"{channel} reading, {form}", names, [UNITS[channel]] * len(names)
+    return Form(*words, [], signal, **known)
 
 
 def _series(one) -> list[tuple[str, str, np.ndarray]]:
     """Driver channels, form, and (n, k) 1 of a size near one, on the accelerometer epochs of a manoeuvre."""
     if "drivers" not in one.memory:
-        rows = _made_series(one)
-        one.memory["drivers"] = [(a, b, c[:, None] if c.ndim == 1 else c) for a, b, c in rows]
+        one.memory["drivers"] = [(a, b, c.reshape(len(c), -1)) for a, b, c in _made_series(one)]
     return one.memory["drivers"]
 
 
 def _made_series(one):
-    c, time = one.context, one.context.time
-    current = c.dipole_b.sum(axis=1) / max(np.abs(c.dipole_b).max(), 1e-30)
-    rate = c.rate_b - c.rate_b.mean(axis=0)
-    angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
-    rate, angle = rate / max(np.abs(rate).max(), 1e-30), (angle - angle.mean(axis=0)) / max(np.abs(angle).max(), 1e-30)
-    position = np.stack([np.interp(time, one.orbit[0], p) for p in one.orbit[1].T], axis=1)
-    latitude = np.arcsin(position[:, 2] / np.linalg.norm(position, axis=1))
+    bases, c, time = _bases(one), one.context, one.context.time
+    current, sine = bases[CURRENT][1], np.sin(bases[LATITUDE][1])
+    angle = np.cumsum((c.rate_b - c.rate_b.mean(axis=0)) * np.diff(time, prepend=time[0])[:, None], axis=0)
+    angle = (angle - angle.mean(axis=0)) / max(np.abs(angle).max(), 1e-30)
+    rate = np.stack([bases[f"rate {a}"][1] for a in "xyz"], axis=1)
     field, u = c.field_b * 2e4, (time - time[0]) / (time[-1] - time[0])
     rows = [("torquer_current", f"hysteresis of {w:g} of full", play(current, w)) for w in PLAY]
     strength = np.linalg.norm(field, axis=1)
     rows.append(("torquer_current*field", "current times field strength", current * strength))
     rows += [("torquer_current*field", f"current times field {'xyz'[i]}", current * field[:, i]) for i in range(3)]
-    rows.append(("torquer_current*latitude", "current times sine of latitude", current * np.sin(latitude)))
+    rows.append(("torquer_current*latitude", "current times sine of latitude", current * sine))
     rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (u - 0.5)))
     rows += [(name, *one) for name, values in (("rate", rate), ("attitude", angle)) for one in products(values)]
-    rows += [(name, form, values) for form, (name, values) in _bases(one).items()]
+    rows += [(name, form, values) for form, (name, values) in bases.items()]
     rows += [("time", f"decay {t:g} s from the start", np.exp(-(u * 180.0) / t)) for t in SETTLING_S]
-    rows.append(("time", "saw-tooth of the second", (one.time % 1.0) - 0.5))
+    rows.append(("time", "saw-tooth of the second", (time % 1.0) - 0.5))
     return rows
 
 
@@ -348,7 +338,7 @@ def _of_law(law, constants, channel, driver, screened=False):
     """Form of a law with its constants."""
     signal = lambda one: {channel: on_axes(_values(law, one, constants))}  # noqa: E731
     known = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
-    return _unknown(channel, UNITS[channel], (driver, law.told(constants), law.width), signal, **known)
+    return _unknown(channel, driver, law.told(constants), law.width, signal, **known)
 
 
 def _law_shape(views, form):
