@@ -176,8 +176,10 @@ def _searched(observed, limits, model, before=None):
     change = numbers["calibration_change"]
     change |= {} if observed.epoch is None else {"epoch": observed.epoch}
     numbers["expected"] = {name: list(known) for name, known in observed.expected.items()}
-    taken = _without_model(result, observed, numbers["findings"])
-    change["correction"] = (np.array(change["after"]) - observed.scale * (observed.start + taken)).tolist()
+    calibrated = observed.scale * (observed.start + _without_model(result, observed, numbers["findings"]))
+    if before is not None and not any(one["adopted"] for one in numbers["findings"]):
+        calibrated = np.array(before)  # of the records as they are
+    change["correction"] = (np.array(change["after"]) - calibrated).tolist()
     named = {slug_of(one.cause) for one in result.findings}
     rows = _beside(result.problem, observed, count)
     numbers["indistinguishable_from_calibration"] += [one for one in rows if one["cause"] not in named]

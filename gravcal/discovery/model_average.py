@@ -53,6 +53,8 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
     whole, least = (_averaged(result, used) for used in ([True] * len(names), sure))
     if np.any(np.abs(value - least[0])[:count] > result.sigma[0][:count]):
         adopted, (value, covariance) = sure, least
+    if not any(adopted):  # of a search in records that a first one has changed that is not what these rows give
+        value = before
     kept = [one for one, known in zip(names, adopted, strict=True) if known]
     foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in kept)
     move = (value - before)[:count]

@@ -552,6 +552,9 @@ def test_a_driver_that_moves_the_calibration_further_than_its_error_is_not_adopt
         assert abs(error[0]) < 3
         assert (found.shared[1][0] == found.shared[0][0]) != adopted
         assert (found.sigma[1][0] > 10 * found.sigma[0][0]) != adopted
+        other = result.shared[0] + 0.5 * result.sigma[0]  # of records that a first search has left as they are
+        found = delivered(replace(result, shared=(other, result.shared[1])), CHOICE, 1)
+        assert (found.shared[1][0] == other[0]) != adopted
 
 
 def test_what_is_not_seen_of_a_cause_that_was_not_named_has_its_price():
