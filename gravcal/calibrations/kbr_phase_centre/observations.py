@@ -254,7 +254,7 @@ class Ranging(Observations):
         for one in self.signals:
             last = first + len(one.names)
             columns = [part[:, first:last] for part in rows]
-            whole = replace(one, columns=columns, of_frame=one.cause in FRAME)
+            whole = replace(one, columns=columns, of_frame=one.cause in FRAME, at=np.nan)
             if np.isfinite(one.at):
                 made += [self._ripple(whole, one.at, form) for form in SATELLITES]
             else:
@@ -278,15 +278,8 @@ class Ranging(Observations):
 
         ends = 1 / (1 / period + np.degrees(RIPPLE_STEP) * np.array([1, -1]))
         about = np.array([period]), columns, np.linspace(*ends, 9)[:, None], *ends[:, None]
-        rows = [[getattr(whole, name)[k] for k in used] for name in ("names", "units", "prior")]
-        return Candidate(
-            whole.cause,
-            f"{whole.form}{form and ', '}{form}",
-            *rows[:2],
-            [c[:, used] for c in whole.columns],
-            rows[2],
-            shape=Shape(("period",), ("rad",), *about, words=form),
-        )
+        shape = Shape(("period",), ("rad",), *about, words=form)
+        return replace(whole.part(used, form), form=f"{whole.form}{form and ', '}{form}", shape=shape)
 
     def breaks(self, epochs: np.ndarray) -> list[Candidate]:
         """Phase breaks at given epochs (k,) s of one sub-manoeuvre."""
