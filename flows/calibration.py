@@ -206,13 +206,7 @@ def known() -> tuple[str, ...]:
 
 @functools.cache
 def load(name: str) -> Calibration:
-    """Record of a calibration.
-
-    Raises
-    ------
-    KeyError : no calibration of this name is installed
-    TypeError : the entry point of this name is no Calibration, or one of another name
-    """
+    """Record of an installed calibration; its schema and its part of the catalogue are made known."""
     found = _entry_points()[name].load()
     if not isinstance(found, Calibration) or found.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {found!r:.80}, expected the Calibration {name!r}")

@@ -24,12 +24,7 @@ class Study:
 
 @functools.cache
 def flow_of(name: str, shown: bool = False):
-    """Flow of the discovery of a calibration, or of a study; `shown` if with the detection limits of the event.
-
-    Raises
-    ------
-    KeyError : no such calibration, or none that can be searched
-    """
+    """Flow of the discovery of a calibration, or of a study; `shown` if with the detection limits of the event."""
     one = STUDIES.get(name) or calibrations.load(name)
     if one.discovery is None:
         raise KeyError(name)
@@ -37,12 +32,7 @@ def flow_of(name: str, shown: bool = False):
 
 
 def as_calibration(name: str, shown: bool = False) -> Calibration:
-    """Calibration whose flow is its discovery, as a campaign runs it; its result is that with what was found.
-
-    Raises
-    ------
-    KeyError : as of `flow_of`
-    """
+    """Calibration whose flow is its discovery, as a campaign runs it; its result is that with what was found."""
     return replace(calibrations.load(name), flow=flow_of(name, shown), document=document, result=results.searched)
 
 

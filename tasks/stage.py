@@ -213,15 +213,10 @@ def recipe(call):
     return wanted, modules
 
 
-@functools.cache
-def _parameters(body):
-    return inspect.signature(body).parameters
-
-
 def call_of(called, items, settings):
     """Call with checked inputs and settings in canonical form."""
     keys.check_inputs(called.name, items, called.reads)
-    known = _parameters(called.body)
+    known = inspect.signature(called.body).parameters
     given = dict(settings)
     event = given["event"] if "event" in given else keys.event_of(called.name, items)
     files = [f"{item.product}_{item.satellite}" for item in items if keys.is_file(item)]
