@@ -37,11 +37,10 @@ def checks(aligned, found, **settings):
     return estimation.check(aligned, found, **settings)
 
 
-@stage(
-    reads=["magnetometer.estimate", "magnetometer.align", "magnetometer.checks"],
-    writes="magnetometer.report",
-    version=1,
-)
+REPORTED = [f"magnetometer.{name}" for name in ("estimate", "align", "checks")]
+
+
+@stage(reads=REPORTED, writes="magnetometer.report", version=1)
 def report(*products, event, settings):
     """Result document and page."""
     return reports.report(page.PAGE, *products, event=event, settings=settings)

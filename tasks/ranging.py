@@ -11,11 +11,10 @@ page = lazy("gravcal.calibrations.ranging.page")
 KINDS = product.registered("ranging", **schemas.of("ranging.toml"))
 
 
-@stage(
-    reads=["kbr_phase_centre.align", "kbr_phase_centre.pointing", "kbr_phase_centre.observable"],
-    writes="ranging.align",
-    version=2,
-)
+ALIGNED = [f"kbr_phase_centre.{name}" for name in ("align", "pointing", "observable")]
+
+
+@stage(reads=ALIGNED, writes="ranging.align", version=2)
 def align(aligned, pointed, equations, **settings):
     """Quiet ranging minus orbit, and smoothed pointing."""
     return model.align(aligned, pointed, equations, **settings)

@@ -43,11 +43,10 @@ def checks(aligned, found, **settings):
     return estimation.check(aligned, found, **settings)
 
 
-@stage(
-    reads=["thrusters.estimate", "thrusters.noise", "thrusters.align", "thrusters.checks"],
-    writes="thrusters.report",
-    version=1,
-)
+REPORTED = [f"thrusters.{name}" for name in ("estimate", "noise", "align", "checks")]
+
+
+@stage(reads=REPORTED, writes="thrusters.report", version=1)
 def report(*products, event, settings):
     """Result document and page."""
     return reports.report(page.PAGE, *products, event=event, settings=settings)
