@@ -132,7 +132,7 @@ def states(url, run, expected):
     limit, found = time.monotonic() + SETTLE_S, None
     while found != expected and time.monotonic() < limit:
         tasks = server.ask(url, "/task_runs/filter", {"flow_runs": {"id": {"any_": [run["id"]]}}})
-        found = {one["name"].rpartition("-")[0]: one["state"]["name"] for one in tasks}
+        found = {one["name"].rpartition("-")[0]: (one["state"] or {}).get("name") for one in tasks}  # None: not yet
         time.sleep(0.1)
     return found
 
