@@ -65,7 +65,7 @@ CALIBRATION = Calibration(
 
 def many(options) -> list[Figure]:
     """A campaign of a thousand events and one of as many as asked for, through Prefect and Dask."""
-    steps = sorted({FEW, options.events or FEW})
+    steps = [20] if options.quick else sorted({FEW, options.events or FEW})
     title(f"many: campaigns of small events, {options.workers} workers; largest resident memory, size of the database")
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)

@@ -68,13 +68,14 @@ def test_the_readme_needs_no_paper_to_be_read():
 
 
 def test_the_recipes_for_clusters_install_what_they_import():
-    """Contract: an optional extra for each, with the package that the recipe imports."""
+    """Contract: an optional extra for each, with the package that the recipe imports; what was not run says so."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     page = (ROOT / "docs" / "scale.md").read_text()
     for extra, module in (("slurm", "dask_jobqueue"), ("kubernetes", "dask_kubernetes"), ("s3", "s3fs")):
         assert f"gravcal[{extra}]" in page
         assert module.replace("_", "-") in page or module in page
         assert extras[extra][0].startswith(module.replace("_", "-"))
+    assert "### Slurm and Kubernetes (not run here)" in page
 
 
 def test_the_python_lines_print_what_the_readme_says(tmp_path, monkeypatch):
