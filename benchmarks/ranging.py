@@ -15,6 +15,7 @@ from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.ranging import model
 from gravcal.simulation import kbr_phase_centre as simulation
+from gravcal.store import location, product
 from tasks import common
 from tasks import kbr_phase_centre as of_pair
 from tasks import ranging as stages
@@ -23,16 +24,13 @@ FILES = (("KBR1B", "Y"), ("GNI1B", "C"), ("GNI1B", "D"), ("SCA1B", "C"), ("SCA1B
 FREE = [1, 2, 4, 5]  # y and z of both
 #: As on 2014-01-15; antenna vectors off the pointing axis.
 SETTINGS = simulation.MEASURED | {"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0}
+BANDS_MHZ = (*np.arange(0.5, 5.1, 0.5), *range(6, 11), 12, 14, 17, 20, 25, 30, 40, 60, 80, 100.1)
 
 
 def ranging(options) -> list[Figure]:
     """What the measured day of --data says; without it a study of simulated days."""
-    chosen = catalog.parameters("ranging")
     if options.data:
-        one = load("ranging")
-        ref = engine.run(one.flow, one.source(data=options.data), chosen, engine="inline")
-        say(common.document(ref, "result.json")["verdict"]["text"])
-        return []
+        return of_day(options.data)
     count = options.runs or 100
     title(f"ranging: {count} days, {options.settings or 'as measured'}")
     found = zip(*cases(functools.partial(one_day, options.settings), range(count), options.workers), strict=True)
@@ -48,6 +46,25 @@ def ranging(options) -> list[Figure]:
     return show(
         [*figures, Figure(name, numbers(rms(share), ".2f")), Figure("  mean", numbers(share.mean(axis=0), ".2f"))]
     )
+
+
+def of_day(folder) -> list[Figure]:
+    """What a measured day says, and by band the power of readings that its noise model makes white."""
+    one, chosen = load("ranging"), catalog.parameters("ranging")
+    ref = engine.run(one.flow, one.source(data=folder), chosen, engine="inline")
+    document = common.document(ref, "result.json")
+    say(document["verdict"]["text"])
+    rows = product.read(location.folder() / "latest" / document["event"] / "ranging.align" / "product.nc")
+    settings, shared = chosen.for_stage("estimate"), -rows["correction_band"].values
+    settings.pop("determined_limit_mm")
+    parts = model.blocks(rows, **settings, beside=np.column_stack([rows["column"].values, shared]))
+    observed = rows["observed"].values - shared @ [band["value"] for band in document["share"]]
+    powers, figures = [model.whitened_power(part, observed, model.step_of(rows)) for part in parts], []
+    for low, high in zip(BANDS_MHZ, BANDS_MHZ[1:], strict=False):
+        each = [power[(1e3 * f >= low) & (1e3 * f < high)].mean() for f, power in powers]
+        said = f"{np.mean(each):.2f} +- {np.std(each) / len(each) ** 0.5:.2f}, largest of a block {max(each):.2f}"
+        figures.append(Figure(f"power of whitened readings over noise, {low:g} to {high:g} mHz", said))
+    return show(figures)
 
 
 def one_day(settings, seed):
@@ -80,8 +97,8 @@ def undiluted(rows, equations):
     chosen = catalog.parameters("ranging").for_stage("estimate")
     chosen.pop("determined_limit_mm")
     column = 1e-3 * equations["column"].values[equations["arc"].values == -1]
-    parts = model.blocks(rows, **chosen)
-    information, right, _ = model.equations_of(parts, rows["observed"].values, column, rows["time"].values)
+    parts = model.blocks(rows, **chosen, beside=column)
+    information, right, _ = model.equations_of(parts, rows, rows["observed"].values, column)
     normal, side = information.sum(axis=0), right.sum(axis=0)
     held = np.array([catalog.satellite(x).com_to_antenna.value[0] for x in "CD"]) * 1e3
     fixed = np.linalg.solve(normal[np.ix_(FREE, FREE)], side[FREE] - normal[np.ix_(FREE, [0, 3])] @ held)

@@ -14,13 +14,13 @@ KINDS = product.registered("ranging", **schemas.of("ranging.toml"))
 ALIGNED = [f"kbr_phase_centre.{name}" for name in ("align", "pointing", "observable")]
 
 
-@stage(reads=ALIGNED, writes="ranging.align", version=2)
+@stage(reads=ALIGNED, writes="ranging.align", version=3)
 def align(aligned, pointed, equations, **settings):
     """Quiet ranging minus orbit, and smoothed pointing."""
     return model.align(aligned, pointed, equations, **settings)
 
 
-@stage(reads=["ranging.align"], writes="ranging.estimate", version=2)
+@stage(reads=["ranging.align"], writes="ranging.estimate", version=3)
 def estimate(rows, **settings):
     """Phase centres from routine pointing, and the share of the antenna correction that the range shows."""
     return model.estimate(rows, **settings)

@@ -320,20 +320,17 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     numbers, spacing, series = _series(problem.blocks, rest, channel)
     begins = [problem.blocks[k].time[problem.blocks[k].channel == channel].min() for k in numbers]
     found, drifts = [], partial(_drifts, np.array(begins), spacing)
-    slowest = max((problem.blocks[k].slowest_hz for k in numbers), default=0.0) * spacing
     for kind, made in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps), ("drift", drifts)):
         best, count = (-np.inf,), 0
         most = np.full(rest[0].shape[1], -np.inf)
         scales = made(series[0].shape[1]) if numbers and series[0].shape[1] <= LONGEST[kind] else []
-        for where, power in scales if kind != "slow" or not slowest else ():
+        for where, power in scales:
             of_axes = [power(one) for one in series]
-            below = [k for k in range(of_axes[0].shape[1] if slowest else 0) if min(where(k)[1]) < slowest]
             named = [*enumerate(of_axes if len(of_axes) > 1 else ()), (-1, sum(of_axes))]  # a channel may have one axis
             for axis, of_blocks in named:
                 apart = zip(numbers, of_blocks, strict=True) if kind in ("tile", "chirp") else ()
                 for block, each in [*apart, (-1, of_blocks.sum(axis=0))]:
                     score = _deviations(each)
-                    score[below] = -np.inf
                     largest = score.max(axis=0)
                     count, most = count + int(np.sum(np.isfinite(score[:, 0]))), np.maximum(most, largest)
                     if largest[0] > best[0]:

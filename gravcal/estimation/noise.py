@@ -231,10 +231,11 @@ class Spectrum:
 
     def shares(self, frequency_hz: np.ndarray) -> np.ndarray:
         """Shares (m, k) of the knots in the logarithm of the density at frequencies (m,) Hz."""
-        return _shares(self.knot_hz, frequency_hz)
+        return log_linear(self.knot_hz, frequency_hz)
 
 
-def _shares(knot_hz, frequency_hz):
+def log_linear(knot_hz: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
+    """Shares (m, k) of knots at frequencies (m,) Hz, straight between them over the logarithm, held beyond them."""
     at = np.log(np.clip(frequency_hz, knot_hz[0], knot_hz[-1]))
     return np.stack([np.interp(at, np.log(knot_hz), row) for row in np.eye(len(knot_hz))], axis=-1)
 
@@ -260,7 +261,7 @@ def fit_spectrum(
     knots, frequency = np.asarray(knot_hz, dtype=float), np.linspace(0, 0.5 / step_s, parts + 1)
     rows = zip(*(_waves(*group, step_s, parts) for group in _alike(pieces)), strict=True)
     square, response, times = (np.concatenate(one) for one in rows)
-    shares, at = _shares(knots, frequency), np.log(knots)
+    shares, at = log_linear(knots, frequency), np.log(knots)
     bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(at)[:, None], axis=0)
     prior = bends.T @ bends / BEND**2 + 1e-9 * np.eye(knots.size)
     whole = response.sum(axis=1)

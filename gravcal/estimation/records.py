@@ -27,7 +27,6 @@ class Block:
     steps: dict[float, np.ndarray] = field(default_factory=dict)
     #: {(channel, axis): relative error of the amplitude of the noise in this block alone}
     level_error: Mapping[tuple[str, int], float] = field(default_factory=dict)
-    slowest_hz: float = 0.0  #: below which its noise is not known: no power beyond it is looked for there
 
 
 @dataclass(frozen=True)

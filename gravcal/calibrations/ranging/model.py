@@ -1,32 +1,41 @@
 """Routine pointing of a pair: range minus orbit, blocks of a revolution, what of the antenna correction is motion.
 
-Each block has its own bias and slow orbit error; the spectrum of its noise is that of the blocks beside it, the level
-its own. Routine pointing turns the line of sight by milliradians, x moves the range by the square of that and is lost.
-Above 10 mHz pointing as measured is noise of the star cameras, and a regressor with noise gives phase centres that are
-too small, or, with x held, those along the mean pointing: the regressor is pointing as expected, given its measurement.
+Each block has its own bias and slow orbit error; its noise has the spectrum of the day, and levels of its own of orbit
+errors and of ranging. Where orbit errors are large readings weigh little. Routine pointing turns the line of sight by
+milliradians, x moves the range by the square of that and is lost. Above 10 mHz pointing as measured is noise of the
+star cameras, and a regressor with noise gives phase centres that are too small, or, with x held, those along the mean
+pointing: the regressor is pointing as expected, given its measurement.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.linalg import cholesky, solve_triangular
 
 from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.building import build
 from gravcal.effects.ranging import BANDS_HZ
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares
-from gravcal.estimation.noise import NoiseModel, filtered, fit_noise, in_bands, whiten
+from gravcal.estimation.noise import filtered, fit_noise, in_bands, log_linear
 from gravcal.physics import frames, orbit_environment
 
 SCHEMAS = schemas.of("ranging.toml")
 
 NAMES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in "xyz")
 REVOLUTION_SHARE = 60  # of the day's positions between two that span the plane of the orbit
-EDGES_HZ = (BANDS_HZ[0] / 2, *BANDS_HZ)  # an octave below, where orbit errors follow the pointing, is shown as well
-NEIGHBOURS = 4  # blocks that the noise of one is measured in
+EDGES_HZ = (BANDS_HZ[0] / 2, *BANDS_HZ)  # an octave below, where orbit errors are larger, is shown as well
+#: Hz, of the spectrum of the day, and of the levels of a block: orbit errors below, ranging above.
+KNOTS_HZ = 1e-3 * np.array([0.3, 0.5, 0.8, 1.2, 1.7, 2.3, 3, 4, 5.5, 7.5, 10, 14, 20, 30, 50, 70, 80, 90, 100])
+LEVELS_HZ = (5e-3, 2e-2)
+KEPT = 0.3  # of a wave beside all columns, that says something of the noise
+LOOSE = 1e-4  # prior weight of the knots; one of a level, which are alike to a factor of e
+BINS = 4096  # frequencies between zero and Nyquist
+ROUNDS, SCORINGS = 4, 4  # of the spectrum: whitened anew, and in between
 WHITE_HZ = 0.08  # up to which the filters of the star cameras and of the ranging leave white noise white
-LAGS = 24  # of columns at wrong times
+LAGS = 24  # of columns at wrong times, where the record has fewer revolutions than LEAST_LAGS
+LEAST_LAGS = 6
 LONGEST_S = 600  # by which tags are looked for
 LEAST_GAIN = 0.5  # of the pointing: motion exceeds its noise
 
@@ -54,10 +63,9 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
     correction, motion = (np.einsum("kna,ka->n", one, np.reshape(nominal_m, (2, 3))) for one in (line, smooth))
     bands = [in_bands(one, 1.0, EDGES_HZ) for one in (correction, motion)]
     column = -np.concatenate(list(smooth), axis=1)
-    moving = filtered(column, 1.0, lambda f: (f >= BANDS_HZ[0]) & (f < noise_hz))
     through = crn.operator(crn.Crn(), 0, known, (second[0], 1.0), at)
-    parts = through(np.column_stack([column, moving, correction, *bands]))
-    column, moving, correction, *bands = np.split(parts, np.cumsum([6, 6, 1, len(EDGES_HZ) - 1]), axis=1)
+    parts = through(np.column_stack([column, correction, *bands]))
+    column, correction, *bands = np.split(parts, np.cumsum([6, 1, len(EDGES_HZ) - 1]), axis=1)
     all_at, distance = aligned["time_kbr"].values, aligned["reading_range"].values
     here = np.isin(all_at, at)
     position = aligned["position_i"].values[0]
@@ -69,7 +77,6 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
         "time": at,
         "observed": equations["observed"].values[quiet],
         "column": column,
-        "motion": moving,
         "correction": correction[:, 0],
         "correction_band": bands[0],
         "smoothed_band": bands[1],
@@ -157,22 +164,24 @@ class Block:
     rows: np.ndarray
     place: np.ndarray
     slow: np.ndarray  #: (n, k) columns of bias and slow orbit error
-    noise: NoiseModel  #: shape of the blocks beside it, own level
+    density: np.ndarray  #: (BINS + 1,) m2 Hz-1 of its noise, one-sided, from zero to the Nyquist frequency
+    lower: np.ndarray  #: (n, n) m, Cholesky factor of the covariance of its noise
 
     def white(self, columns: np.ndarray) -> np.ndarray:
         """Columns (n, q) m, whitened, on the even grid (m, q); zero where there is no reading."""
-        return whiten(self.noise, *_on_grid(self.place, columns))
+        grid = np.zeros((self.place[-1] + 1, columns.shape[1]))
+        grid[self.place] = solve_triangular(self.lower, columns, lower=True, check_finite=False)
+        return grid
 
-
-def _on_grid(place, columns):
-    """Columns (m, q) on the even grid, and where they are known (m,)."""
-    grid, valid = np.zeros((place[-1] + 1, columns.shape[1])), np.zeros(place[-1] + 1, dtype=bool)
-    grid[place], valid[place] = columns, True
-    return grid, valid
+    def coloured(self, white: np.ndarray) -> np.ndarray:
+        """Columns on the even grid (m, q) m whose whitened ones are given, NaN where there is no reading."""
+        grid = np.full(white.shape, np.nan)
+        grid[self.place] = self.lower @ white[self.place]
+        return grid
 
 
 def blocks(
-    rows: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int, added=0.0, following=False
+    rows: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int, added=0.0, beside=None
 ) -> list[Block]:
     """Blocks of a day, each at least half full.
 
@@ -181,9 +190,15 @@ def blocks(
     rows : Dataset, "ranging.align"
     range_block_s : s, length of a block
     range_degree : of the polynomial of a block
-    noise_order : coefficients of the noise model
+    noise_order : coefficients of the noise model that its spectrum begins with
     added : (n,) m, correction of the range whose noise is asked for
-    following : True if orbit errors may follow the pointing, below the bands, by another size in each block
+    beside : (n, q) columns of which any size may be in the range, none by default
+
+    Notes
+    -----
+    Powers of whitened rows beside all columns are exponential about r(f) exp(x(f)), r what the columns leave of white
+    noise; x is scored between knots of the day and of each block until rows are white. Its variance v is that of the
+    scores: a reading whose variance is only known so well has that of Student's t, larger by 1 + v.
     """
     time, segment, observed = rows["time"].values, rows["segment"].values, rows["observed"].values + added
     step, number = step_of(rows), np.floor((time - time[0]) / range_block_s).astype(int) * 8 + segment
@@ -192,27 +207,61 @@ def blocks(
     if len(parts) < 2:
         raise EstimationError(
             f"{rows.attrs['ranging']}: found {len(parts)} blocks of {range_block_s:.0f} s that are at least half "
-            f"full, expected two or more, so that the noise of one can be measured in others. Give a longer record."
+            f"full, expected two or more, so that noise can be told from what they show. Give a longer record."
         )
     places = [np.rint((time[part] - time[part[0]]) / step).astype(int) for part in parts]
     slow = [least_squares.polynomial(time[part], range_degree, time[part[0]], time[part[-1]]) for part in parts]
-    if following:
-        low = (rows["column"] - rows["motion"]).values
-        slow = [
-            np.column_stack([own, low[part] - low[part].mean(axis=0)]) for own, part in zip(slow, parts, strict=True)
-        ]
-    series, made, numbers = [], [], np.arange(len(parts))
+    series = []
     for part, place, columns in zip(parts, places, slow, strict=True):
-        left, valid = _on_grid(place, least_squares.without(columns, observed[part] - observed[part[0]])[:, None])
-        series.append(np.where(valid, left[:, 0], np.nan))
-    for k, (part, place, columns) in enumerate(zip(parts, places, slow, strict=True)):
-        beside = np.argsort(np.abs(numbers - k), kind="stable")[1 : NEIGHBOURS + 1]
-        noise = fit_noise([series[one] for one in beside], noise_order, step, beside.size * columns.shape[1])
-        block = Block(part, place, columns, noise)
-        left = least_squares.without(block.white(columns), block.white(observed[part, None] - observed[part[0]]))
-        level = np.sum(left**2) / (part.size - columns.shape[1])
-        made.append(replace(block, noise=replace(noise, variance=noise.variance * level)))
-    return made
+        series.append(np.full(place[-1] + 1, np.nan))
+        series[-1][place] = least_squares.without(columns, observed[part] - observed[part[0]])
+    frequency = np.linspace(0, 0.5 / step, BINS + 1)
+    removed = sum(one.shape[1] for one in slow)
+    density = [fit_noise(series, noise_order, step, removed).density(frequency)] * len(parts)
+    data = np.column_stack([observed, *([] if beside is None else beside.T)])
+    knots = log_linear(KNOTS_HZ[KNOTS_HZ * step < 0.501], frequency), log_linear(LEVELS_HZ, frequency)
+    level = np.zeros((len(parts), len(LEVELS_HZ)))
+    for _ in range(ROUNDS):
+        made = [_block(*one, step) for one in zip(parts, places, slow, density, strict=True)]
+        day, change, variance = _scored(made, data, knots, level)
+        level = level + change
+        density = [one * np.exp(day + own @ knots[1].T) for one, own in zip(density, change, strict=True)]
+    density = [one * (1 + own) for one, own in zip(density, variance, strict=True)]
+    return [_block(*one, step) for one in zip(parts, places, slow, density, strict=True)]
+
+
+def _block(rows, place, slow, density, step):
+    by_lag = np.fft.irfft(density, 2 * BINS) * (0.5 / step)
+    return Block(rows, place, slow, density, cholesky(by_lag[np.abs(place[:, None] - place)], lower=True))
+
+
+def _scored(made, data, knots, level):
+    """Changes of the logarithms of the spectrum of the day (m,) and of levels (k, 2), and variance (k, m) of both."""
+    slow = [least_squares.orthonormal(one.white(one.slow)) for one in made]
+    clean = [one.white(data[one.rows] - data[one.rows[0]]) for one in made]
+    clean = np.concatenate([own - basis @ (basis.T @ own) for own, basis in zip(clean, slow, strict=True)])
+    common = least_squares.orthonormal(clean[:, 1:])
+    left = np.column_stack([clean[:, 0] - common @ (common.T @ clean[:, 0]), common])
+    cuts, count, width = np.cumsum([len(one) for one in slow])[:-1], knots[0].shape[1], level.shape[1]
+    powers, shares = [], []
+    for k, (one, basis, rest) in enumerate(zip(made, slow, np.split(left, cuts), strict=True)):
+        wave = np.arange(1, len(rest) // 2)
+        power = np.abs(np.fft.rfft(np.column_stack([rest, basis]), axis=0)[wave]) ** 2 / one.place.size
+        kept, place = 1 - power[:, 1:].sum(axis=1), np.rint(2 * BINS * wave / len(rest)).astype(int)
+        share = np.zeros((wave.size, count + level.size))
+        share[:, :count], share[:, count + k * width : count + (k + 1) * width] = (one[place] for one in knots)
+        powers.append((power[:, 0] / kept)[kept > KEPT])
+        shares.append(share[kept > KEPT])
+    power, share = np.concatenate(powers), np.concatenate(shares)
+    begin = np.concatenate([np.zeros(count), level.ravel()])
+    value, prior = begin, np.repeat([LOOSE, 1.0], [count, level.size])
+    for _ in range(SCORINGS):
+        right = share.T @ (power * np.exp(-share @ (value - begin)) - 1) - prior * value
+        value = value + np.clip(np.linalg.solve(share.T @ share + np.diag(prior), right), -1, 1)
+    covariance, both = np.linalg.inv(share.T @ share + np.diag(prior)), np.column_stack(knots)
+    own = [np.r_[:count, count + k * width : count + (k + 1) * width] for k in range(len(made))]
+    variance = [np.einsum("mi,ij,mj->m", both, covariance[np.ix_(one, one)], both) for one in own]
+    return knots[0] @ value[:count], value[count:].reshape(level.shape) - level, variance
 
 
 def step_of(rows: xr.Dataset) -> float:
@@ -237,18 +286,17 @@ def estimate(
     E[l | measured] in place of l the estimate is not diluted; the rest of l, times the lever, is in the measured noise.
     """
     settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
-    observed, motion, band = (rows[n].values for n in ("observed", "motion", "correction_band"))
-    parts, time = blocks(rows, **settings), rows["time"].values
-    own, shared = 1e-3 * motion, -band
-    information, right, excess = equations_of(parts, observed, own, time)
+    observed, band, smooth, time = (rows[n].values for n in ("observed", "correction_band", "smoothed_band", "time"))
+    own, shared = 1e-3 * rows["column"].values, -band
+    parts = blocks(rows, **settings, beside=np.column_stack([own, shared]))
+    information, right, excess = equations_of(parts, rows, observed, own)
     limit, starts = np.full(6, determined_limit_mm), [time[part.rows[0]] for part in parts]
     found = named_parameters.estimated(NAMES, ["mm"] * 6, limit, information, right, starts)
-    of_share, seen, share_excess = equations_of(parts, observed, shared, time)
+    of_share, seen, share_excess = equations_of(parts, rows, observed, shared)
     covariance = least_squares.covariance(of_share.sum(axis=0))
     data = np.column_stack([observed - observed[0], own])
     series = np.concatenate([least_squares.without(part.slow, data[part.rows]) for part in parts])
-    smooth = rows["smoothed_band"].values
-    weight, kept, _ = equations_of(parts, -smooth.sum(axis=1), shared, time)
+    weight, kept, _ = equations_of(parts, rows, -smooth.sum(axis=1), shared)
     found |= {
         "time": time[np.concatenate([part.rows for part in parts])],
         "residual": series[:, 0],
@@ -258,29 +306,35 @@ def estimate(
         "share_covariance": covariance,
         "expected": least_squares.stable_inverse(weight.sum(axis=0)) @ kept.sum(axis=0),
         "excess": [excess, share_excess],
-        "density": [_densities(rows, settings, added) for added in (0.0, band.sum(axis=1), smooth.sum(axis=1))],
+        "density": [_densities(rows, parts, observed + more) for more in (0.0, band.sum(axis=1), smooth.sum(axis=1))],
     }
     return build(SCHEMAS["estimate"], found)
 
 
 def equations_of(
-    parts: list[Block], observed: np.ndarray, column: np.ndarray, time: np.ndarray
+    parts: list[Block], rows: xr.Dataset, observed: np.ndarray, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Normal equations (k, p, p), (k, p) of columns (n, p) in every block, with the noise that wrong times show.
 
-    Orbit errors and pointing both follow the orbit. Columns moved along the day by other lags cannot be there: where
-    they gain more than one each in chi-square, on average over the lags, variances are larger by this excess.
+    Orbit errors and pointing both follow the orbit. Columns moved by whole revolutions cannot be there: where they
+    gain more than one each in chi-square, on average, variances are larger by this excess.
     """
+    time, argument = rows["time"].values, rows["argument"].values
     span = time[-1] - time[0]
-    lags = span * np.arange(1, LAGS + 1) / (LAGS + 1)
-    at = [np.abs((time - time[0] + lag + span) % (2 * span) - span) for lag in (0.0, *lags)]  # back from the ends
+    revolutions = int(abs(argument[-1] - argument[0]) / (2 * np.pi))
+    count, period = (revolutions, 2 * np.pi * span / abs(argument[-1] - argument[0]))
+    if revolutions < LEAST_LAGS:
+        count, period = LAGS, span / (LAGS + 1)
+    at = [
+        np.abs((time - time[0] + k * period + span) % (2 * span) - span) for k in range(count + 1)
+    ]  # back at the ends
     moved = [np.stack([np.interp(one, time - time[0], v) for v in column.T], axis=1) for one in at]
-    data = np.column_stack([observed - observed[0], *moved])
+    data = np.column_stack([observed, *moved])
     sums = []
     for part in parts:
-        white = least_squares.without(part.white(part.slow), part.white(data[part.rows]))
-        rows = white[:, 1:].reshape(len(white), LAGS + 1, -1)
-        sums.append((np.einsum("nli,nlj->lij", rows, rows), np.einsum("nli,n->li", rows, white[:, 0])))
+        white = least_squares.without(part.white(part.slow), part.white(data[part.rows] - data[part.rows[0]]))
+        each = white[:, 1:].reshape(len(white), count + 1, -1)
+        sums.append((np.einsum("nli,nlj->lij", each, each), np.einsum("nli,n->li", each, white[:, 0])))
     information, right = (np.stack(one, axis=1) for one in zip(*sums, strict=True))
     gains = [
         r.sum(axis=0) @ least_squares.stable_inverse(n.sum(axis=0)) @ r.sum(axis=0)
@@ -290,11 +344,22 @@ def equations_of(
     return information[0] / excess, right[0] / excess, excess
 
 
-def _densities(rows, settings, added):
-    """Mean one-sided density (b,) m2 Hz-1 by band of the range with a correction (n,) added."""
-    every, edges = [block.noise for block in blocks(rows, **settings, added=added)], rows["edge"].values
-    grid = [np.linspace(low, high, 32) for low, high in zip(edges, edges[1:], strict=False)]
-    return [np.mean([noise.density(one).mean() for noise in every]) for one in grid]
+def whitened_power(part: Block, observed: np.ndarray, step_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (m,) Hz and power (m,) of whitened readings of a range (n,) m in a block; 1 where all is noise."""
+    values = observed[part.rows, None] - observed[part.rows[0]]
+    rest = least_squares.without(part.white(part.slow), part.white(values))[:, 0]
+    return np.fft.rfftfreq(rest.size, step_s), np.abs(np.fft.rfft(rest)) ** 2 / part.place.size
+
+
+def _densities(rows, parts, observed):
+    """Mean one-sided density (b,) m2 Hz-1 by band of a range (n,)."""
+    edges, step, found = rows["edge"].values, step_of(rows), []
+    for part in parts:
+        frequency, power = whitened_power(part, observed, step)
+        density = power * np.interp(frequency, np.linspace(0, 0.5 / step, BINS + 1), part.density)
+        bands = zip(edges, edges[1:], strict=False)
+        found.append([density[(frequency >= low) & (frequency < high)].mean() for low, high in bands])
+    return np.mean(found, axis=0)
 
 
 def check(pair: xr.Dataset, found: xr.Dataset, *, agreement_limit: float) -> xr.Dataset:

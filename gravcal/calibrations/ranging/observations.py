@@ -1,7 +1,7 @@
 """Routine pointing as discovery sees it: blocks of a revolution, and the effects that a range can show.
 
-No parameter but bias and slow orbit error of each block, which below 5 mHz may follow the pointing, is free in the
-baseline. The antenna correction is that of the pointing as measured; its noise and phase centres are among the causes.
+No parameter but bias and slow orbit error of each block is free in the baseline. The antenna correction is that of the
+pointing as measured; its noise and phase centres are among the causes. Noise is measured beside all of them at once.
 """
 
 from __future__ import annotations
@@ -15,10 +15,8 @@ import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
 from gravcal.calibrations.ranging import model
-from gravcal.effects import Context, effect
-from gravcal.effects.ranging import BANDS_HZ
+from gravcal.effects import Context, Effect, effect
 from gravcal.estimation import least_squares, records
-from gravcal.estimation.noise import unwhiten
 from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Parameter, Reported
 
 #: Effects that a range can show; a phase break begins another block.
@@ -61,14 +59,10 @@ def observe(
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
     added = 0.0 if correction_left_out else rows["correction"].values
     settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
+    made = Routine(rows, [], nominal, added, determined_limit_mm)
     late = late_columns(rows).get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
-    parts = model.blocks(rows, **settings, added=added - late, following=True)
-    if not correction_left_out:  # the noise is that beside late tags, and beside any noise of the star cameras
-        band, range_ = rows["correction_band"].values, rows["observed"].values + added - late
-        weight, right, _ = model.equations_of(parts, range_, band, rows["time"].values)
-        share = least_squares.stable_inverse(weight.sum(axis=0)) @ right.sum(axis=0)
-        parts = model.blocks(rows, **settings, added=added - late - band @ share, following=True)
-    return Routine(rows, parts, nominal, added, determined_limit_mm)
+    tried = np.concatenate([columns for _, columns in made.laws], axis=1)
+    return replace(made, parts=model.blocks(rows, **settings, added=added - late, beside=tried))
 
 
 def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
@@ -129,28 +123,33 @@ class Routine(Observations):
             channel, axis = np.array(["range"] * time.size), np.zeros(time.size, dtype=int)
             label, slow = f"from {first:.0f} s", part.white(part.slow)
             about = np.zeros((time.size, 0)), slow, channel, axis, time
-            made.append(records.Block(label, rows[:, 0], *about, slowest_hz=BANDS_HZ[0]))  # orbit errors below
+            made.append(records.Block(label, rows[:, 0], *about))
         return made
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Effects of the catalogue, less what bias and slow orbit error take of them."""
-        made, late = [], late_columns(self.rows)
-        for entry in map(effect, late or EFFECTS):
-            columns = late[entry.slug] if late else entry.columns(self.context)
-            columns = columns[:, : None if entry.linear else 4]  # of a ripple the sines
+        made = []
+        for entry, columns in self.laws:
             rows = [part.white(least_squares.without(part.slow, columns[part.rows])) for part in self.parts]
             words = [(p.name, p.unit, p.prior_sigma) for p in entry.parameters[: columns.shape[1]]]
             names, units, prior = map(list, zip(*words, strict=True))
             made.append(Candidate(entry.slug, "", names, units, rows, prior))
         return made
 
+    @functools.cached_property
+    def laws(self) -> list[tuple[Effect, np.ndarray]]:
+        """Effects with their columns (n, q) at every reading, of a ripple the sines; late tags alone where they are."""
+        late = late_columns(self.rows)
+        made = [(one, late[one.slug] if late else one.columns(self.context)) for one in map(effect, late or EFFECTS)]
+        return [(one, columns[:, : None if one.linear else 4]) for one, columns in made]
+
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
         """Time, range less orbit as the phase centres of the catalogue predict it, and rows in metres."""
         part, block = self.parts[number], self.blocks[number]
-        predicted, valid = np.zeros(block.time.size), np.zeros(block.time.size, dtype=bool)
-        predicted[part.place], valid[part.place] = self.rows["column"].values[part.rows] @ self.nominal.ravel(), True
-        return block.time, predicted[:, None], unwhiten(part.noise, rows, valid).T[:, :, None]
+        predicted = np.zeros(block.time.size)
+        predicted[part.place] = self.rows["column"].values[part.rows] @ self.nominal.ravel()
+        return block.time, predicted[:, None], part.coloured(rows).T[:, :, None]
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
         """Delays as the records show them, phase centres null where this day does not determine a component."""
@@ -181,7 +180,8 @@ class Routine(Observations):
 
 
 REPORT = Reported(
-    note="Each block has its own bias and slow orbit error; its noise is measured in the blocks beside it. "
+    note="Each block has its own bias and slow orbit error; noise is that of the day, with its own levels of orbit "
+    "errors and of ranging, measured beside all causes at once. "
     "Phase centres are null where their error is larger than a wiggle would leave.",
     readings={"range": " The distance of the orbits is taken off, and the mean."},
 )

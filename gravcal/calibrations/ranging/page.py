@@ -7,8 +7,8 @@ from gravcal.report.named_parameters import Page
 from gravcal.report.pages import Section, Table, figure
 
 NOTES = (
-    "Each block of a revolution has its own bias and slow orbit error; its noise is measured in the blocks beside it; "
-    "errors are wider by what columns at wrong times of the day gain.",
+    "Each block of a revolution has its own bias and slow orbit error; its noise is that of the day, with own levels "
+    "of orbit errors and of ranging; errors are wider by what columns moved by whole revolutions gain.",
     "A phase centre is null where its error is larger than a wiggle would leave: routine pointing turns the line of "
     "sight by milliradians and moves x by the square of that, far below the orbit errors. Phase centres are calibrated "
     "by wiggles (kbr_phase_centre); here they show whether those of the catalogue still hold.",
@@ -17,8 +17,7 @@ CORRECTIONS = ("none", "as_measured", "smoothed")
 SHARE = (
     "The antenna correction is made of the pointing as star cameras measure it. The range shows how much of it is "
     "motion; the star cameras themselves say what to expect: their spectrum above its floor. What is not motion is "
-    "noise that the correction adds to the range. In the lowest band orbit errors follow the pointing, which the share "
-    "is of as well.",
+    "noise that the correction adds to the range.",
 )
 
 
