@@ -32,10 +32,9 @@ LEVELS_HZ = (5e-3, 2e-2)
 KEPT = 0.3  # of a wave beside all columns, that says something of the noise
 LOOSE = 1e-4  # prior weight of the knots; one of a level, which are alike to a factor of e
 BINS = 4096  # frequencies between zero and Nyquist
+ROUNDING = 1e-12  # of the variance: late tags leave hundreds of metres
 ROUNDS, SCORINGS = 4, 4  # of the spectrum: whitened anew, and in between
 WHITE_HZ = 0.08  # up to which the filters of the star cameras and of the ranging leave white noise white
-LAGS = 24  # of columns at wrong times, where the record has fewer revolutions than LEAST_LAGS
-LEAST_LAGS = 6
 LONGEST_S = 600  # by which tags are looked for
 LEAST_GAIN = 0.5  # of the pointing: motion exceeds its noise
 
@@ -232,6 +231,7 @@ def blocks(
 
 def _block(rows, place, slow, density, step):
     by_lag = np.fft.irfft(density, 2 * BINS) * (0.5 / step)
+    by_lag[0] *= 1 + ROUNDING
     return Block(rows, place, slow, density, cholesky(by_lag[np.abs(place[:, None] - place)], lower=True))
 
 
@@ -320,26 +320,19 @@ def equations_of(
     gain more than one each in chi-square, on average, variances are larger by this excess.
     """
     time, argument = rows["time"].values, rows["argument"].values
-    span = time[-1] - time[0]
-    revolutions = int(abs(argument[-1] - argument[0]) / (2 * np.pi))
-    count, period = (revolutions, 2 * np.pi * span / abs(argument[-1] - argument[0]))
-    if revolutions < LEAST_LAGS:
-        count, period = LAGS, span / (LAGS + 1)
-    at = [
-        np.abs((time - time[0] + k * period + span) % (2 * span) - span) for k in range(count + 1)
-    ]  # back at the ends
+    span, turns = time[-1] - time[0], abs(argument[-1] - argument[0]) / (2 * np.pi)
+    lags = np.arange(max(int(turns), 1) + 1) * span / turns
+    at = [np.abs((time - time[0] + lag + span) % (2 * span) - span) for lag in lags]  # back from the end
     moved = [np.stack([np.interp(one, time - time[0], v) for v in column.T], axis=1) for one in at]
     data = np.column_stack([observed, *moved])
     sums = []
     for part in parts:
         white = least_squares.without(part.white(part.slow), part.white(data[part.rows] - data[part.rows[0]]))
-        each = white[:, 1:].reshape(len(white), count + 1, -1)
+        each = white[:, 1:].reshape(len(white), lags.size, -1)
         sums.append((np.einsum("nli,nlj->lij", each, each), np.einsum("nli,n->li", each, white[:, 0])))
     information, right = (np.stack(one, axis=1) for one in zip(*sums, strict=True))
-    gains = [
-        r.sum(axis=0) @ least_squares.stable_inverse(n.sum(axis=0)) @ r.sum(axis=0)
-        for n, r in zip(information[1:], right[1:], strict=True)
-    ]
+    wrong = zip(information[1:].sum(axis=1), right[1:].sum(axis=1), strict=True)
+    gains = [side @ least_squares.stable_inverse(normal) @ side for normal, side in wrong]
     excess = max(float(np.mean(gains)) / column.shape[1], 1.0)
     return information[0] / excess, right[0] / excess, excess
 
