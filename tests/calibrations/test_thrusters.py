@@ -6,13 +6,14 @@ import seeds
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from flows import engine, joint
+from flows import discover, engine, joint
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.io import archive, readers
 from gravcal.physics import frames
 from gravcal.store.schemas import validate
+from tasks import common
 
 COUNT = 20
 LEVEL = 3e-4  # chance that a correct code fails, over the seven parameters
@@ -122,3 +123,21 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, monke
             for own in values:
                 assert own["share_x"]["value"] == pytest.approx(2.5, abs=5 * own["share_x"]["sigma"])
     assert "does not repeat" in next(path for path in files if path.suffix == ".html").read_text()
+
+
+@pytest.mark.parametrize("late", [137.0, -137.0])
+def test_firings_late_by_minutes_name_no_cause_but_timing(tmp_path, monkeypatch, late):
+    """Recovery: tags of one record against the other, which of the two does not show; the delay within its error."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
+    settings = {"duration_s": "10800", "quiet_s": "900", "delay_scatter_s": "0"}
+    CALIBRATION.simulate(tmp_path, seed=5, effects={f"{LATE}.delay": late}, settings=settings)
+    source = CALIBRATION.source(data=tmp_path)
+    assert (
+        CALIBRATION.document(engine.run(CALIBRATION.flow, source, CHOSEN, engine="inline"))["status"] == "questionable"
+    )
+    ref = engine.run(discover.flow_of("thrusters"), source, CHOSEN, engine="inline")
+    found = [one for one in common.document(ref, "discovery.json")["findings"] if one["cause"] != "unknown:excess"]
+    assert [{one["cause"], *one["tied_with"]} for one in found] == [{LATE, "timing.star_camera_delay"}]
+    sign = 1 if found[0]["cause"] == LATE else -1
+    delay = found[0]["parameters"]["delay"]
+    assert abs(sign * delay["value"] - late) < 2 * delay["sigma"] < 3

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg import expm
+from scipy.ndimage import uniform_filter1d
 
 from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, own_tags, sorted_samples, usable
@@ -27,6 +28,9 @@ DEGREE = 5  # of the attitude: two integrations of a torque that is a cubic spli
 DELAY_STEP_S = 0.5  # s, half the step of the derivative by the delay of the firings
 MARGIN_S = 1.0  # s, of a quiet stretch to the firings at its ends
 QUIET_LEAST = 500  # epochs that measure the noise
+LONGEST_S = 600  # by which tags are looked for
+SLOWEST_HZ = 1 / 90  # of rates in which firings are looked for; below it control answers them
+ALIKE = 2001  # frequencies over which the power of a rate is the same
 
 
 @dataclass(frozen=True)
@@ -153,6 +157,42 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
     turn = frames.from_rotation_vector(rate * (time - time[middle])[:, None])
     steady = frames.quaternion_product(quaternion[middle], turn)
     return frames.rotation_vector(frames.quaternion_product(frames.conjugate(steady), quaternion)), rate
+
+
+def late(one: Records, inertia_b) -> int:
+    """Whole seconds by which firings are tagged late against the attitude, where the rate follows them best.
+
+    Parameters
+    ----------
+    one : of the day
+    inertia_b : (3, 3) kg m2
+
+    Notes
+    -----
+    Squares of the correlation of the rate with steps J^-1 L at the firings, by lag, over the power of the rate.
+    """
+    camera, hold = one.camera, max(int(round(one.camera.step_s)), 1)
+    steps, turned = np.diff(camera.time), frames.conjugate(camera.quaternion[:-1])
+    rate = frames.rotation_vector(frames.quaternion_product(turned, camera.quaternion[1:])) / steps[:, None]
+    count = int(camera.time[-1] - camera.time[0]) + 1 + hold
+    known, place = steps < 1.5 * camera.step_s, (camera.time[:-1] - camera.time[0]).astype(int)
+    if count < 2 * LONGEST_S or not known.any():
+        return 0
+    read, kicks = np.zeros((count, 3)), np.zeros((count, 3))
+    for k in range(hold):
+        read[place[known] + k] = rate[known] - np.median(rate[known], axis=0)
+    fired = one.firings.time - camera.time[0]
+    inside = (fired > 0) & (fired < count - 1)
+    np.add.at(kicks, fired[inside].astype(int), np.linalg.solve(inertia_b, one.firings.impulse_b[inside].T).T)
+    frequency = np.fft.rfftfreq(2 * count, 1.0)
+    held = np.sinc(hold * frequency) / np.maximum(2 * np.pi * frequency, 1e-9) / 1j
+    rates, foretold = np.fft.rfft(read, 2 * count, axis=0), np.fft.rfft(kicks, 2 * count, axis=0) * held[:, None]
+    power = uniform_filter1d(np.abs(rates) ** 2, ALIKE, axis=0)
+    weight = ((frequency > SLOWEST_HZ) & (frequency < 0.5 / hold))[:, None] / np.maximum(power, 1e-300)
+    by_lag = np.maximum(np.fft.irfft(rates * foretold.conj() * weight, axis=0), 0.0) ** 2
+    gain = (by_lag / np.maximum(np.sum(np.abs(foretold) ** 2 * weight, axis=0), 1e-300)).sum(axis=1)
+    lag = np.arange(-LONGEST_S, LONGEST_S + 1)
+    return -int(lag[np.argmax(gain[lag])])
 
 
 def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -12,11 +12,15 @@ import xarray as xr
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.calibrations.thrusters.model import Firings, Segment
 from gravcal.effects import Context, effect
-from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
 from gravcal.physics import frames, orbit_environment
 
 #: In the model where firings at wrong times are tried, if they are there.
 PRESENT = ("torque.thruster_firings", "timing.thruster_delay", "unknown:star_camera_in_use")
+
+DELAYS = {"timing.thruster_delay": 1, "timing.star_camera_delay": -1}  # late firings look like an early camera
+LATE_S = 10  # within seconds control answers a firing
+WHOLE_S = 0.5  # delays are looked for in whole seconds
 
 
 def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float) -> Attitude:
@@ -30,7 +34,8 @@ def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot
     """
     records, noise = model.records(products["align"]), model.noise_of(products["noise"])
     rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
-    return Attitude(products["align"], records, rows)
+    late = model.late(records, inertia)
+    return Attitude(products["align"], records, rows, late if abs(late) > LATE_S else 0)
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,7 @@ class Attitude(Observations):
     aligned: xr.Dataset  #: "thrusters.align"
     records: model.Records  #: of the day
     rows: list[estimate.Rows]  #: of every block
+    late: int  #: s, tags of the firings late against the attitude, 0 where by no more than LATE_S
 
     name = "thrusters"
     #: Whitened components; with a single camera the second and third are mixtures of pitch and yaw.
@@ -49,11 +55,25 @@ class Attitude(Observations):
     step = "unknown:step"
     readable = ("none",)
 
+    @property
+    def firings(self) -> Firings:
+        """Firings when the attitude shows them."""
+        return self.records.firings.late_by(self.late)
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+        """Delays as the attitude shows them."""
+        if not self.late or entry.cause not in DELAYS:
+            return entry
+        return replace(entry, parameters={"delay": Parameter(float(DELAYS[entry.cause] * self.late), WHOLE_S, "s")})
+
     @functools.cached_property
     def signals(self) -> list[Candidate]:
         """Causes with their columns (n, 3, q) rad in every block, not whitened."""
-        segments, firings = [row.segment for row in self.rows], self.records.firings
+        segments, firings = [row.segment for row in self.rows], self.firings
         gain = estimate.gains_alone(self.rows, firings)
+        if self.late:  # nothing else is looked for beside what is not there
+            whole = [segment.gains(firings) @ gain[:, None] / self.late for segment in segments]
+            return [_listed(slug, [sign * one for one in whole]) for slug, sign in DELAYS.items()]
         late = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
         constant, mounting = effect("torque.constant"), effect("attitude.star_camera_misalignment")
         contexts = [Context(time=segment.camera.time) for segment in segments]
@@ -113,7 +133,7 @@ class Attitude(Observations):
         """Variance of the day over that of its quiet stretches, by firings at wrong times."""
         present = [one.columns for one in self.whitened if one.cause in PRESENT]
         present = [np.concatenate(columns, axis=1) for columns in zip(*present, strict=True)]
-        return estimate.inflation(self.rows, present, estimate.wrong_times(self.rows, self.records.firings))[0]
+        return estimate.inflation(self.rows, present, estimate.wrong_times(self.rows, self.firings))[0]
 
     @functools.cached_property
     def blocks(self) -> list[Block]:
