@@ -54,7 +54,8 @@ def of_day(folder) -> list[Figure]:
     ref = engine.run(one.flow, one.source(data=folder), chosen, engine="inline")
     document = common.document(ref, "result.json")
     say(document["verdict"]["text"])
-    rows = product.read(location.folder() / "latest" / document["event"] / "ranging.align" / "product.nc")
+    path = location.folder() / "latest" / document["event"] / "ranging.align" / "product.nc"
+    rows = product.from_bytes(path.read_bytes())
     settings, shared = chosen.for_stage("estimate"), -rows["correction_band"].values
     settings.pop("determined_limit_mm")
     parts = model.blocks(rows, **settings, beside=np.column_stack([rows["column"].values, shared]))
