@@ -222,7 +222,8 @@ def waves_at(time: np.ndarray, grid: np.ndarray) -> Callable[[np.ndarray], np.nd
     number = grid * length * spacing
     shift = np.abs(number - np.rint(number)).max(initial=0.0) * np.ptp(time) / (max(length, 1) * spacing)
     even = np.abs(time - time[0] - place * spacing).max() < 0.05 * spacing and np.all(np.diff(place) > 0)
-    if even and grid.size > 1 and length > 0 and shift < 0.01:
+    shorter = length * np.log2(max(length, 2)) < time.size * grid.size  # than products with a few close frequencies
+    if even and shorter and grid.size > 1 and length > 0 and shift < 0.01:
         return partial(_transformed, place, length, np.rint(number).astype(int))
     return partial(_multiplied, time - time[0], grid)
 
