@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -31,6 +32,49 @@ import os, sys
 sys.path.insert(0, os.environ["FAKE_CODE"])
 sys.path.insert(0, os.environ["FAKE_FLOWS"])
 """
+#: What an event of the invented calibration tells a joint search: x in um, moved by a trim of 2020-02-06 in the fourth.
+TOLD = """
+from dataclasses import dataclass, field
+import numpy as np
+from gravcal.estimation.records import Block, Candidate, Observations
+
+@dataclass(frozen=True)
+class Told(Observations):
+    blocks: list
+    candidates: list
+    name: str = "fakecal"
+    channels: tuple = ("linear",)
+    parameters: tuple = ("x",)
+    unit: str = "um"
+    scale: np.ndarray = field(default_factory=lambda: np.array([1e6]))
+    start: np.ndarray = field(default_factory=lambda: np.zeros(1))
+
+def observe(products):
+    number = products["start"]["value"].size - 4
+    rng = np.random.default_rng(number)
+    column, other = 1e6 * rng.standard_normal((50, 1)), rng.standard_normal((50, 1))
+    reading = column[:, 0] * (1e-4 if number < 4 else -1.3e-5) + rng.standard_normal(50)
+    zeros = np.zeros(50, dtype=int)
+    time = np.full(50, 86400.0 * (7290 + 15 * number))  # the third a week before the trim
+    block = Block("one", reading, column, np.zeros((50, 0)), zeros, zeros, time)
+    return Told([block], [Candidate("timing.accelerometer_delay", "", ["delay"], ["s"], [other], [0.1])])
+"""
+SEARCHED = """
+@dataclass(frozen=True)
+class Watched(Source):
+    satellite: str = "C"
+
+def watched(event=None, data=None, satellite=None, date=None):
+    return Watched(source(event, data).event, data)
+
+def started(one, chosen):
+    file = LevelOneFile(one.folder / "MAG1B_2020-02-01_C_04.txt", None, "MAG1B", "C", "2020-02-01", "04")
+    return stages.start(file, event=one.event, variant="", count=chosen.count, offset=0.0)
+
+looked = Discovery(lambda *_: {}, "told", records=started)
+CALIBRATION = replace(CALIBRATION, source=watched, trims=True, discovery=looked)
+"""
+SETTINGS = {"discovery_level": 0.005, "tie_chi2": 9.0, "round_limit": 4, "segment_s": 60.0, "discovery_seed": 1}
 
 
 @pytest.fixture
@@ -282,6 +326,30 @@ def test_a_server_runs_what_it_is_to_and_nothing_else(  # one, for its start and
     a_second_process_does_not_serve_the_same_calibration(served, environment, events)
 
 
+def test_a_note_beside_the_run_says_what_a_new_event_changed(environment, events, pipeline, fakecal):
+    """Contract: the joint model is brought up to date after each new event; its page is linked, the trim explains."""
+    code = fakecal / "extra" / "fakecal.py"
+    imported = "from dataclasses import replace\nfrom flows.calibration import Discovery\n"
+    code.write_text(code.read_text() + imported + SEARCHED)
+    (code.parent / "told.py").write_text(TOLD)
+    parameters = fakecal / "catalog" / "parameters" / "fakecal.toml"
+    tables = [f'[{n}]\nvalue = {v}\nstage = "discovery"\nreason = "invented"\n' for n, v in SETTINGS.items()]
+    parameters.write_text("\n".join([parameters.read_text(), *tables]))
+    for number in (2, 3):
+        add(events, pipeline, number)
+    process, url = begin(environment, events)
+    first = artifacts(url, finished(url, events, 1)[0])["fakecal-joint"]
+    add(events, pipeline, 4)
+    second = artifacts(url, finished(url, events, 2)[0])["fakecal-joint"]
+    end(process, url)
+    assert "grace-c: 3 events: no cause that they share." in first
+    assert "changed" not in first
+    (line,) = [line for line in second.splitlines() if "changed" in line]
+    moved = r"- changed: x moved by −11[23]\.\d+ ± 0\.\d+ um since 2020-01-31: trim of 2020-02-06 explains −11[23]"
+    assert re.fullmatch(moved, line)
+    assert "- [joint.html](http://127.0.0.1:" in second
+
+
 def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environment, events, pipeline, store_folder):
     """Contract: the page shows an event at work; after kill -9 of all, the next start marks it and goes on."""
     begun = events.parent / "begun"
@@ -390,7 +458,6 @@ def test_the_row_of_an_event_shows_its_values_and_links_its_report(monkeypatch, 
     assert list(scheduled._links({"report": str(folder)})) == ["http://127.0.0.1:1/ab/key/report.html?token=t"]
 
 
-@pytest.mark.usefixtures("_prefect")
 @pytest.mark.usefixtures("_prefect")
 def test_a_note_says_what_all_events_say_and_too_few_are_no_failure(monkeypatch, store_folder):
     """Contract: watching is part of serve: verdict and changes of each satellite, with the address of its page."""
