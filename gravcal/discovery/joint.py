@@ -80,6 +80,7 @@ class Search:
         self.places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
         self.kept = np.r_[0, np.arange(1 + self.count, events[0].gram.shape[0])]
         self.slugs = [one.slug for one in self.causes]
+        self.strange = max(1, len(events) // 4)  # events that contradict the others, at most
         self.whole = np.stack([one.gram for one in events])
         self.grams = self.projected(())
 
@@ -217,20 +218,30 @@ class Search:
         return chi2 - rest, sum(map(len, seen)), score
 
     def best(self, cause: int, beside: Sequence[Law]) -> list[tuple]:
-        """What `judged` says of all laws of a cause; epochs are split on while that pays."""
-        rows, count = self.judged(self.laws(cause), beside), len(self.events)
-        last = max((r for r in rows if r[4].scope == "epochs"), default=None, key=lambda r: r[2])
-        while last and last[4].weights.shape[1] <= CUTS:
-            cuts = np.flatnonzero(np.any(np.diff(last[4].weights, axis=0), axis=1)) + 1
-            odds = last[4].odds - 2 * np.log(count - 1)
-            near = {j + k for j in (0, *cuts, count) for k in (-1, 0, 1)}  # a range of one event contradicts, see below
-            more = [self.ranges(cause, (*cuts, k), odds) for k in range(count) if k not in near]
-            split = max(self.judged(more, beside), key=lambda r: r[2]) if more else None
-            if split is None or split[2] <= last[2] + self.tie:
-                break
-            rows.append(split)
-            last = split
+        """What `judged` says of all laws of a cause; epochs are split and events set apart while that pays."""
+        rows = self.judged(self.laws(cause), beside)
+        ways = (self._split, lambda law: law.scope == "epochs"), (self._parted, lambda law: len(_alone(law)) > 0)
+        for more, grows in ways:
+            last = max((r for r in rows if grows(r[4])), default=None, key=lambda r: r[2])
+            while last and (options := more(last[4])):
+                found = max(self.judged(options, beside), key=lambda r: r[2])
+                if found[2] <= last[2] + self.tie:
+                    break
+                rows.append(found)
+                last = found
         return rows
+
+    def _split(self, law: Law) -> list[Law]:
+        """The law with one more change point."""
+        count, cuts = len(self.events), np.flatnonzero(np.any(np.diff(law.weights, axis=0), axis=1)) + 1
+        near = {j + k for j in (0, *cuts, count) for k in (-1, 0, 1)}  # a range of one event contradicts, see below
+        places = [k for k in range(count) if k not in near] if cuts.size < CUTS else []
+        return [self.ranges(law.cause, (*cuts, k), law.odds - 2 * np.log(count - 1)) for k in places]
+
+    def _parted(self, law: Law) -> list[Law]:
+        """The law with values of its own for one more event."""
+        names, known = [one.name for one in self.events], _alone(law)
+        return [self.apart(law, k) for k, name in enumerate(names) if name not in known] * (len(known) < self.strange)
 
     def run(self) -> Result:
         """Rounds: the best significant law of any cause, until there is none; then ties and offsets."""
@@ -351,10 +362,10 @@ class Search:
         laws, found, count = list(laws), [], len(self.events)
         shared = [k for k, law in enumerate(laws) if law.scope != "event"]
         for k, one in enumerate(self.events):
-            if any(f"{one.name} alone" in laws[j].labels for j in shared):
+            if any(one.name in _alone(laws[j]) for j in shared):
                 plain = [self.without(laws[j], k) for j in shared]
                 found.append(self._contradiction(plain, k))
-        while shared and len(found) < max(1, count // 4):
+        while shared and len(found) < self.strange:
             named = {one["event"] for one in found}
             rows = self.foretold([laws[j] for j in shared])
             log_p, worst = min((p, k) for k, (_, _, p) in enumerate(rows) if self.events[k].name not in named)
@@ -431,6 +442,11 @@ class Search:
         for k, one in enumerate(inner):
             spread[k, :, k] += one
         return np.stack(centre), spread
+
+
+def _alone(law):
+    """Names of the events that have values of their own."""
+    return [label.removesuffix(" alone") for label in law.labels if label.endswith(" alone")]
 
 
 def _taken(grams, place, prior):

@@ -50,13 +50,15 @@ LAWS = {
     "beta_deg": lambda k: theta(_4=0.06 * np.sin(3.0 * k)),
     "event": lambda k: theta(_4=0.2 * (k == 5)),
     "tied": lambda _: theta(_0=0.05),
+    "each": lambda k: theta(_4=0.2 * np.sin(40.0 * k + 1)),
     "contradicted": lambda k: theta(_4=0.05 if k != 6 else -0.1),
+    "thrice": lambda k: theta(_4=0.05 if k not in (2, 6, 11) else 0.2),
 }
 
 
-@pytest.mark.parametrize("scope", ["constant", "epochs", "beta_deg", "event"])
+@pytest.mark.parametrize("scope", ["constant", "epochs", "beta_deg", "event", "each"])
 def test_a_cause_is_named_with_its_law(scope, rng):
-    """Constant, after a change, with the angle of the Sun, or in one event."""
+    """Constant, after a change, with the angle of the Sun, in one event, or different in each."""
     found = joint.Search(events(rng, LAWS[scope]), 0.005, 9.0, 4).run()
     assert [(SLUGS[one.law.cause], one.law.scope) for one in found.named] == [(SLUGS[2], scope)]
     assert not found.contradicting
@@ -85,6 +87,15 @@ def test_an_event_that_contradicts_is_named_and_moves_no_other(rng):
     assert [row["event"] for row in found.contradicting] == ["grace-c-2020-04-01"]
     (one,) = found.named
     assert one.value[:, 0] == pytest.approx([0.05, -0.1], abs=0.03)
+
+
+def test_several_events_that_contradict_are_named_each(rng):
+    """They are set apart one by one: three of sixteen do not make a cause that is different in all."""
+    found = joint.Search(events(rng, LAWS["thrice"]), 0.005, 9.0, 4).run()
+    names = [f"grace-c-2020-{day}" for day in ("02-01", "04-01", "06-15")]
+    assert sorted(row["event"] for row in found.contradicting) == names
+    (one,) = found.named
+    assert one.value[:, 0] == pytest.approx([0.05, 0.2, 0.2, 0.2], abs=0.03)
 
 
 def test_a_moving_parameter_is_foretold_with_its_error(rng):
