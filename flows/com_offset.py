@@ -30,6 +30,7 @@ LIMITS = {
     "period_s": (12.0, "of the square wave; detection looks for this one"),
     "current_ma": (110.0, "amplitude of the square wave"),
     "spacing_s": (1100.0, "shortest time between two starts; the quiet pieces on both sides need 1020"),
+    "windows": ("", "times of the day in which manoeuvres may be, such as '02:10-04:00, 05:40-07:15'; empty: all"),
     "most": (99, "manoeuvres with one rod in one belt of latitude"),
     "probability": (0.9, "with which a pair of causes is to be told apart"),
 }
@@ -171,6 +172,7 @@ CALIBRATION = Calibration(
     trims=True,
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",
+    room=lambda *about: importlib.import_module(SIMULATION).room(*about),
     library=lambda limits: importlib.import_module(SIMULATION).library(limits),
     limits=LIMITS,
     information=lambda products: products["solve"]["information"].values,

@@ -4,8 +4,10 @@ Where manoeuvres share nothing but the result, what they tell adds, and their nu
 whole sessions are flown, and that with the least errors is chosen (`sessions`).
 """
 
+import itertools
 import shutil
 import tempfile
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,10 @@ from tasks import discovery
 from tasks.stage import read
 
 FLIGHTS = 3  # that numbers are chosen by, with other orbits and times, and as many that a design is judged by
+#: A session is judged by more flights, where its errors differ from one to the next: until their mean is known so well.
+KNOWN, MOST = 0.05, 24
+#: Share of drawn orbits that have to have room for a design.
+ROOM = 0.9
 
 
 def constraints(name, path=None):
@@ -50,16 +56,15 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     able = {n: r for n in calibrations.known() if (r := calibrations.load(n)).library or r.sessions}
     if name not in able:
         refuse(f"design {name}", "no manoeuvres that it can choose from", " or ".join(able), "Name one of these.")
-    if causes and not one.library:
-        fit = " or ".join(n for n, record in able.items() if record.library)
-        refuse(f"--separate for {name}", "whole sessions to choose from", fit, "Leave it out.")
     for slug in causes:
         effect(slug)  # raises where there is none
     usual = sum(m.count * m.duration_s for m in catalog.design(one.design).manoeuvres) / 60
     chosen = configurations.chosen(name, {})
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
         place = Place(one, Path(folder), satellite, date, limits, chosen, say)
-        plan, new, old = place.of_library(minutes or usual, causes) if one.library else place.best(minutes or usual)
+        plan, new, old = (
+            place.of_library(minutes or usual, causes) if one.library else place.best(minutes or usual, causes)
+        )
         document = {
             "calibration": name,
             "satellite": satellite,
@@ -100,7 +105,7 @@ class Place:
             expected = f"at least one manoeuvre of {limits['duration_s']} s"
             refuse("--budget", f"{minutes} minutes", expected, "Give more.")
         tables = [table | {"count": 1} for table in self.one.library(limits)]
-        pairs = [(a, b) for i, a in enumerate(causes) for b in causes[i + 1 :]]
+        pairs, tied = list(itertools.combinations(causes, 2)), self.tied
         flights, published = [], []
         for seed in range(1, 2 * FLIGHTS + 1):
             self.say(f"flight {seed} of {2 * FLIGHTS}: {len(tables)} manoeuvres to choose from")
@@ -108,25 +113,27 @@ class Place:
             if seed > FLIGHTS:
                 published.append(self.flown(f"session-{seed}", self.one.design, seed, causes))
         allowed, usual = np.full(len(tables), int(limits["most"])), catalog.design(self.one.design).manoeuvres
-        tied = self.chosen.for_stage("discovery")["tie_chi2"]
         wanted = design.needed(limits["probability"], tied)
-        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted)
+        day = (datetime.fromisoformat(self.date) - calibrations.EPOCH).total_seconds()
+        how = catalog.parameters(f"simulate_{self.one.name}").with_settings(self.settings("library", tables))
+        share = self.one.room(catalog.satellite(self.satellite).settings(), how, day)
+        fits = lambda counts: share(counts) >= ROOM  # noqa: E731
+        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted, fits)
         found = design.judged(design.pooled(flights[FLIGHTS:]), counts, pairs)
         before = design.judged(design.pooled(published), np.array([m.count for m in usual]), pairs)
         plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
         said, unit = [], flights[-1].unit
         for spread, apart in (found, before):
             sigma = dict(zip(flights[-1].parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
-            odds = [{"causes": list(pair), "chi2": float(c), "odds": design.odds(c, tied)} for pair, c in apart.items()]
             said.append({"sigma": sigma, "unit": dict.fromkeys(sigma, unit)})
-            said[-1] |= {"trace": float(np.trace(spread)), "separated": odds}
+            said[-1] |= {"trace": float(np.trace(spread)), "separated": _odds(apart, tied)}
         return plan, *said
 
-    def best(self, minutes):
+    def best(self, minutes, causes):
         """Plan of the session with the least errors, beside those of the published one, and the errors of both."""
-        later = range(FLIGHTS + 1, 2 * FLIGHTS + 1)
-        old, plans = self.errors(self.one.design, later), self.one.sessions(self.limits, minutes * 60)
-        names = set(self.limits["parameters"]) or set(old)
+        later, names = range(FLIGHTS + 1, FLIGHTS + 1 + MOST), set(self.limits["parameters"])
+        old, before = self.errors(self.one.design, later, causes, known=names)
+        plans, names = self.one.sessions(self.limits, minutes * 60), names or set(old)
         if not names <= set(old):
             refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
         size = {name: sigma for name, (sigma, *_) in old.items() if name in names and sigma}
@@ -134,11 +141,12 @@ class Place:
         def loss(errors):
             return sum(((errors[name][0] or np.inf) / size[name]) ** 2 for name in size)
 
-        losses = []
+        losses, wanted = [], design.needed(self.limits["probability"], self.tied)
         for number, plan in enumerate(plans, start=1):
             self.say(f"session {number} of {len(plans)}")
             try:
-                losses.append(loss(self.errors(plan, (1,))))
+                errors, apart = self.errors(plan, (1,), causes)
+                losses.append(np.log(loss(errors)) + design.short(apart, wanted))
             except GravcalError as error:  # such as one in which nothing is detected
                 self.say(f"left out: {error}")
                 losses.append(np.inf)
@@ -146,54 +154,75 @@ class Place:
             found = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
             refuse(f"design {self.one.name}", found, "one that does", "Give more time or loosen a constraint.")
         plan = plans[int(np.argmin(losses))]
-        new = self.errors(plan, later)
-        say = lambda one: {  # noqa: E731
+        new, after = self.errors(plan, later, causes, known=names)
+        say = lambda one, apart: {  # noqa: E731
             "sigma": {name: sigma for name, (sigma, *_) in one.items()},
             "unit": {name: unit for name, (*_, unit) in one.items()},
             "trace": loss(one),
-            "separated": [],
+            "separated": _odds(apart, self.tied),
         }
-        return plan, say(new), say(old)
+        return plan, say(new, after), say(old, before)
 
-    def errors(self, plan, seeds):
-        """Mean sigma, rms error and unit {value: ...} of the result in simulated flights; None: not determined."""
-        rows = []
+    def errors(self, plan, seeds, causes=(), known=None):
+        """Mean sigma, rms error and unit {value: ...} of the result in simulated flights; None: not determined.
+
+        Beside it the least expected chi-square {pair of causes: ...} of the flights up to `FLIGHTS`. With `known` names
+        (none: all) no more are flown than their mean sigma needs.
+        """
+        rows, apart = [], []
         for seed in seeds:
             source, truth = self.flight(f"flight-{seed}", plan, seed)
             values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen))))
+            if causes and len(apart) < FLIGHTS:
+                apart.append(design.apart(self.observed(source)[0], causes))
             shutil.rmtree(self.folder / f"flight-{seed}")
             if not values:
                 refuse(f"flight {seed}", "no manoeuvre", "those of the plan", "Loosen a constraint.")
             rows.append(list(zip(values, self.one.truth(truth), strict=True)))
+            if known is not None and len(rows) >= FLIGHTS and _settled(rows, known):
+                break
         found = {}
         for column in zip(*rows, strict=True):
             known = [(v.sigma, v.value - true) for v, true in column if v.sigma is not None]
             mean = np.sqrt(np.mean(np.square(known), axis=0)).tolist() if len(known) == len(rows) else (None, None)
             found[column[0][0].label] = *mean, column[0][0].unit
-        return found
+        return found, {pair: float(np.mean([one[pair] for one in apart])) for pair in itertools.combinations(causes, 2)}
 
-    def flight(self, label, plan, seed):
-        """Source and truth of a simulated flight of a plan: tables, or the name of a design."""
-        files_, named = self.folder / label, plan
+    @property
+    def tied(self):
+        """Chi-square below which two causes are tied."""
+        return self.chosen.for_stage("discovery")["tie_chi2"]
+
+    def settings(self, label, plan, **more):
+        """Settings of the simulation of a plan, tables or the name of a design."""
+        named = plan
         if not isinstance(plan, str):
             named = self.folder / f"{label}.toml"
             named.write_text(plan_text(self.one.name, plan, label))
         known = catalog.parameters(f"simulate_{self.one.name}").entries
-        settings = {"satellite": self.satellite, "satellites": self.satellite}
-        settings |= {f"manoeuvre_{limit}": value for limit, value in self.limits.items()}
-        settings = {name: value for name, value in settings.items() if name in known}
-        settings |= {"design": str(named), "date": self.date}
-        truth = self.one.simulate(files_, seed=seed, settings=settings)
+        settings = {"satellite": self.satellite, "satellites": self.satellite, "quiet_s": self.limits.get("quiet_s")}
+        settings |= {f"manoeuvre_{limit}": value for limit, value in self.limits.items()} | more
+        settings = {name: value for name, value in settings.items() if name in known and value is not None}
+        return settings | {"design": str(named), "date": self.date}
+
+    def flight(self, label, plan, seed, **more):
+        """Source and truth of a simulated flight of a plan; the published one is flown at any time of the day."""
+        files_, more = self.folder / label, more | ({"manoeuvre_windows": ""} if isinstance(plan, str) else {})
+        truth = self.one.simulate(files_, seed=seed, settings=self.settings(label, plan, **more))
         return self.one.source(event=None, data=files_, satellite=self.satellite, date=self.date), truth
 
-    def flown(self, label, plan, seed, causes):
-        """What each manoeuvre of a simulated flight tells."""
-        source, truth = self.flight(label, plan, seed)
+    def observed(self, source):
+        """What discovery sees of a flight, and the products of the calibration."""
         looked = self.one.discovery
         products = looked.baseline(source, self.chosen)
         datasets = {name: read(ref) for name, ref in products.items()}
         settings = looked.settings(source, self.chosen) | looked.chosen_for(self.chosen)[0]
-        observed = discovery.observations_of(datasets.values(), looked.observations, datasets, settings)
+        return discovery.observations_of(datasets.values(), looked.observations, datasets, settings), datasets
+
+    def flown(self, label, plan, seed, causes):
+        """What each manoeuvre of a simulated flight tells, at whatever time of the day."""
+        source, truth = self.flight(label, plan, seed, manoeuvre_windows="")
+        observed, datasets = self.observed(source)
         times = [(m["start"], m["stop"]) for m in truth["manoeuvres"]]
         return design.flown(
             observed, self.one.information(datasets), times, [m["item"] for m in truth["manoeuvres"]], causes
@@ -202,6 +231,22 @@ class Place:
     def verified(self, plan, flights):
         """Errors that simulated flights of a plan achieve: mean sigma, rms of the error, of each value."""
         self.say(f"{flights} flights to check")
-        found = self.errors(plan, range(101, 101 + flights))
+        found, _ = self.errors(plan, range(101, 101 + flights))
         sigma, error, _ = zip(*found.values(), strict=True)
         return {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
+
+
+def _settled(rows, names):
+    """Whether the mean sigma of the named values, or all, is known well enough from the flights (f, v) so far."""
+    for column in zip(*rows, strict=True):
+        sigma = [value.sigma for value, _ in column]
+        if (not names or column[0][0].label in names) and None not in sigma:
+            square = np.square(sigma)
+            if np.std(square, ddof=1) / np.sqrt(square.size) > 2 * KNOWN * square.mean():
+                return False
+    return True
+
+
+def _odds(apart, tied):
+    """Odds of pairs of causes from their expected chi-square."""
+    return [{"causes": list(pair), "chi2": float(c), "odds": design.odds(c, tied)} for pair, c in apart.items()]

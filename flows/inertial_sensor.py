@@ -19,6 +19,7 @@ LIMITS = {
     "rate_dot_rad_s2": (1.6e-5, "largest angular acceleration, that of 1e-4 rad/s in 25 s"),
     "period_s": ([20.0, 27.5, 40.0], "periods to choose from"),
     "parameters": ([], "values that are to be best known, such as 'k y'; none: all"),
+    "probability": (0.9, "with which a pair of causes is to be told apart"),
 }
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
 

@@ -7,7 +7,8 @@ Experiments). What is not known beforehand, such as the orbit, is drawn: several
 by some and judged by others, for the best of many is never as good again.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,14 +51,8 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
     times : begin and end, GPS s, of each manoeuvre that was flown; items : number of each in the plan
     causes : slugs of the catalogue
     """
-    every = {slug_of(one.cause): one for one in sorted(observed.candidates, key=lambda one: len(one.names))}
-    for slug in causes:
-        if slug not in every or not len(every[slug].prior):
-            known = ", ".join(sorted(name for name, one in every.items() if len(one.prior)))
-            refuse(
-                f"cause {slug}", f"that {observed.name} does not look for it", f"one of {known}", "Correct the name."
-            )
-    problem = prepare(observed.blocks, [every[slug] for slug in causes])
+    candidates = _candidates(observed, causes)
+    problem = prepare(observed.blocks, candidates)
     middles = [float(np.mean(block.time)) for block in observed.blocks[: len(information)]]
     found = [
         (k, item)
@@ -78,9 +73,31 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
         observed.unit,
         np.asarray(observed.scale, dtype=float),
         dict(zip(causes, moved, strict=True)),
-        {slug: np.asarray(every[slug].prior, dtype=float) for slug in causes},
+        {slug: np.asarray(one.prior, dtype=float) for slug, one in zip(causes, candidates, strict=True)},
         problem.size[kept],
     )
+
+
+def _candidates(observed, causes):
+    """Widest candidate of each cause."""
+    every = {slug_of(one.cause): one for one in sorted(observed.candidates, key=lambda one: len(one.names))}
+    for slug in causes:
+        if slug not in every or not len(every[slug].prior):
+            known = ", ".join(sorted(name for name, one in every.items() if len(one.prior)))
+            refuse(
+                f"cause {slug}", f"that {observed.name} does not look for it", f"one of {known}", "Correct the name."
+            )
+    return [every[slug] for slug in causes]
+
+
+def apart(observed: Observations, causes: Sequence[str]) -> dict[tuple[str, str], float]:
+    """{pair of causes: least expected chi-square either way} in a whole session, what is fitted beside them free."""
+    candidates = _candidates(observed, causes)
+    problem = prepare(observed.blocks, candidates)
+    gram = attribution.projected(problem.total, np.arange(1, problem.shared.stop))
+    whole = {slug: (np.asarray(c.prior), p) for slug, c, p in zip(causes, candidates, problem.places, strict=True)}
+    both = lambda a, b: min(_left(gram, problem.size, *whole[x], whole[y][1]) for x, y in ((a, b), (b, a)))  # noqa: E731
+    return {(a, b): both(a, b) for a, b in itertools.combinations(causes, 2)}
 
 
 def weight(flight: Flown, counts: np.ndarray) -> np.ndarray:
@@ -102,8 +119,12 @@ def separation(flight: Flown, counts: np.ndarray, true: str, fitted: str) -> flo
     gram = attribution.projected(gram, np.arange(1, 1 + flight.scale.size))
     size = np.append(0.0, flight.size)
     place, other = (slice(flight.causes[n].start + 1, flight.causes[n].stop + 1) for n in (true, fitted))
-    each = np.diag(flight.prior[true])
-    return sum(max(attribution.misfit(gram, place, value, other, size), 0.0) for value in each)
+    return _left(gram, size, flight.prior[true], place, other)
+
+
+def _left(gram, size, prior, place, other):
+    """The same in products of all columns, those fitted beside projected out."""
+    return float(sum(max(attribution.misfit(gram, place, value, other, size), 0.0) for value in np.diag(prior)))
 
 
 def odds(chi2: float, tied: float) -> float:
@@ -134,7 +155,12 @@ def judged(flight: Flown, counts: np.ndarray, pairs: Sequence[tuple[str, str]] =
     return covariance(flight, counts), apart
 
 
-def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0) -> np.ndarray:
+def short(apart: Mapping, chi2: float) -> float:
+    """How much a design is to be blamed for pairs of causes that do not reach an expected chi-square."""
+    return INSISTENCE * sum(max(np.log(chi2 / max(found, 1e-6)), 0.0) for found in apart.values())
+
+
+def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0, fits=None) -> np.ndarray:
     """Number (n,) of each manoeuvre in the best design found, of a library of n.
 
     Parameters
@@ -144,26 +170,26 @@ def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float
     allowed : (n,) how many of each there may be
     pairs : of causes that are to be told apart
     chi2 : expected chi-square that each pair is to reach
+    fits : numbers (n,) of each -> whether they may be flown together; None: always
     """
 
     def loss(counts):
         spread, apart = judged(flight, counts, pairs)
-        short = sum(max(np.log(chi2 / max(found, 1e-6)), 0.0) for found in apart.values())
-        return np.log(np.trace(spread)) + INSISTENCE * short
+        return np.log(np.trace(spread)) + short(apart, chi2)
 
     def best(options):
-        return min(options, key=loss, default=None)
+        options = [one for one in options if np.all(one <= allowed)]
+        return next((one for one in sorted(options, key=loss) if fits is None or fits(one)), None)
 
     counts = np.zeros(allowed.size, dtype=int)
     step = np.eye(allowed.size, dtype=int)
     for _ in range(count):
-        added = best([counts + one for one in step if np.all(counts + one <= allowed)])
+        added = best([counts + one for one in step])
         if added is None:
-            refuse("design", f"room for {int(allowed.sum())} manoeuvres", f"room for {count}", "Loosen a constraint.")
+            refuse("design", f"room for {counts.sum()} manoeuvres", f"room for {count}", "Loosen a constraint.")
         counts = added
     while True:
-        moved = [counts - step[i] + one for i in np.flatnonzero(counts) for one in step]
-        moved = best([one for one in moved if np.all(one <= allowed)])
+        moved = best([counts - step[i] + one for i in np.flatnonzero(counts) for one in step])
         if loss(moved) >= loss(counts) - 1e-9:
             return counts
         counts = moved

@@ -1,6 +1,6 @@
 """A simulated centre-of-mass calibration: seven manoeuvres, written as Level-1 columns, and their truth."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ EXTRA, PARTS = ("dipole_b", "torque_b"), 8
 READ = {*EXTRA, "linear_b", "angular_b", "pointing_b", "field_b", "acc_delay", "sca_delay", "mag_delay"}
 #: Flown before and after what is written, so that readings with late or early tags exist.
 LEAD_S = 5.0
+ORBITS = 10  # that are drawn to see whether a plan finds its times
 RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
 
 
@@ -85,11 +86,11 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     planned = plan(chosen, float(satellite["torquer_full_scale"]))
     for _ in range(200):
         path = flight.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng)
-        start = _schedule(path, planned, chosen, day)
+        start = flight.schedule(_starts(path, planned, chosen, day), chosen.manoeuvre_spacing_s)
         if start is not None:
             break
     else:
-        raise ValueError("no orbit of 200 passes all areas; lower manoeuvre_spacing_s")
+        raise ValueError("no orbit of 200 passes all areas; lower manoeuvre_spacing_s or widen manoeuvre_windows")
     start = start + rng.uniform(-0.5, 0.5, start.size)
     order = np.argsort(start)
     start, planned = start[order], tuple(planned[i] for i in order)
@@ -116,15 +117,33 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
     )
 
 
-def _schedule(path, planned, chosen, day):
-    """Start times in the areas, or None."""
+def _starts(path, planned, chosen, day):
+    """Times s at which each manoeuvre may start: its middle in its area, all of it in a window of the day."""
     time = np.arange(day + 600, day + constants.DAY - 1200, 10.0)
     position_e = np.matvec(earth.R_ei(time), path(time)[:, :3])
     latitude = np.arcsin(position_e[:, 2] / np.linalg.norm(position_e, axis=1))
     longitude = np.arctan2(position_e[:, 1], position_e[:, 0])
     starts = [flight.passes(time, latitude, longitude, one.area, one.duration) for one in planned]
+    earliest, allowed = day + chosen.quiet_s + 10, flight.windows(chosen.manoeuvre_windows)
     latest = day + constants.DAY - chosen.quiet_s - max((one.duration for one in planned), default=0.0) - 10
-    return flight.schedule(starts, chosen.manoeuvre_spacing_s, day + chosen.quiet_s + 10, latest)
+    return [
+        some[(some >= earliest) & (some <= latest) & flight.within_windows(some - day, one.duration, allowed)]
+        for one, some in zip(planned, starts, strict=True)
+    ]
+
+
+def room(satellite: Mapping, chosen, day: float) -> Callable:
+    """Function of the number (n,) of each manoeuvre of a design -> share of drawn orbits in which all find times."""
+    planned = plan(chosen, float(satellite["torquer_full_scale"]))
+    drawn = (np.random.default_rng(seed) for seed in range(ORBITS))
+    paths = [flight.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng) for rng in drawn]
+    starts = [_starts(path, planned, chosen, day) for path in paths]
+
+    def share(counts):
+        wanted = [[some for some, n in zip(one, counts, strict=True) for _ in range(n)] for one in starts]
+        return np.mean([flight.schedule(one, chosen.manoeuvre_spacing_s) is not None for one in wanted])
+
+    return share
 
 
 def _spans(start, stop, chosen, day):

@@ -2,13 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime
 
 import numba
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from gravcal.errors import CatalogError, refuse
 from gravcal.physics import earth, frames, magnetic
-from gravcal.physics.constants import EARTH_RADIUS, GM, J2
+from gravcal.physics.constants import DAY, EARTH_RADIUS, GM, J2
 from gravcal.physics.dynamics import as_tuple, cross, matvec, rotation
 
 
@@ -95,11 +97,33 @@ def passes(time: np.ndarray, latitude: np.ndarray, longitude: np.ndarray, area: 
     return time[inside] - duration / 2
 
 
-def schedule(starts_by_kind: list[np.ndarray], spacing: float, earliest: float, latest: float) -> np.ndarray | None:
+def windows(text: str) -> np.ndarray:
+    """Begin and end (k, 2) s of the day of windows such as "02:10-04:00, 05:40-07:15"; an empty text is all of it."""
+    if not text:
+        return np.array([[0.0, DAY]])
+    try:
+        ends = [[datetime.strptime(end.strip(), "%H:%M") for end in one.split("-")] for one in text.split(",")]
+        found = np.array([[3600.0 * end.hour + 60 * end.minute for end in (begin, stop)] for begin, stop in ends])
+    except ValueError:
+        refuse(
+            "windows", repr(text), "times of the day such as '02:10-04:00, 05:40-07:15'", "Correct them.", CatalogError
+        )
+    if np.any(found[:, 1] <= found[:, 0]):
+        refuse("windows", repr(text), "an end after each begin, on one day", "Correct them.", CatalogError)
+    return found
+
+
+def within_windows(since: np.ndarray, duration: float, allowed: np.ndarray) -> np.ndarray:
+    """Whether what begins at times (...,) s of the day and lasts so long is inside one of the windows (k, 2)."""
+    since = np.asarray(since)[..., None]
+    return np.any((since >= allowed[:, 0]) & (since + duration <= allowed[:, 1]), axis=-1)
+
+
+def schedule(starts_by_kind: list[np.ndarray], spacing: float) -> np.ndarray | None:
     """Earliest start s of each manoeuvre in turn, at least `spacing` apart; None if one finds no place."""
     taken: list[float] = []
     for starts in starts_by_kind:
-        free = (starts >= earliest) & (starts <= latest)
+        free = np.ones(starts.size, dtype=bool)
         for other in taken:
             free &= np.abs(starts - other) >= spacing
         if not free.any():

@@ -2,6 +2,9 @@
 
 import itertools
 import json
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +14,9 @@ from flows import design as flow
 from gravcal import catalog
 from gravcal.discovery import design
 from gravcal.errors import GravcalError
-from gravcal.simulation import kbr_phase_centre
+from gravcal.estimation.records import Block, Candidate
+from gravcal.simulation import com_offset, kbr_phase_centre
+from gravcal.simulation import flight as flight_of
 
 
 def flight(information, columns=None, prior=1.0):
@@ -82,14 +87,16 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
         flow.constraints("com_offset", path)
     with pytest.raises(GravcalError, match="com_offset or inertial_sensor or kbr_phase_centre"):
         flow.designed("gradient_torque", "S", "2026-03-01")
-    with pytest.raises(GravcalError, match="com_offset. Leave it out"):
-        flow.designed("kbr_phase_centre", "CD", "2026-03-01", causes=("timing.star_camera_delay",))
+    with pytest.raises(GravcalError, match="an end after each begin"):
+        flight_of.windows("02:10-04:00, 07:15-05:40")
+    with pytest.raises(GravcalError, match="times of the day"):
+        flight_of.windows("two to four")
     path.write_text("parameters = ['x']\n")
     ranging = calibration.load("kbr_phase_centre")
     place = flow.Place(ranging, None, "CD", "", flow.constraints(ranging.name, path), None, print)
-    place.errors = lambda *_: {"C x": (1.0, 1.0, "mm"), "C y": (1.0, 1.0, "mm")}
+    place.errors = lambda *_, **__: ({"C x": (1.0, 1.0, "mm"), "C y": (1.0, 1.0, "mm")}, {})
     with pytest.raises(GravcalError, match="of C x, C y"):
-        place.best(1.0)
+        place.best(1.0, ())
 
 
 def test_a_wiggle_turns_as_its_plan_says_and_within_the_limits(tmp_path):
@@ -116,6 +123,66 @@ def test_a_wiggle_turns_as_its_plan_says_and_within_the_limits(tmp_path):
     path.write_text(flow.plan_text("kbr_phase_centre", kbr_phase_centre.sessions(limits, 4 * 5000.0)[0], "a test"))
     with pytest.raises(GravcalError, match="before midnight"):
         kbr_phase_centre.draw_pair(chosen.with_settings({"design": str(path)}), 0.0, np.random.default_rng(1))
+    path.write_text(flow.plan_text("kbr_phase_centre", plans[0], "a test"))
+    allowed = {"design": str(path), "quiet_s": 600.0, "manoeuvre_windows": "02:00-04:00, 07:00-07:15, 09:00-23:00"}
+    pair = kbr_phase_centre.draw_pair(chosen.with_settings(allowed), 0.0, np.random.default_rng(1))
+    hours = np.array([[one.start, one.stop] for one in pair.wiggles]) / 3600
+    assert np.all((hours[:4] >= 2) & (hours[:4] <= 4))
+    assert np.all(hours[4:] >= 9)  # a quarter of an hour is too short for a piece
+    assert np.all(hours[1:, 0] - hours[:-1, 1] > 599 / 3600)
+
+
+def test_manoeuvres_are_between_the_passes_and_apart():
+    """All of each in a window, starts as far apart as is asked; numbers that find no time in a day have no room."""
+    satellite, table = catalog.satellite("C").settings(), {"kind": "pitch", "period_s": 12.0, "duration_s": 180.0}
+    design_of = {"rod": "x", "latitude_deg": [60.0, 80.0], "count": 1}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "plan.toml"
+        path.write_text(flow.plan_text("com_offset", [table | design_of], "a test"))
+        given = {"design": str(path), "manoeuvre_windows": "02:10-06:00", "manoeuvre_spacing_s": 1800.0}
+        chosen = catalog.parameters("simulate_com_offset").with_settings(given)
+        share = com_offset.room(satellite, chosen, 0.0)
+        path.write_text(flow.plan_text("com_offset", [table | design_of | {"count": 2}], "a test"))
+        scene = com_offset.draw_scene(satellite, chosen, 0.0, np.random.default_rng(3))
+    assert (share([2]), share([9])) == (1.0, 0.0)  # four hours hold two orbits
+    assert np.all((scene.start >= 7800 - 0.5) & (scene.stop <= 21600 + 0.5))  # a start has half a second
+    assert np.all(np.diff(scene.start) >= 1800 - 1)
+
+
+def test_what_has_no_room_is_not_chosen():
+    """The best that may be flown together; the budget is refused where none is."""
+    one = flight([4 * np.eye(3), np.eye(3)])
+    assert design.chosen(one, 3, np.full(2, 9), fits=lambda counts: counts[0] <= 2).tolist() == [2, 1]
+    with pytest.raises(GravcalError, match="room for 2 manoeuvres"):
+        design.chosen(one, 3, np.full(2, 9), fits=lambda counts: counts.sum() <= 2)
+
+
+def test_causes_of_a_whole_session_are_told_apart_beside_all_that_is_fitted():
+    """By least squares: what is left of one beside the other, the parameter and the drift of each piece."""
+    rng = np.random.default_rng(8)
+    rows = rng.standard_normal((2, 60, 4))  # two pieces: parameter, drift, two causes
+    rows[:, :, 3] = rows[:, :, 2] + 0.3 * rows[:, :, 3]
+    zeros = np.zeros(60, dtype=int)
+    blocks = [Block(str(k), rows[k, :, 0], rows[k, :, :1], rows[k, :, 1:2], zeros, zeros, zeros) for k in range(2)]
+    causes = [Candidate(n, "", ["a"], ["1"], [*rows[:, :, [2 + k]]], [2.0]) for k, n in enumerate(("one", "other"))]
+    observed = SimpleNamespace(name="a test", blocks=blocks, candidates=causes)
+    whole = np.zeros((120, 5))
+    for k in range(2):
+        whole[60 * k : 60 * k + 60, [0, 1 + k, 3, 4]] = rows[k]
+    left = [whole[:, t] - whole[:, f] @ np.linalg.lstsq(whole[:, f], whole[:, t])[0]
+            for t, f in ((3, [0, 1, 2, 4]), (4, [0, 1, 2, 3]))]  # fmt: skip
+    expected = 4 * min(float(one @ one) for one in left)
+    assert design.apart(observed, ("one", "other")) == {("one", "other"): pytest.approx(expected)}
+    with pytest.raises(GravcalError, match="one of one, other"):
+        design.apart(observed, ("none",))
+
+
+def test_a_session_is_judged_by_as_many_flights_as_its_errors_need():
+    """Errors that are alike are known from three; those that are one of two sizes are not, unless nobody asked."""
+    value = lambda name, sigma: (SimpleNamespace(label=name, sigma=sigma), 0.0)  # noqa: E731
+    rows = [[value("x", 10.0 + 0.1 * k), value("z", 88.0 if k else 20.0)] for k in range(3)]
+    assert flow._settled(rows, {"x"})
+    assert not flow._settled(rows, set())
 
 
 def test_the_best_of_whole_sessions_is_flown(tmp_path):
