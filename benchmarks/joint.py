@@ -9,23 +9,21 @@ separation is the root of the chi-square expected between them in all events, th
 separated if the set that is named, with what is tied with it, holds the true cause and not the other; falsely if it
 holds the other and not the true one.
 
-With `--world open` the days are those of the forward models beside the project: `--events` (10) of each of two
-satellites in five years, one effect that is the same in all of them at a signal-to-noise ratio near 5 in one event
-(`--sort NAME` of `HIDDEN`, or clean), an offset with slope, walk and a trim. Each event is then left out once.
+With `--world open` or `second` the days are those of the forward models beside the project, or of the simulator of the
+tests: `--events` (20) in five years, one effect that is the same in all of them at a signal-to-noise ratio near 5 in
+one event, an offset with slope, walk and a trim. The series of `--sort NAME,NAME` (of `HIDDEN`, or all) are flown by C
+and D in turn. Every third event is then left out once.
 """
 
 import datetime
-import json
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks import worlds
 from benchmarks.tables import Figure, grid, say, show, title
-from benchmarks.worlds import OPEN, effects_of
 from flows import calibration, campaign, command
 from gravcal.discovery import attribution, design
 from gravcal.discovery import joint as science
@@ -40,15 +38,27 @@ LEVEL, TIE, ROUNDS = 0.005, 9.0, 4
 BANDS = ((3.0, 4.0), (4.0, 5.0), (5.0, 7.0), (7.0, 10.0), (10.0, np.inf))  # of the predicted separation
 ALIKE = 0.5  # of the chi-square of a cause that another explains, above which the pair is a hard one
 PLAUSIBLE = 5.0  # times the prior of the catalogue, largest size that is drawn
-#: Effects of the open world, at a signal-to-noise ratio near 5 in one event.
+OF_Y = ("y_from_x", "y_from_y", "y_from_z")
+#: Effects of other worlds at a signal-to-noise ratio near 5 in one event, with the cause and values of the catalogue.
 HIDDEN = {
-    "mtq_gain": [7e-3, 0, 0],
-    "sca_delay": 0.09,
-    "current_to_acc": [0, 4e-10, 0],
-    "mtq_misalign": [1.2e-3, 0, 0],
-    "inertia_products": [0, 0.13, 0],
-    "latitude_force": 1e-9,
+    "open": {
+        "mtq_gain": ([7e-3, 0, 0], "torque.dipole_gain", {"rod_x": 7e-3}),
+        "sca_delay": (0.09, "timing.star_camera_delay", {"delay": 0.09}),
+        "current_to_acc": ([0, 4e-10, 0], "accelerometer.current_leak", dict.fromkeys(OF_Y, 1.6e-12)),
+        "mtq_misalign": ([1.2e-3, 0, 0], "torque.dipole_misalignment", {"angle_x": 1.2e-3}),
+        "inertia_products": ([0, 0.13, 0], "torque.inertia_products", {"xz": 0.13}),
+        "latitude_force": (1e-9, "", {}),
+        "clean": (None, "", {}),
+    },
+    "second": {
+        "dipole_gain": ({"value": [7e-3, 0, 0]}, "torque.dipole_gain", {"rod_x": 7e-3}),
+        "acc_current_leak": ({"value": {"yx": 4e-13}}, "accelerometer.current_leak", {"y_from_x": 1.6e-12}),
+        "sca_delay_s": ({"value": 0.09}, "timing.star_camera_delay", {"delay": 0.09}),
+        "clean": (None, "", {}),
+    },
 }
+#: What else a world is told: the main field of the catalogue, for of an older one the years after it differ by 9 nT.
+MORE = {"open": {}, "second": {"field_generation": 14}}
 
 
 def evidence(folder: Path) -> list:
@@ -155,19 +165,42 @@ def ties(world, rng, runs) -> list[Figure]:
         _, sets = search(world.drawn(rng, walked(rng, world.count, world.own), cause, value))
         said["right"] += any(slug in one for one in sets)
         said["alone"] += {slug} in sets
-        wrong = [one for one in sets if slug not in one]
-        said["wrong"] += bool(wrong)
+        said["wrong"] += any(slug not in one for one in sets)
         said["missed"] += not sets
-        named, right = set().union(*sets), any(slug in one for one in sets)
-        if wrong:
-            say(f"wrong: {slug} was {', '.join(' = '.join(sorted(one)) for one in sets)}")
-        for other, (sigma, single, share) in world.pairs(cause, value).items():
-            if single**2 < TIE:
-                apart, false = right and other not in named, other in named and not right
-                rows.append((sigma, share, apart, false))
-                if sigma >= np.sqrt(design.needed(0.9, TIE)) and not apart:
-                    say(f"not separated: {slug} from {other}, predicted {sigma:.1f} sigma")
+        rows += tied(world, cause, value, sets)
     say(f"{runs} draws: {', '.join(f'{k} {n}' for k, n in said.items())}")
+    return [*shares(rows), Figure("processor time of a search", f"{(time.process_time() - started) / runs:.1f} s")]
+
+
+def separations(events, slug, truth, sets):
+    """Rows of `tied` of a series with a known cause."""
+    world, values = World(events, len(events)), []
+    for k, one in enumerate(world.causes):
+        if one.slug == slug and set(truth) <= set(one.names):
+            value = np.array([truth.get(name, 0.0) for name in one.names])
+            values.append((float(value @ world.total[world.places[k], world.places[k]] @ value), k, value))
+    strength, cause, value = max(values, key=lambda row: row[0])
+    say(f"    signal-to-noise ratio in one event {np.sqrt(strength / world.count):.1f}")
+    return tied(world, cause, value, sets)
+
+
+def tied(world, cause, value, sets):
+    """(predicted separation, share explained, separated, falsely) of each cause that no single event tells apart."""
+    slug, rows = world.causes[cause].slug, []
+    named, right = set().union(*sets), any(slug in one for one in sets)
+    if sets and not right:
+        say(f"wrong: {slug} was {', '.join(' = '.join(sorted(one)) for one in sets)}")
+    for other, (sigma, single, share) in world.pairs(cause, value).items():
+        if single**2 < TIE:
+            apart = right and other not in named
+            rows.append((sigma, share, apart, other in named and not right))
+            if sigma >= np.sqrt(design.needed(0.9, TIE)) and not apart:
+                say(f"not separated: {slug} from {other}, predicted {sigma:.1f} sigma")
+    return rows
+
+
+def shares(rows) -> list[Figure]:
+    """Table of pairs by their predicted separation, and the shares that are asked."""
     table = [("predicted separation", "pairs", "separated", "falsely", "hard pairs", "separated", "falsely")]
     hard = [row for row in rows if row[1] > ALIKE]
     count = lambda some: (str(len(some)), str(sum(r[2] for r in some)), str(sum(r[3] for r in some)))  # noqa: E731
@@ -179,10 +212,7 @@ def ties(world, rng, runs) -> list[Figure]:
         _share(f"{words} separated, at {low:.2g} sigma or more", [r[2] for r in some if r[0] >= low], 0.9)
         for words, some in (("pairs", rows), ("hard pairs", hard))
         for low in (np.sqrt(design.needed(0.9, TIE)), 5.0)
-    ] + [
-        _share("pairs falsely separated", [r[3] for r in rows], 0.02, least=False),
-        Figure("processor time of a search", f"{(time.process_time() - started) / runs:.1f} s"),
-    ]
+    ] + [_share("pairs falsely separated", [r[3] for r in rows], 0.02, least=False)]
 
 
 def _share(name, hits, limit, least=True):
@@ -250,8 +280,8 @@ def recovered(score) -> list[Figure]:
     ]
 
 
-def flown(folder: Path, rng, count: int, name: str, satellite: str) -> tuple[list, np.ndarray, list]:
-    """Events of the open world, their offsets (n, 3) um, and epochs of trims along x."""
+def flown(folder: Path, rng, count: int, world: str, name: str, satellite: str) -> tuple[list, np.ndarray, list]:
+    """Events of another world, their offsets (n, 3) um, and epochs of trims along x."""
     first = datetime.date(2018, 8, 10) + datetime.timedelta(7 * "CD".index(satellite))
     days = [first + datetime.timedelta(int(d)) for d in np.sort(rng.choice(np.arange(0, 1700, 15), count, False))]
     times = np.array([report.seconds(str(one)) for one in days])
@@ -259,54 +289,65 @@ def flown(folder: Path, rng, count: int, name: str, satellite: str) -> tuple[lis
     walk = np.sqrt(np.diff(times, prepend=times[0]) / YEAR_S)[:, None] * [6, 3, 1] * rng.standard_normal((count, 3))
     offset = rng.uniform(-120, 120, 3) + np.cumsum(walk, axis=0) + years * rng.normal(0, 10, 3)
     offset[times > trim, 0] -= 113
-    effect = ["--effect", f"{name}={json.dumps(HIDDEN[name])}"] if name in HIDDEN else []
-    for k, one in enumerate(days):
-        made = ["--seed", str(int(rng.integers(2**31))), "--satellite", satellite, "--date", str(one), *effect]
-        words = [sys.executable, str(OPEN), "com", *made, "--offset", *map(str, offset[k].tolist())]
-        if not (folder / str(one) / satellite / "truth.json").exists():
-            subprocess.run([*words, "--out", str(folder / str(one) / satellite)], check=True, capture_output=True)
+    seeds, value = rng.integers(2**31, size=count).tolist(), HIDDEN[world][name][0]
+    for day, seed, place in zip(map(str, days), seeds, offset.tolist(), strict=True):
+        if not (folder / day / "made").exists():
+            effects = {} if value is None else {name: value}
+            given = {"satellite": satellite, "date": day, "offset_um": place} | MORE[world]
+            worlds.MAKERS[world](folder / day, seed, effects, **given)
+            (folder / day / "made").touch()
     return told_by(folder, satellite), offset, [trim]
 
 
-def other_hands(folder: Path, rng, count: int, name: str) -> list[Figure]:
-    """Two satellites of the open world: what is named, which ties are broken, the offset at dates left out."""
-    figures, score, right = [], [], effects_of("com")[name].causes if name in HIDDEN else ()
-    for satellite in "CD":
-        events, offset, trims = flown(folder, rng, count, name, satellite)
+def other_hands(folder: Path, options, world: str) -> list[Figure]:
+    """Series of another world: what is named, which ties are broken, the offset at dates left out."""
+    count, known = options.events or 20, list(HIDDEN[world])
+    figures, score, pairs = [], [], []
+    for number, name in enumerate(known if options.sort == "all" else options.sort.split(",")):
+        satellite, rng = "CD"[number % 2], np.random.default_rng([options.seed, known.index(name), number % 2])
+        events, offset, trims = flown(folder / name, rng, count, world, name, satellite)
         started = time.process_time()
         found, sets = search(events)
         took = time.process_time() - started
-        for one in found.named:
-            slug = events[0].causes[one.law.cause].slug
-            say(f"{satellite}: {slug} ({one.law.scope}), gain {one.gain:.0f} of {one.dof}")
-            for row in one.ties:
-                said = "tied" if row["tied"] else f"broken by {row['event']}"
-                chi2 = f"{row['single']:.1f} in the best event, {row['expected_chi2']:.1f} in all"
-                say(f"    {row['cause']}: {chi2}, odds {row['observed']:.1f}: {said}")
-            say(f"    {np.round(one.value, 6).tolist()} +- {np.round(one.sigma, 6).tolist()}")
-        for row in found.contradicting:
-            say(f"{satellite}: {row}")
-        hit = [one for one in sets if one & set(right)]
-        said = f"alone {sum(len(one) == 1 for one in hit)}, in a set {len(hit)}, wrong {len(sets) - len(hit)}"
-        figures.append(Figure(f"{satellite}: named {' '.join(right) or 'nothing'}", said, f"{took:.1f} s"))
+        told(events, found)
+        _, slug, truth = HIDDEN[world][name]
+        right = [one for one in sets if slug in one]
+        said = f"alone {sum(len(one) == 1 for one in right)}, in a set {len(right)}, wrong {len(sets) - len(right)}"
+        figures.append(Figure(f"{satellite}, {name}: {slug or 'nothing'} named", said, f"{took:.1f} s"))
+        if slug:
+            pairs += separations(events, slug, truth, sets)
         away = 1e6 * found.offset - offset
         rms = np.sqrt(np.mean(away**2 / (1e12 * np.einsum("ipip->ip", found.spread)), axis=0))
-        figures.append(Figure(f"{satellite}: error over sigma of offsets, x, y, z", " ".join(f"{v:.2f}" for v in rms)))
+        figures.append(Figure("    error over sigma of offsets, x, y, z", " ".join(f"{v:.2f}" for v in rms)))
         times = np.array([one.time for one in events])
-        for out in range(1, count - 1):
+        for out in range(1, count - 1, 3):
             kept = np.arange(count) != out
             rest = [one for one, k in zip(events, kept, strict=True) if k]
             score += foretold(rest, times[kept], times[out], offset[out], trims)
-    return [*figures, *recovered(score)]
+    return [*figures, *shares(pairs), *recovered(score)]
+
+
+def told(events, found) -> None:
+    """Print what a search named, ties and contradictions."""
+    for one in found.named:
+        say(f"{events[0].causes[one.law.cause].slug} ({one.law.scope}), gain {one.gain:.0f} of {one.dof}")
+        for row in one.ties:
+            said = "tied" if row["tied"] else f"broken by {row['event']}"
+            chi2 = f"{row['single']:.1f} in the best event, {row['expected_chi2']:.1f} in all"
+            say(f"    {row['cause']}: {chi2}, odds {row['observed']:.1f}: {said}")
+        say(f"    {np.round(one.value, 6).tolist()} +- {np.round(one.sigma, 6).tolist()}")
+    for row in found.contradicting:
+        say(str(row))
 
 
 def run(options) -> list[Figure]:
     """Study."""
-    runs, rng = options.runs or (4 if options.quick else 30), np.random.default_rng(options.seed)
+    world = options.world or "own"
     folder = Path(options.out or tempfile.mkdtemp(prefix="gravcal-joint-"))
-    if options.world == "open":
-        title(f"joint search in the open world, {options.sort}, seed {options.seed}")
-        return show(other_hands(folder, rng, options.events or 10, options.sort))
-    world = World(evidence(folder), options.events or 20)
-    title(f"joint search, {world.count} events, seed {options.seed}")
-    return show(sum((study(world, rng, runs) for study in (ties, clean, recovery)), []), "share")
+    if world in HIDDEN:
+        title(f"joint search in the {world} world, {options.sort}, seed {options.seed}")
+        return show(other_hands(folder, options, world))
+    runs, rng = options.runs or (4 if options.quick else 30), np.random.default_rng(options.seed)
+    drawn = World(evidence(folder), options.events or 20)
+    title(f"joint search, {drawn.count} events, seed {options.seed}")
+    return show(sum((study(drawn, rng, runs) for study in (ties, clean, recovery)), []), "share")
