@@ -467,11 +467,13 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     parts = list(zip(*(problem.candidates[k].columns for k in steps), strict=True))
     made = [sum(t * np.zeros(1) if c is None else t * c for t, c in zip(turns, row, strict=True)) for row in parts]
     made = [None if all(c is None for c in row) else m for row, m in zip(parts, made, strict=True)]
-    channel = next(b.channel[0] for b, m in zip(problem.blocks, made, strict=True) if m is not None)
-    span = np.array([epoch[steps[0]], epoch[steps[-1]]])
+    touched = [block for block, m in zip(problem.blocks, made, strict=True) if m is not None]
+    begun = min(touched, key=lambda block: block.time.min())
+    span = np.array([epoch[steps[0]], epoch[steps[-1]]]) - begun.time.min()
     about = span, lambda _: made, span[None], span, span
     shape = Shape(("from", "to"), ("s", "s"), *about, covariance=np.zeros((2, 2)))
-    form = f"excess in the {channel} reading, {len(steps)} jumps between two levels, {span[0]:.0f} to {span[1]:.0f} s"
+    where = f"{span[0]:.0f} to {span[1]:.0f} s after {begun.label} begins"
+    form = f"excess in the {touched[0].channel[0]} reading, {len(steps)} jumps between two levels, {where}"
     candidate = Candidate(trials.EXCESS, form, first.names, first.units, made, shape=shape)
     grown, index = extended(problem, candidate), len(problem.candidates)
     gram = attribution.projected(grown.total, baseline_of(grown, rest))
