@@ -263,8 +263,9 @@ def _remembered(series, since, tau):
 
 
 def known(kind: str, data: Path) -> dict[str, str]:
-    """Settings that an operator of a kind of cases gives to every command."""
-    return {name: value.format(data=data, worlds=WORLDS) for name, value in TABLE["known"].get(kind, {}).items()}
+    """Settings that an operator of a kind of cases gives to every command, paths as seen from the present folder."""
+    places = {"data": data, "worlds": os.path.relpath(WORLDS)}
+    return {name: value.format_map(places) for name, value in TABLE["known"].get(kind, {}).items()}
 
 
 def gravcal(command: str, kind: str, data: Path, out: Path) -> dict:
