@@ -59,6 +59,11 @@ def observe(
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
     added = 0.0 if correction_left_out else rows["correction"].values
     settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
+    ahead, segment = rows["time"].values + rows["late"].values[0], rows["segment"].values
+    beyond = (ahead < rows["time"].values[0]) | (
+        ahead > rows["time"].values[-1]
+    )  # of late tags: no range is known there
+    rows = rows.assign(segment=("time", np.where(beyond, segment.max() + 1, segment)))  # in no block, for they are few
     made = Routine(rows, [], nominal, added, determined_limit_mm)
     late = late_columns(rows).get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
     tried = np.concatenate([columns for _, columns in made.laws], axis=1)
