@@ -27,6 +27,14 @@ AXIS = {
     "y": {"color": COLOURS["orange"]},
     "z": {"color": COLOURS["green"], "linestyle": "--"},
 }
+#: Mark, colour and label by what a value is; no line joins ours.
+MARKS = {
+    "printed": ("o", COLOURS["blue"], "printed"),
+    "measured": ("s", COLOURS["vermilion"], "gravcal"),
+    "questionable": ("x", COLOURS["black"], "questionable"),
+    "simulated": ("D", COLOURS["purple"], "SIMULATED"),
+    "mixed": ("d", COLOURS["purple"], "simulated and measured"),
+}
 STYLE = matplotlib.rc_params_from_file(Path(__file__).with_name("report.mplstyle"), use_default_template=False)
 
 
@@ -129,3 +137,22 @@ def image(draw, *given) -> str | None:
         buffer = io.BytesIO()
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
+
+
+def over_time(labels):
+    """Figure with a panel for each quantity over the years, and its panels."""
+    look = {"ylabels": labels, "margins": {"hspace": 0.12, "left": 0.11}}
+    drawn, panels = grid(len(labels), 1, 0.6 + 1.5 * len(labels), sharex=True, **look)
+    for panel in panels[:, 0]:
+        panel.margins(y=0.12)
+    return drawn, panels[:, 0]
+
+
+def mark(panel, kind, points, label=None):
+    """Values (date, value, sigma or None) of one kind; printed ones are hollow and joined."""
+    form, colour, name = MARKS[kind]
+    look = {"markerfacecolor": "white", "linestyle": "-", "capsize": 0} if kind == "printed" else {}
+    if points:
+        dates, values, sigmas = zip(*points, strict=True)
+        spread = [sigma or 0.0 for sigma in sigmas]
+        bars(panel, dates, values, spread, color=colour, marker=form, linewidth=0.7, label=label or name, **look)

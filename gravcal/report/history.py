@@ -3,17 +3,8 @@
 import datetime
 
 from gravcal.report import pages
-from gravcal.report.figures import COLOURS, bars, grid, image
+from gravcal.report.figures import COLOURS, MARKS, image, mark, over_time
 from gravcal.report.plain import plus_minus, signed
-
-#: Mark, colour and label by what a value is; no line joins ours.
-MARKS = {
-    "printed": ("o", COLOURS["blue"], "printed"),
-    "measured": ("s", COLOURS["vermilion"], "gravcal"),
-    "questionable": ("x", COLOURS["black"], "questionable"),
-    "simulated": ("D", COLOURS["purple"], "SIMULATED"),
-    "mixed": ("d", COLOURS["purple"], "simulated and measured"),
-}
 
 
 def history(title, points, trims=(), band=None):
@@ -69,25 +60,6 @@ def _text(row):
     if sigma is None or abs(value) + sigma < 1e-2:
         return f"{value:.4g}" + (f" ± {sigma:.2g}" if sigma is not None else "")
     return plus_minus(value, sigma, digits=(1 if sigma >= 0.1 else 2) if row["kind"] == "printed" else None)
-
-
-def over_time(labels):
-    """Figure with a panel for each quantity over the years, and its panels."""
-    look = {"ylabels": labels, "margins": {"hspace": 0.12, "left": 0.11}}
-    drawn, panels = grid(len(labels), 1, 0.6 + 1.5 * len(labels), sharex=True, **look)
-    for panel in panels[:, 0]:
-        panel.margins(y=0.12)
-    return drawn, panels[:, 0]
-
-
-def mark(panel, kind, points, label=None):
-    """Values (date, value, sigma or None) of one kind; printed ones are hollow and joined."""
-    form, colour, name = MARKS[kind]
-    look = {"markerfacecolor": "white", "linestyle": "-", "capsize": 0} if kind == "printed" else {}
-    if points:
-        dates, values, sigmas = zip(*points, strict=True)
-        spread = [sigma or 0.0 for sigma in sigmas]
-        bars(panel, dates, values, spread, color=colour, marker=form, linewidth=0.7, label=label or name, **look)
 
 
 def _draw(rows, band):

@@ -15,8 +15,7 @@ from gravcal.estimation.moving import YEAR_S, Moving, moving
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
 from gravcal.report.discovery import parameter_rows
-from gravcal.report.figures import COLOURS
-from gravcal.report.history import mark, over_time
+from gravcal.report.figures import COLOURS, mark, over_time
 from gravcal.report.pages import Section, Table, figure
 from gravcal.report.plain import EPOCH, as_plain, number, plus_minus, probability, quantity, signed
 from gravcal.store import product
