@@ -52,7 +52,11 @@ def options_of(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--set", action="append", default=[], metavar="SETTING=VALUE", help="of the simulation")
     parser.add_argument("--calibration", help="of the fuzzing and the published methods, by default all; of the worlds")
     parser.add_argument("--world", help="that makes the cases: open (of worlds by default), second or own")
-    parser.add_argument("--sort", default="clean", help="of the cases: clean, listed or unlisted")
+    parser.add_argument(
+        "--sort",
+        default="clean",
+        help="of the cases: clean, listed, unlisted, or clean with changing, tailed or bumped noise",
+    )
     parser.add_argument("--data", type=Path, metavar="DIR", help="measured days, files of the long roll")
     parser.add_argument("--folder", metavar="DIR", help="of cases without truth")
     parser.add_argument("--out", metavar="PATH", help="for lines of cases, documents of a folder, figures")

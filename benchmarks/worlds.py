@@ -23,10 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.shapes import OPEN, SHAPES
 from benchmarks.tables import CLI, ROOT, Figure, cases, of_tests, rms, say, share, show
 
 WORLDS = ROOT.parent / "shared" / "worlds"
-OPEN = WORLDS / "open" / "make_case.py"
 STRONG = (15.0, 40.0)  # signal-to-noise ratios that are hidden, log-uniform
 LARGEST = 200.0  # times the first guess of a size; what needs more is not seen by these records
 ALIKE = {"roll": "swing", "second_roll": "second_swing"}  # kinds whose table is that of another
@@ -145,12 +145,16 @@ def _own(entry):
     return Hidden(draw, scaled, (entry.slug,))
 
 
-def make_open(folder: Path, seed: int, effects: dict, kind: str = "com", **given) -> None:
-    """Files of a case of the open world in `folder`/data, truth beside them; of com: satellite, date, offset_um."""
+def make_open(folder: Path, seed: int, effects: dict, kind: str = "com", shape: str = "", **given) -> None:
+    """Files of a case of the open world in `folder`/data, truth beside them; of com: satellite, date, offset_um.
+
+    With a shape of `benchmarks.shapes` for its noise.
+    """
     words = [word for name, value in effects.items() for word in ("--effect", f"{name}={json.dumps(value)}")]
     for name, value in given.items():
         words += [f"--{name.removesuffix('_um')}", *map(str, value if isinstance(value, list) else [value])]
-    command = [sys.executable, str(OPEN), kind, "--seed", str(seed), *words, "--out", str(folder)]
+    maker = ["-m", "benchmarks.shapes", shape] if shape else [str(OPEN)]
+    command = [sys.executable, *maker, kind, "--seed", str(seed), *words, "--out", str(folder)]
     subprocess.run(command, check=True, capture_output=True)
 
 
@@ -172,8 +176,8 @@ def make_second(folder: Path, seed: int, effects: dict, kind: str = "second", **
 MAKERS = {"open": make_open, "second": make_second}
 
 
-def make(kind: str, seed: int, effects: dict, folder: Path) -> dict:
-    """Files of a case of a kind in `folder`/data, with effects {name: value}; its truth."""
+def make(kind: str, seed: int, effects: dict, folder: Path, shape: str = "") -> dict:
+    """Files of a case of a kind in `folder`/data, with effects {name: value} and a shape of its noise; its truth."""
     world, calibration = KINDS[kind]
     if world == "second":
         return make_second(folder, seed, effects, kind)
@@ -184,7 +188,7 @@ def make(kind: str, seed: int, effects: dict, folder: Path) -> dict:
         command = [*CLI, "simulate", calibration, "--out", f"{folder}/data", "--seed", str(seed)]
         subprocess.run([*command, "--truth", f"{folder}/truth.json", *words], check=True, capture_output=True)
     else:
-        make_open(folder, seed, {name: value for name, value in effects.items() if name not in odd}, kind)
+        make_open(folder, seed, {name: value for name, value in effects.items() if name not in odd}, kind, shape)
     truth = json.loads((folder / "truth.json").read_text())
     for name, value in effects.items():
         if name in odd:
@@ -411,7 +415,8 @@ def study(options) -> list[Figure]:
         with out.open("a") as lines:
             lines.write(json.dumps(done[-1]) + "\n")
         say(_line(row))
-    return sum((figures([r for r in done if r["sort"] == sort], sort) for sort in ("clean", "listed", "unlisted")), [])
+    sorts = ("clean", *SHAPES, "listed", "unlisted")
+    return sum((figures([r for r in done if r["sort"] == sort], sort) for sort in sorts), [])
 
 
 def _commit():
@@ -453,9 +458,9 @@ def _place():
 
 def _judged(kind, sort, seed, place):
     """Scores of a case with the effect that was drawn for it."""
-    plain = make(kind, seed, {}, place / "plain")
+    plain = make(kind, seed, {}, place / "plain", sort if sort in SHAPES else "")
     hidden, value, ratio, truth, data = "", None, 0.0, plain, place / "plain" / "data"
-    if sort != "clean":
+    if sort not in ("clean", *SHAPES):
         rng = np.random.default_rng([seed, 22])
         names = sorted(n for n, e in effects_of(kind).items() if bool(e.causes) == (sort == "listed"))
         quiet = observed_of(kind, data)
@@ -557,15 +562,15 @@ def figures(rows: list[dict], sort: str) -> list[Figure]:
     """Table of one sort of cases; all of them count."""
     if not rows:
         return []
-    good = [row for row in rows if "error" not in row]
+    good, clean = [row for row in rows if "error" not in row], sort in ("clean", *SHAPES)
     found = [Figure(f"{sort}: cases that could not be made or searched", f"{len(rows) - len(good)} of {len(rows)}")]
     scores = {
-        "clean": {"something named": "named"},
+        sort: {"something named": "named"},
         "listed": {"right": "right", "alone": "alone", "noticed": "noticed", "untied wrong name": "wrong"},
         "unlisted": {"channel and driver right": "channel", "noticed": "noticed", "untied wrong name": "wrong"},
     }
     found += [share(f"{sort}: {words}", [bool(r[score]) for r in good]) for words, score in scores[sort].items()]
-    if sort != "clean":
+    if not clean:
         silent = [not r["named"] and bool(r["adequate"]) for r in good]
         found.append(share(f"{sort}: missed, reported as adequate", silent))
     errors = np.array([e for r in good for e in r["after"].values()])
