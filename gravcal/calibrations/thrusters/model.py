@@ -31,6 +31,7 @@ QUIET_LEAST = 500  # epochs that measure the noise
 LONGEST_S = 600  # by which tags are looked for
 SLOWEST_HZ = 1 / 90  # of rates in which firings are looked for; below it control answers them
 ALIKE = 2001  # frequencies over which the power of a rate is the same
+CLEARLY, NEAR_S = 2.0, 10  # times what any lag further away than this gains
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,9 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def late(one: Records, inertia_b) -> int:
-    """Whole seconds by which firings are tagged late against the attitude, where the rate follows them best.
+    """Whole seconds by which firings are tagged late against the attitude, where the rate follows them clearly best.
+
+    0 where no lag stands out, as where firings are few: the largest of 1,201 lags of noise is a tenth above the next.
 
     Parameters
     ----------
@@ -192,7 +195,8 @@ def late(one: Records, inertia_b) -> int:
     by_lag = np.maximum(np.fft.irfft(rates * foretold.conj() * weight, axis=0), 0.0) ** 2
     gain = (by_lag / np.maximum(np.sum(np.abs(foretold) ** 2 * weight, axis=0), 1e-300)).sum(axis=1)
     lag = np.arange(-LONGEST_S, LONGEST_S + 1)
-    return -int(lag[np.argmax(gain[lag])])
+    best = int(lag[np.argmax(gain[lag])])
+    return -best if gain[best] > CLEARLY * np.max(gain[lag[np.abs(lag - best) > NEAR_S]]) else 0
 
 
 def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
