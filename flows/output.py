@@ -11,8 +11,8 @@ import traceback
 import typer
 
 from gravcal.errors import NoDataError, ProductError
-from gravcal.report.documents import foreword
 from gravcal.store import history, location
+from gravcal.store.product import foreword
 from tasks.stage import lazy
 
 joint_report, plain = lazy("gravcal.report.joint"), lazy("gravcal.report.plain")

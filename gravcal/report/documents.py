@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from gravcal.calibrations import checks as checking
 from gravcal.report.plain import as_plain
 from gravcal.store import product
-from gravcal.store.product import MEASURED, origins_together
+from gravcal.store.product import MEASURED, foreword, origins_together
 from gravcal.store.schemas import VERSION, validate
 
 #: Statuses of documents that hold a result.
@@ -59,11 +59,6 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
 def settings_of(document: Mapping) -> Mapping:
     """Settings that a document was made with."""
     return document.get("settings") or document.get("provenance", {}).get("settings", {})
-
-
-def foreword(origin: str) -> str:
-    """What a verdict begins with: the origin of the data where they were not all measured."""
-    return "" if origin == MEASURED else f"{origin.upper()}. "
 
 
 def said(check: checking.Check) -> str:

@@ -289,6 +289,11 @@ def attributes(node):
     return {name: _attribute(node.getncattr(name)) for name in node.ncattrs()}
 
 
+def foreword(origin: str) -> str:
+    """What a verdict begins with: the origin of the data where they were not all measured."""
+    return "" if origin == MEASURED else f"{origin.upper()}. "
+
+
 def origins_together(origins: Iterable[str]) -> str:
     """Origin of what is made of several; "" says nothing and changes nothing."""
     distinct = {one for one in origins if one}
