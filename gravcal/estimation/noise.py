@@ -334,14 +334,17 @@ class Levels:
 STATIONARY = 1e-2  # probability of so much scatter of the powers of quiet pieces, from which on they have one level
 
 
-def levels(rows: list[np.ndarray], lost: list[float], part: np.ndarray, parts: int) -> Levels:
+def levels(
+    models: list[NoiseModel], pieces: list[np.ndarray], lost: list[float], part: np.ndarray, parts: int
+) -> Levels:
     """Levels of noise that is not stationary, from quiet pieces in or near each part.
 
     One everywhere unless the powers of the pieces deny one level, see `STATIONARY`.
 
     Parameters
     ----------
-    rows : list of (n_i, a) whitened pieces, zero where missing
+    models : of the axes, of all pieces together
+    pieces : list of (n_i, a) unit of the noise, detrended, NaN where missing
     lost : parameters that detrending took from each axis of each piece
     part : (k,) number of the part that each piece belongs to
     parts : how many there are; one without pieces has the level of all
@@ -352,14 +355,14 @@ def levels(rows: list[np.ndarray], lost: list[float], part: np.ndarray, parts: i
     what a part has in common and of what changes from piece to piece (DerSimonian and Laird, Control. Clin. Trials 7,
     1986, for both), the same variance on all axes; levels are drawn towards their mean accordingly.
     """
-    axes = rows[0].shape[1] if rows else 3
-    pairs = zip(rows, lost, strict=True)
-    count = np.array([max(np.sum(np.any(one != 0, axis=1)) - gone, 1) for one, gone in pairs], dtype=float)
-    power = np.array([np.sum(one**2, axis=0) for one in rows]).reshape(-1, axes) / count[:, None]
+    axes, valid = len(models), [np.isfinite(one).all(axis=1) for one in pieces]
+    count = np.array([max(np.sum(v) - gone, 1) for v, gone in zip(valid, lost, strict=True)], dtype=float)
+    white = [[whiten(m, one[:, a], v) for a, m in enumerate(models)] for one, v in zip(pieces, valid, strict=True)]
+    power = np.array([np.sum(np.square(one), axis=1) for one in white]) / count[:, None]
     value, own = np.log(np.maximum(power, 1e-300)) + 1 / count[:, None], 2 / count
     mean = np.sum(value / own[:, None], axis=0) / np.sum(1 / own)
     scatter = np.sum((value - mean) ** 2 / own[:, None])
-    if np.any(power <= 0) or chdtrc(axes * (len(rows) - 1), scatter) > STATIONARY:
+    if np.any(power <= 0) or not chdtrc(axes * (len(pieces) - 1), scatter) <= STATIONARY:  # one piece denies nothing
         return Levels(np.ones((parts, axes)), np.zeros((parts, axes)))
     member = (part == np.arange(parts)[:, None]).astype(float)
     within = _scatter(value, own, member, axes)

@@ -166,6 +166,10 @@ def test_a_spectrum_of_short_pieces_is_that_of_steep_noise():
     assert np.abs(error).max() < 1.0
 
 
+#: Of three axes, white.
+WHITE = [NoiseModel(np.zeros(0), np.ones(1), 1.0)] * 3
+
+
 def test_levels_of_noise_that_changes_have_their_errors():
     """Recovery: parts 0.4 apart in log power, pieces 0.2; level over truth scatters as its error says."""
     rng, off = np.random.default_rng(4), []
@@ -173,7 +177,7 @@ def test_levels_of_noise_that_changes_have_their_errors():
     for _ in range(60):
         common = rng.normal(0, 0.4, (7, 3))
         size = np.exp((common[part] + rng.normal(0, 0.2, (14, 3))) / 2)
-        found = levels([rng.standard_normal((360, 3)) * one for one in size], [3] * 14, part, 7)
+        found = levels(WHITE, [rng.standard_normal((360, 3)) * one for one in size], [3] * 14, part, 7)
         error = np.log(found.value) - (common + rng.normal(0, 0.2, (7, 3))) / 2
         off.append((error - error.mean(axis=0)) / found.error / np.sqrt(6 / 7))
     assert 0.9 < np.std(off) < 1.1  # one standard error is 0.02
@@ -182,5 +186,5 @@ def test_levels_of_noise_that_changes_have_their_errors():
 def test_stationary_noise_has_one_level():
     """Contract: the same noise everywhere has no levels of its own, but by a chance of one percent."""
     rng, part = np.random.default_rng(5), np.repeat(np.arange(7), 2)
-    found = [levels([rng.standard_normal((300, 3)) for _ in part], [3] * 14, part, 7) for _ in range(100)]
+    found = [levels(WHITE, [rng.standard_normal((300, 3)) for _ in part], [3] * 14, part, 7) for _ in range(100)]
     assert sum(bool(np.any(one.error > 0)) for one in found) <= 5  # binomial tail 5e-4

@@ -395,11 +395,7 @@ def _measured(pieces, clean, orders, lost, near, count):
     if not pieces:
         return Measured([[]] * count, np.zeros((count, 3)))
     models = fit_detrended(pieces, clean, *orders)
-    white = []
-    for index, piece in enumerate(pieces):
-        left, valid = clean(piece, index), linear_noise.valid_rows(piece)
-        white.append(np.stack([whiten(m, left[:, a], valid) for a, m in enumerate(models)], axis=1))
-    found = levels(white, lost, near, count)
+    found = levels(models, [clean(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
     louder = [[m.louder(f) for m, f in zip(models, row, strict=True)] for row in found.value]
     return Measured(louder, found.error)
 

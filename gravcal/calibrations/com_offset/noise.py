@@ -7,7 +7,7 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.building import build
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import NoiseModel, fit_noise, levels, whiten
+from gravcal.estimation.noise import NoiseModel, fit_noise, levels
 from gravcal.estimation.resampling import lowpass_resampler
 
 SCHEMAS = schemas.of("com_offset.toml")
@@ -120,15 +120,9 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]
     values |= {name: np.array([getattr(model, name) for model in models]) for name in ("reflection", "variance")}
     values["density"] = np.array([model.density(FREQUENCY) for model in models])
-    white = [np.stack([whiten(m, own[:, a], valid_rows(own)) for a, m in enumerate(models)], 1) for own in quiet_parts]
-    found = levels(white, [drift_degree + 1] * len(white), pieces["near"].values, count)
+    found = levels(models, quiet_parts, [drift_degree + 1] * len(quiet_parts), pieces["near"].values, count)
     values |= {"level": found.value, "level_error": found.error}
     return build(SCHEMAS["noise"], values, source_of_noise="quiet data", step_s=step, order=models[0].reflection.size)
-
-
-def valid_rows(values: np.ndarray) -> np.ndarray:
-    """Rows (n,) of a piece (n, a) that hold no NaN."""
-    return np.isfinite(values).all(axis=1)
 
 
 def models_of(measured: xr.Dataset) -> list[NoiseModel]:
