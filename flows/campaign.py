@@ -32,6 +32,7 @@ WORKERS = {
     "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "1s",  # of 100 ms; an event does not fill the memory in that
     "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",  # of 20 ms
     "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "5s",  # of 500 ms
+    "DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": "100",  # of 1,000, each with the arguments of a task: 25 MB
 }
 
 
