@@ -474,6 +474,8 @@ def _judged(kind, sort, seed, place):
         else:
             raise ValueError("no effect of eight reaches the signal-to-noise ratio")
     document = gravcal("discover", kind, data, place / "found.json")
+    if document["status"] == "failed":
+        raise ValueError(document.get("said") or document.get("verdict"))
     return {"hidden": hidden, "value": value, "ratio": ratio} | scored(kind, sort, hidden, document, truth)
 
 
@@ -526,15 +528,16 @@ def rows_of(observed, like) -> list:
         swing = dataclasses.replace(swing, record=dataclasses.replace(swing.record, noise=like.swing.record.noise))
     if roll and like.roll:
         roll = dataclasses.replace(roll)
-        roll.__dict__.update(noise=like.roll.noise, wander=like.roll.wander)
+        roll.__dict__.update(_measured=(like.roll.noise, like.roll.level), wander=like.roll.wander)
     if swing or roll:
         return dataclasses.replace(observed, swing=swing, roll=roll).blocks
     made = dict(getattr(observed, "made", {}))
     for name in (name for name, one in made.items() if one.models and name in like.made):
-        one, models = made[name], like.made[name].models
-        axes = zip(one.models, models, np.split(one.rows, 3), strict=True)
-        rows = [noise.whiten(new, noise.unwhiten(old, part, one.good), one.good) for old, new, part in axes]
-        made[name] = dataclasses.replace(one, models=models, rows=np.concatenate(rows))
+        one, other = made[name], like.made[name]
+        axes = zip(other.models, np.moveaxis(one.in_unit(one.rows), 1, 0), strict=True)
+        rows = np.concatenate([noise.whiten(model, part, one.good) for model, part in axes])
+        rows = rows / other.level.value.T.reshape(-1, 1)
+        made[name] = dataclasses.replace(one, models=other.models, level=other.level, rows=rows)
     return dataclasses.replace(observed, made=made).blocks if made else observed.blocks
 
 

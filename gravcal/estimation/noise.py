@@ -381,6 +381,52 @@ def levels(
     return Levels(np.sqrt(power * weight.sum() / (weight @ power)), np.repeat(error[:, None], axes, axis=1))
 
 
+STRETCHES = 24  # of a record, whose powers say how its noise changes along it
+
+
+def changing_levels(white: np.ndarray, lost: float, degree: int = 2) -> Levels:
+    """Levels of noise whose amplitude changes slowly along a record, from what a fit leaves of the record itself.
+
+    One everywhere unless the powers of its stretches deny it, see `STATIONARY`. A level of each stretch by itself would
+    take a burst for noise; what is left of a polynomial says how far its errors are to be trusted.
+
+    Parameters
+    ----------
+    white : (n, a) 1, whitened by the models of the axes, evenly spaced, NaN where missing
+    lost : parameters that the fit took from each axis
+    degree : of the polynomial that the logarithm of the amplitude follows
+
+    Returns
+    -------
+    levels : of each sample as a part
+    """
+    parts = np.array_split(np.arange(len(white)), min(STRETCHES, len(white) // 16))
+    count = np.array([np.isfinite(white[part]).all(axis=1).sum() for part in parts]) * (1 - lost / max(len(white), 1))
+    parts = [part for part, known in zip(parts, count, strict=True) if known > 8]
+    count = count[count > 8]
+    along = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(white)), degree)
+    plain = Levels(np.ones(white.shape), np.zeros(white.shape))
+    if len(parts) < 2 * degree + 2:
+        return plain
+    power = np.array([np.nansum(white[part] ** 2, axis=0) for part in parts]) / count[:, None]
+    if np.any(power <= 0):
+        return plain
+    value, root = np.log(power) + 1 / count[:, None], np.sqrt(count / 2)[:, None]
+    design = root * np.array([along[part].mean(axis=0) for part in parts])
+    size = np.linalg.lstsq(design, root * value, rcond=None)[0]
+    rest = np.sum((root * value - design @ size) ** 2)
+    mean = np.sum(root**2 * value, axis=0) / np.sum(root**2)
+    axes, freedom = white.shape[1], len(parts) - degree - 1
+    scatter = max(rest / (axes * freedom), 1.0)
+    if not chdtrc(axes * degree, (np.sum((root * (value - mean)) ** 2) - rest) / scatter) <= STATIONARY:
+        return plain
+    amplitude = np.exp(along @ size / 2)
+    spread = scatter * np.linalg.inv(design.T @ design)
+    apart = along - along.mean(axis=0)  # the level of all is that of the models
+    error = np.sqrt(np.einsum("nk,kl,nl->n", apart, spread, apart)) / 2
+    return Levels(amplitude / np.sqrt(np.mean(amplitude**2, axis=0)), np.repeat(error[:, None], axes, axis=1))
+
+
 def _scatter(value, variance, member, axes):
     """Variance of values (k, a) about the mean of their group (g, k) beyond the known one (k,); not negative."""
     weight = member / variance

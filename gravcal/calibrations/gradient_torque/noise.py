@@ -29,7 +29,7 @@ class Channel:
     Attributes
     ----------
     width : epochs in a bin; time : (m,) s; good : (m,) bool, bins with data
-    models : noise models of the axes, none for the attitude
+    models : noise models of the axes, none for the attitude; level : (m, 3) their amplitude in each bin, times
     R_bi : (m, 3, 3) of the bins of the attitude, None for the others
     stretches : (begin, end, (3 k, 3 k) rad Cholesky factor of the noise) of the attitude
     rows : (n, 1 + GLOBAL) whitened: observed, columns of the global parameters
@@ -39,6 +39,7 @@ class Channel:
     time: np.ndarray
     good: np.ndarray
     models: tuple = ()
+    level: noise.Levels | None = None
     R_bi: np.ndarray | None = None
     stretches: tuple = ()
     rows: np.ndarray | None = None
@@ -47,7 +48,8 @@ class Channel:
         """Rows (n, q) of what is added at the epochs, (epochs, 3, q) m s-2, N m, rad s-2 of the angular reading."""
         bins = np.nan_to_num(means(added, self.width))
         if self.models:
-            return np.concatenate([noise.whiten(model, bins[:, k], self.good) for k, model in enumerate(self.models)])
+            rows = [noise.whiten(model, bins[:, k], self.good) for k, model in enumerate(self.models)]
+            return np.concatenate(rows) / self.level.value.T.reshape(-1, 1)
         angle = [integrated(self.time[b:e], self.R_bi[b:e], bins[b:e]) for b, e, _ in self.stretches]
         return self.whitened_angles(angle, added.shape[2])
 
@@ -64,7 +66,7 @@ class Channel:
             parts = np.split(rows, np.cumsum([lower.shape[0] for *_, lower in self.stretches])[:-1])
             angles = [lower @ part for (*_, lower), part in zip(self.stretches, parts, strict=True)]
             return np.concatenate(angles).reshape(-1, 3, rows.shape[1])
-        parts = rows.reshape(3, self.time.size, -1)
+        parts = rows.reshape(3, self.time.size, -1) * self.level.value.T[:, :, None]
         each = [noise.unwhiten(model, part, self.good) for model, part in zip(self.models, parts, strict=True)]
         return np.stack(each, axis=1)
 
@@ -110,7 +112,10 @@ def coloured(time, series, columns, effects, bin_s, order) -> Channel:
         found = noise.jumps(lambda places, a=axis, b=beside: _left_beside(left, _with_jumps(b, a, places))[:, a])
         beside = _with_jumps(beside, axis, found)
     models = tuple(noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s))
-    channel = Channel(width, means(time, width), good, models)
+    rest = np.where(good[:, None], _left_beside(left, beside), np.nan)
+    white = np.stack([noise.whiten(model, rest[:, k], good) for k, model in enumerate(models)], axis=1)
+    level = noise.changing_levels(np.where(good[:, None], white, np.nan), beside.shape[2] / 3)
+    channel = Channel(width, means(time, width), good, models, level)
     return replace(channel, rows=channel.whitened(observed))
 
 
@@ -142,21 +147,27 @@ def of_attitude(about, R_bi, observed, modelled, settings) -> Channel:
     time, turned = means(about.time, width), means(R_bi, width)
     bins = means(angle, width)
     good = np.isfinite(bins).all(axis=1) & np.isfinite(means(residual, width)).all(axis=1)
-    # white noise of one bin, from differences of neighbouring samples of a series that changes slowly
-    angle_sigma, angular_sigma = (
-        np.sqrt(np.nanmean(np.diff(series, axis=0) ** 2, axis=0) / 2 / width) for series in (angle, angular)
-    )
+    angle_sigma, angular_sigma = (_white_noise(series, width) for series in (angle, angular))
     size, stretches = max(4, round(settings["stretch_s"] / np.median(np.diff(time)))), []
     for begin in range(0, time.size - size + 1, size):
         end = begin + size
         if good[begin:end].all():
-            units = np.eye(3 * size).reshape(size, 3, 3 * size) * np.tile(angular_sigma, size)
+            here = (begin + end) // 2
+            units = np.eye(3 * size).reshape(size, 3, 3 * size) * np.tile(angular_sigma[here], size)
             P = integrated(time[begin:end], turned[begin:end], units).reshape(3 * size, -1)
-            stretches.append((begin, end, np.linalg.cholesky(P @ P.T + np.diag(np.tile(angle_sigma**2, size)))))
+            stretches.append((begin, end, np.linalg.cholesky(P @ P.T + np.diag(np.tile(angle_sigma[here] ** 2, size)))))
     channel = Channel(width, time, good, R_bi=turned, stretches=tuple(stretches))
     rows = channel.whitened_angles([bins[begin:end, :, None] for begin, end, _ in stretches], 1)
     rows = rows + channel.whitened(residual[:, :, None])
     return replace(channel, rows=np.concatenate([rows, np.zeros((len(rows), GLOBAL))], axis=1))
+
+
+def _white_noise(series, width):
+    """White noise (m, 3) of bins, from differences of neighbouring samples (n, 3) of what changes slowly."""
+    step = np.diff(series, axis=0)[::2]
+    sigma = np.sqrt(np.nanmean(step**2, axis=0) / 2 / width)
+    level = noise.changing_levels(step / np.sqrt(np.nanmean(step**2, axis=0)), 0.0).value
+    return sigma * level[np.minimum(np.arange(len(series) // width) * width // 2, len(level) - 1)]
 
 
 def integrated(time: np.ndarray, R_bi: np.ndarray, rate_dot_b: np.ndarray) -> np.ndarray:

@@ -215,7 +215,13 @@ class GradientTorque(Observations):
             own = [attitude_rows.free(one) for one in attitude_rows.stretches if attitude_rows.time[one[0]] in begins]
             local = np.zeros((len(rows), 6 * len(own)))
             local[at] = block_diag(*own) if own else 0.0
-            found.append(Block(f"stretch {number}", rows[:, 0], rows[:, 1:], local, channel, axis, time))
+            errors = {
+                (name, a): float(one.level.error[:, a].mean())
+                for name, one in self.made.items()
+                for a in range(3 if one.models and one.level.error.any() else 0)
+            }
+            rows = rows[:, 0], rows[:, 1:], local, channel, axis, time
+            found.append(Block(f"stretch {number}", *rows, level_error=errors))
         known, count = self.prior, len(self.prior)
         axis, channel = np.argmax(known[:, 1:] > 0, axis=1) % 3, np.array(["prior"] * count)
         about = channel, axis, np.arange(count, dtype=float)

@@ -22,6 +22,7 @@ from gravcal.effects.base import Context
 from gravcal.effects.drivers import products, waves
 from gravcal.estimation import noise
 from gravcal.estimation.least_squares import orthonormal
+from gravcal.estimation.noise import Levels
 from gravcal.estimation.records import Block, Candidate, Entry
 from gravcal.physics import frames
 
@@ -82,8 +83,18 @@ class RollView:
         variance = np.sum(rest**2, axis=0) / max(time.size - 2, 1) * (1 + ALIKE) / (1 - ALIKE)
         return np.sqrt(np.maximum(variance, np.mean(biased["segment_sigma"].values[used] ** 2, axis=0)))
 
-    @functools.cached_property
+    @property
     def noise(self) -> list[noise.NoiseModel]:
+        """Noise of each axis, times `level`."""
+        return self._measured[0]
+
+    @property
+    def level(self) -> Levels:
+        """Amplitude of the noise in the bins (s b, 3), one unless it changes along the record."""
+        return self._measured[1]
+
+    @functools.cached_property
+    def _measured(self):
         """Noise of each axis: a sum of power laws, which goes on where the amplitudes of a segment leave nothing.
 
         It is fitted to periodograms of all segments, those that touch joined, of what is left beside the amplitudes and
@@ -96,7 +107,7 @@ class RollView:
         forms = np.stack([v for _, _, v in self.series()] + list(np.moveaxis(squares, 2, 0)), axis=2)
         shared, turning = np.concatenate([slow, forms], axis=2), 1 + self.settings["trend_degree"]
         joined = np.split(np.arange(len(count)), np.flatnonzero(np.diff(count[:, 0]) > count.shape[1]) + 1)
-        left, models = self.reading - np.matvec(self.tensor, self.start[3:]), []
+        left, models, rests = self.reading - np.matvec(self.tensor, self.start[3:]), [], []
         for axis in range(3):
             own = [orthonormal(design[axis][:, 0 if axis == 1 else turning :], 1e-6) for design in self.designs]
 
@@ -119,15 +130,20 @@ class RollView:
             here = left[:, :, axis, None]
             found = noise.jumps(lambda places, w=with_jumps, one=here: np.concatenate(w(places)(one))[:, 0])
             models.append(power_laws(here, with_jumps(found), count, self.step_s))
-        return models
+            runs = [noise.whiten(models[-1], run[:, 0], np.ones(len(run), bool)) for run in with_jumps(found)(here)]
+            rests.append(np.concatenate(runs))
+        lost = len(count) * self.designs[0][0].shape[1] + shared.shape[2]
+        return models, noise.changing_levels(np.stack(rests, axis=1), lost)
 
-    def rows(self, added: np.ndarray) -> list[np.ndarray]:
-        """Whitened rows (3 b + 3, q) of segments, of what is added to the linear readings (s, b, 3, q) m s-2.
+    def rows(self, added: np.ndarray, first: int = 0) -> list[np.ndarray]:
+        """Whitened rows (3 b + 3, q) of segments from one on, of what is added to linear readings (s, b, 3, q) m s-2.
 
         The last three, which hold the constants, are zero.
         """
         whole, nothing = np.ones(added.shape[1], dtype=bool), np.zeros((3, added.shape[3]))
-        return [np.concatenate([whitened(self.noise, one, whole), nothing]) for one in added]
+        level = self.level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
+        white = [whitened(self.noise, one, whole) / louder for one, louder in zip(added, level, strict=False)]
+        return [np.concatenate([one, nothing]) for one in white]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
         """Each segment; bias and offset are among the first of so many global columns, whose names are given.
@@ -155,11 +171,13 @@ class RollView:
                 own[:, a, place : place + design.shape[1]] = design
                 held[a, place] = 1 / self.wander[a]
                 place += design.shape[1]
-            (local,) = self.rows(own[None])
+            (local,) = self.rows(own[None], s)
             local[-3:] = held
             epochs = np.append(np.tile(time, 3), np.full(3, time[0]))
             steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S) - self.step_s / 2)
-            blocks.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps))
+            error = self.level.error.reshape(*self.time.shape, 3)[s].mean(axis=0)
+            uncertain = {(CHANNEL, a): float(one) for a, one in enumerate(error) if one}
+            blocks.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps, uncertain))
         if alone:
             known = np.zeros((3, width))
             known[:, places[3:6]] = np.eye(3) / UNKNOWN_M
@@ -171,7 +189,7 @@ class RollView:
         """Whitened rows (3 b + 3, 3) of a step of the linear readings of a segment at each of some epochs s."""
         time = self.time[index]
         shapes = np.clip((time[:, None] + self.step_s / 2 - epochs) / self.step_s, 0, 1)
-        (rows,) = self.rows(np.einsum("bk,ac->bakc", shapes, np.eye(3)).reshape(1, time.size, 3, -1))
+        (rows,) = self.rows(np.einsum("bk,ac->bakc", shapes, np.eye(3)).reshape(1, time.size, 3, -1), index)
         return {float(epoch): rows[:, 3 * k : 3 * k + 3] for k, epoch in enumerate(epochs)}
 
     def segment_of(self, epoch: float) -> int | None:
@@ -247,6 +265,7 @@ class RollView:
         """Time s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q), axis by axis, in its unit."""
         count, size = self.time.shape
         each, whole = rows.reshape(3, count, size, -1), np.ones(size, dtype=bool)
+        each = each * self.level.value.T.reshape(3, count, size, 1)
         columns = [[noise.unwhiten(self.noise[a], one, whole) for one in each[a]] for a in range(3)]
         columns = np.moveaxis(np.array(columns).reshape(3, self.time.size, -1), (2, 1, 0), (0, 1, 2))
         model = np.matvec(self.tensor, self.start[3:]) - self.start[:3]
