@@ -16,6 +16,7 @@ SHORT = {"phase_step_s": 1.0, "noise": "benign"}
 #: One satellite's four wiggles, far apart: what is of first order in the wiggle looks alike.
 FOUR = SHORT | {"manoeuvres": "+pitch_a,,,-pitch_a,+yaw_a,,,-yaw_a", "amplitude_deg": 0.5}
 #: At a signal-to-noise ratio of about 30, three times that of the study.
+CURVED = "ranging.phase_centre_curvature"
 LISTED = {
     "ranging.multipath": {"yaw_b": 3e-7, "cosine_yaw_b": 4e-7, "period": 0.014},
     "ranging.thermal": {"swing": 1.8e-5},
@@ -99,7 +100,7 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
 
 def test_a_second_cause_that_looks_alike_is_reported_tied(rng, tmp_path):
     """Recovery: four wiggles, 9 sigma: x from pitch and yaw differ by drift of z or curvature, alike at first order."""
-    alike = {"ranging.phase_centre_curvature", "ranging.phase_centre_drift"}
+    alike = {CURVED, "ranging.phase_centre_drift"}
 
     def draw(seed, place):
         folder, _ = written(place, seed, {"ranging.phase_centre_drift": {"z_a": 1.6e-9}}, FOUR)
@@ -110,6 +111,18 @@ def test_a_second_cause_that_looks_alike_is_reported_tied(rng, tmp_path):
 
     good, wrong = enough(draw, rng, tmp_path)
     assert good, wrong
+
+
+def test_a_curvature_alike_in_both_planes_is_told_from_x_by_where_the_antenna_is(rng, tmp_path):
+    """Recovery: 1 m rad-2 moves x by 2 m, which no antenna does; named with both parts, x within 5 (wider) sigma."""
+    folder, truth = written(tmp_path, int(rng.integers(1_000_000)), {CURVED: {"pitch_a": 1.0, "yaw_a": 1.0}})
+    _, document = called("discover", folder)
+    assert CURVED in {name for one in document["findings"] for name in (one["cause"], *one["tied_with"])}
+    change = document["calibration_change"]
+    before, after, sigma = (np.array(change[name]) for name in ("before", "after", "sigma_after"))
+    assert before[0] - true_mm(truth)[0] > 1000 or true_mm(truth)[0] - before[0] > 1000
+    assert np.all(np.abs(after - true_mm(truth)) < 5 * sigma)
+    assert sigma[0] < 200  # of 100 mm that are known beforehand
 
 
 def _cube(_, channel, context):

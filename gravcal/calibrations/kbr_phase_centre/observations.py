@@ -178,8 +178,7 @@ class Ranging(Observations):
     residual: np.ndarray  #: (m,) m, ranging less orbit less the phase centres of the solution, each half less its mean
     column: np.ndarray  #: (m, 6) 1, of the phase centres
     start: np.ndarray  #: (6,) m, phase centres of the solution
-    #: {parameter: mm, of the catalogue and how far it may be from it}; a phase front that is curved alike in pitch and
-    #: yaw is the phase centre's x by definition, so that nothing but its place on the satellite can contradict it
+    #: {parameter: mm, of the catalogue and how far it may be from it}
     expected: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     name = "kbr_phase_centre"
@@ -197,8 +196,8 @@ class Ranging(Observations):
 
     @property
     def groups(self) -> list[int]:
-        """Number of the sub-manoeuvre of each half."""
-        return [half.manoeuvre for half in self.halves]
+        """Number of the sub-manoeuvre of each half; what is known beforehand has any, for no line is in it."""
+        return [*(half.manoeuvre for half in self.halves), 0]
 
     @functools.cached_property
     def quiet(self) -> dict[str, float]:
@@ -236,13 +235,22 @@ class Ranging(Observations):
 
     @functools.cached_property
     def blocks(self) -> list[Block]:
-        """One block a half."""
+        """One block a half, and one with where the phase centres are on the satellite, as far as that is known.
+
+        A phase front that is curved alike in pitch and yaw is the phase centre's x by definition, and a turn of the
+        star cameras is y and z: nothing but these places can tell them apart.
+        """
         made = []
         for half, factor in zip(self.halves, self.factors, strict=True):
             column = self.column[half.rows] - self.column[half.rows].mean(axis=0)  # x is all bias where nothing turns
             rows = noise.white(factor, np.column_stack([self.residual[half.rows], column, half.slow]))
             channel, axis = np.array(["range"] * half.time.size), np.zeros(half.time.size, dtype=int)
             made.append(Block(half.label, rows[:, 0], rows[:, 1:7], rows[:, 7:], channel, axis, half.time))
+        if made:
+            place, sigma = 1e-3 * np.array([self.expected[name] for name in self.parameters]).T
+            about = np.array(["prior"] * 6), np.tile([0, 1, 2], 2), np.arange(6, dtype=float)
+            rows = (place - self.start) / sigma, np.diag(1 / sigma), np.zeros((6, 0))
+            made.append(Block("known beforehand", *rows, *about))
         return made
 
     @functools.cached_property
@@ -253,14 +261,14 @@ class Ranging(Observations):
         made, first = [], 0
         for one in self.signals:
             last = first + len(one.names)
-            columns = [part[:, first:last] for part in rows]
+            columns = [*(part[:, first:last] for part in rows), None]
             whole = replace(one, columns=columns, of_frame=one.cause in FRAME, at=np.nan)
             if np.isfinite(one.at):
                 made += [self._ripple(whole, one.at, form) for form in SATELLITES]
             else:
                 made += [*whole.each_alone(), *_of_satellites(whole)] if whole.listed and not whole.form else [whole]
             first = last
-        for number in dict.fromkeys(self.groups):
+        for number in dict.fromkeys(half.manoeuvre for half in self.halves):
             members = [half for half in self.halves if half.manoeuvre == number]
             begin, end = members[0].time[0] + BREAK_MARGIN_S, members[-1].time[-1] - BREAK_MARGIN_S
             cuts = [half.time[0] + NEAR_CUT_S for half in members[1:]]
@@ -274,7 +282,8 @@ class Ranging(Observations):
 
         def columns(value):
             rows = self.through(ripples(angle, value[0])[:, used])
-            return [noise.white(factor, rows[h.rows]) for h, factor in zip(self.halves, self.factors, strict=True)]
+            parts = zip(self.halves, self.factors, strict=True)
+            return [*(noise.white(factor, rows[half.rows]) for half, factor in parts), None]
 
         ends = 1 / (1 / period + np.degrees(RIPPLE_STEP) * np.array([1, -1]))
         about = np.array([period]), columns, np.linspace(*ends, 9)[:, None], *ends[:, None]
@@ -291,6 +300,7 @@ class Ranging(Observations):
                 columns[k][:, i : i + 1] if k in columns and half.feels(epoch) else None
                 for k, half in enumerate(self.halves)
             ]
+            parts.append(None)
             label = next(half.label for half in self.halves if half.feels(epoch)).rpartition(" ")[0]
             form = f"{label}, time {epoch:.0f} s"
             made.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [1e-2]))
@@ -305,6 +315,8 @@ class Ranging(Observations):
         """Whitened cosine and sine (n, 2) of a line in a half, by its number and the frequency in Hz."""
 
         def columns(k, frequency):
+            if k == len(self.halves):
+                return np.zeros((6, 2))
             phase = 2 * np.pi * frequency * (self.halves[k].time - self.context.epoch)
             return noise.white(self.factors[k], np.stack([np.cos(phase), np.sin(phase)], axis=1))
 
