@@ -13,7 +13,7 @@ from gravcal import catalog
 from gravcal.calibrations.gradient_torque import estimate, model
 from gravcal.io import icgem
 from gravcal.io.daily import LAYOUTS
-from gravcal.physics import gravity, gravity_field
+from gravcal.physics import gravity
 from gravcal.physics.constants import EARTH_RADIUS, GM
 from gravcal.simulation import gradient_torque as simulation
 
@@ -33,9 +33,9 @@ def gradient_speed(options) -> list[Figure]:
     for degree in (60, 200):
         title(f"gradient: degree {degree}, {EPOCHS} epochs, one thread, least processor time")
         field = field_of(degree)
-        own = gravity_field.gradient_e(field, position)
-        base = seconds(lambda f=field: gravity_field.gradient_e(f, position))
-        tables, rounds = gravity_field._prepared(field, gravity_field.PAIRS), ROUNDS if degree < 100 else 2
+        own = gravity.gradient_e(field, position)
+        base = seconds(lambda f=field: gravity.gradient_e(f, position))
+        tables, rounds = gravity._prepared(field, gravity.PAIRS), ROUNDS if degree < 100 else 2
         found = {"numpy, six elements": seconds(lambda f=field, t=tables: numpy_gradient(f, position, t), rounds)}
         for peer in (pyharm, pyshtools):
             try:
@@ -58,7 +58,7 @@ def field_of(degree, seed=0):
     rule = np.where((m <= n) & (n >= 2), 1e-5 / np.maximum(n, 1) ** 2, 0.0)
     cosine, sine = rule * rng.standard_normal(rule.shape), rule * rng.standard_normal(rule.shape) * (m > 0)
     cosine[0, 0], cosine[2, 0] = 1.0, icgem.read_field(icgem.shipped(), 2).cosine[2, 0]
-    return gravity_field.Field(GM, EARTH_RADIUS, cosine, sine)
+    return gravity.Field(GM, EARTH_RADIUS, cosine, sine)
 
 
 def orbit_points(count=EPOCHS, step=5.0):
@@ -71,7 +71,7 @@ def orbit_points(count=EPOCHS, step=5.0):
 
 def numpy_gradient(field, position, tables):
     """The same sum in numpy, all points at once: what a careful user would write."""
-    table, alpha, beta = tables  # as of `gravity_field.kernel_tables`
+    table, alpha, beta = tables  # as of `gravity.kernel_tables`
     p = position / field.radius
     q = 1 / np.sum(p**2, axis=1)
     x, y, z = (p * q[:, None]).T
@@ -216,10 +216,10 @@ def degrees(_options) -> list[Figure]:
     rows = [("degree", "zonal rms", "whole rms", *(f"S/N, {name}" for name in density))]
     seen = {(name, what): [] for name in density for what in ("zonal", "whole")}
     for n in range(1, 61):
-        parts = {"zonal": gravity_field.zonal(field, n), "whole": gravity_field.truncated(field, n, n)}
+        parts = {"zonal": gravity.zonal(field, n), "whole": gravity.truncated(field, n, n)}
         size = {}
         for what, part in parts.items():
-            tensor = gravity.rotate_tensor(R_be, gravity_field.gradient_e(part, position))
+            tensor = gravity.rotate_tensor(R_be, gravity.gradient_e(part, position))
             angular = model.gradient_angular_acceleration(cube, body, tensor)
             size[what] = np.sqrt(np.mean(np.sum(angular**2, axis=1)))
         ratio = {at: np.sqrt(2 * step * EPOCHS) * size[at[1]] / density[at[0]] for at in seen}

@@ -7,7 +7,6 @@ from tasks.stage import lazy, stage
 aligning = lazy("gravcal.calibrations.com_offset.align")
 modelling = lazy("gravcal.calibrations.com_offset.model")
 attitudes = lazy("gravcal.calibrations.com_offset.attitude")
-noises = lazy("gravcal.calibrations.com_offset.noise")
 estimating = lazy("gravcal.calibrations.com_offset.estimate")
 checking = lazy("gravcal.calibrations.com_offset.checks")
 pages = lazy("gravcal.calibrations.com_offset.page")
@@ -55,13 +54,13 @@ def checks(aligned, checked, smoothed, *others, **limits):
 @stage(reads=["com_offset.align"], writes="com_offset.quiet", version=2)
 def quiet(aligned, **settings):
     """Linear channels outside the manoeuvres."""
-    return noises.quiet(aligned, **settings)
+    return estimating.quiet(aligned, **settings)
 
 
 @stage(reads=["com_offset.quiet"], writes="com_offset.noise", version=3)
 def noise(pieces, *, drift_degree, noise_order):
     """Noise of the linear channels in quiet data."""
-    return noises.noise(pieces, drift_degree=drift_degree, noise_order=noise_order)
+    return estimating.noise(pieces, drift_degree=drift_degree, noise_order=noise_order)
 
 
 @stage(reads=["com_offset.attitude", "com_offset.align"], writes="com_offset.angular_acceleration", version=1)

@@ -6,9 +6,8 @@ import xarray as xr
 from gravcal import catalog
 from gravcal.calibrations.com_offset.align import align, detect
 from gravcal.calibrations.com_offset.attitude import attitude
-from gravcal.calibrations.com_offset.estimate import combine, published_solve, solve
+from gravcal.calibrations.com_offset.estimate import combine, noise, published_solve, quiet, solve
 from gravcal.calibrations.com_offset.model import VARIANTS, angular_acceleration, equations, field
-from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.simulation.com_offset import simulate
 
 DAY = 633787200.0  # s, a midnight

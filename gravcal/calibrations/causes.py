@@ -11,11 +11,13 @@ from gravcal.estimation.records import Candidate, Entry
 Columns = list[np.ndarray | None]
 
 
-def listed(entry: Effect, columns: Columns, form: str = "", kept: slice = slice(None), suffix: str = "") -> Candidate:
+def listed(
+    entry: Effect, columns: Columns, form: str = "", kept: slice = slice(None), suffix: str = "", prior: bool = True
+) -> Candidate:
     """Candidate of an effect with all its parameters, or some of them, whose names may end in a suffix."""
     parameters = entry.parameters[kept]
     names, units = [f"{p.name}{suffix}" for p in parameters], [p.unit for p in parameters]
-    return Candidate(entry.slug, form, names, units, columns, [p.prior_sigma for p in parameters])
+    return Candidate(entry.slug, form, names, units, columns, [p.prior_sigma for p in parameters if prior])
 
 
 def unknown(driver: str, form: str, channel: str, unit: str, columns: Columns) -> Candidate:

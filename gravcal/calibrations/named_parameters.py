@@ -3,8 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import replaced, widened
 from gravcal.calibrations.checks import Check, at_least
+from gravcal.calibrations.schemas import replaced, widened
 from gravcal.estimation import least_squares
 from gravcal.estimation.chi2_tail import log_tail
 
@@ -22,10 +22,11 @@ def solution(information: np.ndarray, right: np.ndarray, limit: np.ndarray) -> t
     return value, covariance
 
 
-def estimated(names, units, limit, information, right, starts) -> dict[str, object]:
+def estimated(names, units, limit, information, right, starts, size=1.0) -> dict[str, object]:
     """Variables of PARAMETERS from the normal equations (k, p, p) and (k, p) of every part of the record.
 
-    Parts begin at the starts (k,) GPS s; limit (p,) is the largest standard deviation of what is determined.
+    Parts begin at the starts (k,) GPS s; limit (p,) is the largest standard deviation of what is determined. Equations
+    and limit count the parameters in units of some size (p,).
     """
     value, covariance = solution(information.sum(axis=0), right.sum(axis=0), limit)
     parts = [solution(*part, limit) for part in zip(information, right, strict=True)]
@@ -33,12 +34,12 @@ def estimated(names, units, limit, information, right, starts) -> dict[str, obje
     return {
         "parameter": list(names),
         "unit": list(units),
-        "value": value,
-        "sigma": np.sqrt(np.diag(covariance)),
-        "covariance": covariance,
+        "value": value * size,
+        "sigma": np.sqrt(np.diag(covariance)) * size,
+        "covariance": covariance * np.outer(size, size),
         "part_start": starts,
-        "part_value": [part[0] for part in parts],
-        "part_sigma": [np.sqrt(np.diag(part[1])) for part in parts],
+        "part_value": [part[0] * size for part in parts],
+        "part_sigma": [np.sqrt(np.diag(part[1])) * size for part in parts],
         "agreement_chi2": chi2,
         "agreement_dof": dof,
     }

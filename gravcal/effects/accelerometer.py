@@ -30,14 +30,10 @@ def _offset_columns(context: Context):
 
 _SOURCE = "CoM paper eqs. 2, 5; equations.md (M1)"
 _FROM_PROOF_MASS = axes("", "m", "proof mass to centre of mass along", 2e-4)
-
-
-@law("accelerometer.offset", "linear_b", _FROM_PROOF_MASS, _SOURCE, jacobian=_offset_columns)
-def _offset(context: Context, values):
-    """CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass)."""
-    return _offset_columns(context) @ np.asarray(values)
-
-
+# CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass).
+law("accelerometer.offset", "linear_b", _FROM_PROOF_MASS, _SOURCE, jacobian=_offset_columns)(
+    lambda context, values: _offset_columns(context) @ np.asarray(values)
+)
 _SPEED = axes("speed", "m s-1", "drift of proof mass to centre of mass along", 1e-7)
 
 
@@ -55,25 +51,17 @@ _SCALE = axes("", "1", "relative excess of the scale of", 0.02)
 law("accelerometer.scale", "linear_b", _SCALE, "reading")(scaled("linear_b"))
 _ANGLE = axes("angle", "rad", "sensor frame turned about", 1e-3)
 law("accelerometer.misalignment", "linear_b", _ANGLE, "reading")(misaligned("linear_b"))
-
-
-@law("accelerometer.quadratic", "linear_b", axes("", "s2 m-1", "quadratic response of", 10.0), "reading")
-def _quadratic(context: Context, values):
-    return context.linear_b**2 * values
-
-
+law("accelerometer.quadratic", "linear_b", axes("", "s2 m-1", "quadratic response of", 10.0), "reading")(
+    lambda context, values: context.linear_b**2 * values
+)
 _LEAK = pairs("m s-2 A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 3e-11)
 law("accelerometer.current_leak", "linear_b", _LEAK, _COUPLING)(coupled("dipole_b"))
 _LEAK = pairs("m", "reading of {0[0]} per angular acceleration about {0[7]}", 1e-4)
 law("accelerometer.angular_leak", "linear_b", _LEAK, "electrode cross-talk")(coupled("angular_b"))
 _STEP = (*axes("", "m s-2", "step of the reading of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0))
-
-
-@law("accelerometer.bias_step", "linear_b", _STEP, "reading", linear=False)
-def _bias_step(context: Context, values):
-    return np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
-
-
+law("accelerometer.bias_step", "linear_b", _STEP, "reading", linear=False)(
+    lambda context, values: np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
+)
 law("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of the reading of", 1e-12), "reading")(drifting)
 _TONE = (
     Parameter("frequency", "Hz", "frequency", 0.1),
@@ -95,23 +83,15 @@ law("accelerometer.angular_misalignment", "angular_b", _ANGLE, "reading")(misali
 _LEAK = pairs("rad s-2 A-1 m-2", "reading about {0[0]} per dipole along {0[7]}", 1e-8)
 law("accelerometer.angular_current_leak", "angular_b", _LEAK, _COUPLING)(coupled("dipole_b"))
 _SHARE = each(("xy", "xz", "yz"), "1", "share of {0[0]} read by {0[1]} and of {0[1]} by {0[0]}", 1e-2)
-
-
-@law("accelerometer.cross_talk", "linear_b", _SHARE, "electrode cross-talk")
-def _crosstalk(context: Context, values):
-    """Each of two axes reads the same share of the other; the antisymmetric part is a misalignment."""
-    return context.linear_b @ symmetric(*values)
-
-
+# Each of two axes reads the same share of the other; the antisymmetric part is a misalignment.
+law("accelerometer.cross_talk", "linear_b", _SHARE, "electrode cross-talk")(
+    lambda context, values: context.linear_b @ symmetric(*values)
+)
 _WARMING = axes("", "m s-2", "change from long night to long day of", 1e-9)
-
-
-@law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")
-def _temperature(context: Context, values):
-    """Reading that follows sunlight through a first-order lag."""
-    return context.extra["warmth"][:, None] * np.asarray(values)
-
-
+# Reading that follows sunlight through a first-order lag.
+law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")(
+    lambda context, values: context.extra["warmth"][:, None] * np.asarray(values)
+)
 _MODE = (
     Parameter("frequency", "Hz", "own frequency", 0.01, neutral=0.5, lower=0.0),
     Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),

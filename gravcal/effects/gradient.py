@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gravcal.effects.base import Context, Effect, Laws, Parameter, axes
-from gravcal.physics import frames, gravity, gravity_field
+from gravcal.physics import frames, gravity
 from gravcal.physics.sensing import offset_tensor, proof_mass_reading
 
 SOURCE = "S-GRS paper, eqs. 4-10 (errata S-2, S-3, S-5)"
@@ -19,14 +19,10 @@ EFFECTS = Laws()
 law = EFFECTS.law
 
 _PLACE = axes("", "m", "distance of both test masses from their place along", 1e-3)
-
-
-@law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)
-def _mounting(context: Context, values):
-    """Both sensors moved by the same vector: what eq. 10 takes to be zero, as an accelerometer reads it."""
-    return _each(context, np.matvec(tensor(context), values))
-
-
+# Both sensors moved by the same vector: what eq. 10 takes to be zero, as an accelerometer reads it.
+law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)(
+    lambda context, values: _each(context, np.matvec(tensor(context), values))
+)
 _SHARE = (Parameter("scale", "1", "relative excess of the gravity gradient", 1e-3),)
 
 
@@ -52,16 +48,14 @@ def _tesseral(context: Context, values):
 
 def tesseral(position_e: np.ndarray, R_be: np.ndarray, degree: int = 2, order: int = 2) -> np.ndarray:
     """Gravity gradient (n, 2, 3, 3) s-2 in b of C_nm = 1 and of S_nm = 1 at positions (n, 3) m, from R_be (n, 3, 3)."""
-    both = gravity_field.tesseral_gradient_e(position_e, degree, order)
+    both = gravity.tesseral_gradient_e(position_e, degree, order)
     return np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
 
 
 _BIAS = axes("", "rad s-2", "constant angular reading about", 1e-9)
-
-
-@law("gradient.angular_bias", "angular_each_b", _BIAS, SOURCE)
-def _angular_bias(context: Context, values):
-    return _each(context, np.broadcast_to(values, context.rate_b.shape))
+law("gradient.angular_bias", "angular_each_b", _BIAS, SOURCE)(
+    lambda context, values: _each(context, np.broadcast_to(values, context.rate_b.shape))
+)
 
 
 def _each(context, reading):

@@ -5,7 +5,7 @@ A delay is that of a payload against the torquer telemetry.
 
 import numpy as np
 
-from gravcal.effects.base import Context, Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled
+from gravcal.effects.base import Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled
 
 TIMING, EFFECTS = Laws(), Laws()
 _REFERENCE = "CoM paper, erratum C-10: a lag of tau scales a 12 s signal by cos(2 pi tau / 12 s)"
@@ -26,13 +26,9 @@ for _word, _channel, _what in (
     TIMING.law(f"timing.{_word}_delay", _channel, (_delay,), _REFERENCE)(_late)
 
 _RATE = Parameter("rate", "s s-1", "accelerometer tags run late at", 1e-6)
-
-
-@TIMING.law("timing.clock_drift", "acc_delay", (_RATE,), _CLOCK)
-def _ramp(context, values):
-    return values[0] * (context.time - context.epoch)
-
-
+TIMING.law("timing.clock_drift", "acc_delay", (_RATE,), _CLOCK)(
+    lambda context, values: values[0] * (context.time - context.epoch)
+)
 law = EFFECTS.law
 _ANGLE = axes("angle", "rad", "measured frame turned about", 1e-4)
 law("attitude.star_camera_misalignment", "pointing_b", _ANGLE, "mounting of the heads")(constant)
@@ -44,9 +40,9 @@ law("magnetometer.misalignment", "field_b", _ANGLE, "mounting")(misaligned("fiel
 _LEAK = pairs("T A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 1e-8)
 law("magnetometer.current_leak", "field_b", _LEAK, "stray field of the rods")(coupled("dipole_b"))
 _STRENGTH = Parameter("strength", "T", "uniform field along the moment of the main dipole", 3e-8)
-
-
-@law("magnetometer.external_field", "field_b", (_STRENGTH,), "ring current, of the order of the Dst index")
-def _external(context: Context, values):
-    """Uniform field along the moment of the main dipole, as that of a ring current."""
-    return values[0] * context.extra["axis_b"]
+# Uniform field along the moment of the main dipole, as that of a ring current.
+law("magnetometer.external_field", "field_b", (_STRENGTH,), "ring current, of the order of the Dst index")(
+    lambda context, values: values[0] * context.extra["axis_b"]
+)
+#: What a magnetometer reads beside the field, each of them an effect of the instrument itself.
+OF_MAGNETOMETER = (*(e.slug for e in EFFECTS if e.slug.startswith("magnetometer.")), "timing.magnetometer_delay")

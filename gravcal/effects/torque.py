@@ -14,14 +14,10 @@ _RODS = "CoM paper section 2.1: rods aligned to 0.06 deg"
 
 _GAIN = axes("rod", "1", "relative excess of the dipole of rod", 0.05)
 law("torque.dipole_gain", "dipole_b", _GAIN, _DIPOLE)(scaled("dipole_b"))
-
-
-@law("torque.dipole_misalignment", "dipole_b", axes("angle", "rad", "rods turned about", 2e-3), _RODS)
-def _misalignment(context: Context, values):
-    """Rods turned together by the small rotation v: dm = v x m."""
-    return np.cross(values, context.dipole_b)
-
-
+# Rods turned together by the small rotation v: dm = v x m.
+law("torque.dipole_misalignment", "dipole_b", axes("angle", "rad", "rods turned about", 2e-3), _RODS)(
+    lambda context, values: np.cross(values, context.dipole_b)
+)
 _TAU = Parameter("tau", "s", "time constant of the rods", 0.1, lower=0.0)
 
 
@@ -91,35 +87,23 @@ def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.nd
 
 
 _LIMIT = Parameter("limit", "A m2", "largest dipole of a rod", 1.0, neutral=np.inf)
-
-
-@law("torque.saturation", "dipole_b", (_LIMIT,), "core saturation", linear=False)
-def _saturation(context: Context, values):
-    """The dipole of a rod does not exceed the limit; the neutral limit is infinite."""
-    return np.clip(context.dipole_b, -values[0], values[0]) - context.dipole_b
-
-
+# The dipole of a rod does not exceed the limit; the neutral limit is infinite.
+law("torque.saturation", "dipole_b", (_LIMIT,), "core saturation", linear=False)(
+    lambda context, values: np.clip(context.dipole_b, -values[0], values[0]) - context.dipole_b
+)
 _RESIDUAL = axes("", "A m2", "constant dipole of the satellite along", 0.5)
 law("torque.residual_dipole", "dipole_b", _RESIDUAL, _DIPOLE)(constant)
 law("torque.constant", "torque_b", axes("", "N m", "constant torque about", 1e-6), "none")(constant)
 _ARM = axes("arm", "m", "centre of mass to centre of pressure along", 0.02)
-
-
-@law("torque.aerodynamic", "torque_b", _ARM, "S-GRS paper eq. 11")
-def _aerodynamic(context: Context, values):
-    """Lever arm of the centre of pressure times the non-gravitational force: t = m r x a."""
-    return context.extra["mass"] * np.cross(values, context.extra["non_gravitational_b"])
-
-
+# Lever arm of the centre of pressure times the non-gravitational force: t = m r x a.
+law("torque.aerodynamic", "torque_b", _ARM, "S-GRS paper eq. 11")(
+    lambda context, values: context.extra["mass"] * np.cross(values, context.extra["non_gravitational_b"])
+)
 _MOMENT = axes("", "1", "relative excess of the principal moment about", 0.05)
-
-
-@law("torque.inertia", "torque_b", _MOMENT, f"{_EULER}; no inertia is published", linear=False)
-def _inertia(context: Context, values):
-    """Moments larger than known by a share e answer the torquers less: t = -e/(1 + e) m x B about each axis."""
-    return -np.asarray(values) / (1 + np.asarray(values)) * np.cross(context.dipole_b, context.field_b)
-
-
+# Moments larger than known by a share e answer the torquers less: t = -e/(1 + e) m x B about each axis.
+law("torque.inertia", "torque_b", _MOMENT, f"{_EULER}; no inertia is published", linear=False)(
+    lambda context, values: -np.asarray(values) / (1 + np.asarray(values)) * np.cross(context.dipole_b, context.field_b)
+)
 _PRODUCTS = each(("xy", "xz", "yz"), "kg m2", "product of inertia J_{0}", 5.0)
 
 
@@ -131,37 +115,23 @@ def _products(context: Context, values):
 
 
 _EXCESS = axes("", "1", "relative excess of the gravity-gradient torque about", 0.05)
-
-
-@law("torque.gravity_gradient", "torque_b", _EXCESS, "S-GRS paper eq. 1; equations.md (M2)")
-def _gravity_gradient(context: Context, values):
-    """Excess of the gravity-gradient torque, vex(J G - G J)."""
-    return np.asarray(values) * gravity_gradient_torque(context.inertia_b, context.gradient_b)
-
-
+# Excess of the gravity-gradient torque, vex(J G - G J).
+law("torque.gravity_gradient", "torque_b", _EXCESS, "S-GRS paper eq. 1; equations.md (M2)")(
+    lambda context, values: np.asarray(values) * gravity_gradient_torque(context.inertia_b, context.gradient_b)
+)
 _ARM = axes("arm", "m", "centre of mass to centre of radiation pressure along", 0.05)
-
-
-@law("torque.radiation", "torque_b", _ARM, "S-GRS paper eq. 11, with the force of sunlight")
-def _radiation(context: Context, values):
-    """Lever arm of the centre of radiation pressure times its force: t = m r x a."""
-    return context.extra["mass"] * np.cross(values, context.extra["radiation_b"])
-
-
+# Lever arm of the centre of radiation pressure times its force: t = m r x a.
+law("torque.radiation", "torque_b", _ARM, "S-GRS paper eq. 11, with the force of sunlight")(
+    lambda context, values: context.extra["mass"] * np.cross(values, context.extra["radiation_b"])
+)
 _DAMPING = Parameter("coefficient", "N m s T-2", "damping", 500.0)
-
-
-@law("torque.eddy_current", "torque_b", (_DAMPING,), "induction in the structure")
-def _eddy(context: Context, values):
-    """Induced currents damp rotation across the field: t = -c B x (w x B)."""
-    return -values[0] * np.cross(context.field_b, np.cross(context.rate_b, context.field_b))
-
-
+# Induced currents damp rotation across the field: t = -c B x (w x B).
+law("torque.eddy_current", "torque_b", (_DAMPING,), "induction in the structure")(
+    lambda context, values: -values[0] * np.cross(context.field_b, np.cross(context.rate_b, context.field_b))
+)
 _IMPULSE = axes("share", "1", "impulse of the attitude thrusters, in units of the nominal one, about", 1.0)
 _THRUSTERS = "lever arm x force x time on of THR1B; thruster table of the JPL reader, release of 2010-03-31"
-
-
-@law("torque.thruster_firings", "impulse_b", _IMPULSE, _THRUSTERS)
-def _firings(context: Context, values):
-    """Angular impulse of each firing, as a share of the nominal one; the epochs of the context are the firings."""
-    return context.extra["nominal_impulse_b"] * values
+# Angular impulse of each firing, as a share of the nominal one; the epochs of the context are the firings.
+law("torque.thruster_firings", "impulse_b", _IMPULSE, _THRUSTERS)(
+    lambda context, values: context.extra["nominal_impulse_b"] * values
+)

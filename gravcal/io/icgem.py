@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from gravcal.errors import refuse
-from gravcal.physics.gravity_field import Field
+from gravcal.physics.gravity import Field
 
 SHIPPED = "GGM05S.gfc"  # Tapley et al. 2013, UT CSR: ten years of GRACE, degree 180, calibrated errors, zero tide
 KEYS = {"earth_gravity_constant": "gm", "gravity_constant": "gm", "radius": "radius", "max_degree": "degree"}

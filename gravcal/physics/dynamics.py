@@ -143,18 +143,14 @@ def _propagate(time, state, torque, max_step, columns):
         refuse("integrate", f"an epoch {-time[0]:.6f} s before the state", "none before it", "Start earlier.")
     if not max_step > 0:
         refuse("integrate", f"max_step {max_step} s", "a positive step", "Use about 2 s.")
-    propagate(_problem(torque, state.time, time[-1]), time, _start(state, columns), float(max_step), out)
-    return out
-
-
-def _start(state, columns):
-    """State vector of the kernel: unit quaternion, rate, and ones where the sensitivity to the start begins."""
     quaternion = check_shape("state.quaternion", state.quaternion, (4,))
     norm = np.linalg.norm(quaternion)
     if not abs(norm - 1) < 1e-6:
         refuse("state.quaternion", f"norm {norm:.9f}", "norm 1", "Normalise it.", norm=norm)
     rate = check_shape("state.rate_b", state.rate_b, (3,))
-    return np.concatenate([quaternion / norm, rate, np.eye(6, columns).ravel()])
+    start = np.concatenate([quaternion / norm, rate, np.eye(6, columns).ravel()])  # ones: sensitivity to the start
+    propagate(_problem(torque, state.time, time[-1]), time, start, float(max_step), out)
+    return out
 
 
 def _problem(torque, origin, duration):

@@ -1,9 +1,23 @@
-"""Gravity of the Earth along an orbit: acceleration and gradient of point mass and flattening.
+"""Gravity of the Earth: point mass and flattening along an orbit in i, fields of full degree in the Earth-fixed frame.
 
-A field of full degree can stand beside these functions: same arguments, same shapes.
+A derivative of a series of solid harmonics is again such a series, one degree higher. So the coefficients are
+differentiated, once, and one compiled sum serves potential, acceleration and all six second derivatives; each of the
+six has coefficients of its own, so that the trace is a test and not a construction.
+
+The series share one recursion. With x' = x R/r2, z' = z R/r2, q' = R2/r2 and for every order m
+
+    a_m = 1, a_n = alpha_nm z' a_(n-1) - beta_nm q' a_(n-2)          n > m
+    sum_k = (R/r) sum_m Re[(x' + i y')^m sum_n K_knm a_n]
+
+there is no division by the sine of the colatitude: poles are points like any other. Holmes and Featherstone 2002,
+J. Geodesy 76, eqs. 11-13, with the powers of sin(colatitude) in (x' + i y')^m. Nearly all of the time goes into the
+recursion and the sum over n, a product of matrices for a block of points.
 """
 
+from dataclasses import dataclass, field
+
 import numpy as np
+from numba import njit
 
 from gravcal.physics import check_shape, refuse
 from gravcal.physics.constants import EARTH_RADIUS, GM, J2
@@ -68,3 +82,229 @@ def _distance(r):
         found = f"{distance.min():.3f} m from the Earth's centre"
         refuse("position_i", found, "an orbit", "Give metres, not kilometres.")
     return distance
+
+
+# fields of full degree
+
+LIMIT = 600  # highest degree: the recursion stays within the range of float64 at the poles up to there
+PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
+
+
+@dataclass(frozen=True)
+class Field:
+    """Coefficients of a gravity field, fully normalised (4 pi), as in ICGEM files."""
+
+    gm: float  #: m3 s-2
+    radius: float  #: m, reference radius of the coefficients
+    #: cosine, sine: (n + 1, n + 1) 1, C_nm and S_nm; C_00 = 1
+    cosine: np.ndarray
+    sine: np.ndarray
+    #: cosine_sigma, sine_sigma: (n + 1, n + 1) 1, their standard deviations, zero where not given
+    cosine_sigma: np.ndarray | None = None
+    sine_sigma: np.ndarray | None = None
+    name: str = ""
+    tables: dict = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def degree(self) -> int:
+        """Highest degree."""
+        return self.cosine.shape[0] - 1
+
+
+def potential_e(field, position_e):
+    """Gravitational potential (...,) m2 s-2, positive, of a Field at positions (..., 3) m in the frame of the Field.
+
+    Notes
+    -----
+    U = GM/R sum_nm (R/r)^(n+1) P_nm(sin phi) [C_nm cos(m lambda) + S_nm sin(m lambda)]; Barthelmes 2013, GFZ
+    STR09/02, eq. 108. g = +grad U.
+    """
+    return _sums(field, position_e, ("",))[..., 0]
+
+
+def acceleration_e(field, position_e):
+    """Gravitational acceleration (..., 3) m s-2 of a Field at positions (..., 3) m.
+
+    Notes
+    -----
+    g = grad U, from coefficients differentiated once: Cunningham 1970, Celest. Mech. 2, 207, normalised.
+    """
+    return _sums(field, position_e, ("x", "y", "z"))
+
+
+def gradient_e(field, position_e):
+    """Gravity-gradient tensor dg/dr (..., 3, 3) s-2 of a Field at positions (..., 3) m, from six independent series.
+
+    Notes
+    -----
+    G = grad grad U, from coefficients differentiated twice: Cunningham 1970, Celest. Mech. 2, 207, normalised.
+    """
+    six = _sums(field, position_e, PAIRS)
+    return six[..., [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
+def truncated(field, lowest, highest):
+    """The part of a Field between two degrees, both kept."""
+    kept = slice(0, min(highest, field.degree) + 1)
+    blank = np.arange(field.degree + 1)[kept, None] < lowest
+    parts = [
+        None if part is None else np.where(blank, 0.0, part[kept, kept])
+        for part in (field.cosine, field.sine, field.cosine_sigma, field.sine_sigma)
+    ]
+    return Field(field.gm, field.radius, *parts, name=f"{field.name} degrees {lowest} to {highest}")
+
+
+def zonal(field, degree):
+    """The zonal term of one degree of a Field."""
+    cosine = np.zeros((degree + 1, degree + 1))
+    cosine[degree, 0] = field.cosine[degree, 0]
+    return Field(field.gm, field.radius, cosine, np.zeros_like(cosine), name=f"{field.name} zonal degree {degree}")
+
+
+def tesseral_gradient_e(position_e, degree=2, order=2):
+    """Gravity gradient (n, 2, 3, 3) s-2 of C_nm = 1 and of S_nm = 1, fully normalised, at positions (n, 3) m."""
+    unit, none = np.zeros((degree + 1, degree + 1)), np.zeros((degree + 1, degree + 1))
+    unit[degree, order] = 1.0
+    fields = (Field(GM, EARTH_RADIUS, *pair) for pair in ((unit, none), (none, unit)))
+    return np.stack([gradient_e(field, position_e) for field in fields], axis=1)
+
+
+def error_covariance(field, distance):
+    """Covariance of the gradient tensor from the standard deviations of the coefficients, averaged over the sphere.
+
+    Parameters
+    ----------
+    field : Field with standard deviations
+    distance : m, from the Earth's centre
+
+    Returns
+    -------
+    variance_rr, variance_rt, variance_tt : s-4, of radial-radial, of each radial-tangential element and of the
+        tangential shear; the tangential diagonal is -G_rr/2 plus and minus an independent element of variance_tt
+
+    Notes
+    -----
+    Per degree, with s2_n the sum of the variances over the order: (GM/R3)^2 (R/r)^(2n+6) s2_n times
+    (n+1)^2 (n+2)^2, n (n+1) (n+2)^2 / 2 and (n-1) n (n+1) (n+2) / 8. For errors alike in all directions; the sum over
+    all nine elements, (n+1)(n+2)(2n+1)(2n+3), is that of any solid harmonic.
+    """
+    n = np.arange(field.degree + 1.0)
+    power = sum(np.sum(part**2, axis=1) for part in (field.cosine_sigma, field.sine_sigma) if part is not None)
+    weight = power * (field.gm / field.radius**3) ** 2 * (field.radius / distance) ** (2 * n + 6)
+    radial = (n + 1) ** 2 * (n + 2) ** 2
+    mixed = n * (n + 1) * (n + 2) ** 2 / 2
+    shear = (n - 1) * n * (n + 1) * (n + 2) / 8
+    return tuple(float(np.sum(weight * factor)) for factor in (radial, mixed, shear))
+
+
+def _sums(field, position_e, derivatives):
+    """Series of the named derivatives at each position, in SI."""
+    position = check_shape("position_e", position_e, (..., 3))
+    if not np.all(np.einsum("...i,...i->...", position, position) > 1e10):
+        refuse("position_e", "a point within 100 km of the centre or not finite", "positions in metres", "Convert it.")
+    if field.degree > LIMIT:
+        refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
+    flat = np.ascontiguousarray(position.reshape(-1, 3) / field.radius)
+    sums = sum_series(flat, *_prepared(field, derivatives))
+    scale = field.gm / field.radius ** (1 + len(derivatives[0]))
+    return (scale * sums).reshape(*position.shape[:-1], len(derivatives))
+
+
+def _prepared(field, derivatives):
+    """Coefficients as the kernel wants them, kept with the field."""
+    if derivatives not in field.tables:
+        known = {"": field.cosine - 1j * field.sine}
+        for name in derivatives:
+            for k in range(len(name)):
+                if name[: k + 1] not in known:
+                    known[name[: k + 1]] = derivative(known[name[:k]], name[k])
+        field.tables[derivatives] = kernel_tables([known[name] for name in derivatives])
+    return field.tables[derivatives]
+
+
+def derivative(K, axis):
+    """Coefficients of R d/d(axis) of the series Re sum K_nm Z_nm, Z_nm the normalised V_nm + i W_nm.
+
+    (d/dx + i d/dy) Z_nm = -Z_(n+1)(m+1), (d/dx - i d/dy) Z_nm = (n-m+1)(n-m+2) Z_(n+1)(m-1) for m > 0,
+    d/dz Z_nm = -(n-m+1) Z_(n+1)m before normalisation.
+    """
+    size = K.shape[0]
+    n, m = np.arange(size)[:, None], np.arange(size)[None, :]
+    inside = np.where(m <= n, K, 0)
+    level = np.sqrt((2 * n + 1) / (2 * n + 3))
+    out = np.zeros((size + 1, size + 1), dtype=complex)
+    if axis == "z":
+        out[1:, :-1] = -inside * level * np.sqrt(np.maximum((n + m + 1) * (n - m + 1), 0))
+        return out
+    up, down = (-0.5, 0.5) if axis == "x" else (0.5j, 0.5j)
+    twice = np.where(m == 0, np.sqrt(2.0), 1.0)  # Z_n0 has no down part; and its norm lacks the factor sqrt 2
+    out[1:, 1:] = up * twice * inside * level * np.sqrt((n + m + 1) * (n + m + 2))
+    to_zonal = np.where(m == 1, np.sqrt(2.0), 1.0)
+    lowered = down * to_zonal * inside * level * np.sqrt(np.maximum((n - m + 1) * (n - m + 2), 0))
+    out[1:, : size - 1] += lowered[:, 1:]
+    out[:, 0] = out[:, 0].real
+    return out
+
+
+def kernel_tables(series):
+    """Arguments of `sum_series`: coefficients by order and degree above it, and the recursion's factors."""
+    orders = series[0].shape[0]
+    table, (alpha, beta) = np.zeros((orders, orders, 2 * len(series))), np.zeros((2, orders, orders))
+    m = np.arange(1, orders)
+    ratios = np.where(m == 1, 3.0, (2 * m + 1) / (2 * m))  # squared, of sectorial functions of neighbouring orders
+    sectorial = np.sqrt(np.concatenate([[1.0], np.cumprod(ratios)]))
+    for m in range(orders):
+        n = np.arange(m, orders)
+        for k, K in enumerate(series):
+            table[m, : n.size, 2 * k] = sectorial[m] * K[n, m].real
+            table[m, : n.size, 2 * k + 1] = -sectorial[m] * K[n, m].imag
+        alpha[m, 1 : n.size], beta[m, 1 : n.size] = _factors(n[1:].astype(float), m)
+    return table, alpha, beta
+
+
+def _factors(n, m):
+    """Factors alpha and beta of the recursion over the degree."""
+    outer = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
+    with np.errstate(invalid="ignore"):
+        inner = (2 * n + 1) * (n + m - 1) * (n - m - 1) / ((2 * n - 3) * (n + m) * (n - m))
+    return outer, np.sqrt(np.where(n > m + 1, inner, 0.0))
+
+
+BLOCK = 128  # points side by side: a row of the recursion and the sums stay in the nearest memory
+
+
+@njit(cache=True, fastmath={"contract"})
+def sum_series(point, table, alpha, beta):
+    """Sums (n, k) of series at points (n, 3) in units of the reference radius.
+
+    table (orders, degrees, 2 k): real and negative imaginary parts of K in turn, degree counted from the order;
+    alpha, beta (orders, degrees): factors of the recursion.
+    """
+    orders, count = table.shape[0], table.shape[2] // 2
+    out, total = np.empty((point.shape[0], count)), np.empty((count, BLOCK))
+    rows, lumped = np.ones((orders, BLOCK)), np.empty((2 * count, BLOCK))
+    x, y, z, q, real, imaginary = np.empty((6, BLOCK))
+    for start in range(0, point.shape[0], BLOCK):
+        size = min(BLOCK, point.shape[0] - start)
+        for i in range(BLOCK):  # the last point fills the block
+            px, py, pz = point[start + min(i, size - 1)]
+            q[i] = 1.0 / (px * px + py * py + pz * pz)
+            x[i], y[i], z[i] = px * q[i], py * q[i], pz * q[i]
+            real[i], imaginary[i] = np.sqrt(q[i]), 0.0
+        total[:] = 0.0
+        for m in range(orders):
+            for n in range(1, orders - m):
+                row, last, before = rows[n], rows[n - 1], rows[max(n - 2, 0)]
+                a, b = alpha[m, n], beta[m, n]
+                for i in range(BLOCK):
+                    row[i] = a * z[i] * last[i] - b * q[i] * before[i]
+            np.dot(table[m, : orders - m].T, rows[: orders - m], lumped)
+            for k in range(count):
+                for i in range(BLOCK):
+                    total[k, i] += real[i] * lumped[2 * k, i] + imaginary[i] * lumped[2 * k + 1, i]
+            for i in range(BLOCK):  # (x' + i y')^m to the next order
+                kept = real[i] * x[i] - imaginary[i] * y[i]
+                imaginary[i] = real[i] * y[i] + imaginary[i] * x[i]
+                real[i] = kept
+        out[start : start + size] = total[:, :size].T
+    return out

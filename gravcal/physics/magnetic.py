@@ -12,7 +12,7 @@ import numpy as np
 
 from gravcal.physics import check_shape, refuse
 from gravcal.physics.constants import IGRF_RADIUS
-from gravcal.physics.gravity_field import derivative, kernel_tables, sum_series
+from gravcal.physics.gravity import derivative, kernel_tables, sum_series
 
 GENERATIONS = (13, 14)
 DEGREE = 13
@@ -105,7 +105,7 @@ def _year_starts():
 def _series(generation, interval):
     """Kernel tables of the derivatives by x, y, z of the potential, and of their change per year, between two epochs.
 
-    The potential over a is a series of solid harmonics, which `gravity_field` differentiates and sums. Schmidt
+    The potential over a is a series of solid harmonics, which `gravity` differentiates and sums. Schmidt
     functions are the fully normalised ones over sqrt(2n + 1).
     """
     epochs, g, h = gauss_coefficients(generation)

@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
+from gravcal.calibrations.schemas import build
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, bars, grid
 from gravcal.report.pages import Section, Table, figure, page

@@ -12,7 +12,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from gravcal.effects import Context
 from gravcal.effects.gradient import EFFECTS, tesseral
-from gravcal.physics import dynamics, earth, frames, gravity, gravity_field, kinematics, magnetic, sensing
+from gravcal.physics import dynamics, earth, frames, gravity, kinematics, magnetic, sensing
 from gravcal.physics.constants import EARTH_RADIUS
 from gravcal.simulation import added, flight, within
 
@@ -125,14 +125,14 @@ def _body(satellite, chosen, rng):
 
 def _true_field(field, chosen, rng):
     """The field as it is: the model and an error drawn from its standard deviations."""
-    known = gravity_field.truncated(field, 0, chosen.field_degree)
+    known = gravity.truncated(field, 0, chosen.field_degree)
     if known.cosine_sigma is None or chosen.field_error_scale == 0:
         return known
     parts = [
         value + chosen.field_error_scale * sigma * rng.standard_normal(value.shape)
         for value, sigma in ((known.cosine, known.cosine_sigma), (known.sine, known.sine_sigma))
     ]
-    return gravity_field.Field(known.gm, known.radius, *parts)
+    return gravity.Field(known.gm, known.radius, *parts)
 
 
 def _motion(time, chosen, body, effects, field, drag, rng):
@@ -143,7 +143,7 @@ def _motion(time, chosen, body, effects, field, drag, rng):
     nominal, _ = flight.nominal_attitude(state, 1.0)
     inner = slice(3, -3)
     R_ei = earth.R_ei(time)
-    gradient_e = gravity_field.gradient_e(field, np.matvec(R_ei, state[inner, :3]))
+    gradient_e = gravity.gradient_e(field, np.matvec(R_ei, state[inner, :3]))
     gradient_i = gravity.rotate_tensor(np.swapaxes(R_ei, -1, -2), gradient_e)
     disturbance = np.stack([coloured(time, chosen.torque_corner_hz, rng) for _ in range(3)], axis=1)
     pushed = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
@@ -154,6 +154,8 @@ def _motion(time, chosen, body, effects, field, drag, rng):
         field_b = np.matvec(frames.R_bi_from_quaternion(nominal[inner]), field_i)
         external = external + np.cross(added(effects, "dipole_b", pushed), field_b)
     J, W = body["inertia"], 2 * np.pi * chosen.control_hz
+    plant = ([1.0], [1.0, 2 * chosen.control_damping * W, W**2])  # pointing error under a torque and the controller
+    top, bottom, _ = cont2discrete(plant, chosen.step_s, method="foh")
     angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
     for _ in range(PASSES):
         turned = np.pad(angle, ((3, 3), (0, 0)), "reflect", reflect_type="odd")
@@ -166,18 +168,10 @@ def _motion(time, chosen, body, effects, field, drag, rng):
         taken = np.matvec(J, rate_dot) + np.cross(rate, np.matvec(J, rate))
         taken = taken - dynamics.gravity_gradient_torque(J, gradient_b)
         coupling = coupling + (taken - (external + control))  # the torque that the motion takes beyond what is applied
-        angle = _response(external - coupling, chosen, body)
+        push = np.matvec(np.linalg.inv(J), external - coupling)
+        settled = np.concatenate([np.repeat(push[:1], int(AHEAD / chosen.step_s), axis=0), push])
+        angle = lfilter(np.squeeze(top), bottom, settled, axis=0)[-len(push) :]
     return Motion(time, state[inner], quaternion[inner], rate, rate_dot, gradient_b)
-
-
-def _response(torque, chosen, body):
-    """Pointing error (n, 3) rad under a torque and the controller."""
-    push = np.matvec(np.linalg.inv(body["inertia"]), torque)
-    w = 2 * np.pi * chosen.control_hz
-    plant = ([1.0], [1.0, 2 * chosen.control_damping * w, w**2])
-    top, bottom, _ = cont2discrete(plant, chosen.step_s, method="foh")
-    settled = np.concatenate([np.repeat(push[:1], int(AHEAD / chosen.step_s), axis=0), push])
-    return lfilter(np.squeeze(top), bottom, settled, axis=0)[-len(push) :]
 
 
 def _readings(motion, body, drag, effects):

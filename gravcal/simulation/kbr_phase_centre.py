@@ -94,7 +94,9 @@ def draw_pair(chosen, day: float, rng) -> Pair:
             kind, letter = name.split("_")
             place, sign = ("ab".index(letter), int(kind.endswith("yaw"))), 1 - 2 * (kind[0] == "-")
             turn = sign * np.radians(offset), sign * np.radians(amplitude), period, slew
-            start = day + _next(start - day, length + 2 * slew, allowed)
+            begins = np.maximum(allowed[:, 0], start - day)  # in one of the windows, inf without
+            inside = flight.within_windows(begins, length + 2 * slew, allowed)
+            start = day + float(np.min(begins[inside], initial=np.inf))
             wiggles.append(Wiggle(*place, kind, start, start + length + 2 * slew, *turn))
         start += length + 2 * slew + chosen.quiet_s
     if wiggles and wiggles[-1].stop > day + constants.DAY - 400:
@@ -103,12 +105,6 @@ def draw_pair(chosen, day: float, rng) -> Pair:
     path = _paths(chosen, day, rng)
     pointing = tuple(_pointing(chosen, day, [one for one in wiggles if one.satellite == k], rng) for k in (0, 1))
     return Pair(day, path, pointing, tuple(wiggles))
-
-
-def _next(since, duration, allowed):
-    """First time s of the day, not before another, from which so long is inside one of the windows; inf without."""
-    begins = np.maximum(allowed[:, 0], since)
-    return float(np.min(begins[flight.within_windows(begins, duration, allowed)], initial=np.inf))
 
 
 def _planned(chosen):

@@ -8,18 +8,12 @@ from scipy.signal import lfilter
 
 from gravcal.effects import Context, effect
 from gravcal.effects.base import symmetric
+from gravcal.effects.sensors import OF_MAGNETOMETER
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 from gravcal.simulation import flight, sensors, within
 
-#: Effects that the instrument has, each parameter drawn about nought with its plausible size times a scatter.
-EFFECTS = (
-    "magnetometer.bias",
-    "magnetometer.scale",
-    "magnetometer.misalignment",
-    "magnetometer.current_leak",
-    "magnetometer.external_field",
-    "timing.magnetometer_delay",
-)
+#: Each parameter is drawn about nought with its plausible size times a scatter.
+EFFECTS = OF_MAGNETOMETER
 
 
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
@@ -70,7 +64,11 @@ def _reading(tag, second, attitude, position_e, satellite, chosen, drawn, lack, 
     dipole = current * np.array(satellite["dipole_per_current"])
     context = Context(time=time, field_b=field, dipole_b=dipole, extra={"axis_b": axis})
     read = field + sum(effect(slug).contribution(context, drawn[slug]) for slug in EFFECTS[:-1])  # the delay is in time
-    read = read + field @ symmetric(*lack) + _noise(time.size, chosen, rng)
+    keep = np.exp(-chosen.step_s / chosen.field_error_s)  # of slow errors of the reference field, a Markov process
+    drive = 1e-9 * chosen.field_error_nt * np.sqrt(1 - keep**2) * rng.standard_normal((time.size + 2000, 3))
+    noise = lfilter([1.0], [1.0, -keep], drive, axis=0)[2000:]
+    noise = noise + 1e-9 * chosen.noise_nt * rng.standard_normal((time.size, 3))
+    read = read + field @ symmetric(*lack) + noise
     return sensors.magnetometer_columns(tag, read, current, satellite)
 
 
@@ -82,11 +80,3 @@ def _currents(time, chosen, rng):
         level = chosen.current_ma * rng.standard_normal(len(spacing) + 1)
         found[:, axis] = level[np.searchsorted(time[0] + np.cumsum(spacing[:, axis]), time)]
     return found
-
-
-def _noise(count, chosen, rng):
-    """White noise and slow errors (n, 3) T of the reference field, a first-order Markov process."""
-    keep = np.exp(-chosen.step_s / chosen.field_error_s)
-    drive = 1e-9 * chosen.field_error_nt * np.sqrt(1 - keep**2) * rng.standard_normal((count + 2000, 3))
-    slow = lfilter([1.0], [1.0, -keep], drive, axis=0)[2000:]
-    return slow + 1e-9 * chosen.noise_nt * rng.standard_normal((count, 3))

@@ -10,9 +10,9 @@ from flows import discover as flow
 from flows import engine
 from gravcal import catalog
 from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.magnetometer import observations as magnetometer
 from gravcal.calibrations.published_table import observations as table
+from gravcal.calibrations.schemas import build
 from gravcal.calibrations.thrusters import model
 from gravcal.calibrations.thrusters import observations as thrusters
 from gravcal.discovery.driver import Limits, discover

@@ -9,7 +9,7 @@ from flows import gradient_torque
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import noise, observations
 from gravcal.estimation.records import Entry, Parameter
-from gravcal.physics import frames, gravity, gravity_field
+from gravcal.physics import frames, gravity
 from gravcal.store import product
 from tasks.stage import read
 
@@ -96,7 +96,7 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     observed = observations.observe(products, **settings)
     moved = observed.without([entry])["linear"].values - products["ingest"]["linear"].values
     about = observed.about.extra
-    unit = gravity_field.tesseral_gradient_e(about["position_e"], 5, 3)[:, 0]
+    unit = gravity.tesseral_gradient_e(about["position_e"], 5, 3)[:, 0]
     expected = -1e-6 * np.matvec(gravity.rotate_tensor(about["R_be"], unit), about["positions"][0])
     assert np.allclose(moved[:, 0], expected, atol=1e-3 * np.abs(expected).max())
     response = observed.response(entry)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gravcal.errors import GravcalError
-from gravcal.physics import gravity, gravity_field
+from gravcal.physics import gravity
 from gravcal.physics.constants import EARTH_RADIUS, GM, J2
 
 R = EARTH_RADIUS
@@ -28,7 +28,7 @@ def random_field(degree, seed=0):
     size = np.where((m <= n) & (n >= 2), 1e-5 / np.maximum(n, 1) ** 2, 0.0)
     cosine, sine = size * rng.standard_normal(size.shape), size * rng.standard_normal(size.shape)
     cosine[0, 0], cosine[2, 0], sine[:, 0] = 1.0, -J2 / np.sqrt(5), 0.0
-    return gravity_field.Field(GM, R, cosine, sine)
+    return gravity.Field(GM, R, cosine, sine)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -36,10 +36,10 @@ def test_point_mass_and_flattening_agree_with_their_closed_form(place):
     """Analytic: degrees 0 and 2 against gravity.py, which writes the tensor out."""
     cosine = np.diag([1.0, 0.0, 0.0])
     cosine[1, 1], cosine[2, 0] = 0.0, -J2 / np.sqrt(5)
-    field = gravity_field.Field(GM, R, cosine, np.zeros((3, 3)))
+    field = gravity.Field(GM, R, cosine, np.zeros((3, 3)))
     position = np.array(PLACES[place])
-    assert_allclose(gravity_field.acceleration_e(field, position), gravity.acceleration_i(position), rtol=0, atol=2e-14)
-    assert_allclose(gravity_field.gradient_e(field, position), gravity.gradient_i(position), rtol=0, atol=1e-20)
+    assert_allclose(gravity.acceleration_e(field, position), gravity.acceleration_i(position), rtol=0, atol=2e-14)
+    assert_allclose(gravity.gradient_e(field, position), gravity.gradient_i(position), rtol=0, atol=1e-20)
 
 
 def decimal_potential(field, position):
@@ -84,9 +84,9 @@ def test_every_derivative_agrees_with_differences_in_fifty_digits(place):
 
     position = np.array(PLACES[place])
     middle = at()
-    assert_allclose(gravity_field.potential_e(field, position), float(middle), rtol=2e-15)
-    gradient = gravity_field.gradient_e(field, position)
-    acceleration = gravity_field.acceleration_e(field, position)
+    assert_allclose(gravity.potential_e(field, position), float(middle), rtol=2e-15)
+    gradient = gravity.gradient_e(field, position)
+    acceleration = gravity.acceleration_e(field, position)
     for i in range(3):
         ahead, behind = at((i, 1)), at((i, -1))
         assert_allclose(acceleration[i], float((ahead - behind) / (2 * h)), rtol=0, atol=2e-14)
@@ -103,28 +103,28 @@ def test_the_trace_vanishes_though_every_element_has_its_own_series(degree):
     position = rng.standard_normal((300, 3))
     position *= 6.8e6 / np.linalg.norm(position, axis=1)[:, None]
     position = np.concatenate([position, list(PLACES.values())])
-    gradient = gravity_field.gradient_e(random_field(max(degree, 2)), position)
+    gradient = gravity.gradient_e(random_field(max(degree, 2)), position)
     assert np.abs(np.trace(gradient, axis1=1, axis2=2)).max() < 3e-20
     assert_allclose(gradient, np.swapaxes(gradient, 1, 2))
 
 
 def test_the_highest_degree_stays_finite_at_the_pole():
     """Analytic: at LIMIT the recursion must not overflow; at the pole only orders up to 2 contribute."""
-    field = random_field(gravity_field.LIMIT)
+    field = random_field(gravity.LIMIT)
     position = np.array([0.0, 0.0, 6.87e6])
-    low = gravity_field.Field(GM, R, field.cosine * (np.arange(601) < 3), field.sine * (np.arange(601) < 3))
-    found = gravity_field.gradient_e(field, position)
-    assert np.isfinite(gravity_field.gradient_e(field, np.array(list(PLACES.values())))).all()
-    assert_allclose(found, gravity_field.gradient_e(low, position), rtol=0, atol=1e-20)
+    low = gravity.Field(GM, R, field.cosine * (np.arange(601) < 3), field.sine * (np.arange(601) < 3))
+    found = gravity.gradient_e(field, position)
+    assert np.isfinite(gravity.gradient_e(field, np.array(list(PLACES.values())))).all()
+    assert_allclose(found, gravity.gradient_e(low, position), rtol=0, atol=1e-20)
 
 
 def test_parts_by_degree_add_up_and_degree_one_is_empty():
     """Analytic: the sum is linear; the origin is the centre of mass, so degree 1 gives nothing (erratum S-9)."""
     field, position = random_field(20), np.array(PLACES["Potsdam at 490 km"])
-    parts = [gravity_field.gradient_e(gravity_field.truncated(field, n, n), position) for n in range(21)]
-    assert_allclose(sum(parts), gravity_field.gradient_e(field, position), rtol=0, atol=1e-20)
+    parts = [gravity.gradient_e(gravity.truncated(field, n, n), position) for n in range(21)]
+    assert_allclose(sum(parts), gravity.gradient_e(field, position), rtol=0, atol=1e-20)
     assert np.all(parts[1] == 0)
-    assert np.all(gravity_field.gradient_e(gravity_field.zonal(field, 1), position) == 0)
+    assert np.all(gravity.gradient_e(gravity.zonal(field, 1), position) == 0)
 
 
 def test_field_errors_scatter_as_their_covariance_says():
@@ -132,7 +132,7 @@ def test_field_errors_scatter_as_their_covariance_says():
     rng = np.random.default_rng(3)
     n, m = np.arange(31)[:, None], np.arange(31)[None, :]
     sigma = np.where((m <= n) & (n >= 2), 1e-9 / np.maximum(n, 1), 0.0)
-    field = gravity_field.Field(GM, R, sigma, sigma, sigma, np.where(m > 0, sigma, 0.0))
+    field = gravity.Field(GM, R, sigma, sigma, sigma, np.where(m > 0, sigma, 0.0))
     position = np.array([6.87e6, 0.0, 0.0]) + 0 * rng.standard_normal((1, 3))
     place = rng.standard_normal((40, 3))
     position = 6.87e6 * place / np.linalg.norm(place, axis=1)[:, None]
@@ -143,10 +143,10 @@ def test_field_errors_scatter_as_their_covariance_says():
     drawn = []
     for _ in range(100):
         parts = [s * rng.standard_normal(s.shape) for s in (sigma, np.where(m > 0, sigma, 0.0))]
-        tensor = gravity_field.gradient_e(gravity_field.Field(GM, R, *parts), position)
+        tensor = gravity.gradient_e(gravity.Field(GM, R, *parts), position)
         drawn.append(frame @ tensor @ np.swapaxes(frame, 1, 2))
     drawn = np.concatenate(drawn)
-    rr, rt, tt = gravity_field.error_covariance(field, 6.87e6)
+    rr, rt, tt = gravity.error_covariance(field, 6.87e6)
     assert_allclose(np.mean(drawn[:, 0, 0] ** 2), rr, rtol=0.1)
     assert_allclose(np.mean(drawn[:, 0, 1:] ** 2), rt, rtol=0.1)
     assert_allclose(np.mean(drawn[:, 1, 2] ** 2), tt, rtol=0.1)
@@ -156,12 +156,12 @@ def test_field_errors_scatter_as_their_covariance_says():
 def test_positions_in_kilometres_are_refused():
     """Contract: the most likely mistake is named."""
     with pytest.raises(GravcalError, match="positions in metres"):
-        gravity_field.gradient_e(random_field(3), [6870.0, 0, 0])
+        gravity.gradient_e(random_field(3), [6870.0, 0, 0])
 
 
 def test_too_high_a_degree_is_refused():
     """Contract: beyond LIMIT the recursion would overflow."""
-    size = gravity_field.LIMIT + 2
-    field = gravity_field.Field(GM, R, np.zeros((size, size)), np.zeros((size, size)))
+    size = gravity.LIMIT + 2
+    field = gravity.Field(GM, R, np.zeros((size, size)), np.zeros((size, size)))
     with pytest.raises(GravcalError, match="truncated"):
-        gravity_field.gradient_e(field, [6.87e6, 0, 0])
+        gravity.gradient_e(field, [6.87e6, 0, 0])

@@ -16,7 +16,7 @@ from gravcal.calibrations.align import (
     own_tags,
     sorted_samples,
 )
-from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import robust
 from gravcal.physics import frames
@@ -140,17 +140,10 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
     return _as_dataset(sorted(kept, key=lambda w: w.lower[0]), time, field_b, settings["period_s"])
 
 
-def _kind(wave: Wave, time, field_b) -> int:
-    """Axis of the largest torque m x B over the wave."""
-    inside = (time >= wave.lower[0]) & (time <= wave.upper[-1])
-    dipole = np.zeros(3)
-    dipole[wave.rod] = 1.0
-    return int(np.argmax(np.sum(np.cross(dipole, field_b[inside]) ** 2, axis=0)))
-
-
 def _as_dataset(waves, time, field_b, period):
     count = max((w.level.size for w in waves), default=0)
     filled = lambda values, size: np.append(values, np.full(size - values.size, np.nan))  # noqa: E731
+    torques = [np.cross(np.eye(3)[w.rod], field_b[(time >= w.lower[0]) & (time <= w.upper[-1])]) for w in waves]
     values = {
         "edge_lower": np.array([filled(w.lower, count + 1) for w in waves]).reshape(-1, count + 1),
         "edge_upper": np.array([filled(w.upper, count + 1) for w in waves]).reshape(-1, count + 1),
@@ -158,7 +151,7 @@ def _as_dataset(waves, time, field_b, period):
         "regular": [regular_edges(w, period) is not None for w in waves],
         "start": [(w.lower[0] + w.upper[0]) / 2 for w in waves],
         "stop": [(w.lower[-1] + w.upper[-1]) / 2 for w in waves],
-        "kind": [_kind(w, time, field_b) for w in waves],
+        "kind": [int(np.argmax(np.sum(turning**2, axis=0))) for turning in torques],
         "rod": [w.rod for w in waves],
         "record_start": time[0] if time.size else np.nan,
         "record_stop": time[-1] if time.size else np.nan,
@@ -216,14 +209,18 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
                 gap[k] |= bit
     values = {f"time_{name}": part[0] for name, part in parts.items()}
     values |= {f"{name}_flag": part[2] for name, part in parts.items()}
-    readings, magnetic = parts["acc"][1], parts["mag"][1]
+    readings, magnetic, quaternion = parts["acc"][1], parts["mag"][1], np.full_like(parts["sca"][1], np.nan)
+    good = (parts["sca"][2] == 0) & np.isfinite(parts["sca"][1]).all(axis=1)  # unit, continuous in sign
+    if good.any():
+        known = parts["sca"][1][good]
+        quaternion[good] = frames.continuous(known / np.linalg.norm(known, axis=1, keepdims=True))
     values |= {
         "gap": gap,
         "window_start": spans[:, 0],
         "window_stop": spans[:, 1],
         "linear_b": readings[:, :3],
         "angular_b": readings[:, 3:],
-        "quaternion": _usable_quaternion(*parts["sca"][1:]),
+        "quaternion": quaternion,
         "field_measured_b": 1e-6 * magnetic[:, :3],
         "current_b": magnetic[:, 3:],
     }
@@ -261,13 +258,3 @@ def _spans(detected, acc, sca, mag, orbit, margin, survey):
     first = np.floor(max(float(np.nanmin(t)) for t in times))
     last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
     return np.array([[first, min(last, first + survey)]])
-
-
-def _usable_quaternion(values, flag):
-    """Unit quaternions continuous in sign, NaN where marked."""
-    good = (flag == 0) & np.isfinite(values).all(axis=1)
-    result = np.full_like(values, np.nan)
-    if good.any():
-        unit = values[good] / np.linalg.norm(values[good], axis=1, keepdims=True)
-        result[good] = frames.continuous(unit)
-    return result

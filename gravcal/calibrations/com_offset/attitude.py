@@ -7,15 +7,13 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.special import log_ndtr, ndtr
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.align import SURVEY_S
+from gravcal.calibrations.com_offset.align import SCHEMAS, SURVEY_S
+from gravcal.calibrations.schemas import build
 from gravcal.estimation.least_squares import covariance, polynomial, stable_inverse, without
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, gravity
 
-SCHEMAS = schemas.of("com_offset.toml")
 SURVEY_DEGREE = 5  # of the slow torque where no manoeuvre is there and control goes on
 #: A noise model takes this many samples a coefficient, few manoeuvres a short one: else it follows the fit's own notch.
 SAMPLES_PER_ORDER, FEW_ORDER = 84, 6
@@ -243,7 +241,9 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
     for i in range(aligned.sizes["manoeuvre"]):
         count = int(np.isfinite(aligned["edge_lower"].values[i]).sum())
         lower, upper = aligned["edge_lower"].values[i, :count], aligned["edge_upper"].values[i, :count]
-        edges = _regular_edges(lower, upper) if aligned["regular"][i] else _single_edges(lower, upper, aligned)
+        shift = np.round(np.median(np.diff(lower)) * 2) / 2 * np.arange(lower.size)
+        edges = (np.max(lower - shift) + np.min(upper - shift)) / 2 + shift  # common, whole half periods apart
+        edges = edges if aligned["regular"][i] else _single_edges(lower, upper, aligned)
         wave = int(aligned["rod"][i]), edges, aligned["level"].values[i, : count - 1]
         ends = float(lower[0] - edges[0]), float(upper[0] - edges[0])
         found.append((float(lower[0]), float(upper[-1]), wave, ends))
@@ -273,13 +273,6 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
         acc = slice(*np.searchsorted(acc_time, [origin + 0.1, stop - 0.1]))
         made.append(Window(arc, rod, time, quaternion, good & (gap == 0), acc, *ends))
     return made
-
-
-def _regular_edges(lower, upper):
-    """Edges in the middle of their common interval, whole half periods apart."""
-    half = np.round(np.median(np.diff(lower)) * 2) / 2
-    shift = half * np.arange(lower.size)
-    return (np.max(lower - shift) + np.min(upper - shift)) / 2 + shift
 
 
 def _single_edges(lower, upper, aligned):

@@ -41,6 +41,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
     pointing = _pointing(aligned, time, position, velocity)
     used = checked["used"].values.astype(bool)
     field = checked["time_mag"].values[used], 1e9 * np.linalg.norm(checked["difference_b"].values[used], axis=1)
+    outliers = [float(np.mean(aligned[f"{name}_flag"].values == OUTLIER)) for name in REACH]
     found = [
         at_most("position against velocity", _misfit(*derivative, piece), limits["velocity_limit_m_s"], "m s-1"),
         at_most("velocity against gravity", _misfit(*pull, piece), limits["gravity_limit_m_s2"], "m s-2"),
@@ -51,7 +52,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
         at_most("greatest height", _misfit(time, height, piece), limits["height_greatest_km"], "km"),
         at_most("attitude against orbit", _misfit(*pointing, piece), limits["pointing_limit_deg"], "deg"),
         at_most("magnetometer against IGRF", _misfit(*field, piece), limits["field_limit_nt"], "nT"),
-        at_most("isolated outliers, share", _outliers(aligned), limits["outlier_limit"], "1"),
+        at_most("isolated outliers, share", max(outliers), limits["outlier_limit"], "1"),
         at_most("unchanged readings", _unchanged(aligned), limits["unchanged_limit_s"], "s"),
         *_motion(smoothed, limits),
     ]
@@ -105,11 +106,6 @@ def _pointing(aligned, time, position, velocity):
         ahead, down = (np.matvec(R_bi, v / np.linalg.norm(v, axis=1, keepdims=True)) for v in towards)
         cosine = np.minimum(np.abs(ahead[:, 0]), down[:, 2])
         return epoch, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-
-
-def _outliers(aligned):
-    """Larger share of isolated outliers among the samples of the accelerometer and of the star camera."""
-    return max(float(np.mean(aligned[f"{name}_flag"].values == OUTLIER)) for name in REACH)
 
 
 def _unchanged(aligned):

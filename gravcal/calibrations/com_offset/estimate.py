@@ -5,21 +5,24 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build, replaced, widened
-from gravcal.calibrations.com_offset.model import VARIANTS, arrays, reading, samples, where
-from gravcal.calibrations.com_offset.noise import FREQUENCY, models_of
+from gravcal.calibrations.com_offset.model import SCHEMAS, VARIANTS, arrays, reading, samples, where
+from gravcal.calibrations.schemas import build, replaced, widened
+from gravcal.errors import EstimationError
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.noise import NoiseModel, fit_noise, levels, whiten
 from gravcal.estimation.resampling import lowpass_resampler
 from gravcal.physics import sensing
 
-SCHEMAS = schemas.of("com_offset.toml")
 #: Loose prior of the offset, 1 mm about zero: requirement 100 um, largest seen 333 um.
 PRIOR = np.eye(3) / 1e-3**2
 #: A direction in which one manoeuvre knows the offset worse than this is held at the value of all of them.
 DIRECTION_LIMIT_M = 1e-4
+#: Shortest quiet data from which the noise is measured.
+QUIET_S = 300.0
+#: m s-2, far below a step of any accelerometer: a channel that moves no more is dead.
+SILENT = 1e-14
+FREQUENCY = np.linspace(0.005, 1.0, 200)
 #: Of the CoM paper: Sec. 4.3, Sec. 3.1, and between the areas of Table 3.
 LOWPASS_HZ, WEIGHTS, HIGH_LATITUDE = 0.166, np.array([1.0, 0.09, 1.0]), np.radians(45.0)
 
@@ -89,8 +92,10 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     """
     given = arrays(resampled)
     settings = settings | {"step_s": float(resampled.attrs["step_s"])}
-    noise = models_of(measured)
-    source = "quiet data" if noise else "residuals"
+    noise, source = [], measured.attrs["source_of_noise"].replace("none", "residuals")
+    if source != "residuals":
+        pairs = zip(measured["reflection"].values, measured["variance"].values, strict=True)
+        noise = [NoiseModel(*pair, float(measured.attrs["step_s"])) for pair in pairs]
     blocks = [_block(given, i, settings) for i in range(resampled.sizes["manoeuvre"])]
     if not noise:
         noise = _residual_noise(blocks, settings)
@@ -236,7 +241,8 @@ def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Datas
         time = smoothed["time_acc"][inside]
         linear, marked = reading(aligned, time)
         rates = smoothed["rate_b"][inside], angular["rate_dot_b"][inside]
-        kept = published_components(int(place["kind"][i]), float(place["latitude"][i]))
+        high = abs(float(place["latitude"][i])) > HIGH_LATITUDE  # two components of pitch and roll, Table 7, else all
+        kept = {0: [1, 2], 1: [0, 2]}.get(int(place["kind"][i]) if high else 2, [0, 1, 2])
         offset[i], formal = published_offset(time, ~marked, linear, rates, kept)
         information[i][np.ix_(kept, kept)] = least_squares.stable_inverse(formal[np.ix_(kept, kept)])
     values = nothing(count) | {"offset": offset, "information": information, "normal": information}
@@ -274,8 +280,11 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
         "manoeuvre_chi2": [own[v]["chi2"].values for v in names],
         "manoeuvre_dof": [own[v]["dof"].values for v in names],
     }
-    values["variants_chi2"], values["variants_dof"] = _between_variants(joint, limit)
-    values["catalogue_chi2"], values["catalogue_dof"] = _against_catalogue(joint, limit)
+    # without the catalogue: neither holds its inertia or dipole; the prior of the angular scale is within
+    values["variants_chi2"], values["variants_dof"] = _difference(joint, ("acc", "sca"), limit)
+    # prior errors of both are in the covariance: a catalogue that is worse than it says is seen, nothing finer
+    against = [_difference(joint, ("mtq", name), limit) for name in ("acc", "sca")]
+    values["catalogue_chi2"], values["catalogue_dof"] = next((one for one in against if one[1]), (0.0, 0))
     values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
     attrs = {"method": method, "consistency_level": settings["consistency_level"], "direction": "proof_mass_to_com"}
     return build(SCHEMAS["combine"], values, variants=" ".join(names), **attrs)
@@ -312,7 +321,7 @@ def with_model_error(
     combined : Dataset, "com_offset.combine"
     moved : Dataset, "com_offset.combine", one for each direction of the model's errors
     determined_sigma_um : um, a component with a larger error is not determined
-    added : text, as of `building.widened`
+    added : text, as of `schemas.widened`
     """
     new = widened(combined, moved, {"offset": ("covariance", "covariance_total")}, added)
     before = new.get("offset", combined["offset"].values)
@@ -390,33 +399,11 @@ def _determined(covariance, limit):
     return np.isfinite(sigma) & (sigma < limit)
 
 
-def _between_variants(joint, limit):
-    """Chi-square and degrees of freedom of the angular accelerometer against the star camera, without the catalogue.
-
-    Neither holds inertia or dipole of the catalogue; the prior of the angular accelerometer's scale is within. Both
-    share the noise of the linear channels; what is left is their own modes, and the noise by which they are worse than
-    the best weights (mtq). acc_calibrated is acc scaled to the torquers: it says nothing that mtq and acc do not say.
-    """
-    return _difference(joint, ("acc", "sca"), limit)
-
-
-def _against_catalogue(joint, limit):
-    """Chi-square and degrees of freedom of the torquers against a measured angular acceleration.
-
-    The prior errors of both (inertia, dipole per current, angular scale) are in the covariance, so where the catalogue
-    is better than its prior the chi-square is small: this test sees a catalogue that is worse than it says, nothing
-    finer.
-    """
-    for name in ("acc", "sca"):
-        chi2, dof = _difference(joint, ("mtq", name), limit)
-        if dof:
-            return chi2, dof
-    return 0.0, 0
-
-
 def _difference(joint, names, limit):
     """Chi-square of the difference of two variants over the directions that both determine, prior errors within.
 
+    Both share the noise of the linear channels; what is left is their own modes, and the noise by which they are worse
+    than the best weights (mtq). acc_calibrated is acc scaled to the torquers: it says nothing that these do not say.
     Directions, not components: what one manoeuvre leaves open along x leaks into z by their correlation.
     """
     if not set(names) <= set(joint):
@@ -430,25 +417,15 @@ def _difference(joint, names, limit):
     inner = [{n: basis.T @ j[n] @ basis for n in ("own", "noise")} for j in (one, other)]
     shared = basis.T @ known[2] @ basis
     moves = np.concatenate([one["catalogue"], other["catalogue"]])
-    covariance = sum(j["own"] + _excess(j["noise"], shared) for j in inner) + basis.T @ moves.T @ moves @ basis
+    covariance = basis.T @ moves.T @ moves @ basis
+    for part in inner:  # noise beyond the shared one, never negative, 0.1 % of that as floor
+        beyond, turn = np.linalg.eigh(part["noise"] - shared)
+        covariance = covariance + part["own"] + (turn * np.clip(beyond, 0, None)) @ turn.T + 0.001 * shared
     difference = basis.T @ (one["offset"] - other["offset"])
     return float(difference @ np.linalg.solve(covariance, difference)), basis.shape[1]
 
 
-def _excess(covariance, noise):
-    """Noise beyond the shared one, never negative, 0.1 % of that as floor."""
-    size, vectors = np.linalg.eigh(covariance - noise)
-    return (vectors * np.clip(size, 0, None)) @ vectors.T + 0.001 * noise
-
-
 # as printed in the source paper
-
-
-def published_components(kind: int, latitude: float) -> list[int]:
-    """Components that the paper prints for a manoeuvre (Table 7): two of pitch and roll at high latitude, else all."""
-    if abs(latitude) <= HIGH_LATITUDE:
-        return [0, 1, 2]
-    return {0: [1, 2], 1: [0, 2]}.get(kind, [0, 1, 2])
 
 
 def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.ndarray]:
@@ -506,3 +483,112 @@ def published_mean(kind, latitude, offset, sigma) -> tuple[np.ndarray, np.ndarra
             mean[axis] = np.sum(weight * offset[rows, axis]) / weight.sum()
             error[axis] = np.sum(weight * sigma[rows, axis]) / weight.sum()
     return mean, error
+
+
+# noise as measured in quiet data outside the manoeuvres
+
+
+def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
+    """Linear channels outside the manoeuvres, low-passed and resampled like the reading of a manoeuvre.
+
+    Parameters
+    ----------
+    aligned : Dataset, "align"
+    settings : lowpass_hz, half_width_s, step_s, quiet_margin_s
+
+    Returns
+    -------
+    pieces : Dataset, "com_offset.quiet", pieces as long as a manoeuvre; NaN where there are too few samples
+    """
+    linear, epochs, readings = aligned["linear_b"].values, [np.zeros(0)], [np.zeros((0, 3))]
+    for inside, good, operator in quiet_operators(aligned, linear, settings):
+        epochs.append(operator.time)
+        readings.append(operator(linear[inside] - linear[inside][good].mean(axis=0)))
+    values = {"epoch": np.concatenate(epochs), "reading": np.concatenate(readings)}
+    values["piece"] = np.repeat(np.arange(-1, len(epochs) - 1), [grid.size for grid in epochs])
+    values["near"] = nearest(aligned, epochs[1:])
+    return build(SCHEMAS["quiet"], values, step_s=settings["step_s"], manoeuvres=aligned.sizes["manoeuvre"])
+
+
+def nearest(aligned: xr.Dataset, times: list[np.ndarray]) -> np.ndarray:
+    """Manoeuvre (k,) nearest to each piece of epochs s; 0 where there is none."""
+    middle = (aligned["start"].values + aligned["stop"].values) / 2
+    return np.array([np.argmin(np.abs(middle - one.mean())) if middle.size else 0 for one in times], dtype=int)
+
+
+def quiet_operators(aligned, values, settings):
+    """Low-pass of each piece of quiet data long enough: its samples (a slice), which of them are usable, operator."""
+    time, step_s = aligned["time_acc"].values, settings["step_s"]
+    usable = (aligned["acc_flag"].values == 0) & np.isfinite(values).all(axis=1)
+    filters = {name: settings[name] for name in ("lowpass_hz", "half_width_s")}
+    for begin, end in quiet_spans(aligned, settings):
+        inside = slice(*np.searchsorted(time, [begin, end]))
+        if inside.stop - inside.start < 200:
+            continue
+        grid = np.arange(np.ceil(begin / step_s), np.floor(end / step_s)) * step_s
+        operator = lowpass_resampler(time[inside], usable[inside], grid, **filters)
+        if operator.valid.sum() >= 100:
+            yield inside, usable[inside], operator
+
+
+def quiet_spans(aligned, settings):
+    """Pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
+    start, stop = aligned["start"].values, aligned["stop"].values
+    margin = settings["quiet_margin_s"]
+    lengths = stop - start if start.size else np.full(aligned.sizes["window"], 180.0)
+    ends = aligned["window_start"].values, aligned["window_stop"].values
+    for window_start, window_stop, length in zip(*ends, lengths, strict=True):
+        busy = [(a - margin, b + margin) for a, b in zip(start, stop, strict=True)]
+        begin = window_start
+        while begin + length <= window_stop:
+            hit = [b for a, b in busy if a < begin + length and b > begin]
+            if hit:
+                begin = max(hit)
+                continue
+            yield begin, begin + length
+            begin += length
+
+
+def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Dataset:
+    """Autoregressive model of each linear channel, none where there is too little quiet data.
+
+    Parameters
+    ----------
+    pieces : Dataset, "com_offset.quiet"
+    drift_degree : of each piece
+    noise_order : highest of the model
+    """
+    step, reading = float(pieces.attrs["step_s"]), pieces["reading"].values
+    seconds = step * int(np.isfinite(reading[:, 0]).sum())
+    count = int(pieces.attrs["manoeuvres"])
+    values = {
+        "level": np.ones((count, 3)),
+        "level_error": np.zeros((count, 3)),
+        "reflection": np.zeros((3, 0)),
+        "variance": np.full((3, 1), np.nan),
+        "density": np.full((3, FREQUENCY.size), np.nan),
+        "frequency": FREQUENCY,
+        "seconds": seconds,
+    }
+    if seconds < QUIET_S:
+        return build(SCHEMAS["noise"], values, source_of_noise="none", step_s=step, order=0)
+    silent = [axis for axis, size in zip("xyz", np.nanmax(np.abs(reading), axis=0), strict=True) if size < SILENT]
+    if silent:
+        raise EstimationError(
+            f"linear acceleration along {', '.join(silent)}: found the same reading for {seconds:.0f} s, expected "
+            f"noise of 1e-10 m s-2. Fetch ACC1A again, or take another day.",
+            axes=silent,
+        )
+    cuts, quiet_parts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1, []
+    for grid, own in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
+        valid = np.isfinite(own[:, 0])
+        drift = least_squares.polynomial(grid, drift_degree, grid[0], grid[-1])[valid]
+        own[valid] = least_squares.without(drift, own[valid])
+        quiet_parts.append(own)
+    removed = len(quiet_parts) * (drift_degree + 1)
+    models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]
+    values |= {name: np.array([getattr(model, name) for model in models]) for name in ("reflection", "variance")}
+    values["density"] = np.array([model.density(FREQUENCY) for model in models])
+    found = levels(models, quiet_parts, [drift_degree + 1] * len(quiet_parts), pieces["near"].values, count)
+    values |= {"level": found.value, "level_error": found.error}
+    return build(SCHEMAS["noise"], values, source_of_noise="quiet data", step_s=step, order=models[0].reflection.size)

@@ -12,7 +12,7 @@ import xarray as xr
 
 from gravcal.calibrations.causes import on_axes, whitened
 from gravcal.calibrations.com_offset import attitude as motion
-from gravcal.calibrations.com_offset import noise as linear_noise
+from gravcal.calibrations.com_offset.estimate import nearest, quiet_operators, quiet_spans
 from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, beside, fit_detrended, levels, unwhiten, whiten, without_lines
@@ -365,11 +365,11 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
     settings : inertia, dipole_per_current, lowpass_hz, half_width_s, step_s, drift_degree, linear_drift_degree,
         angular_drift_degree, noise_order, attitude_noise_order, quiet_margin_s
     """
-    time, spans = aligned["time_acc"].values, list(linear_noise.quiet_spans(aligned, settings))
+    time, spans = aligned["time_acc"].values, list(quiet_spans(aligned, settings))
     models, samples, count = {}, {}, aligned.sizes["manoeuvre"]
     for channel in ("linear", "angular"):
         values, pieces, epochs = aligned[f"{channel}_b"].values, [], []
-        for inside, _, operator in linear_noise.quiet_operators(aligned, values, settings):
+        for inside, _, operator in quiet_operators(aligned, values, settings):
             piece = np.nan_to_num(values[inside])
             if channel == "angular":  # the torque of the control currents is no noise
                 piece = piece - _control(aligned, field_, time[inside], settings)
@@ -377,12 +377,12 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
             epochs.append(operator.time)
         cleaned, _ = without_lines(pieces, settings["step_s"]) if pieces else ([], None)
         degree, orders = settings[f"{channel}_drift_degree"], (settings["noise_order"], settings["step_s"])
-        about = [degree + 1] * len(pieces), linear_noise.nearest(aligned, epochs), count
+        about = [degree + 1] * len(pieces), nearest(aligned, epochs), count
         models[channel] = _measured(cleaned, _without_drift(degree), orders, *about)
         samples[channel] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
     sampled = [(t, v, valid) for t, v, valid in (at_one_hertz(field_, *span) for span in spans) if valid.sum() >= 60]
     pieces = [np.where(valid[:, None], values, np.nan) for _, values, valid in sampled]
-    near = linear_noise.nearest(aligned, [t for t, _, _ in sampled])
+    near = nearest(aligned, [t for t, _, _ in sampled])
     degree, orders = settings["drift_degree"], (settings["attitude_noise_order"], 1.0)
     about = [degree + 1] * len(pieces), near, count
     models["magnetometer"] = _measured(pieces, _without_drift(degree), orders, *about)

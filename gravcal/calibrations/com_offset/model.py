@@ -3,15 +3,13 @@
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import schemas
 from gravcal.calibrations.align import between
-from gravcal.calibrations.building import build
-from gravcal.calibrations.com_offset.align import SURVEY_S
+from gravcal.calibrations.com_offset.align import SCHEMAS, SURVEY_S
+from gravcal.calibrations.schemas import build
 from gravcal.estimation import least_squares
 from gravcal.estimation.resampling import operator_for
 from gravcal.physics import earth, frames, kinematics, magnetic, sensing
 
-SCHEMAS = schemas.of("com_offset.toml")
 HALF_WIDTH = 2  # star-camera samples either side of the parabola whose slope is the rate
 DRIFT_DEGREE = 2  # of the roll rate, for the torques that are not of the torquers
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
@@ -155,8 +153,12 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
             for one in np.unique(manoeuvre):
                 rows = manoeuvre == one
                 value[rows] = published_calibrated(np.nan_to_num(measured[rows]), torquer[rows], time[rows])
-        elif variant == "sca":
-            value = published_differences(aligned["time_sca"].values, aligned["quaternion"].values, time)
+        elif variant == "sca":  # central differences of the attitude, eq. 15, interpolated
+            known = np.isfinite(aligned["quaternion"].values).all(axis=1)
+            at, attitudes = aligned["time_sca"].values[known], aligned["quaternion"].values[known]
+            _, rate_dot = kinematics.published_rates_from_attitude(at, attitudes)
+            inside = np.isfinite(rate_dot).all(axis=1)
+            value = np.stack([np.interp(time, at[inside], c) for c in rate_dot[inside].T], axis=1)
         modes, shared, given = np.zeros((0, time.size, 3)), 0, 0
         scale, sigma, ratio, attrs = np.ones(3), np.zeros(3), np.ones(3), {"method": "published"}
     else:
@@ -334,18 +336,3 @@ def published_calibrated(measured: np.ndarray, torquer: np.ndarray, time: np.nda
         unknown = np.linalg.lstsq(columns / np.where(scale > 0, scale, 1), torquer[:, axis], rcond=None)[0]
         adjusted[:, axis] = (columns / np.where(scale > 0, scale, 1)) @ unknown
     return adjusted
-
-
-def published_differences(sca_time, quaternion, time) -> np.ndarray:
-    """Angular acceleration by central differences of the attitude, eq. 15, interpolated to the epochs.
-
-    Parameters
-    ----------
-    sca_time : (m,) s; quaternion : (m, 4), NaN where missing
-    time : (n,) s
-    """
-    known = np.isfinite(quaternion).all(axis=1)
-    _, rate_dot = kinematics.published_rates_from_attitude(sca_time[known], quaternion[known])
-    inside = np.isfinite(rate_dot).all(axis=1)
-    at = sca_time[known][inside]
-    return np.stack([np.interp(time, at, rate_dot[inside, axis]) for axis in range(3)], axis=1)

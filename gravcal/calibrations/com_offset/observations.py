@@ -10,9 +10,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.com_offset import lag, manoeuvre, responses
-from gravcal.calibrations.com_offset.estimate import adopted
+from gravcal.calibrations.com_offset.estimate import QUIET_S, adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
-from gravcal.calibrations.com_offset.noise import QUIET_S
 from gravcal.effects import effect
 from gravcal.errors import ProductError
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported

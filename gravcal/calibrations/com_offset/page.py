@@ -8,17 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import at_least, at_most, largest, of_product
-from gravcal.calibrations.com_offset.align import OUTLIER, REACH
+from gravcal.calibrations.com_offset.align import OUTLIER, REACH, SCHEMAS
 from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
+from gravcal.calibrations.schemas import build
 from gravcal.report import documents, plain
 from gravcal.report.figures import AXIS, COLOURS, bars, density, grid, joined, number_windows, thinned
 from gravcal.report.pages import Section, Table, figure, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, chi_square, gps_text, number, numbers, plus_minus, signed
-
-SCHEMAS = schemas.of("com_offset.toml")
 
 #: The four angular accelerations, told apart by colour, by line and by point.
 VARIANTS = {

@@ -81,7 +81,7 @@ class Form:
         return one.remembered(("signal", self.cause, self.form), self.signal)
 
 
-def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray) -> list[Candidate]:
+def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray, forms=None) -> list[Candidate]:
     """Effects of the catalogue, then regressors made of the measured channels, in each manoeuvre and the edge times.
 
     Parameters
@@ -90,12 +90,8 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray)
     smoothed : Dataset, "com_offset.attitude"
     starts : (k,) s, of the manoeuvres
     """
-    forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
-    return _made(forms, views, smoothed, starts)
-
-
-def _made(forms, views, smoothed, starts):
-    """Candidates of forms."""
+    if forms is None:
+        forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
     tables, found = [_table(one, forms) for one in views], []
     for k, form in enumerate(forms):
         columns, shape = [table[k] for table in tables], None
@@ -331,7 +327,8 @@ def _wider(form, views, smoothed, starts):
     """Candidates of every law of the series of a form, with the constants that are tried."""
     channel, driver = form.form.split()[0], form.cause.partition(":")[2]
     own = laws(form.base, form.base == LATITUDE)
-    return _made([_of_law(law, one, channel, driver) for law in own for one in law.tried()], views, smoothed, starts)
+    forms = [_of_law(law, one, channel, driver) for law in own for one in law.tried()]
+    return candidates(views, smoothed, starts, forms)
 
 
 def _of_law(law, constants, channel, driver, screened=False):

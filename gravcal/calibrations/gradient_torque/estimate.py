@@ -3,17 +3,14 @@
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.gradient_torque import model
-from gravcal.calibrations.gradient_torque.model import METHODS, amplitude_spectrum
+from gravcal.calibrations.gradient_torque.model import METHODS, SCHEMAS, amplitude_spectrum
+from gravcal.calibrations.schemas import build, replaced, widened
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares, noise
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix
 from gravcal.physics.sensing import offset_tensor
-
-SCHEMAS = schemas.of("gradient_torque.toml")
 
 VARIANTS = ("two_sensor", "one_sensor_published", "one_sensor")
 SOURCES = ("sensor noise", "attitude and rates", "gravity prior", "places")
@@ -111,7 +108,7 @@ def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray
 
     Parameters
     ----------
-    variance : (3,) s-4, of radial-radial, radial-tangential and tangential shear (gravity_field.error_covariance)
+    variance : (3,) s-4, of radial-radial, radial-tangential and tangential shear (gravity.error_covariance)
     up_b : (n, 3) unit vectors away from the Earth
     place : (3,) m
     """

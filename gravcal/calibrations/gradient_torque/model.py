@@ -11,10 +11,10 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.gradient_torque import attitude
+from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError, refuse
-from gravcal.physics import earth, gravity, gravity_field
+from gravcal.physics import earth, gravity
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix, quaternion_product
 from gravcal.physics.sensing import offset_tensor
@@ -32,7 +32,7 @@ GRADIENT_SCALE, DRAG_SCALE = 1e-6, 1e-7  # s-2, m s-2; unknowns of one size, so 
 TOLERANCE = 1e-9  # singular values below this share of the largest count as zero
 
 
-def field(read: gravity_field.Field) -> xr.Dataset:
+def field(read: gravity.Field) -> xr.Dataset:
     """Product "gradient_torque.field" of a gravity field."""
     values = {name: getattr(read, name) for name in SCHEMAS["field"]}
     return build(SCHEMAS["field"], values, title="Gravity field", field=read.name)
@@ -44,10 +44,10 @@ def truth(read: xr.Dataset) -> xr.Dataset:
     return build(SCHEMAS["truth"], values, title="Drag of a simulated day")
 
 
-def field_of(stored: xr.Dataset) -> gravity_field.Field:
+def field_of(stored: xr.Dataset) -> gravity.Field:
     """Gravity field of a product "gradient_torque.field"."""
     parts = (stored[name].values for name in ("cosine", "sine", "cosine_sigma", "sine_sigma"))
-    return gravity_field.Field(float(stored["gm"]), float(stored["radius"]), *parts, name=stored.attrs.get("field", ""))
+    return gravity.Field(float(stored["gm"]), float(stored["radius"]), *parts, name=stored.attrs.get("field", ""))
 
 
 def orbit(observed: xr.Dataset, gap_limit_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -113,10 +113,10 @@ def gradient(
             f"Cut the record there, or raise gap_limit_s (errors grow in the gap).",
             gap=worst,
         )
-    model = gravity_field.truncated(field_of(stored), 0, field_degree)
+    model = gravity.truncated(field_of(stored), 0, field_degree)
     position, velocity = orbit(observed, gap_limit_s)
     R_ei = earth.R_ei(time)
-    gradient_e = gravity_field.gradient_e(model, np.matvec(R_ei, position))
+    gradient_e = gravity.gradient_e(model, np.matvec(R_ei, position))
     gradient_i = gravity.rotate_tensor(np.swapaxes(R_ei, 1, 2), gradient_e)
     frame = attitude.orbit_frame(position, velocity), *attitude.orbit_rates(time, position, velocity)
     quaternion = observed["q"].values
@@ -149,7 +149,7 @@ def gradient(
         "angular_b": observed["angular"].values,
         "sensor_position_b": places,
         "gradient_b": gradient_b,  # with the attitude by all sensors
-        "gradient_variance": gravity_field.error_covariance(model, np.linalg.norm(position, axis=1).mean()),
+        "gradient_variance": gravity.error_covariance(model, np.linalg.norm(position, axis=1).mean()),
         "up_b": np.matvec(motion.R_bi, position / np.linalg.norm(position, axis=1, keepdims=True)),
         "motion_covariance": np.stack(covariance),
         "attitude_chi2": [motion.chi2 for motion in smoothed],
@@ -196,7 +196,7 @@ def torque(
     test_mass, body = box_inertia(satellite, elongation), np.array(satellite["inertia"])
     relative, own = np.zeros((2, degrees.size, len(position_e), 3))
     for k, degree in enumerate(degrees):
-        tensor = gravity.rotate_tensor(R_be, gravity_field.gradient_e(gravity_field.zonal(known, degree), position_e))
+        tensor = gravity.rotate_tensor(R_be, gravity.gradient_e(gravity.zonal(known, degree), position_e))
         relative[k] = gradient_angular_acceleration(test_mass, body, tensor)
         own[k] = free_mass_angular_acceleration(test_mass, tensor, np.zeros(3))
     step = float(np.median(np.diff(time[every])))

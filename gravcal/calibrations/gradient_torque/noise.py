@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from gravcal.calibrations.gradient_torque.estimate import uncontrolled_torque
 from gravcal.calibrations.gradient_torque.model import box_inertia, free_mass_angular_acceleration
+from gravcal.effects.gradient import apart, tensor
 from gravcal.estimation import noise
 from gravcal.estimation.least_squares import orthonormal
 from gravcal.physics import frames, kinematics
@@ -24,25 +26,16 @@ GLOBAL = 9
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel in bins, with its noise.
+    """One channel in bins, with its noise."""
 
-    Attributes
-    ----------
-    width : epochs in a bin; time : (m,) s; good : (m,) bool, bins with data
-    models : noise models of the axes, none for the attitude; level : (m, 3) their amplitude in each bin, times
-    R_bi : (m, 3, 3) of the bins of the attitude, None for the others
-    stretches : (begin, end, (3 k, 3 k) rad Cholesky factor of the noise) of the attitude
-    rows : (n, 1 + GLOBAL) whitened: observed, columns of the global parameters
-    """
-
-    width: int
-    time: np.ndarray
-    good: np.ndarray
-    models: tuple = ()
-    level: noise.Levels | None = None
-    R_bi: np.ndarray | None = None
-    stretches: tuple = ()
-    rows: np.ndarray | None = None
+    width: int  #: epochs in a bin
+    time: np.ndarray  #: (m,) s
+    good: np.ndarray  #: (m,) bool, bins with data
+    models: tuple = ()  #: noise models of the axes, none for the attitude
+    level: noise.Levels | None = None  #: (m, 3) amplitude of these in each bin
+    R_bi: np.ndarray | None = None  #: (m, 3, 3) of the bins of the attitude, None for the others
+    stretches: tuple = ()  #: (begin, end, (3 k, 3 k) rad Cholesky factor of the noise) of the attitude
+    rows: np.ndarray | None = None  #: (n, 1 + GLOBAL) whitened: observed, columns of the global parameters
 
     def whitened(self, added: np.ndarray) -> np.ndarray:
         """Rows (n, q) of what is added at the epochs, (epochs, 3, q) m s-2, N m, rad s-2 of the angular reading."""
@@ -187,3 +180,21 @@ def means(series: np.ndarray, width: int) -> np.ndarray:
     known = np.isfinite(parts)
     count = known.sum(axis=1)
     return np.where(count > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(count, 1)
+
+
+def channels_of(about, R_bi, observed, modelled, effects, settings) -> dict[str, Channel]:
+    """Channels that the record has; effects are what listed ones add to the difference of two sensors, (n, 3, q)."""
+    found = {}
+    if len(about.extra["positions"]) == 2:  # the difference of the readings less its model
+        T, linear = tensor(about), modelled["linear_b"].values
+        difference = linear[:, 0] - linear[:, 1] + np.matvec(T, apart(about))
+        noise_model = settings["bin_s"], settings["noise_order"]
+        found["linear"] = coloured(about.time, difference, {"distance": -T}, list(effects), *noise_model)
+    found["attitude"] = of_attitude(about, R_bi, observed, modelled, settings)
+    if settings["control_hz"] > 0:
+        control = settings["control_hz"], settings["control_damping"]
+        torque = uncontrolled_torque(modelled, "two_sensor", about.inertia_b, *control)
+        arm = -about.extra["mass"] * frames.cross_matrix(about.extra["non_gravitational_b"])
+        noise_model = settings["torque_step_s"], settings["torque_noise_order"]
+        found["torque"] = coloured(about.time, torque, {"pressure": arm, "constant": np.eye(3)}, [], *noise_model)
+    return found

@@ -12,19 +12,13 @@ from scipy.linalg import block_diag
 
 from gravcal.calibrations.causes import added_by, listed, unknown
 from gravcal.calibrations.gradient_torque import attitude
-from gravcal.calibrations.gradient_torque.estimate import uncontrolled_torque
 from gravcal.calibrations.gradient_torque.model import METHODS, orbit
-from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, coloured, means, of_attitude
+from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, channels_of, means
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.drivers import products, waves
 from gravcal.effects.gradient import EFFECTS, added_to_channels, apart, reading_of, readings, tensor, tesseral
 from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
-from gravcal.physics import (
-    earth,
-    frames,
-    magnetic,
-    orbit_environment,
-)
+from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 CHANNELS = ("linear", "attitude", "torque")
 UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}
@@ -54,13 +48,12 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> GradientTorque:
     position, velocity = orbit(observed, settings["gap_limit_s"])
     R_bi = attitude.R_bo(modelled["angle"].values[METHOD]) @ attitude.orbit_frame(position, velocity)
     about = _context(modelled, found, R_bi, position, settings)
-    channels = _channels(about, R_bi, observed, modelled, settings)
-    satellite = settings["satellite"]
-    pressure, distance = (
-        np.array(satellite["centre_of_pressure"]),
-        np.linalg.norm(satellite["sensor_position_sigma"], axis=0),
-    )
-    sigma, prior = np.concatenate([satellite["centre_of_pressure_sigma"], distance]), np.zeros((6, 1 + GLOBAL))
+    added = (added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added)
+    channels = channels_of(about, R_bi, observed, modelled, added, settings)
+    satellite, prior = settings["satellite"], np.zeros((6, 1 + GLOBAL))
+    pressure = np.array(satellite["centre_of_pressure"])
+    distance = np.linalg.norm(satellite["sensor_position_sigma"], axis=0)
+    sigma = np.concatenate([satellite["centre_of_pressure_sigma"], distance])
     prior[:3, 0] = pressure / sigma[:3]
     prior[np.arange(6), 1 + np.r_[PLACES["pressure"], PLACES["distance"]]] = 1 / sigma
     parts = [*(channel.rows for channel in channels.values()), prior]
@@ -70,8 +63,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> GradientTorque:
     for part in parts:  # what is found are changes of the solution
         part[:, 0] -= part[:, 1:] @ solution
     start = found["pressure"].values if "pressure" in found else pressure
-    variance = np.diagonal(found["covariance"].values, axis1=1, axis2=2)
-    drag_sigma = float(np.sqrt(np.nanmean(variance)))
+    drag_sigma = float(np.sqrt(np.nanmean(np.diagonal(found["covariance"].values, axis1=1, axis2=2))))
     return GradientTorque(observed, about, channels, prior, start, drag_sigma, settings)
 
 
@@ -106,25 +98,6 @@ def _of_degree(about, degree, order):
     """Context with the gravity gradient of C_nm = 1 and of S_nm = 1."""
     both = tesseral(about.extra["position_e"], about.extra["R_be"], degree, order)
     return replace(about, extra=about.extra | {"tesseral_b": both})
-
-
-def _channels(about, R_bi, observed, modelled, settings):
-    """Channels that the record has: {name: Channel}."""
-    found = {}
-    if len(about.extra["positions"]) == 2:  # the difference of the readings less its model
-        T, linear = tensor(about), modelled["linear_b"].values
-        difference = linear[:, 0] - linear[:, 1] + np.matvec(T, apart(about))
-        effects = [added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added]
-        noise_model = settings["bin_s"], settings["noise_order"]
-        found["linear"] = coloured(about.time, difference, {"distance": -T}, effects, *noise_model)
-    found["attitude"] = of_attitude(about, R_bi, observed, modelled, settings)
-    if settings["control_hz"] > 0:
-        control = settings["control_hz"], settings["control_damping"]
-        torque = uncontrolled_torque(modelled, "two_sensor", about.inertia_b, *control)
-        arm = -about.extra["mass"] * frames.cross_matrix(about.extra["non_gravitational_b"])
-        noise_model = settings["torque_step_s"], settings["torque_noise_order"]
-        found["torque"] = coloured(about.time, torque, {"pressure": arm, "constant": np.eye(3)}, [], *noise_model)
-    return found
 
 
 def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect, int, dict[str, np.ndarray]]]:

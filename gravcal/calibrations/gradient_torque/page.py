@@ -5,17 +5,15 @@ The figures follow those of the S-GRS paper: spectra by zonal degree (4 to 7), e
 
 import numpy as np
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.gradient_torque import checks
+from gravcal.calibrations.gradient_torque.model import SCHEMAS
+from gravcal.calibrations.schemas import build
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, grid
 from gravcal.report.pages import Section, Table, figure, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, gps_text, number, numbers
 from gravcal.store import product
-
-SCHEMAS = schemas.of("gradient_torque.toml")
 
 GROUPS = ((1, 5), (6, 11), (12, 17), (18, 23))  # S-GRS paper, figures 4 to 7
 CYCLE = ("blue", "vermilion", "green", "purple", "orange", "sky")

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
 from gravcal.estimation.noise import runs

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build, replaced, widened, widened_sigmas
+from gravcal.calibrations.inertial_sensor.align import SCHEMAS
+from gravcal.calibrations.schemas import build, replaced, widened, widened_sigmas
 from gravcal.errors import EstimationError
 from gravcal.estimation import noise
 from gravcal.physics import sensing
-
-SCHEMAS = schemas.of("inertial_sensor.toml")
 
 ENOUGH = 3  # segments that a mean and its scatter need
 SEPARABLE = (1, 0, 1)  # about y the direction cosines are constant: b_y and the constant acceleration are one sum (T-9)

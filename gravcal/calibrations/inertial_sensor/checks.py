@@ -70,7 +70,11 @@ def inputs(
     for read_sensor, read_tracker, read_orbit in days:
         tracker, orbit = read_tracker(), read_orbit()
         if not _inside(tracker["time"], spans).any():
-            idle.append(_idle(tracker["time"], tracker["quaternion"], orbit))
+            time, quaternion = tracker["time"], tracker["quaternion"]
+            begin, end = noise.runs(~(np.linalg.norm(quaternion, axis=1) > 0.5))
+            few, nothing = slice(None, None, max(1, time.size // 8640)), np.zeros((0, 2))
+            lost = np.max(time[end - 1] - time[begin], initial=0.0) > LOST  # a roll with it is found nowhere
+            idle.append(np.inf if lost else _pointing(time[few], quaternion[few], orbit, _inside(time[few], nothing)))
             continue
         sensor, tracker, orbit = (_within(one, spans) for one in (read_sensor(), tracker, orbit))
         known = np.isfinite(tracker["quaternion"]).all(axis=1)
@@ -96,18 +100,6 @@ def inputs(
     tests = [at_most(name, value, *limits[name]) for name, value in zip(limits, worst, strict=True)]
     tests += [at_most(IDLE, np.max(idle), pointing_limit_rad, "rad")] if idle else []
     return checks.product([one for one in tests if one.name != TORQUE or not np.isnan(one.value)])
-
-
-def _idle(time, quaternion, orbit):
-    """Largest angle (rad) from the flight attitude where nothing is found, infinite where the attitude is lost.
-
-    A roll whose attitude is damaged is found nowhere, but neither does it follow the orbit.
-    """
-    begin, end = noise.runs(~(np.linalg.norm(quaternion, axis=1) > 0.5))
-    if np.max(time[end - 1] - time[begin], initial=0.0) > LOST:
-        return np.inf
-    few = slice(None, None, max(1, time.size // 8640))
-    return _pointing(time[few], quaternion[few], orbit, np.zeros(time[few].size, dtype=bool))
 
 
 def _inside(time, spans):

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.inertial_sensor import align, model
+from gravcal.calibrations.inertial_sensor.align import SCHEMAS
+from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, kalman, least_squares
@@ -16,7 +16,6 @@ from gravcal.estimation import estimate as estimating
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import frames, gravity, sensing
 
-SCHEMAS = schemas.of("inertial_sensor.toml")
 EDGE = 5.0  # s fitted before the first and after the last reversal
 ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every ratio of Table 4 follows the second
 CAUSES = ("beta", "mass", "inertia", "arm")  # of the errors of k_x and k_z
@@ -268,16 +267,14 @@ def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
     filtered = [operator(np.nan_to_num(values)) for values in (rate_dot, volt)]
     line = np.linalg.qr(np.stack([np.ones(len(filtered[0])), np.linspace(-1, 1, len(filtered[0]))], axis=1))[0]
     y, h = (values - line @ (line.T @ values) for values in filtered)
-    (x, x_sigma), (y, y_sigma) = (_recursive(y[:, axis], h[:, axis]) for axis in (0, 1))
-    return {"beta": np.array([x, y, y]), "beta_sigma": np.array([x_sigma, y_sigma, y_sigma])}
-
-
-def _recursive(y, h):
-    """Last value of the filter and the standard deviation of its second half; start and R from batch least squares."""
-    batch = (h @ y) / (h @ h)
-    noise = np.var(y - h * batch)
-    run = kalman.filter_constants(y, h[:, None], np.array([batch]), np.array([[noise / (h @ h)]]), noise)
-    return float(run.value[-1, 0]), float(np.std(run.value[y.size // 2 :, 0]))
+    beta, sigma = np.zeros(2), np.zeros(2)
+    for axis, (one, column) in enumerate(zip(y.T[:2], h.T[:2], strict=True)):
+        batch = (column @ one) / (column @ column)  # start and R from batch least squares
+        noise = np.var(one - column * batch)
+        start = np.array([batch]), np.array([[noise / (column @ column)]])
+        run = kalman.filter_constants(one, column[:, None], *start, noise).value[:, 0]
+        beta[axis], sigma[axis] = run[-1], np.std(run[one.size // 2 :])
+    return {"beta": beta[model.OWNER], "beta_sigma": sigma[model.OWNER]}
 
 
 def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarray]:
@@ -352,7 +349,9 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     shift = np.array([shifts(record, k, axes) * relative[:, None] for axes in CHOICES])
     covariance = np.array([one.covariance for one in fits])
     total = covariance + np.einsum("cqi,cqj->cij", shift, shift)
-    run, rows = _filtered(fits[0]), np.arange(record.time.size) * 3 + 2
+    used, rows = fits[0].design[:, np.any(fits[0].design != 0, axis=0)], np.arange(record.time.size) * 3 + 2
+    start = kalman.free_start(used, 1.0)  # polynomials are in the state of the filter
+    run = kalman.filter_constants(fits[0].observed, used, np.zeros(used.shape[1]), start, 1.0)
     factor, factor_sigma, factor_total = factor_y(record, k, relative[:4])
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
     values = {
@@ -449,11 +448,8 @@ def factor_y(record: Record, k: np.ndarray, relative: np.ndarray) -> tuple[float
     the ground enters; ``relative`` (4,) are the errors of beta and J/(M l), the first of FACTORS.
     """
     value, sigma = _factor_y(record, k)
-    moved = []
-    for turn, push in list(FACTORS.values())[:4]:
-        scaled = replace(record, rate_dot_b=record.rate_dot_b * (1 + 1e-4 * np.array(turn)))
-        moved.append(1e4 * (_factor_y(scaled, k * (1 + 1e-4 * np.array(push)))[0] - value))
-    return value, sigma, float(np.hypot(sigma, np.linalg.norm(np.array(moved) * relative)))
+    moved = 1e4 * np.array([_factor_y(*one)[0] - value for one in _scaled(record, k)[:4]])
+    return value, sigma, float(np.hypot(sigma, np.linalg.norm(moved * relative)))
 
 
 def _factor_y(record, k):
@@ -476,17 +472,13 @@ def _factor_y(record, k):
     return 1 / inverse[1], float(np.sqrt(covariance[3, 3])) / inverse[1] ** 2
 
 
-def _filtered(fitted):
-    """The same offset by the Kalman filter, polynomials in its state."""
-    used = fitted.design[:, np.any(fitted.design != 0, axis=0)]
-    start = kalman.free_start(used, 1.0)
-    return kalman.filter_constants(fitted.observed, used, np.zeros(used.shape[1]), start, 1.0)
-
-
 def shifts(record: Record, k: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
     """Derivative (5, 3) m of the offset by the relative size of each of FACTORS."""
-    middle, change = fit_offset(record, k, axes).value, []
-    for turn, push in FACTORS.values():
-        scaled = replace(record, rate_dot_b=record.rate_dot_b * (1 + 1e-4 * np.array(turn)))
-        change.append(fit_offset(scaled, k * (1 + 1e-4 * np.array(push)), axes).value - middle)
-    return 1e4 * np.array(change)
+    middle = fit_offset(record, k, axes).value
+    return 1e4 * np.array([fit_offset(*one, axes).value - middle for one in _scaled(record, k)])
+
+
+def _scaled(record, k):
+    """Record and k with each of FACTORS larger by 1e-4."""
+    rows = [(1 + 1e-4 * np.array(turn), 1 + 1e-4 * np.array(push)) for turn, push in FACTORS.values()]
+    return [(replace(record, rate_dot_b=record.rate_dot_b * turn), k * push) for turn, push in rows]

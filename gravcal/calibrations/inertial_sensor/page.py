@@ -5,18 +5,16 @@ Tables and figures stand beside Tables 3 to 6 of the paper (Remote Sens. 2023, 1
 
 import numpy as np
 
-from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.inertial_sensor import checks
+from gravcal.calibrations.inertial_sensor.align import SCHEMAS
 from gravcal.calibrations.inertial_sensor.estimate import filtered_readouts
+from gravcal.calibrations.schemas import build
 from gravcal.effects.inertial_sensor import READOUT, VOLTAGES
 from gravcal.report import documents
 from gravcal.report.figures import AXIS, COLOURS, density, grid, opened
 from gravcal.report.pages import Section, Table, figure, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, gps_text, number, numbers, plus_minus
-
-SCHEMAS = schemas.of("inertial_sensor.toml")
 
 #: The two solutions of the offset, in the order of the product.
 OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")

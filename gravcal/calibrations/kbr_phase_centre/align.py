@@ -4,8 +4,8 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.align import QUATERNION, STATE, own_tags, sorted_samples, usable
-from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.model import SCHEMAS
+from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError
 from gravcal.physics import earth, frames
 
@@ -32,7 +32,12 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
     quality = values[:, 7].astype(int)
     readings = [values[:, k] + values[:, k + 3] for k in range(3)]  # range, rate, acceleration
     phase_break = ((quality & PHASE_BREAK) != 0) | breaks(time_kbr, *readings, break_limit_m)
-    streams = [states(orbit) for orbit in orbits] + [_attitudes(camera) for camera in cameras]
+    streams = [states(orbit) for orbit in orbits]
+    for camera in cameras:
+        time, q, marked, _ = sorted_samples(camera, own_tags(camera), QUATERNION)
+        norm = np.linalg.norm(q, axis=1)
+        good = (marked == 0) & np.isfinite(norm) & (np.abs(norm - 1) < 1e-3)
+        streams.append((time[good], frames.continuous(q[good] / norm[good, None])))
     time = _common_grid([*(stream[0] for stream in streams), time_kbr], [*observed[1:], kbr])
     on_grid = [interpolated(*stream, time, gap_limit_s) for stream in streams]
     with np.errstate(invalid="ignore"):
@@ -89,14 +94,6 @@ def states_of_file(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """Time (n,) s, position (n, 3) m and velocity (n, 3) m s-1 of the usable records, in the frame of the file."""
     time, values = usable(orbit, STATE)
     return time, values[:, :3], values[:, 3:]
-
-
-def _attitudes(camera):
-    """Time and quaternions, continuous in sign, of the usable records."""
-    time, values, flag, _ = sorted_samples(camera, own_tags(camera), QUATERNION)
-    norm = np.linalg.norm(values, axis=1)
-    good = (flag == 0) & np.isfinite(norm) & (np.abs(norm - 1) < 1e-3)
-    return time[good], frames.continuous(values[good] / norm[good, None])
 
 
 def _common_grid(times, observed):

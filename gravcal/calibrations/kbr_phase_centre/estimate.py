@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build, replaced, widened
 from gravcal.calibrations.kbr_phase_centre import noise
 from gravcal.calibrations.kbr_phase_centre.model import MANOEUVRE, OBSERVABLES, PARAMETERS, SCHEMAS, SUBSETS, schema_of
+from gravcal.calibrations.schemas import build, replaced, widened
 from gravcal.errors import EstimationError
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares, robust
@@ -358,7 +358,7 @@ def with_model_error(
     ----------
     combined, moved : Dataset, "kbr_phase_centre.combine", one of the moved for each direction of the model's errors
     determined_limit_mm : mm, a component with a larger sigma is not determined
-    added : text, as of `building.widened`
+    added : text, as of `schemas.widened`
     """
     new = widened(combined, moved, {"centre": ("covariance",)}, added)
     known = _determined(new["covariance"], determined_limit_mm).astype("u1")

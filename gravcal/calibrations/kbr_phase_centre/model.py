@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import build
 from gravcal.estimation import crn
 from gravcal.physics import frames, kinematics
 from gravcal.physics.constants import DAY

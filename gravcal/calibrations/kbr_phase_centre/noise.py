@@ -13,8 +13,8 @@ import numba
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.building import build
 from gravcal.calibrations.kbr_phase_centre.model import SCHEMAS
+from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation import noise as noises
@@ -49,7 +49,9 @@ def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, qu
     quiet, source = equations["arc"].values == -1, "quiet"
     if quiet.sum() * step < quiet_minimum_s:
         quiet, source = equations["arc"].values >= 0, "manoeuvres"
-    stretches = _stretches(equations, quiet, step)
+    index = np.flatnonzero(quiet)  # of every stretch without a gap or phase break
+    steps, breaks = np.diff(time[index]), np.diff(equations["segment"].values[index])
+    stretches = np.split(index, np.flatnonzero((steps > 20 * step) | (breaks != 0)) + 1) if index.size else []
     in_manoeuvres, centre = manoeuvre_residuals(equations, noise_degree)
     pieces = _pieces(equations, stretches, centre, noise_degree, quiet_length_s, step)
     if sum(values.size for values, _ in pieces) * step < quiet_length_s / 4:
@@ -82,14 +84,6 @@ def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, qu
 def spectrum(measured: xr.Dataset) -> noises.Spectrum:
     """Spectrum of the range, m2 Hz-1, of a noise product."""
     return noises.Spectrum(*(measured[name].values for name in ("knot", "log_density", "log_covariance")))
-
-
-def _stretches(equations, chosen, step):
-    """Indices of every stretch without a gap or phase break."""
-    index = np.flatnonzero(chosen)
-    time, segment = equations["time_kbr"].values[index], equations["segment"].values[index]
-    cuts = np.flatnonzero((np.diff(time) > 20 * step) | (np.diff(segment) != 0)) + 1
-    return np.split(index, cuts) if index.size else []
 
 
 def _pieces(equations, stretches, centre, degree, length, step):
@@ -420,10 +414,8 @@ def with_restricted(
     frequency, count = np.linspace(0, 0.5 / step, BINS + 1), CORNERS.size
     free = np.flatnonzero((quiet.knot_hz > SEEN_HZ[0]) & (quiet.knot_hz < SEEN_HZ[1]))
     near = quiet.shares(frequency)[:, free].T
-    longest, known = (
-        max(int(one.place[-1]) for one in stretches) + 1,
-        shapes(step, measured.attrs.get("smoothed_hz", np.inf)),
-    )
+    longest = max(int(one.place[-1]) for one in stretches) + 1
+    known = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
     units = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, longest) for s in known]
     lower = [[covariance_matrix(by_lag, one.place, one.lever) for by_lag in units] for one in stretches]
     kernels = [[K + np.tril(K, -1).T for K in some] for some in lower]

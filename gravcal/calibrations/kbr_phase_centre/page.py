@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre.checks import of_result
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, SCHEMAS, SUBSETS, middle
+from gravcal.calibrations.schemas import build
 from gravcal.report import documents, plain
 from gravcal.report.figures import COLOURS, bars, grid, opened, thinned
 from gravcal.report.pages import Section, Table, figure, page

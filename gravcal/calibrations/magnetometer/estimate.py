@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.building import build
+from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations.checks import at_most
 from gravcal.calibrations.magnetometer import model
+from gravcal.calibrations.magnetometer.model import SCHEMAS
+from gravcal.calibrations.schemas import build
 from gravcal.effects import effect
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import fit_noise, whiten
-
-SCHEMAS = schemas.of("magnetometer.toml")
 
 #: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
 #: and as plausible as a wrong mounting.
@@ -80,10 +80,8 @@ def estimate(
     groups = [group == number for number in range(parts)]
     information = np.stack([sum(c[g].T @ c[g] for c, _ in rows) for g in groups])
     right = np.stack([sum(c[g].T @ y[g] for c, y in rows) for g in groups])
-    limit = np.full(size.size, determined_ratio)
-    found = named_parameters.estimated(names, units, limit, information, right, [field.time[g][0] for g in groups])
-    found |= {name: found[name] * size for name in ("value", "sigma", "part_value", "part_sigma")}
-    found["covariance"] = found["covariance"] * np.outer(size, size)
+    limit, starts = np.full(size.size, determined_ratio), [field.time[g][0] for g in groups]
+    found = named_parameters.estimated(names, units, limit, information, right, starts, size)
     noise = (field.difference - fitted).std(axis=0)
     found |= {"noise": noise, "noise_order": order, "time": field.time}
     return build(SCHEMAS["estimate"], found | {"residual_b": field.difference, "fitted_b": fitted})
@@ -136,18 +134,12 @@ def check(
     across = np.linalg.norm(np.cross(field.measured_b, field.model_b), axis=1)
     angle = np.arctan2(across, np.sum(field.measured_b * field.model_b, axis=1))
     apart, turned = (float(np.sqrt(np.mean(one**2))) for one in (strength[0] / strength[1] - 1, angle))
+    velocity, constant = float(aligned["velocity_error"]), checks.longest_constant(field.time, field.measured_b)
     made = [
-        checks.at_most("jump of the attitude", float(aligned["attitude_jump"]), jump_limit_rad, "rad"),
-        checks.at_most(
-            "velocity against change of position", float(aligned["velocity_error"]), velocity_limit_m_s, "m s-1"
-        ),
-        checks.at_most(
-            "longest time of a constant reading",
-            checks.longest_constant(field.time, field.measured_b),
-            constant_limit_s,
-            "s",
-        ),
-        checks.at_most("strength of the field against the reference", apart, strength_limit, "1"),
-        checks.at_most("direction of the field against the reference", turned, direction_limit_rad, "rad"),
+        at_most("jump of the attitude", float(aligned["attitude_jump"]), jump_limit_rad, "rad"),
+        at_most("velocity against change of position", velocity, velocity_limit_m_s, "m s-1"),
+        at_most("longest time of a constant reading", constant, constant_limit_s, "s"),
+        at_most("strength of the field against the reference", apart, strength_limit, "1"),
+        at_most("direction of the field against the reference", turned, direction_limit_rad, "rad"),
     ]
     return checks.product([*made, *named_parameters.checks(found, agreement_limit)])

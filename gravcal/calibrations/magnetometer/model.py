@@ -8,8 +8,9 @@ from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, usable
-from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
+from gravcal.effects.sensors import OF_MAGNETOMETER
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
 from gravcal.physics import earth, frames, magnetic, orbit_environment
@@ -19,15 +20,7 @@ SCHEMAS = schemas.of("magnetometer.toml")
 LEAST = 20  # records
 DENSE_S = 10.0  # s, longest spacing of an orbit of which velocity and change of position can be compared to 1 mm s-1
 #: Effects that a comparison of two fields can show.
-EFFECTS = (
-    "magnetometer.bias",
-    "magnetometer.scale",
-    "magnetometer.misalignment",
-    "magnetometer.current_leak",
-    "magnetometer.external_field",
-    "attitude.star_camera_misalignment",
-    "timing.magnetometer_delay",
-)
+EFFECTS = (*OF_MAGNETOMETER[:-1], "attitude.star_camera_misalignment", OF_MAGNETOMETER[-1])
 
 
 @dataclass(frozen=True)

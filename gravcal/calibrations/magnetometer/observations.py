@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.causes import listed
 from gravcal.calibrations.magnetometer import model
 from gravcal.effects import effect
 from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported
@@ -75,8 +76,7 @@ class Readings(Observations):
             if cause.startswith("unknown:"):
                 made.append(Candidate(cause, "drift", list("xyz"), ["T s-1"] * 3, columns))
             else:
-                parameters = effect(cause).parameters
-                made.append(Candidate(cause, "", [p.name for p in parameters], [p.unit for p in parameters], columns))
+                made.append(listed(effect(cause), columns, prior=False))
         return made
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:

@@ -213,8 +213,7 @@ class Table(Observations):
             heading = {"pitch": pitch, "roll": pitch, "yaw": yaw}
             arcs = {k: arc(*k, heading[k[0]], self.about) for k in AREAS}
             each = [arcs[r["kind"], r["latitude_class"]] for r in self.rows]
-            whole = [_readings(slug, form, each, mean) for slug in READINGS]
-            whole += [_rate(form, each), _scale(form, each, mean)]
+            whole = _of_readings(form, each, mean)
             found += [one for one in whole if len(one.names) < BETWEEN]
             for one in whole:  # each parameter by itself, so that all families are as sparse as they can be
                 parts = [one.part([k], name) for k, name in enumerate(one.names)]
@@ -257,35 +256,28 @@ READINGS = (
 )
 
 
-def _readings(slug, form, arcs, mean):
-    """Effect of the catalogue on the linear reading, as an error of each manoeuvre's offset."""
-    entry, columns = catalogue()[slug], []
-    for arc in arcs:
-        linear = euler_columns(arc.alpha_b) @ mean
-        time = np.arange(len(linear), dtype=float)
-        context = Context(time=time, dipole_b=arc.dipole_b, angular_b=arc.alpha_b, linear_b=linear)
-        columns.append(arc.answer(entry.columns(context)))
-    return listed(entry, columns, form)
+def _of_readings(form, arcs, mean):
+    """What adds to the linear reading, or to the angular acceleration about each axis, as errors of every offset."""
 
+    def made(slug, reading):
+        entry = catalogue()[slug]
+        return listed(entry, [arc.answer(reading(entry, arc)) for arc in arcs], form)
 
-def _rate(form, arcs):
-    """Reading that follows the rate of the current of each rod: spikes at the edges of its wave."""
-    entry, columns = catalogue()["accelerometer.current_leak"], []
-    for arc in arcs:
-        rate = np.gradient(arc.dipole_b, STEP_S, axis=0)
-        columns.append(arc.answer(entry.columns(Context(time=np.arange(len(rate), dtype=float), dipole_b=rate))))
-    count = len(entry.parameters)
-    units, prior = ["m s-1 A-1 m-2"] * count, [RATE_PRIOR] * count
-    return replace(listed(entry, columns, form), cause=RATE, units=units, prior=prior)
+    def leak(entry, arc):
+        linear, time = euler_columns(arc.alpha_b) @ mean, np.arange(len(arc.alpha_b), dtype=float)
+        return entry.columns(Context(time=time, dipole_b=arc.dipole_b, angular_b=arc.alpha_b, linear_b=linear))
 
+    def rate(entry, arc):  # of the current of each rod: spikes at the edges of its wave
+        change = np.gradient(arc.dipole_b, STEP_S, axis=0)
+        return entry.columns(Context(time=np.arange(len(change), dtype=float), dipole_b=change))
 
-def _scale(form, arcs, mean):
-    """Angular acceleration too large by a share about each axis: a gain of dipole or inertia, or of the sensor."""
-    entry, columns = catalogue()["accelerometer.angular_scale"], []
-    for arc in arcs:
-        parts = [euler_columns(arc.alpha_b * unit) @ -mean for unit in np.eye(3)]
-        columns.append(arc.answer(np.stack(parts, axis=2)))
-    return listed(entry, columns, form)
+    def scale(_, arc):  # too large by a share: a gain of dipole or inertia, or of the sensor
+        return np.stack([euler_columns(arc.alpha_b * unit) @ -mean for unit in np.eye(3)], axis=2)
+
+    spikes = made("accelerometer.current_leak", rate)
+    count = len(spikes.names)
+    spikes = replace(spikes, cause=RATE, units=["m s-1 A-1 m-2"] * count, prior=[RATE_PRIOR] * count)
+    return [*(made(slug, leak) for slug in READINGS), spikes, made("accelerometer.angular_scale", scale)]
 
 
 REPORT = Reported(

@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.linalg import cholesky, solve_triangular
 
 from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import build
 from gravcal.effects.ranging import BANDS_HZ
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares

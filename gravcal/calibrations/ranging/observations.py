@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
+from gravcal.calibrations.causes import listed
 from gravcal.calibrations.ranging import model
 from gravcal.effects import Context, Effect, effect
 from gravcal.estimation import least_squares, records
@@ -60,9 +61,7 @@ def observe(
     added = 0.0 if correction_left_out else rows["correction"].values
     settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
     ahead, segment = rows["time"].values + rows["late"].values[0], rows["segment"].values
-    beyond = (ahead < rows["time"].values[0]) | (
-        ahead > rows["time"].values[-1]
-    )  # of late tags: no range is known there
+    beyond = (ahead < rows["time"].values[0]) | (ahead > rows["time"].values[-1])  # by late tags no range is known
     rows = rows.assign(segment=("time", np.where(beyond, segment.max() + 1, segment)))  # in no block, for they are few
     made = Routine(rows, [], nominal, added, determined_limit_mm)
     late = late_columns(rows).get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
@@ -137,9 +136,7 @@ class Routine(Observations):
         made = []
         for entry, columns in self.laws:
             rows = [part.white(least_squares.without(part.slow, columns[part.rows])) for part in self.parts]
-            words = [(p.name, p.unit, p.prior_sigma) for p in entry.parameters[: columns.shape[1]]]
-            names, units, prior = map(list, zip(*words, strict=True))
-            made.append(Candidate(entry.slug, "", names, units, rows, prior))
+            made.append(listed(entry, rows, kept=slice(columns.shape[1])))
         return made
 
     @functools.cached_property

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation
 
 from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples, usable
-from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail, least_squares
@@ -257,9 +257,7 @@ def estimate(
     groups = [group == number for number in np.unique(group)]
     both = [np.stack([each[g].sum(axis=0) for g in groups]) for each in (information, right)]
     starts = [aligned["time"].values[pieces[np.flatnonzero(g)[0]][0][0]] for g in groups]
-    found = named_parameters.estimated(names, units, np.full(size.size, determined_ratio), *both, starts)
-    found |= {name: found[name] * size for name in ("value", "sigma", "part_value", "part_sigma")}
-    found["covariance"] = found["covariance"] * np.outer(size, size)
+    found = named_parameters.estimated(names, units, np.full(size.size, determined_ratio), *both, starts, size)
     fitted = design @ (value / size)
     found |= {"cause": [one.slug for one in known], "gain": gains[0], "chance": gains[1]}
     left, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.routine.accelerometer import COMPONENTS, PAIRS
+from gravcal.calibrations.schemas import build
 from gravcal.report import discovery, discovery_words, documents
 from gravcal.report.discovery import findings_table, tied_table
 from gravcal.report.figures import AXIS, COLOURS, grid, thinned
@@ -139,7 +139,12 @@ def _instrument(part, own, mine):
     made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
     made |= {"adequate": adequate, "p_before": numbers.get("p_before"), "p_after": numbers.get("p_after")}
     rows = [
-        [one["what"], *(_three(one[f"{n}_rms"]) for n in ("measured", "residual")), one["unit"]] for one in statistics
+        [
+            one["what"],
+            *("" if v is None else f"{v:.3g}" for v in (one["measured_rms"], one["residual_rms"])),
+            one["unit"],
+        ]
+        for one in statistics
     ]
     tables = [Table("Measured, and what the simulation leaves of it.", ["what", "rms", "rms left", "unit"], rows)]
     tables += [findings_table(numbers), tied_table(numbers)] if named else []
@@ -147,10 +152,6 @@ def _instrument(part, own, mine):
     notes = [*(note for one in shown for note in one.notes), f"Proven on {PROVEN[part]}."]
     section = Section(title(part), tables, _placed(part, shown, "figures"), notes)
     return made | known | {"facts": facts}, section
-
-
-def _three(value):
-    return "" if value is None else f"{value:.3g}"
 
 
 def _placed(part, sections, kind):

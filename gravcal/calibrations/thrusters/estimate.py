@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.building import build
+from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations.checks import at_least, at_most
+from gravcal.calibrations.schemas import build
 from gravcal.calibrations.thrusters import model
-from gravcal.calibrations.thrusters.model import Firings, Noise, Segment
+from gravcal.calibrations.thrusters.model import SCHEMAS, Firings, Noise, Segment
 from gravcal.effects import effect
 from gravcal.estimation import least_squares
-
-SCHEMAS = schemas.of("thrusters.toml")
 
 NAMES = ("gain_x", "gain_y", "gain_z", "delay")
 UNITS = ("1", "1", "1", "s")
@@ -144,14 +143,20 @@ def estimate(
         own = [row.whiten(row.segment.gains(moved)) for row in rows]
         late = [row.whiten(row.segment.delay(Firings(moved.time, moved.impulse_b * gain))) for row in rows]
         columns = [np.concatenate(one, axis=1) for one in zip(own, late, steps, strict=True)]
-        information, right = _normal_equations(rows, columns)
+        clean = [row.less(c) for row, c in zip(rows, columns, strict=True)]
+        for left, whole in zip(clean, columns, strict=True):  # nothing but rounding, as of a camera used all the time
+            left[:, np.linalg.norm(left, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
+        right = np.stack([c.T @ row.observed for row, c in zip(rows, clean, strict=True)])
+        information = np.stack([c.T @ c for c in clean])
         value = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
         gain, delay = value[:3], delay + value[3]
     factor, shifted = inflation(rows, columns, wrong_times(rows, moved))
-    group = np.minimum(np.arange(len(rows)) * parts // len(rows), parts - 1)
+    group = np.arange(len(rows)) * parts // len(rows)
     groups = [group == number for number in np.unique(group)]
     information, right = (np.stack([each[g].sum(axis=0) for g in groups]) / factor for each in (information, right))
-    chi2 = factor * _gained(information.sum(axis=0), right.sum(axis=0))
+    normal, side, rest = information.sum(axis=0), right.sum(axis=0), slice(len(NAMES), None)  # steps of the cameras
+    chi2 = factor * side @ least_squares.stable_inverse(normal) @ side
+    chi2 -= factor * side[rest] @ least_squares.stable_inverse(normal[rest, rest]) @ side[rest]
     right += information[:, :, 3] * (delay - value[3])  # the last step of the delay was about this one
     size = [effect("torque.thruster_firings").parameters[0].prior_sigma] * 3
     size += [effect("timing.thruster_delay").parameters[0].prior_sigma]
@@ -162,22 +167,6 @@ def estimate(
     found = named_parameters.estimated(names, units, limit, information, right, starts)
     found |= {"shift": SHIFTS_S, "shifted_gain": shifted, "gain": chi2, "inflation": factor}
     return build(SCHEMAS["estimate"], found | {"firings": firings.time.size})
-
-
-def _normal_equations(rows, columns):
-    """Information (b, p, p) and right side (b, p) of every block, the smooth torque projected out."""
-    clean = [row.less(c) for row, c in zip(rows, columns, strict=True)]
-    for left, whole in zip(clean, columns, strict=True):  # nothing but rounding, as of a camera used all the time
-        left[:, np.linalg.norm(left, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
-    right = np.stack([c.T @ row.observed for row, c in zip(rows, clean, strict=True)])
-    return np.stack([c.T @ c for c in clean]), right
-
-
-def _gained(information, right):
-    """Chi-square that gains and delay take, the steps of the cameras in the model with and without them."""
-    whole = right @ least_squares.stable_inverse(information) @ right
-    rest = slice(len(NAMES), None)
-    return whole - right[rest] @ least_squares.stable_inverse(information[rest, rest]) @ right[rest]
 
 
 def check(
@@ -200,23 +189,16 @@ def check(
     agreement_limit : smallest probability of the disagreement of the parts
     """
     jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
-    velocity = float(aligned["velocity_error"])
+    ratio, inflated = found["gain"] / max(float(found["shifted_gain"].max()), 1.0), found["inflation"]
     made = [
-        checks.at_most("jump of the attitude", jump, jump_limit_rad, "rad"),
-        checks.at_most("velocity against change of position", velocity, velocity_limit_m_s, "m s-1"),
-        checks.at_least("firings in the record", int(found["firings"]), 1, "1"),
-        checks.at_least(
-            "chi-square gained by the firings over the most at wrong times",
-            float(found["gain"]) / max(float(found["shifted_gain"].max()), 1.0),
-            1.0,
-            "1",
-        ),
-        checks.at_most(
-            "variance of the day over that of its quiet stretches", float(found["inflation"]), inflation_limit, "1"
-        ),
+        at_most("jump of the attitude", jump, jump_limit_rad, "rad"),
+        at_most("velocity against change of position", aligned["velocity_error"], velocity_limit_m_s, "m s-1"),
+        at_least("firings in the record", int(found["firings"]), 1, "1"),
+        at_least("chi-square gained by the firings over the most at wrong times", ratio, 1.0, "1"),
+        at_most("variance of the day over that of its quiet stretches", inflated, inflation_limit, "1"),
     ]
     value, sigma = found["value"].values[:3], found["sigma"].values[:3]
     if np.isfinite(value).any():
         least = np.nanmin(value + 3 * sigma)
-        made.append(checks.at_least("smallest gain and three sigma", least, 0.0, "1"))
+        made.append(at_least("smallest gain and three sigma", least, 0.0, "1"))
     return checks.product([*made, *named_parameters.checks(found, agreement_limit)])

@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 
 from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, own_tags, sorted_samples, usable
-from gravcal.calibrations.building import build
+from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.causes import listed
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.calibrations.thrusters.model import Firings, Segment
 from gravcal.effects import Context, effect
@@ -19,6 +20,7 @@ from gravcal.physics import frames, orbit_environment
 PRESENT = ("torque.thruster_firings", "timing.thruster_delay", "unknown:star_camera_in_use")
 
 DELAYS = {"timing.thruster_delay": 1, "timing.star_camera_delay": -1}  # late firings look like an early camera
+unweighed = functools.partial(listed, prior=False)
 LATE_S = 10  # within seconds control answers a firing
 WHOLE_S = 0.5  # delays are looked for in whole seconds
 
@@ -73,19 +75,21 @@ class Attitude(Observations):
         gain = estimate.gains_alone(self.rows, firings)
         if self.late:  # nothing else is looked for beside what is not there
             whole = [segment.gains(firings) @ gain[:, None] / self.late for segment in segments]
-            return [_listed(slug, [sign * one for one in whole]) for slug, sign in DELAYS.items()]
+            return [unweighed(effect(slug), [sign * one for one in whole]) for slug, sign in DELAYS.items()]
         late = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
         constant, mounting = effect("torque.constant"), effect("attitude.star_camera_misalignment")
         contexts = [Context(time=segment.camera.time) for segment in segments]
         made = [
-            _listed("torque.thruster_firings", [segment.gains(firings) for segment in segments]),
-            _listed("timing.thruster_delay", late),
-            _listed("timing.star_camera_delay", [-one for one in late]),  # the smooth part of the rate is free
-            _listed(
-                constant.slug,
+            unweighed(effect("torque.thruster_firings"), [segment.gains(firings) for segment in segments]),
+            unweighed(effect("timing.thruster_delay"), late),
+            unweighed(
+                effect("timing.star_camera_delay"), [-one for one in late]
+            ),  # the smooth part of the rate is free
+            unweighed(
+                constant,
                 [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)],
             ),
-            _listed(mounting.slug, [mounting.columns(one) for one in contexts]),
+            unweighed(mounting, [mounting.columns(one) for one in contexts]),
             _driver(
                 "star_camera_quality",
                 "attitude follows qual_rss",
@@ -117,7 +121,7 @@ class Attitude(Observations):
             each = dipole.columns(Context(time=time, dipole_b=np.zeros((time.size, 3))))
             torque = np.cross(np.moveaxis(each, 2, 1), field_b[:, None, :])
             of_dipole.append(segment.after_torque(np.moveaxis(torque, 1, 2)))
-        return [_driver("sunlight", "torque in sunlight", "N m", in_light), _listed(dipole.slug, of_dipole)]
+        return [_driver("sunlight", "torque in sunlight", "N m", in_light), unweighed(dipole, of_dipole)]
 
     @functools.cached_property
     def whitened(self) -> list[Candidate]:
@@ -166,12 +170,6 @@ class Attitude(Observations):
                     added[at] += columns @ size
         turned = frames.quaternion_product(self.records.camera.quaternion, frames.from_rotation_vector(-added))
         return self.aligned.assign(quaternion=self.aligned["quaternion"].copy(data=turned))
-
-
-def _listed(slug, columns):
-    """Effect of the catalogue."""
-    parameters = effect(slug).parameters
-    return Candidate(slug, "", [p.name for p in parameters], [p.unit for p in parameters], columns)
 
 
 def _driver(driver, form, unit, columns, names=("x", "y", "z")):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gravcal.calibrations import building, schemas
+from gravcal.calibrations import schemas
 
 SCHEMAS = schemas.of("com_offset.toml")
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
@@ -39,7 +39,7 @@ def build(schema, values, **attrs):
         for name, stated in schema.items()
         if name not in values
     }
-    return building.build(schema, zeros | values, **attrs)
+    return schemas.build(schema, zeros | values, **attrs)
 
 
 def products(count=3, seed=1):

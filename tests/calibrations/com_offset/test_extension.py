@@ -9,8 +9,8 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import manoeuvre, responses
 from gravcal.calibrations.com_offset.attitude import _star_camera
+from gravcal.calibrations.com_offset.estimate import noise, quiet
 from gravcal.calibrations.com_offset.model import angular_acceleration
-from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.calibrations.com_offset.observations import observe
 from gravcal.estimation.records import Candidate, Entry, Fitted, Parameter
 

@@ -11,8 +11,8 @@ from flows import calibration, discover, engine
 from flows import com_offset as flow
 from gravcal import catalog
 from gravcal.calibrations import schemas
-from gravcal.calibrations.building import build
 from gravcal.calibrations.com_offset.estimate import with_model_error
+from gravcal.calibrations.schemas import build
 from gravcal.errors import CatalogError
 
 SCHEMA = schemas.of("com_offset.toml")["combine"]

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.com_offset.estimate import _joint, combine
-from gravcal.calibrations.com_offset.noise import noise, quiet
+from gravcal.calibrations.com_offset.estimate import _joint, combine, noise, quiet
 from gravcal.physics.sensing import offset_tensor
 from gravcal.simulation.sensors import table_density
 

@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import attitude, estimate, model
 from gravcal.errors import EstimationError, ProductError
-from gravcal.physics import gravity_field
+from gravcal.physics import gravity
 from gravcal.physics.sensing import offset_tensor
 
 
@@ -182,10 +182,10 @@ def test_degree_one_is_empty_and_a_cube_has_no_part():
     assert np.all(spectra[1.0]["rms"].values[1:] > 0)
     assert np.all(spectra[2.0]["test_mass_rms"].values[1:, 1] > 0)
     field, position = model.field_of(STORED), columns["position"][:5]
-    parts = [gravity_field.gradient_e(gravity_field.zonal(field, n), position) for n in range(2, 9)]
+    parts = [gravity.gradient_e(gravity.zonal(field, n), position) for n in range(2, 9)]
     cosine = field.cosine[:9, :9] * (np.arange(9) == 0)
-    zonals = gravity_field.Field(field.gm, field.radius, cosine, 0 * field.sine[:9, :9])
-    whole = gravity_field.gradient_e(gravity_field.truncated(zonals, 2, 8), position)
+    zonals = gravity.Field(field.gm, field.radius, cosine, 0 * field.sine[:9, :9])
+    whole = gravity.gradient_e(gravity.truncated(zonals, 2, 8), position)
     assert_allclose(sum(parts), whole, rtol=0, atol=1e-21)
     beyond = chosen.for_stage("torque") | {"highest_degree": field.degree + 1}
     with pytest.raises(ProductError, match=f"highest_degree={field.degree}"):
