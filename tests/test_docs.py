@@ -46,16 +46,17 @@ def site(tmp_path_factory):
     return out / "html"
 
 
-def test_every_page_is_in_the_site(site):
-    """Contract: each page of docs, README and changes, and the pictures."""
+def test_every_page_is_in_the_site_and_needs_no_network(site):
+    """Contract: each page of docs, README and changes, one for each calibration reached from the first, the pictures.
+
+    Scripts, styles, fonts and pictures come from the site itself.
+    """
     built = {path.stem for path in site.glob("*.html")}
     assert {path.stem for path in DOCS.glob("*.md")} <= built
     assert "Eight calibrations, one chain" in (site / "overview.html").read_text()
     assert list((site / "_images").glob("*.png"))
-
-
-def test_the_site_needs_no_network(site):
-    """Contract: scripts, styles, fonts and pictures come from the site itself."""
+    first = (site / "index.html").read_text()
+    assert [name for name in known() if f'href="{name}.html"' not in first] == []
     for page in site.glob("*.html"):
         seen = Loads()
         seen.feed(page.read_text())
@@ -63,13 +64,6 @@ def test_the_site_needs_no_network(site):
         assert not [address for address in seen.found if re.match(r"(https?:)?//", address)], page.name
     for style in site.rglob("*.css"):
         assert not re.findall(r"(?:url\(|@import)\s*['\"]?(?:https?:)?//", style.read_text()), style.name
-
-
-def test_every_calibration_has_a_page_in_the_site(site):
-    """Contract: one page for each calibration, reached from the first page."""
-    first = (site / "index.html").read_text()
-    missing = [name for name in known() if f'href="{name}.html"' not in first]
-    assert missing == []
 
 
 def steps(page):
