@@ -1,7 +1,7 @@
 """Every command line of the README and of the pages of docs is typed, on simulated days or on measured ones.
 
-Placeholders are filled in (DIR, FOLDER, EVENT, FILE), archives come from a server on loopback, and runs go without
-Prefect, which the lines of the first steps take (test_docs.py). What goes on until it is ended is ended. The lines for
+Placeholders are filled in (DIR, FOLDER, EVENT, FILE), archives come from a server on loopback, runs go without Prefect.
+What goes on until it is ended is ended. Pages that are typed as a whole are those of test_docs.py. The lines for
 a Prefect server of one's own are typed by tests/flows/test_serve.py.
 """
 
