@@ -7,11 +7,11 @@ import hashlib
 import io
 import socket
 import tarfile
-import threading
 import time
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 
 import pytest
+from commands import serving
 from typer.testing import CliRunner
 
 from flows import cli
@@ -55,16 +55,7 @@ class Server:
             def log_message(self, *_):
                 pass
 
-        self.http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.url = f"http://127.0.0.1:{self.http.server_port}"
-        self.thread = threading.Thread(target=self.http.serve_forever, kwargs={"poll_interval": 0.02})
-        self.thread.start()
-
-    def close(self):
-        """End."""
-        self.http.shutdown()
-        self.thread.join()
-        self.http.server_close()
+        self.handler = Handler
 
     def put(self, archive, image, md5=True):
         """Store an archive where the layout has it."""
@@ -131,9 +122,9 @@ def _no_credentials(monkeypatch, tmp_path):
 def archive():
     """An archive that has one day; at its end it closes."""
     one = Server()
-    one.put(ONE, IMAGE)
-    yield one
-    one.close()
+    with serving(one.handler) as one.url:
+        one.put(ONE, IMAGE)
+        yield one
 
 
 server, other = pytest.fixture(archive, name="server"), pytest.fixture(archive, name="other")
