@@ -40,7 +40,7 @@ SMALL = {
     "kbr_phase_centre": {"manoeuvres": "+pitch_a,-yaw_a,+pitch_b,-yaw_b", "quiet_s": "900", "phase_step_s": "1"},
     "inertial_sensor": {"roll_s": "13000", "swing_at_s": "900"},
     "gradient_torque": {"duration_s": "3000", "field_degree": "8"},
-    "magnetometer": {"duration_s": "1800"},
+    "magnetometer": {"duration_s": "600"},
     "ranging": {"phase_step_s": "1", "date": "2020-09-12"},  # days of their own: events hold one calibration's files
     "thrusters": {"duration_s": "10800", "quiet_s": "900"},
     "routine": {"quiet_s": "300"},
