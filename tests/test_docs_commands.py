@@ -50,6 +50,7 @@ READ = {
     "serve --": "tests/flows/test_serve.py",
     "--limits": "tests/flows/test_cli.py, with magnetometer",
     "discover com_offset EVENT --model": "tests/calibrations/com_offset/test_model_error.py",
+    "discover thrusters": "tests/discovery/test_measured_records.py, of the other satellite on that day",
 }
 
 
