@@ -43,7 +43,7 @@ DAYS = {  # what is simulated for --data DIR by calibration, for the event that 
     "day": ("com_offset", "--effect", "torque.dipole_gain.rod_y=0.03"),
 }
 EVENT = "grace-c-2020-02-01"
-FOLDERS = {"2003-09-14": "grace-2003-09-14/binary", "2014-01-15": "grace-2014-01-15"}
+FOLDERS = {"2003-09-14": "grace-2003-09-14/binary"}
 #: Lines whose words are read and no more, and the tests that do what they say.
 READ = {
     "python -m benchmarks": "tests/test_published_methods.py",
@@ -51,6 +51,7 @@ READ = {
     "--limits": "tests/flows/test_cli.py, with magnetometer",
     "discover com_offset EVENT --model": "tests/calibrations/com_offset/test_model_error.py",
     "discover thrusters": "tests/discovery/test_measured_records.py, of the other satellite on that day",
+    "discover ranging": "tests/calibrations/test_ranging_days.py, on that day",
 }
 
 
